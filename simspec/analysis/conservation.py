@@ -16,6 +16,7 @@ from simspec.analysis.contacts import demand_contacts
 from simspec.mapped import parts
 from simspec.runner import metrics
 from simspec.runner.run import Run
+from simspec.world.along import Along
 from simspec.world.kinematics import layout_of
 from simspec.world.types import World
 
@@ -107,7 +108,7 @@ def _always_acting(world: World) -> list[str]:
         "controllers": bool(world.controllers),
         "forces on bodies": bool(world.forces),
         "kinematic bodies": bool(world.motions),
-        "damping": any(joint.damping for joint in joints),
+        "damping": any(joint.damping for joint in joints) or any(one.damping for one in world.sums),
         "dry friction": any(joint.dry_friction for joint in joints),
         "constraints": bool(world.constraints),
     }
@@ -115,13 +116,18 @@ def _always_acting(world: World) -> list[str]:
 
 
 def _stopped(run: Run) -> NDArray[np.bool_]:
-    """Whether some joint is at a limit, (rows,)."""
+    """Whether some joint, or a sum of joint positions, is at a limit, (rows,)."""
     stopped = np.zeros(len(run.time), dtype=bool)
     for body, place in zip(run.world.bodies, layout_of(run.world).position, strict=True):
         if body.joint.position_limits is not None:
             lower, upper = body.joint.position_limits
             q = run.arrays["q"][:, place][:, 0]
             stopped |= (q <= lower) | (q >= upper)
+    along = Along(run.world.bodies, run.world.sums)
+    for one, length in zip(along.sums, along.lengths(run.arrays["q"]).T, strict=True):
+        if one.position_limits is not None:
+            lower, upper = one.position_limits
+            stopped |= (length <= lower) | (length >= upper)
     return stopped
 
 

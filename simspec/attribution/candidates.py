@@ -387,9 +387,15 @@ def _left_alone(world: World) -> World:
     return dataclasses.replace(world, forces=())
 
 
+def _limited(world: World) -> bool:
+    return any((*(body.joint.position_limits for body in world.bodies), *(one.position_limits for one in world.sums)))
+
+
 def _unlimited(world: World) -> World:
+    sums = tuple(dataclasses.replace(one, position_limits=None) for one in world.sums)
     return _with_bodies(
-        world, lambda body: dataclasses.replace(body, joint=dataclasses.replace(body.joint, position_limits=None))
+        dataclasses.replace(world, sums=sums),
+        lambda body: dataclasses.replace(body, joint=dataclasses.replace(body.joint, position_limits=None)),
     )
 
 
@@ -405,7 +411,7 @@ REMOVALS: dict[str, tuple[Callable[[World], bool], Callable[[World], World]]] = 
     "restitution": (lambda world: any(pair.restitution for pair in world.contact.pairs), _dead),
     "controllers": (lambda world: bool(world.controllers), _undriven),
     "forces on bodies": (lambda world: bool(world.forces), _left_alone),
-    "joint limits": (lambda world: any(body.joint.position_limits for body in world.bodies), _unlimited),
+    "joint limits": (_limited, _unlimited),
     "dry friction of joints": (lambda world: any(body.joint.dry_friction for body in world.bodies), _oiled),
 }
 """What can be taken away from a world: whether it is there, and the world without it."""

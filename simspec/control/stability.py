@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.dynamics.oracle_tree import Tree
+from simspec.world.along import Along
 from simspec.world.control import Controller
-from simspec.world.kinematics import initial_state, layout, trees
+from simspec.world.kinematics import initial_state, layout, sprung_trees, within
 from simspec.world.types import Body, World
 
 POSTURES = 20
@@ -54,10 +55,10 @@ class Instability:
 
 
 def unstable(world: World) -> list[Instability]:
-    """The explicit controllers that are unstable at the world's timestep. Those of one tree are looked at together, and blamed
-    together when each alone is stable; implicit ones, which only take energy out, are left out."""
+    """The explicit controllers that are unstable at the world's timestep. Those of one tree, or of several that sums join, are
+    looked at together, and blamed together when each alone is stable; implicit ones only take energy out, and are left out."""
     instabilities, timestep = [], world.physics.timestep
-    for bodies in trees(world).values():
+    for bodies in sprung_trees(world):
         names = {body.joint.name for body in bodies}
         own = [
             controller
@@ -110,7 +111,8 @@ def _postures(world: World, bodies: Sequence[Body]) -> list[np.ndarray]:
 def _systems(
     world: World, bodies: tuple[Body, ...], controllers: Sequence[Controller], postures: Sequence[np.ndarray]
 ) -> list[System]:
-    tree = Tree(dataclasses.replace(world, bodies=bodies))
+    own_world = within(world, bodies)
+    tree = Tree(own_world)
     where = {body.joint.name: part.start for body, part in zip(bodies, tree.layout.velocity, strict=True)}
     stiffness, damping = np.zeros(tree.nv), np.zeros(tree.nv)
     for body, part in zip(bodies, tree.layout.velocity, strict=True):
@@ -136,7 +138,8 @@ def _systems(
                 else:
                     total_k[at, at] += controller.kp[index]
                     total_d[at, at] += controller.kd[index]
-        own = np.diag(stiffness), np.diag(damping)
+        more_k, more_d = Along(bodies, own_world.sums).matrices()
+        own = np.diag(stiffness) + more_k, np.diag(damping) + more_d
         systems.append(System(np.linalg.inv(mass), own, (total_k, total_d), hold))
     return systems
 

@@ -8,8 +8,9 @@ q ⊕ dt v, with rotations advanced by the exponential of the angular velocity.
 Constraints act on each step by their law, J v⁺ = −φ/dt, on all trees that they join at once: after v* = v + dt a the velocity
 is v* − M⁻¹ Jᵀ λ (``world/violation.py``).
 
-The oracle knows damping, springs, armature and constraints. It leaves out contact, position limits and dry friction: motion
-probes stay away from limits, and have dry friction switched off (see ``proof/dry_friction.py`` for its own).
+The oracle knows damping, springs (those along sums of joint positions too), armature and constraints. It leaves out contact,
+position limits and dry friction: motion probes stay away from limits, and have dry friction switched off (see
+``proof/dry_friction.py`` for its own).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from simspec.dynamics.oracle_tree import Tree
 from simspec.mapped import blocks
 from simspec.world.forces import Force
 from simspec.world.kinematics import held_trees, layout_of, members, trees, within
+from simspec.world.sums import JointSum
 from simspec.world.types import VELOCITY_SIZE, Body, Constraint, Follow, World
 
 MODEL_SIZE = 48
@@ -48,9 +50,9 @@ def _grouped(in_order: Sequence[tuple[Body, ...]]) -> list[tuple[Body, ...]]:
     return groups
 
 
-def alike(bodies: Sequence[Body], constraints: Sequence[Constraint] = ()) -> object:
-    """What the model of some bodies follows from, and of the constraints between them: equal for copies, wherever they are and
-    however they move."""
+def alike(bodies: Sequence[Body], constraints: Sequence[Constraint] = (), sums: Sequence[JointSum] = ()) -> object:
+    """What the model of some bodies follows from, and of the constraints and sums between them: equal for copies, wherever they
+    are and however they move."""
     index = {body.name: number for number, body in enumerate(bodies)}
     joints = {body.joint.name: number for number, body in enumerate(bodies)}
     models = tuple(
@@ -70,7 +72,14 @@ def alike(bodies: Sequence[Body], constraints: Sequence[Constraint] = ()) -> obj
         )
         for constraint in constraints
     )
-    return (models, held) if held else models
+    along = tuple(
+        (
+            tuple((joints[joint], coefficient) for joint, coefficient in one.joints),
+            dataclasses.replace(one, name="", joints=()),
+        )
+        for one in sums
+    )
+    return (models, held, along) if held or along else models
 
 
 class Oracle:
@@ -92,8 +101,9 @@ class Oracle:
             rows = [index[body.name] for body in bodies]
             at_q = np.concatenate([np.r_[self.layout.position[row]] for row in rows]).astype(int)
             at_v = np.concatenate([np.r_[self.layout.velocity[row]] for row in rows]).astype(int)
-            part = within(world, bodies) if world.constraints else dataclasses.replace(world, bodies=bodies)
-            key = alike(bodies, part.constraints)
+            joined = world.constraints or world.sums
+            part = within(world, bodies) if joined else dataclasses.replace(world, bodies=bodies)
+            key = alike(bodies, part.constraints, part.sums)
             if key not in models:
                 models[key] = Tree(part, constrained=True)
             self._parts.append((models[key], rows, at_q, at_v))
@@ -106,6 +116,8 @@ class Oracle:
             names.append("joint.dry_friction")
         if any(body.joint.position_limits for body in self.world.bodies):
             names.append("joint.limits.position")
+        if any(one.position_limits for one in self.world.sums):
+            names.append("constraint.sum.limits")
         return names
 
     def body_poses(self, q: np.ndarray) -> np.ndarray:

@@ -9,8 +9,9 @@ import numpy as np
 
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
+from simspec.world.along import Along
 from simspec.world.gathering import told_inertial
-from simspec.world.kinematics import layout_of
+from simspec.world.kinematics import layout_of, within
 from simspec.world.rotations import logarithm
 from simspec.world.types import Body, Follow, Pose, Weld, World
 from simspec.world.violation import Violation, impulse
@@ -113,7 +114,9 @@ class Tree:
         self.q_index, self.v_index = q_index, v_index
 
     def _read_efforts(self) -> None:
-        """Damping, armature and springs, by coordinate."""
+        """Damping, armature and springs, by coordinate, and what acts along sums."""
+        # a sum over several trees acts where all of them are, as in the oracle's parts
+        self._along = Along(self.world.bodies, within(self.world, self.world.bodies).sums)
         self._damping = np.zeros(self.nv)
         self._stiffness, self._rest = np.zeros(self.nv), np.zeros(self.nv)
         self._sprung: list[tuple[int, int]] = []  # (q, v) of hinges and slides with a spring
@@ -189,12 +192,15 @@ class Tree:
         return bias
 
     def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
+        """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes; with those along
+        sums."""
         effort: np.ndarray = -self._damping * v
         if len(self._hinge_v):
             effort[self._hinge_v] -= self._stiffness[self._hinge_v] * (q[self._hinge_q] - self._rest[self._hinge_v])
         for at_q, at_v, stiffness in self._sprung_balls:
             effort[at_v] -= stiffness * logarithm(q[at_q])
+        if self._along.acts:
+            effort += self._along.effort(q, v)
         return effort
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> tuple[float, float]:
@@ -212,6 +218,7 @@ class Tree:
         for at_q, _, stiffness in self._sprung_balls:
             turn = logarithm(q[at_q])
             potential += 0.5 * stiffness * float(turn @ turn)
+        potential += self._along.energy(q)
         return float(kinetic), float(potential)
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:

@@ -1,9 +1,10 @@
-"""Whether joints' own damping and springs are stable at a world's timestep, told before anything runs.
+"""Whether joints' own damping and springs, and those along sums of joint positions, are stable at a world's timestep, told
+before anything runs.
 
 Both are explicit in time in every engine. About a posture, M v' = M v − dt (K q + D v), q' = q + dt v', with M at that posture
-and K, D the diagonals of stiffness and damping. By Jury's criterion no deviation x grows while xᵀ(4 M − 2 dt D − dt² K) x > 0:
-one joint alone is stable while 2 d dt + k dt² < 4 m, m its generalised inertia, 1 / (M⁻¹)ᵢᵢ. Gravity's and the Coriolis force's
-change with the state is left out.
+and K, D the diagonals of stiffness and damping, and k c cᵀ, d c cᵀ of each sum c. By Jury's criterion no deviation x grows
+while xᵀ(4 M − 2 dt D − dt² K) x > 0: one joint alone is stable while 2 d dt + k dt² < 4 m, m its generalised inertia,
+1 / (M⁻¹)ᵢᵢ. Gravity's and the Coriolis force's change with the state is left out.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import numpy as np
 from simspec.dynamics.oracle import alike
 from simspec.dynamics.oracle_tree import Tree
 from simspec.dynamics.states import random_states
-from simspec.world.kinematics import initial_state, layout_of, trees
+from simspec.world.along import Along
+from simspec.world.kinematics import initial_state, layout_of, sprung_trees, within
 from simspec.world.types import World
 
 POSTURES, FEW, LARGE = 8, 1, 200
@@ -34,7 +36,8 @@ BOUND = 4.0
 class Instability:
     """Bodies whose joints' damping or springs diverge, the strongest first: at the world's timestep (s) the fastest growing
     deviation grows by ``growth`` in a step; up to ``largest_stable_step`` (s) none does. ``initially``: at the initial posture
-    already, or only at others within the limits. ``damping``: whether damping is more of the cause than springs."""
+    already, or only at others within the limits. ``damping``: whether damping is more of the cause than springs. ``along``: the
+    name of the sum of joint positions that is more of it than the joints' own; "": none is."""
 
     bodies: tuple[str, ...]
     timestep: float
@@ -42,6 +45,7 @@ class Instability:
     growth: float
     initially: bool
     damping: bool
+    along: str = ""
 
     def __str__(self) -> str:
         what = "damping" if self.damping else "spring"
@@ -49,6 +53,8 @@ class Instability:
         who = f"the joint of {self.bodies[0]!r}" + (
             f" (and {more} more joint{'s' if more > 1 else ''})" if more else ""
         )
+        if self.along:
+            who = f"the sum {self.along!r} of joint positions"
         where = "" if self.initially else ", at some postures within its limits"
         growth = f"deviations grow by a factor of {self.growth:.4g} in every step"
         return f"explicit {what} at {who} is unstable at this timestep{where}: {growth}"
@@ -65,32 +71,42 @@ class SingularError(ArithmeticError):
 def unstable(world: World) -> list[Instability]:
     """Joints that diverge, one entry for each tree that has some; trees that are alike are looked at once. Raises
     SingularError."""
-    known: dict[object, tuple[tuple[int, ...], Instability] | None] = {}
+    known: dict[object, tuple[tuple[int, ...], int | None, Instability] | None] = {}
     instabilities = []
-    for bodies in trees(world).values():
-        if not any(body.joint.damping or body.joint.spring_stiffness for body in bodies):
+    for bodies in sprung_trees(world):
+        part = within(world, bodies)
+        sprung = any(body.joint.damping or body.joint.spring_stiffness for body in bodies)
+        if not sprung and not any(one.damping or one.stiffness for one in part.sums):
             continue
-        key = alike(bodies), tuple(body.joint.position for body in bodies if body.joint.kind != "free")
+        positions = tuple(body.joint.position for body in bodies if body.joint.kind != "free")
+        key = alike(bodies, (), part.sums), positions
         if key not in known:
             try:
-                known[key] = _unstable(dataclasses.replace(world, bodies=bodies))
+                known[key] = _unstable(part)
             except np.linalg.LinAlgError:
                 raise SingularError(bodies[0].name) from None
         if (entry := known[key]) is not None:
-            rows, instability = entry
-            instabilities.append(dataclasses.replace(instability, bodies=tuple(bodies[row].name for row in rows)))
+            rows, summed, instability = entry
+            names = tuple(bodies[row].name for row in rows)
+            along = "" if summed is None else part.sums[summed].name
+            instabilities.append(dataclasses.replace(instability, bodies=names, along=along))
     return instabilities
 
 
-def _unstable(world: World) -> tuple[tuple[int, ...], Instability] | None:
-    """The rows of the bodies to blame, and the instability without their names; None where the tree is stable."""
+def _unstable(world: World) -> tuple[tuple[int, ...], int | None, Instability] | None:
+    """The rows of the bodies to blame, the sum that is more to blame (None: none is), and the instability without their names;
+    None where the tree is stable."""
     tree, step = Tree(world), world.physics.timestep
     owner = np.array([row for row, body in enumerate(world.bodies) for _ in body.joint.velocity], dtype=int)
     stiffness, damping = np.zeros(tree.nv), np.zeros(tree.nv)
     for body, part in zip(world.bodies, layout_of(world).velocity, strict=True):
         stiffness[part], damping[part] = body.joint.spring_stiffness, body.joint.damping
-    acting = np.flatnonzero(stiffness + damping)
-    k, d = stiffness[acting], damping[acting]
+    along = Along(world.bodies, world.sums)
+    acting = np.flatnonzero(
+        stiffness + damping + np.abs(along.weights[along.stiffness + along.damping > 0.0]).sum(axis=0)
+    )
+    more_k, more_d = (matrix[np.ix_(acting, acting)] for matrix in along.matrices())
+    k, d = np.diag(stiffness[acting]) + more_k, np.diag(damping[acting]) + more_d
     seeded = random_states(world, POSTURES if tree.nv <= LARGE else FEW)[0]
     mobilities = [
         np.linalg.inv(tree.mass_matrix(posture))[np.ix_(acting, acting)]
@@ -105,26 +121,39 @@ def _unstable(world: World) -> tuple[tuple[int, ...], Instability] | None:
     for inverse_mass, size in zip(mobilities, sizes, strict=True):
         if size >= BOUND * (1.0 - SLACK):
             largest = min(largest, _largest(inverse_mass, k, d, step))
-    root = np.sqrt(step**2 * k + 2.0 * step * d)
-    values, vectors = np.linalg.eigh(root[:, None] * mobility * root)
+    acts = step**2 * k + 2.0 * step * d
+    root = _root(acts)
+    values, vectors = np.linalg.eigh(root.T @ mobility @ root)
     mode = vectors[:, -1]
-    motion = mobility @ (root * mode)
-    sprung = step**2 * float(k @ motion**2) / values[-1]
-    damped = step * float(d @ motion**2) / values[-1]
+    motion = mobility @ (root @ mode)
+    sprung = step**2 * float(motion @ k @ motion) / values[-1]
+    damped = step * float(motion @ d @ motion) / values[-1]
     growth = float(np.abs(np.roots([1.0, sprung + damped - 2.0, 1.0 - damped])).max())
-    alone = (step**2 * k + 2.0 * step * d) * np.diag(mobility)
-    parts = alone if (alone >= BOUND * (1.0 - SLACK)).any() else mode**2
+    alone = np.diag(acts) * np.diag(mobility)
+    parts = alone if (alone >= BOUND * (1.0 - SLACK)).any() else (root @ mode) ** 2 / np.diag(acts)
     least = BOUND * (1.0 - SLACK) if parts is alone else SHARE
     strongest = [int(owner[acting[at]]) for at in np.argsort(-parts) if parts[at] >= least]
     initially = sizes[0] >= BOUND * (1.0 - SLACK)
     rows = tuple(dict.fromkeys(strongest))
-    return rows, Instability((), step, largest, growth, initially, bool(2.0 * damped >= sprung))
+    blame = (step**2 * along.stiffness + 2.0 * step * along.damping) * (along.weights[:, acting] @ motion) ** 2
+    summed = int(np.argmax(blame)) if len(blame) and blame.sum() > values[-1] / 2.0 else None
+    return rows, summed, Instability((), step, largest, growth, initially, bool(2.0 * damped >= sprung))
 
 
 def _size(mobility: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, step: float) -> float:
     """The largest eigenvalue of M⁻¹ (dt² K + 2 dt D): at least ``BOUND`` where something grows."""
-    root = np.sqrt(step**2 * stiffness + 2.0 * step * damping)
-    return float(np.linalg.eigvalsh(root[:, None] * mobility * root)[-1])
+    root = _root(step**2 * stiffness + 2.0 * step * damping)
+    return float(np.linalg.eigvalsh(root.T @ mobility @ root)[-1])
+
+
+def _root(acts: np.ndarray) -> np.ndarray:
+    """R (n, n) with R Rᵀ = ``acts``, which is positive semidefinite: the root of a diagonal, where it is one."""
+    diagonal = np.diag(acts)
+    if not (acts - np.diag(diagonal)).any():
+        return np.diag(np.sqrt(diagonal))
+    values, vectors = np.linalg.eigh(acts)
+    root: np.ndarray = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
 
 
 def _largest(mobility: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, unstable_step: float) -> float:

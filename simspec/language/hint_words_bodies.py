@@ -244,7 +244,18 @@ BODY_WORDS: tuple[tuple[str, Hint], ...] = (
     *same_hint("anchor point", "at: the point in the first body's frame", "Connect.at", at="Connect"),
     *same_hint("relpose", "pose", "Weld.pose", at="Weld"),
     *same_hint("point2point p2p ball_constraint", "connect", "Constraint.connect", at="Constraint"),
-    *same_hint("tendon tendons", f"tendons are {NOT_YET}; a joint can follow another", "Constraint.follow"),
+    *same_hint(
+        "tendon tendons fixed_tendon gearbox differential",
+        "constraints: {NAME: {sum: {joints: {JOINT: coefficient}, stiffness: ...}}}",
+        "File.constraints",
+        "Constraint.sum",
+    ),
+    *same_hint("fixed", "sum: a weighted sum of joint positions", "Constraint.sum", at="Constraint"),
+    *same_hint("coef coefs coefficients weights terms", "joints: {JOINT: coefficient}", "Sum.joints", at="Sum"),
+    *same_hint("spring k", "stiffness", "Sum.stiffness", at="Sum"),
+    *same_hint("springlength springref rest_length", "rest", "Sum.rest", at="Sum"),
+    *same_hint("range lower upper position", "limits: {position: [lower, upper]}", "Sum.limits", at="Sum"),
+    *same_hint("lower upper range min max", "position: [lower, upper]", "SumLimits.position", at="SumLimits"),
     *same_hint(
         "joints", "write joint: {...} in each body that has a parent, or joints: [...]", "Body.joint", "Body.joints"
     ),

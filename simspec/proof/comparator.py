@@ -167,6 +167,7 @@ class _Comparison:
         if self.readable("control.native"):
             self.servos()
         self.constraints()
+        self.sums()
         physics = self.world.physics
         strength = max(1.0, math.sqrt(sum(x * x for x in physics.gravity)))
         if self.readable("gravity"):
@@ -269,6 +270,28 @@ class _Comparison:
             self.place(expected.pose.position, actual.pose.position, f"{where}.pose")
             turned = turn_between(expected.pose.quaternion, actual.pose.quaternion)
             self.note("joint", "weld, orientation", turned, f"{where}.pose", f"{actual.pose.quaternion}")
+
+    def sums(self) -> None:
+        """What acts along sums of joint positions, by name."""
+        wanted = {one.name: one for one in self.world.sums}
+        names = sorted(one.name for one in self.read_back.sums)
+        if wanted or names:
+            self.tally.equal(self.levels["joint"], "sums", sorted(wanted), names, "constraints")
+        for actual in self.read_back.sums:
+            expected = wanted.get(actual.name)
+            if expected is None:
+                continue
+            where = f"constraints.{actual.name}.sum"
+            joints = [[joint for joint, _ in one.joints] for one in (expected, actual)]
+            if self.tally.equal(self.levels["joint"], "sum of", joints[0], joints[1], f"{where}.joints"):
+                for (joint, weight), (_, held) in zip(expected.joints, actual.joints, strict=True):
+                    self.number("joint", "coefficient", weight, held, f"{where}.joints.{joint}")
+            for name in ("stiffness", "rest", "damping"):
+                self.number("joint", f"sum, {name}", getattr(expected, name), getattr(actual, name), f"{where}.{name}")
+            for expected_end, end in zip(
+                expected.position_limits or (None, None), actual.position_limits or (None, None), strict=True
+            ):
+                self.number("joint", "sum, limits", expected_end, end, f"{where}.limits.position")
 
     def place(self, expected: Sequence[float], actual: Sequence[float], where: str) -> None:
         """A point that is held, relative to the larger of 1 m and its distance from the body's origin."""

@@ -19,6 +19,7 @@ from simspec.control.request import to_request
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
+from simspec.proof.inside import Stops, inside
 from simspec.proof.motion import FLOOR_FACTOR, PERTURBATION, TOLERANCE
 from simspec.world.control import Trajectory
 from simspec.world.kinematics import held_trees, initial_state, layout_of, rubbing, trees, within
@@ -83,6 +84,7 @@ class _OracleJoints:
         self._limited = np.array([place for place, _, _ in limited], dtype=int)
         low, high = (np.array([row[k] for row in limited]) for k in (1, 2))
         self._low, self._high = low + NEAR * (high - low), high - NEAR * (high - low)
+        self._stops = Stops(world)
         self.steps, self._free = 0, True
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
@@ -96,6 +98,7 @@ class _OracleJoints:
         self._q, self._v = states[-1], speeds[-1]
         near = self._q[self._limited]
         self._free = self._free and bool(((near > self._low) & (near < self._high)).all())
+        self._free = self._free and not self._stops.near(self._q[None], NEAR)[0]
         self.steps += self._free
 
 
@@ -118,6 +121,7 @@ def plan(world: World) -> Response | None:
             places.append(at.start)
             inward = 1.0 if limits is None or q[at.start] < sum(limits) / 2.0 else -1.0
             reach.append(inward * (STEP if limits is None else min(STEP, SHARE * (limits[1] - limits[0]))))
+    q = inside(world, q, INSIDE)
     if world.constraints:
         q = Oracle(world).settled(q, initial_state(world)[0])
     amount = np.array(reach)
@@ -173,7 +177,8 @@ def _closed_form(
         own = {body.joint.name for body in moving}
         laws = [law for law in world.controllers if own & set(law.joints)]
         whole = own <= {name for law in laws for name in law.joints}
-        extra = any(body.joint.damping or body.joint.spring_stiffness for body in moving) or bool(world.constraints)
+        extra = any(body.joint.damping or body.joint.spring_stiffness for body in moving)
+        extra = extra or bool(world.constraints) or bool(world.sums)
         if not laws or not whole or extra or any(law.law != "computed-torque" or law.hold > 1 for law in laws):
             continue
         for law in laws:

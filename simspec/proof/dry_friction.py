@@ -21,6 +21,7 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import SEED, random_states
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
+from simspec.proof.inside import MIDDLE, inside
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.types import World
 
@@ -74,8 +75,8 @@ class DryFriction:
 
 def plan(world: World, oracle: Oracle) -> DryFriction | None:
     """The trials; None where no joint has dry friction."""
-    places = rubbing(world)
-    if not len(places):
+    rough = rubbing(world)
+    if not len(rough):
         return None
     friction = np.zeros(oracle.nv)
     room = np.full(oracle.nv, np.inf)
@@ -85,14 +86,21 @@ def plan(world: World, oracle: Oracle) -> DryFriction | None:
         if body.joint.position_limits is not None:
             low, high = body.joint.position_limits
             q[at_q], room[at_v] = (low + high) / 2.0, RANGE * (high - low)
-    q = oracle.settled(q, initial_state(world)[0])
+    q = oracle.settled(inside(world, q, MIDDLE), initial_state(world)[0])
+    places = {body.joint.name: at for body, at in zip(world.bodies, oracle.layout.velocity, strict=True)}
+    for one in world.sums:
+        if one.position_limits is not None:
+            low, high = one.position_limits
+            own = RANGE * (high - low) / sum(abs(weight) for _, weight in one.joints)
+            for joint, _ in one.joints:
+                room[places[joint]] = np.minimum(room[places[joint]], own)
     strength = oracle.mobility(q) * friction
     gain = np.minimum(SLIDING * strength, room / world.physics.timestep**2)
     side = np.where(np.random.default_rng(SEED + 301).random(oracle.nv) < 0.5, -1.0, 1.0)
     if world.constraints:  # joints that are held together slide together
         along = oracle.held_velocity(q, gain * side)
         gain, side = np.abs(along), np.sign(along)
-    return DryFriction(tuple(_trials(oracle, q, friction, gain, room, side)), places, strength[places])
+    return DryFriction(tuple(_trials(oracle, q, friction, gain, room, side)), rough, strength[rough])
 
 
 def _trials(

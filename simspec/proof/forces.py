@@ -18,6 +18,7 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import SEED
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
+from simspec.proof.inside import inside
 from simspec.proof.motion import DISTURBED, FLOOR_FACTOR, PERTURBATION, TOLERANCE, comes_near_limits, deviation
 from simspec.world.forces import Force
 from simspec.world.kinematics import initial_state, rubbing
@@ -69,7 +70,7 @@ def plan(world: World, oracle: Oracle) -> Pushed | None:
         if (limits := body.joint.position_limits) is not None:
             margin = INSIDE * (limits[1] - limits[0])
             q[at] = np.clip(q[at], limits[0] + margin, limits[1] - margin)
-    q = oracle.settled(q, start)
+    q = oracle.settled(inside(world, q, INSIDE), start)
     effort = oracle.bias_force(q, v) - oracle.joint_effort(q, v)
     forces = brought_forward(world.forces, world.physics.timestep, FIRST, LONGEST)
     for halved in range(HALVINGS):

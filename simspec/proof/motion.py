@@ -17,6 +17,7 @@ from simspec.dynamics.stability import unstable
 from simspec.dynamics.states import SEED, random_states
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check
+from simspec.proof.inside import CALM, MIDDLE, Stops, calmed, inside
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.rotations import rotation_error
 from simspec.world.types import Follow, World
@@ -158,23 +159,24 @@ def _tried(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: n
 
 
 def _near_limits(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:
-    """Whether, at each instant, a joint is within 5 % of its range to a limit, or beyond."""
+    """Whether, at each instant, a joint or a sum is within 5 % of its range to a limit, or beyond."""
     rows = [
         (at.start, *body.joint.position_limits)
         for body, at in zip(world.bodies, oracle.layout.position, strict=True)
         if body.joint.position_limits is not None
     ]
+    stops = Stops(world)
     if not rows:
-        return np.zeros(len(states), dtype=bool)
+        return stops.near(states, 0.05)
     index = np.array([row[0] for row in rows])
     low, high = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
     margin = 0.05 * (high - low)
     near: np.ndarray = ((states[:, index] < low + margin) | (states[:, index] > high - margin)).any(axis=1)
-    return near
+    return near | stops.near(states, 0.05)
 
 
 def comes_near_limits(world: World, oracle: Oracle, states: np.ndarray) -> bool:
-    """Whether in any of some states (n, nq) a joint is within 5 % of its range to a limit."""
+    """Whether in any of some states (n, nq) a joint or a sum is within 5 % of its range to a limit."""
     return bool(_near_limits(world, oracle, states).any())
 
 
@@ -216,6 +218,8 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
             own = float(start[at_q][0])
             q[at_q] = own if _well_inside(own, low, high) and attempt % 2 == 0 else (low + high) / 2
             v[at_v] *= min(1.0, 0.2 * (high - low))
+    if any(one.position_limits for one in world.sums):
+        q, v = inside(world, q, MIDDLE), calmed(world, v, CALM)
     if world.constraints:  # what is held together begins there, and moves so
         _couple(world, oracle, q, start)
         q = oracle.inwards(oracle.settled(q, start))

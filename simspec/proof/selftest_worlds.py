@@ -13,6 +13,7 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.hull import centred, size_of
 from simspec.world.kinematics import poses
+from simspec.world.sums import JointSum
 from simspec.world.types import (
     Body,
     Connect,
@@ -368,6 +369,19 @@ def held(engine: str) -> World:
     return World("self-test-held", bodies, contact, PHYSICS, engines=options, constraints=constraints)
 
 
+def sums(engine: str) -> World:
+    """The bench with a spring and a damper along a sum of both joints."""
+    along = JointSum("tendon", (("lower_joint", -0.3), ("upper_joint", 0.5)), 90.0, 0.02, 4.0)
+    return dataclasses.replace(bench(engine), name="self-test-sums", sums=(along,))
+
+
+def sum_limits(engine: str) -> World:
+    """The bench with stops of a sum of both joints."""
+    along = JointSum("tendon", (("lower_joint", -0.3), ("upper_joint", 0.5)), position_limits=(-0.2, 0.4))
+    options = _options(engine, "constraint.sum.limits")
+    return dataclasses.replace(bench(engine), name="self-test-sum-limits", sums=(along,), engines=options)
+
+
 WORLDS: Mapping[str, Callable[[str], World]] = {
     "model": model,
     "core": core,
@@ -381,6 +395,8 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "meshes": meshes,
     "margins": margins,
     "held": held,
+    "sums": sums,
+    "sum limits": sum_limits,
 }
 """By name, each for one engine: what an engine has only approximately or outside is asked for there."""
 

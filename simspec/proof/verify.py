@@ -22,7 +22,7 @@ from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, star
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, UnsupportedError
-from simspec.proof import control, dry_friction, forces, motion
+from simspec.proof import control, dry_friction, forces, motion, sum_limits
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
 from simspec.proof.comparator import compare, inventory_checks, not_checked
@@ -44,6 +44,7 @@ from simspec.proof.probes import (
     dynamics_operation,
     kinematics_checks,
 )
+from simspec.proof.sum_limits import STOPS_CHECK, SumLimits, stops_checks
 from simspec.proof.touch import plan as touch
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
@@ -73,6 +74,7 @@ class Probes:
     rubbing: DryFriction | None = None
     pushed: Pushed | None = None
     followed: Followed | None = None
+    stops: SumLimits | None = None
 
     def operations(self, engine: type[Engine]) -> list[Operation]:
         """What ``engine`` is asked, by what it declares; :func:`engine_checks` reads the answers."""
@@ -94,6 +96,8 @@ class Probes:
             asked.append(Operation("motion", {"steps": motion.steps, "every": motion.every}, arrays, world))
         if self.rubbing is not None and ("L6", SLIDING_CHECK) not in lacking:
             asked.append(self.rubbing.operation(world))
+        if self.stops is not None and ("L6", STOPS_CHECK) not in lacking:
+            asked.append(self.stops.operation(world))
         if self.response is not None and ("L7", "step response") not in lacking:
             asked.append(self.response.operation())
         if self.pushed is not None and ("L7", FORCES_CHECK) not in lacking:
@@ -114,7 +118,8 @@ def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
     response = control.plan(world) if "L7" in wanted else None
     pushed = forces.plan(world, oracle) if "L7" in wanted else None
     followed = forces.plan_motions(world) if "L7" in wanted else None
-    return Probes(oracle, q, v, meetings, moving, response, rubbing, pushed, followed)
+    stops = sum_limits.plan(world, oracle) if "L6" in wanted else None
+    return Probes(oracle, q, v, meetings, moving, response, rubbing, pushed, followed, stops)
 
 
 def verify(
@@ -306,6 +311,8 @@ def engine_checks(
         checks += motion_checks(world, probes.motion, arrays["motion"])
     if probes.rubbing is not None and "trials" in arrays:
         checks += dry_friction_checks(world, probes.rubbing, arrays["trials"], engine.DRY_FRICTION_CREEP)
+    if probes.stops is not None and "stopped" in arrays:
+        checks += stops_checks(world, probes.stops, arrays["stopped"])
     if probes.response is not None and "respond" in arrays:
         checks += control_checks(probes.response, arrays["respond"])
     if probes.pushed is not None and "pushed" in arrays:

@@ -81,6 +81,7 @@ def resolve(spec: Spec) -> World:
         constraints=held.constraints,
         forces=applied,
         motions=moved.motions,
+        sums=held.sums,
     )
     path, problems = trajectory(spec.source, world, driven.velocity_limits)
     if problems:

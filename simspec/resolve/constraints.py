@@ -15,6 +15,7 @@ from simspec.language.constraints import Connect as SpecConnect
 from simspec.language.constraints import Constraint as SpecConstraint
 from simspec.language.constraints import Displacement
 from simspec.language.constraints import Follow as SpecFollow
+from simspec.language.constraints import Sum as SpecSum
 from simspec.language.constraints import Weld as SpecWeld
 from simspec.language.document import Details, Key
 from simspec.language.sources import Source
@@ -26,6 +27,7 @@ from simspec.resolve.bodies import Expansion, elements
 from simspec.resolve.poses import pose
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, poses, rigid_groups
+from simspec.world.sums import JointSum
 from simspec.world.types import Body, Connect, Constraint, Follow, Pose, Weld, World
 from simspec.world.violation import ROWS, Violation
 
@@ -42,12 +44,14 @@ class Constrained(NamedTuple):
     """What `constraints` makes of a world.
 
     constraints  sorted by name
+    sums         those along which something acts, sorted by name
     bodies       the world's bodies, the initial positions and velocities of followers filled in
     joined       pairs of bodies that are held together, and do not touch
     problems     what is wrong; then the rest is what could be made of it
     """
 
     constraints: tuple[Constraint, ...]
+    sums: tuple[JointSum, ...]
     bodies: tuple[Body, ...]
     joined: list[tuple[str, str]]
     problems: list[Problem]
@@ -87,9 +91,12 @@ def constraints(source: Source, expansion: Expansion) -> Constrained:
         draft.settle()
     if not draft.problems and not expansion.problems:
         draft.close()
+    if not draft.problems and not expansion.problems:
+        draft.check_sums()
     resolved = tuple(sorted(draft.resolved.values(), key=lambda constraint: constraint.name))
     joined = [(held.first, held.second) for held in resolved if not isinstance(held, Follow)]
-    return Constrained(resolved, tuple(draft.bodies.values()), joined, draft.problems)
+    sums = tuple(sorted(draft.sums.values(), key=lambda one: one.name))
+    return Constrained(resolved, sums, tuple(draft.bodies.values()), joined, draft.problems)
 
 
 # --- which there are -------------------------------------------------------------------------------------------------
@@ -125,7 +132,7 @@ def _of_scenario(source: Source, name: str, content: SpecConstraint, expansion: 
     """A constraint of the scenario; one within a loose tree of an array once for each copy of the tree."""
     copied = False
     for suffix, joints, bodies in expansion.arrays:
-        known = joints if content.follow is not None else bodies
+        known = joints if content.follow is not None or content.sum is not None else bodies
         if all(named in known for named in _named(content)):
             copied = True
             yield _Written(name + suffix, source, ("constraints", name), content, "", joints, bodies)
@@ -137,6 +144,8 @@ def _named(content: SpecConstraint) -> tuple[str, ...]:
     """The joints or bodies that a constraint names."""
     if content.follow is not None:
         return content.follow.joint, content.follow.leader
+    if content.sum is not None:
+        return tuple(content.sum.joints)
     return content.connect.bodies if content.connect is not None else required(content.weld).bodies
 
 
@@ -150,6 +159,7 @@ class _Draft:
         self.bodies = {body.name: body for body in expansion.bodies}
         self.owner = {body.joint.name: body.name for body in expansion.bodies}
         self.resolved: dict[str, Constraint] = {}
+        self.sums: dict[str, JointSum] = {}
         self.written: dict[str, _Written] = {}
         self.problems: list[Problem] = []
         self.follows: dict[str, Follow] = {}
@@ -178,23 +188,15 @@ class _Draft:
             self._follow(written, content.follow)
         elif content.connect is not None:
             self._held(written, "connect", content.connect)
+        elif content.sum is not None:
+            self._sum(written, content.sum)
         else:
             self._held(written, "weld", required(content.weld))
 
     def _follow(self, written: _Written, content: SpecFollow) -> None:
         names = {"joint": written.joint(content.joint), "leader": written.joint(content.leader)}
-        for key, name in names.items():
-            place = ("follow", key)
-            if name not in self.owner:
-                known = [joint for joint, body in self.owner.items() if self.bodies[body].joint.kind in SCALAR_JOINTS]
-                self.problem(written, place, f"there is no joint {name!r}", found=name, hint=near(name, known))
-                return
-            kind = self.bodies[self.owner[name]].joint.kind
-            if kind not in SCALAR_JOINTS:
-                self.problem(
-                    written, place, f"{name} is {article(kind)} joint", found=name, allowed="hinges and slides"
-                )
-                return
+        if not all(self._is_scalar(written, ("follow", key), name) for key, name in names.items()):
+            return
         joint, leader = names["joint"], names["leader"]
         if joint in self.follows:
             other = self.follows[joint]
@@ -212,6 +214,28 @@ class _Draft:
                 return
         self.follows[joint] = Follow(written.name, joint, leader, content.ratio, offset)
         self.resolved[written.name] = self.follows[joint]
+
+    def _is_scalar(self, written: _Written, place: tuple[Key, ...], name: str) -> bool:
+        """Whether there is a hinge or slide of this name; notes what is wrong, where there is none."""
+        if name not in self.owner:
+            known = [joint for joint, body in self.owner.items() if self.bodies[body].joint.kind in SCALAR_JOINTS]
+            self.problem(written, place, f"there is no joint {name!r}", found=name, hint=near(name, known))
+            return False
+        kind = self.bodies[self.owner[name]].joint.kind
+        if kind not in SCALAR_JOINTS:
+            self.problem(written, place, f"{name} is {article(kind)} joint", found=name, allowed="hinges and slides")
+            return False
+        return True
+
+    def _sum(self, written: _Written, content: SpecSum) -> None:
+        joints = {written.joint(name): coefficient for name, coefficient in content.joints.items()}
+        for name in content.joints:
+            if not self._is_scalar(written, ("sum", "joints", name), written.joint(name)):
+                return
+        limits = None if content.limits is None else content.limits.position
+        ordered = tuple(sorted(joints.items()))
+        numbers = content.stiffness, content.rest, content.damping
+        self.sums[written.name] = JointSum(written.name, ordered, *numbers, limits)
 
     def _held(self, written: _Written, kind: str, content: SpecConnect | SpecWeld) -> None:
         first, second = (written.body(name) for name in content.bodies)
@@ -290,6 +314,25 @@ class _Draft:
             return
         joint = dataclasses.replace(body.joint, position=(wanted["position"],), velocity=(wanted["velocity"],))
         self.bodies[body.name] = dataclasses.replace(body, joint=joint)
+
+    def check_sums(self) -> None:
+        """Sums begin within their limits."""
+        start = {body.joint.name: body.joint.position for body in self.bodies.values()}
+        for one in self.sums.values():
+            if one.position_limits is None:
+                continue
+            begins = sum(coefficient * start[joint][0] for joint, coefficient in one.joints)
+            lower, upper = one.position_limits
+            room = AGREE * max(1.0, abs(lower), abs(upper))
+            if not lower - room <= begins <= upper + room:
+                self.problem(
+                    self.written[one.name],
+                    ("sum", "limits", "position"),
+                    "the sum begins beyond its limits",
+                    found=f"{begins:.9g}",
+                    allowed=f"{lower:g} to {upper:g}",
+                    hint="other initial positions of the joints, or other limits",
+                )
 
     def close(self) -> None:
         """Fill in points and poses that follow from the initial positions; what is stated must agree with them."""

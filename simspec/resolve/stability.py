@@ -10,7 +10,8 @@ from simspec.world.types import World
 
 def unstable_joints(source: Source, world: World) -> list[Problem]:
     """One problem for each tree that has such joints. Without Pinocchio, which knows the mass matrix, nothing can be told."""
-    if not any(body.joint.damping or body.joint.spring_stiffness for body in world.bodies):
+    own = any(body.joint.damping or body.joint.spring_stiffness for body in world.bodies)
+    if not own and not any(one.damping or one.stiffness for one in world.sums):
         return []
     try:
         from simspec.dynamics.stability import SingularError, unstable
@@ -27,6 +28,8 @@ def unstable_joints(source: Source, world: World) -> list[Problem]:
     problems = []
     for instability in instabilities:
         path = f"bodies.{instability.bodies[0]}.joint." + ("damping" if instability.damping else "spring.stiffness")
+        if instability.along:
+            path = f"constraints.{instability.along}.sum." + ("damping" if instability.damping else "stiffness")
         largest = f"up to {instability.largest_stable_step:.3g} s"
         hint = f"less {'damping' if instability.damping else 'stiffness'}; or a smaller physics.timestep"
         found_there = f"a timestep of {instability.timestep:g} s"

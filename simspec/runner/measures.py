@@ -16,6 +16,7 @@ import numpy as np
 from simspec.mapped import parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run
+from simspec.world.along import beyond_limits
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.rotations import matrices
 from simspec.world.types import World
@@ -216,6 +217,8 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
                 raise Unmeasurable(
                     f"the oracle does not support joint limits, and {body.joint.name} exceeds its limits: set until"
                 )
+        if (beyond := beyond_limits(world, states)) is not None:
+            raise Unmeasurable(f"the oracle does not support limits of sums, and {beyond} exceeds its own: set until")
         for state in states:
             places[done] = oracle.body_poses(state)[:, :3]
             done += 1

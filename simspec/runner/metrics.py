@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.mapped import parts, release, zeros
+from simspec.world.along import Along
 from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.rotations import logarithm, matrices
 from simspec.world.types import Inertial, World
@@ -109,7 +110,7 @@ def energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     """Kinetic and potential energy (rows,), J.
 
     Kinetic: ½ m |v|² + ½ ω·(R I Rᵀ ω) of every body, and ½ A q̇² of every armature. Potential: −m g·c (zero at the world's
-    origin), ½ k (q − rest)² of every spring, ½ k |log R|² of every ball spring (zero at rest).
+    origin), ½ k (q − rest)² of every spring, those along sums too, ½ k |log R|² of every ball spring (zero at rest).
     """
     kinetic, potential = _each(world, arrays, _energy)
     return kinetic, potential
@@ -130,6 +131,9 @@ def _energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
             q = arrays["q"][:, position]
             bent = logarithm(q) if joint.kind == "ball" else q - joint.spring_rest
             potential += 0.5 * joint.spring_stiffness * np.einsum("ti,ti->t", bent, bent)
+    along = Along(world.bodies, world.sums)
+    stretch = along.lengths(arrays["q"]) - along.rest
+    potential += 0.5 * (stretch * stretch) @ along.stiffness
     return kinetic, potential
 
 

@@ -68,6 +68,8 @@ class Feature(StrEnum):
     TOUCHING_PAIRS = "contact.touch"
     CONSTRAINT_LOOP = "constraint.loop"
     CONSTRAINT_COUPLING = "constraint.coupling"
+    SUM = "constraint.sum"
+    SUM_LIMITS = "constraint.sum.limits"
     FORCES = "forces"
     CONTROL = "control"
     CONTROL_NATIVE = "control.native"
@@ -135,6 +137,8 @@ MEANING: Mapping[Feature, str] = {
     Feature.TOUCHING_PAIRS: "pairs of bodies that touch although a joint or a loop joins them",
     Feature.CONSTRAINT_LOOP: "two bodies held together outside the tree, at a point or rigidly",
     Feature.CONSTRAINT_COUPLING: "a joint whose position follows another's",
+    Feature.SUM: "springs and dampers along weighted sums of joint positions",
+    Feature.SUM_LIMITS: "hard, inelastic stops of weighted sums of joint positions",
     Feature.FORCES: "forces and torques on bodies during given times",
     Feature.CONTROL: "control laws, written once and given as efforts",
     Feature.CONTROL_NATIVE: "the engine's own position or velocity controller: a declared difference",

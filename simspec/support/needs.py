@@ -106,6 +106,11 @@ def needs(world: World) -> list[Need]:
             note(Feature.TREE_SIZE, f"bodies.{root}")
     for constraint in world.constraints:
         note(_CONSTRAINT_FEATURES[constraint.kind], f"constraints.{constraint.name}")
+    for one in world.sums:
+        if one.stiffness or one.damping:
+            note(Feature.SUM, f"constraints.{one.name}")
+        if one.position_limits is not None:
+            note(Feature.SUM_LIMITS, f"constraints.{one.name}.sum.limits")
     for motion in world.motions:
         note(Feature.KINEMATIC, f"bodies.{motion.body}.kinematic")
     for index in range(len(world.forces)):

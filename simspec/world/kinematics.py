@@ -149,8 +149,33 @@ def trees(world: World) -> Mapping[str, tuple[Body, ...]]:
 
 @derived
 def held_trees(world: World) -> tuple[tuple[Body, ...], ...]:
-    """The bodies of the trees that move together: of one tree, or of several that constraints join; in the world's order."""
+    """The bodies of the trees that move together: of one tree, or of several that constraints or sums of joint positions
+    join; in the world's order."""
     owner = {body.joint.name: body.name for body in world.bodies}
+    pairs = [
+        (owner[constraint.joint], owner[constraint.leader])
+        if isinstance(constraint, Follow)
+        else (constraint.first, constraint.second)
+        for constraint in world.constraints
+    ]
+    return _joined(world, [*pairs, *_summed(world)])
+
+
+@derived
+def sprung_trees(world: World) -> tuple[tuple[Body, ...], ...]:
+    """The bodies of the trees that springs and dampers act on together: of one tree, or of several that sums join; in the
+    world's order."""
+    return _joined(world, _summed(world))
+
+
+def _summed(world: World) -> list[tuple[str, str]]:
+    """Pairs of bodies whose joints are in one sum, each with the first of it."""
+    owner = {body.joint.name: body.name for body in world.bodies}
+    return [(owner[one.joints[0][0]], owner[joint]) for one in world.sums for joint, _ in one.joints[1:]]
+
+
+def _joined(world: World, pairs: Iterable[tuple[str, str]]) -> tuple[tuple[Body, ...], ...]:
+    """Trees joined by pairs of bodies that are in them."""
     tree = {body.name: root for root, bodies in trees(world).items() for body in bodies}
     group = {root: root for root in trees(world)}
 
@@ -159,12 +184,7 @@ def held_trees(world: World) -> tuple[tuple[Body, ...], ...]:
             root = group[root]
         return root
 
-    for constraint in world.constraints:
-        first, second = (
-            (owner[constraint.joint], owner[constraint.leader])
-            if isinstance(constraint, Follow)
-            else (constraint.first, constraint.second)
-        )
+    for first, second in pairs:
         group[top(tree[second])] = top(tree[first])
     joined: dict[str, list[Body]] = {}
     for body in world.bodies:
@@ -173,13 +193,14 @@ def held_trees(world: World) -> tuple[tuple[Body, ...], ...]:
 
 
 def within(world: World, bodies: Iterable[Body]) -> World:
-    """The world with some of its bodies alone (whole trees), and the constraints between them."""
+    """The world with some of its bodies alone (whole trees), and the constraints and sums between them."""
     kept = tuple(bodies)
     names = {name for body in kept for name in (body.name, body.joint.name)}
     return replace(
         world,
         bodies=kept,
         constraints=tuple(held for held in world.constraints if all(name in names for name in members(held))),
+        sums=tuple(one for one in world.sums if all(joint in names for joint, _ in one.joints)),
     )
 
 

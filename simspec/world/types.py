@@ -18,6 +18,7 @@ from simspec.language.vocabulary import CHANNELS
 from simspec.world.control import Controller, Trajectory
 from simspec.world.forces import Force
 from simspec.world.motions import Motion
+from simspec.world.sums import JointSum
 
 POSITION_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 4, "free": 7}
 """Numbers in a joint's position: ball = quaternion w x y z; free = x y z, then quaternion w x y z."""
@@ -332,6 +333,8 @@ class World:
     """Forces and torques on bodies during given times, in the order of the spec."""
     motions: tuple[Motion, ...] = field(default=(), metadata=LEFT_OUT)
     """Motions of the kinematic bodies, one each, in the order of the bodies."""
+    sums: tuple[JointSum, ...] = field(default=(), metadata=LEFT_OUT)
+    """Weighted sums of joint positions along which something acts, sorted by name."""
 
     def __repr__(self) -> str:
         return f"<World {self.name!r}: {len(self.bodies)} bodies, {self.physics.steps} steps of {self.physics.timestep:g} s>"
@@ -392,6 +395,7 @@ class ReadBack:
     inventory: dict[str, HeldValue] = field(default_factory=dict)
     neutral: dict[str, HeldValue] = field(default_factory=dict)
     constraints: tuple[Constraint, ...] = field(default=(), metadata=LEFT_OUT)
+    sums: tuple[JointSum, ...] = field(default=(), metadata=LEFT_OUT)
 
     def __repr__(self) -> str:
         return f"<ReadBack: {len(self.bodies)} bodies, {len(self.unreadable)} fields that cannot be asked for>"

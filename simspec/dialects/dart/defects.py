@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from simspec.dialects.kit.defects import (
     CONSTRAINTS,
     MARGINS,
+    SUMS,
     Plant,
     floats,
     nudged,
@@ -126,6 +127,7 @@ def _group(content: dict[str, Any]) -> None:
 
 DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
+    **SUMS,
     "mass": _text(f"{LOWER}/inertia/mass", scaled),
     "centre of mass": _text(f"{LOWER}/inertia/offset", nudged),
     "inertia, diagonal": _text(f"{LOWER}/inertia/moment_of_inertia/ixx", scaled),

@@ -116,6 +116,7 @@ class DartDialect(Dialect):
         **GATHERED,
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
     }
 
     SIDECAR: ClassVar[type[Sidecar]] = DartSidecar

@@ -81,6 +81,7 @@ def raised(document: skel.Document, sidecar: DartSidecar) -> ReadBack:
         sidecar.friction_cone,
         dict(UNREADABLE),
         constraints=sidecar.constraints or (),
+        sums=sidecar.sums or (),
     )
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from simspec.dialects.kit.defects import CONSTRAINTS, MARGINS, STEP, Files, Plant
+from simspec.dialects.kit.defects import CONSTRAINTS, MARGINS, STEP, SUMS, Files, Plant
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.world import frames
@@ -161,6 +161,7 @@ def _timestep(content: dict[str, Any]) -> None:
 
 DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
+    **SUMS,
     "mass": _number("lower", "mass", times=1.0 + STEP),
     "centre of mass": _number("lower", "centre_of_mass", 0),
     "inertia, diagonal": _number("lower", "inertia", 0, times=1.0 + STEP),

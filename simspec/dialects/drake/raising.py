@@ -24,6 +24,7 @@ def raised(document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
         document.friction_cone,
         servos=_servos(document),
         constraints=sidecar.constraints or (),
+        sums=sidecar.sums or (),
     )
 
 

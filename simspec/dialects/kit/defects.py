@@ -82,6 +82,13 @@ NAMES: Mapping[str, str] = {
     "held point": "held",
     "weld, orientation": "held",
     "constraint dropped": "held",
+    "sum, coefficient": "sums",
+    "sum, stiffness": "sums",
+    "sum, rest": "sums",
+    "sum, damping": "sums",
+    "sum dropped": "sums",
+    "sum, limit": "sum limits",
+    "sum, limits dropped": "sum limits",
     "gravity": "model",
     "timestep": "model",
 }
@@ -158,6 +165,26 @@ CONSTRAINTS: Mapping[str, Plant] = {
     "constraint dropped": _dropped("glue"),
 }
 """For dialects whose sidecar has the constraints."""
+
+
+def _sum(change: Callable[[dict[str, Any]], None]) -> Plant:
+    return sidecar(lambda content: change(content["sums"][0]))
+
+
+def _first_longer(entry: dict[str, Any]) -> None:
+    entry["joints"][0][1] += STEP
+
+
+SUMS: Mapping[str, Plant] = {
+    "sum, coefficient": _sum(_first_longer),
+    "sum, stiffness": _sum(lambda entry: entry.update(stiffness=entry["stiffness"] * (1.0 + STEP))),
+    "sum, rest": _sum(lambda entry: entry.update(rest=entry["rest"] + STEP)),
+    "sum, damping": _sum(lambda entry: entry.update(damping=entry["damping"] * (1.0 + STEP))),
+    "sum dropped": sidecar(lambda content: content.update(sums=[])),
+    "sum, limit": _sum(lambda entry: entry["position_limits"].__setitem__(1, entry["position_limits"][1] + STEP)),
+    "sum, limits dropped": _sum(lambda entry: entry.update(position_limits=None)),
+}
+"""For dialects whose sidecar has the sums of joint positions."""
 
 
 def one(root: ElementTree.Element, path: str) -> ElementTree.Element:

@@ -19,6 +19,7 @@ from simspec.language.vocabulary import FRICTION_CONES, JOINT_KINDS
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.world.canonical import sha256
+from simspec.world.sums import JointSum
 from simspec.world.types import Constraint, Follow, Vector3, World
 
 SIDECAR = "sidecar.json"
@@ -64,6 +65,8 @@ class Sidecar:
     """Settings of pairs of materials that replace ``settings`` in their contacts."""
     constraints: tuple[Constraint, ...] | None = None
     """The world's constraints, in the world's frames, where the files do not carry them; None where there are none."""
+    sums: tuple[JointSum, ...] | None = None
+    """The world's sums of joint positions, where the files do not carry them; None where there are none."""
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
@@ -75,6 +78,7 @@ class Sidecar:
         check_known((body.kind for body in sidecar.bodies), JOINT_KINDS, "sidecar.bodies")
         check_known((sidecar.friction_cone,), FRICTION_CONES, "sidecar.friction_cone")
         check_distinct((held.name for held in sidecar.constraints or ()), "sidecar.constraints")
+        check_distinct((one.name for one in sidecar.sums or ()), "sidecar.sums")
         ends = (
             name
             for held in sidecar.constraints or ()
@@ -114,9 +118,10 @@ def common_fields(
     target: Target,
     offsets: Mapping[str, Vector3],
     constraints: bool = True,
+    sums: bool = True,
 ) -> dict[str, Any]:
-    """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them. ``constraints``:
-    whether they stand in the sidecar, and not in the files."""
+    """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them. ``constraints``,
+    ``sums``: whether they stand in the sidecar, and not in the files."""
     fields: dict[str, Any] = {
         "dialect": dialect,
         "format": format_name,
@@ -132,6 +137,8 @@ def common_fields(
         fields["pair_settings"] = tuple(_pairs(world, target))
     if constraints and world.constraints:
         fields["constraints"] = world.constraints
+    if sums and world.sums:
+        fields["sums"] = world.sums
     return fields
 
 

@@ -97,12 +97,22 @@ def contact_reference(world: World, target: Target, held: Surface, inverse_mass:
     return HARDNESS[_of(held).kind](world, target, held, inverse_mass)
 
 
+def limit_reference(world: World, target: Target) -> Attributes:
+    """How hard position limits are; a stop is inelastic."""
+    return (
+        (
+            "solreflimit",
+            reference(float(target.settings["limit_error_reduction"]), 0.0, world.physics.timestep),
+        ),
+        ("solimplimit", _impedance(float(target.settings["limit_impedance"]))),
+    )
+
+
 def joint_references(world: World, target: Target) -> Attributes:
-    """How hard position limits and dry friction are; a stop is inelastic, and dry friction has no spring."""
+    """How hard position limits and dry friction are; dry friction has no spring."""
     dt = world.physics.timestep
     return (
-        ("solreflimit", reference(float(target.settings["limit_error_reduction"]), 0.0, dt)),
-        ("solimplimit", _impedance(float(target.settings["limit_impedance"]))),
+        *limit_reference(world, target),
         ("solreffriction", reference(0.0, 0.0, dt)),
         ("solimpfriction", _impedance(float(target.settings["dry_friction_impedance"]))),
     )

@@ -31,6 +31,7 @@ from simspec.dialects.mujoco.contact import (
     explicit_pairs,
     friction_hardness,
     joint_references,
+    limit_reference,
     pair_defaults,
 )
 from simspec.dialects.mujoco.contact_checks import check_friction, check_laws
@@ -44,6 +45,7 @@ from simspec.formats.mjcf.filter import collision_masks
 from simspec.formats.mjcf.from_world import CONES, KINDS, keyframe, meshes_of
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.rows import carrier_frames, depth_first
+from simspec.formats.mjcf.tendons import tendons
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Model
 from simspec.support.declarations import (
     GATHERED,
@@ -51,6 +53,7 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     Table,
+    alike,
     approximate,
     exactly,
     never,
@@ -138,6 +141,7 @@ class MujocoDialect(Dialect):
         Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one MuJoCo body, which act one after the other"),
         Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "an equality of two joints"),
         Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "an equality of two sites"),
+        **alike(Support(Level.EXACT, "a fixed tendon"), Feature.SUM, Feature.SUM_LIMITS),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:
@@ -174,12 +178,13 @@ class MujocoDialect(Dialect):
             (keyframe(KEYFRAME, order),),
             meshes_of(world),
             equalities(world, equality_reference(world)),
+            tendons(world, limit_reference(world, target)),
         )
         in_force = dataclasses.replace(target, settings=_in_force(world, target))
         return Lowered(
             model,
             MujocoSidecar(
-                **common_fields(self.NAME, self.FORMAT, world, in_force, offsets, constraints=False),
+                **common_fields(self.NAME, self.FORMAT, world, in_force, offsets, constraints=False, sums=False),
                 explicit_pairs=all_pairs,
                 models=tuple(body.model for body in world.bodies),
                 fixed_joints={body.name: body.joint.name for body in world.bodies if body.joint.kind == "fixed"},

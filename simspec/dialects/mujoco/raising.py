@@ -15,11 +15,13 @@ from simspec.dialects.mujoco.names import NO_RATING
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
 from simspec.formats.kit.passes import restore_frames, tensor
+from simspec.formats.kit.text import finite_numbers
 from simspec.formats.mjcf.document import Body as BodyItem
 from simspec.formats.mjcf.document import Document, Item
 from simspec.formats.mjcf.names import world_name
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world import frames
+from simspec.world.sums import JointSum
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
@@ -59,6 +61,11 @@ IN_MESH: Final = {"name", "file", "inertia"}
 """The attributes of a mesh. Others would scale, move or cut it."""
 MESH_FOLDERS: Final = {"meshdir", "assetdir", "strippath"}
 """Attributes of the compiler that change which file a name means."""
+OF_SUM: Final = {
+    *("name", "limited", "range", "stiffness", "springlength", "damping", "frictionloss", "margin"),
+    *("solreflimit", "solimplimit"),
+}
+"""The attributes of a fixed tendon. Others would be efforts or inertia along it."""
 IN_BODIES: Final = {"inertial", "joint", "geom", "site", "body"}
 NO_OFFSET: Final = (0.0, 0.0, 0.0)
 Meaning = TypeVar("Meaning")
@@ -85,6 +92,7 @@ def raise_document(document: Document, sidecar: MujocoSidecar) -> ReadBack:
         raising.servos(),
         raising.settings(),
         constraints=raising.constraints(),
+        sums=raising.sums(),
     )
 
 
@@ -383,6 +391,30 @@ class _Raising:
         if sorted(used) != sorted(sites):
             raise ValueError(f"{self._document.file}: sites that no constraint is of: {sorted(set(sites) - set(used))}")
         return tuple(sorted(held, key=lambda constraint: constraint.name))
+
+    def sums(self) -> tuple[JointSum, ...]:
+        """The fixed tendons, whose lengths are sums of joint positions."""
+        held: list[JointSum] = []
+        for item in self._document.section("tendon"):
+            if item.tag != "fixed" or not item.values.keys() <= OF_SUM:
+                raise item.refused("not a tendon that is read")
+            if item.number("frictionloss") or item.number("margin"):
+                raise item.refused("has friction or a margin")
+            weights: dict[str, float] = {}
+            for part in item.element.children:
+                if part.tag != "joint" or part.attributes.keys() != {"joint", "coef"}:
+                    raise item.refused(f"holds <{part.tag[:60]}>, which is not read")
+                if (joint := part.attributes["joint"]) in weights:
+                    raise item.refused(f"holds {joint!r} twice")
+                (weights[joint],) = finite_numbers(part.attributes["coef"], 1)
+            lower, upper = item.numbers("range", 2)
+            limits = (lower, upper) if _word(item, "limited", FLAG_WORDS) else None
+            rest = item.numbers("springlength")
+            if len(rest) != 1:
+                raise item.refused("has a spring that is slack over a range")
+            numbers = item.number("stiffness"), rest[0], item.number("damping")
+            held.append(JointSum(item.text("name"), tuple(sorted(weights.items())), *numbers, limits))
+        return tuple(sorted(held, key=lambda one: one.name))
 
     def _end(self, body: str, site: Item) -> tuple[str, Pose]:
         """A site's body, and where it is in the world's frame of that."""

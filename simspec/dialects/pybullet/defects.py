@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element
 from simspec.dialects.kit.defects import (
     CONSTRAINTS,
     MARGINS,
+    SUMS,
     Plant,
     flipped_product,
     floats,
@@ -116,6 +117,7 @@ def halved(text: str | None) -> str:
 
 DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
+    **SUMS,
     **LANGUAGE,
     "inertia, sign of a product": xml(ARM, _flip),
     "position limit dropped": xml(ARM, _not_limited),

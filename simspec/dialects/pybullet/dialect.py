@@ -127,6 +127,7 @@ class PybulletDialect(Dialect):
         **GATHERED,
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

@@ -97,6 +97,7 @@ def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
         sidecar.friction_cone,
         dict(UNREADABLE),
         constraints=sidecar.constraints or (),
+        sums=sidecar.sums or (),
     )
 
 

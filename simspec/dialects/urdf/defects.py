@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from simspec.dialects.kit.defects import (
     CONSTRAINTS,
     MARGINS,
+    SUMS,
     Plant,
     floats,
     nudged,
@@ -179,6 +180,7 @@ LANGUAGE: Mapping[str, Plant] = {
 DEFECTS: Mapping[str, Plant | str] = {
     **LANGUAGE,
     **CONSTRAINTS,
+    **SUMS,
     "inertia, sign of a product": attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
     "position limit dropped": attribute(HINGE, "type", lambda _: "continuous"),
     **dict.fromkeys(MARGINS, "plain URDF has no margins"),

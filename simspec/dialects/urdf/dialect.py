@@ -85,6 +85,7 @@ class UrdfDialect(Dialect):
         **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING),
         **GATHERED,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

@@ -75,6 +75,7 @@ def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
         sidecar.friction_cone,
         dict(UNREADABLE),
         constraints=sidecar.constraints or (),
+        sums=sidecar.sums or (),
         pairs=tuple(HeldPair(pair.first, pair.second, _surface(pair)) for pair in sidecar.pairs),
     )
 

@@ -42,6 +42,17 @@ def none_on_servos(world: World) -> Refinement | None:
     return None
 
 
+def none_along_servos(world: World) -> Refinement | None:
+    """Not supported where a spring or damper acts along a sum of which a joint is natively driven."""
+    owner = {body.joint.name: body for body in world.bodies}
+    for one in world.sums:
+        if served := natively_driven([owner[joint] for joint, _ in one.joints], world):
+            return not_here(
+                f"DART's servos let no other effort act on their joint, and {served[0]!r} is in {one.name!r}"
+            )
+    return None
+
+
 def _driven(sim: Simulation, v: np.ndarray) -> Iterator[tuple[Tree, np.ndarray, np.ndarray]]:
     """Of each tree its degrees of freedom on the hinges and slides at the places ``v`` (n,), and where these stand in ``v``."""
     order = {int(place): index for index, place in enumerate(v)}

@@ -19,7 +19,14 @@ from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.dart.detectors import accepted_contact, detector_of, overlooked
 from simspec.dialects.dart.sidecar import DartSidecar
-from simspec.engines.dart.actuation import NATIVE, JointArrays, JointServos, no_springs, none_on_servos
+from simspec.engines.dart.actuation import (
+    NATIVE,
+    JointArrays,
+    JointServos,
+    no_springs,
+    none_along_servos,
+    none_on_servos,
+)
 from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.dart.inventory import inventory, neutral
@@ -226,6 +233,8 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.TOUCHING_PAIRS: via_api("enableAdjacentBodyCheck"),
         Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
         Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
+        Feature.SUM: via_api(_COMPUTED, none_along_servos),
+        Feature.SUM_LIMITS: never("DART stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
@@ -283,14 +292,15 @@ class Dart(SimulatedEngine[Simulation]):
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self._held = None
         super().load(folder, sidecar)
-        if held := self._simulation.sidecar.constraints:
-            self._held = Outside(self, held)
+        told = self._simulation.sidecar
+        if told.constraints or told.sums:
+            self._held = Outside(self, told.constraints or (), told.sums or ())
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
-        applied = () if self._held is None else self._held.constraints
-        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim), constraints=applied)
+        held = dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
+        return held if self._held is None else self._held.told(held)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         armature = self._simulation.efforts.armature
@@ -365,6 +375,8 @@ class Dart(SimulatedEngine[Simulation]):
         for tree in sim.coordinates.trees:
             kinetic += tree.skeleton.computeKineticEnergy()
             potential += tree.skeleton.computePotentialEnergy()
+        if self._held is not None:
+            potential += self._held.energy()
         return kinetic, potential
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:

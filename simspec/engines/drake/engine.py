@@ -229,6 +229,8 @@ class Drake(SimulatedEngine[Simulation]):
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),
         Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
         Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
+        Feature.SUM: via_api(_COMPUTED),
+        Feature.SUM_LIMITS: never("Drake stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(
@@ -335,14 +337,15 @@ class Drake(SimulatedEngine[Simulation]):
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self._held = None
         super().load(folder, sidecar)
-        if held := self._simulation.constraints:
-            self._held = Outside(self, held)
+        sim = self._simulation
+        if sim.constraints or sim.sums:
+            self._held = Outside(self, sim.constraints, sim.sums)
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim, dict(self.UNREADABLE))
-        applied = () if self._held is None else self._held.constraints
-        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim), constraints=applied)
+        held = dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
+        return held if self._held is None else self._held.told(held)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         return pick_blocks(blocks, self._simulation.mass_parts())
@@ -373,7 +376,8 @@ class Drake(SimulatedEngine[Simulation]):
         return sorted_pairs(self._simulation.touching())
 
     def energy(self) -> tuple[float, float]:
-        return self._simulation.energy()
+        kinetic, potential = self._simulation.energy()
+        return kinetic, potential if self._held is None else potential + self._held.energy()
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         import_drake()

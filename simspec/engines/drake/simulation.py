@@ -31,7 +31,8 @@ class Simulation:
             told.check_document(self.document)
         except (ValueError, FileNotFoundError) as error:
             raise EngineError(NAME, str(error)) from error
-        self.sidecar, self.settings, self.constraints = sidecar, told.settings, told.constraints or ()
+        self.sidecar, self.settings = sidecar, told.settings
+        self.constraints, self.sums = told.constraints or (), told.sums or ()
         self.log: list[str] = []
         bodies = self.document.bodies
         with warnings_into(self.log):

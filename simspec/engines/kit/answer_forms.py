@@ -62,6 +62,7 @@ FORMS: Mapping[str, Mapping[str, Form]] = {
     "pushed": STATE,
     "prescribed": STATE,
     "trials": {"v": STATE["v"]},
+    "stopped": {"v": STATE["v"]},
     "drive": {"time": Form(("rows",)), "pose": STATE["pose"], "velocity": STATE["velocity"]},
     "respond": {"positions": Form(("rows", "joints"))},
     "touching": {"touching": Form(("pairs", 3), "i8"), "units": Form(("unit_pairs", 3), "i8")},
@@ -119,7 +120,7 @@ def _rows_of(steps: int, every: int) -> int:
 def planned_rows(operation: Operation) -> int | None:
     """How many rows an operation gives when it does all its steps; None where that is the engine's to say."""
     asked = operation.parameters
-    if operation.op in ("kinematics", "dynamics", "trials", "windows"):
+    if operation.op in ("kinematics", "dynamics", "trials", "stopped", "windows"):
         return len(operation.arrays["q"])
     if operation.op in ("motion", "pushed", "prescribed", "respond", "run"):
         return 1 + _rows_of(asked["steps"], asked["every"])

@@ -109,8 +109,10 @@ def _motion(session: Session, arrays: Arrays, operation: Parameters) -> Result:
 
 def _trials(session: Session, arrays: Arrays, operation: Parameters) -> Result:
     """Short contact-free motions, each from q (k, nq), v (k, nv) under a constant effort (k, nv), for ``steps``
-    (k) -> v (k, nv)."""
+    (k) -> v (k, nv). ``stopped``: without dry friction at the places ``rubbing`` (n,) of v."""
     session.disable_contact()
+    if "rubbing" in arrays:
+        session.disable_dry_friction(arrays["rubbing"])
     velocities = []
     for q, v, effort, steps in zip(arrays["q"], arrays["v"], arrays["effort"], operation["steps"], strict=True):
         session.set_state(q, v)
@@ -221,6 +223,7 @@ OPERATIONS: Mapping[str, Named] = {
     "pushed": Named(_motion),
     "prescribed": Named(_motion),
     "trials": Named(_trials),
+    "stopped": Named(_trials),
     "drive": Named(_drive),
     "respond": Named(_respond),
     "windows": Named(_windows),

@@ -1,4 +1,7 @@
-"""Constraints that simspec computes outside an engine, as an effort before every step, and in which worlds that is exact.
+"""Constraints, and springs and dampers along sums of joint positions, that simspec computes outside an engine, as an effort
+before every step, and in which worlds that is exact.
+
+What acts along sums is an effort of the state alone, like the springs and dampers of joints: exact in every world.
 
 λ follows from the engine's own M, h, poses and state: J M⁻¹ Jᵀ λ = J v* + φ/dt with v* = v + dt M⁻¹(τ − h), and −Jᵀ λ/dt is
 added to the effort τ. What the engine itself adds in the step as an impulse (contact, dry friction, its own controllers) is not
@@ -7,6 +10,7 @@ in v*, so that worlds in which that may happen to a held body are refused.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +20,7 @@ from numpy.typing import NDArray
 from simspec.engines.kit.contract import Engine
 from simspec.support.declarations import Refinement, Support, not_here, outside
 from simspec.support.features import Feature
+from simspec.world.along import Along
 from simspec.world.kinematics import (
     CollisionFilter,
     held_trees,
@@ -26,7 +31,8 @@ from simspec.world.kinematics import (
     within,
 )
 from simspec.world.rotations import logarithm
-from simspec.world.types import Body, Constraint, World
+from simspec.world.sums import JointSum
+from simspec.world.types import Body, Constraint, ReadBack, World
 from simspec.world.violation import Violation, multipliers
 
 HOW = (
@@ -97,21 +103,33 @@ class _Part:
 
 
 class Outside:
-    """The constraints of a loaded engine, computed from what it holds."""
+    """The constraints of a loaded engine, and what acts along sums, computed from what it holds."""
 
-    def __init__(self, engine: Engine, constraints: Sequence[Constraint]):
+    def __init__(self, engine: Engine, constraints: Sequence[Constraint], sums: Sequence[JointSum]):
         held = engine.read_back()
-        world = World("", held.bodies, constraints=tuple(constraints))
-        self.constraints = world.constraints
+        world = World("", held.bodies, constraints=tuple(constraints), sums=tuple(sums))
+        self._constraints = world.constraints
+        self._along = Along(world.bodies, sums)
         self._engine, self._timestep = engine, held.timestep
         self._nv = layout_of(world).nv
         self._parts = [_part(world, bodies, own) for bodies, own in held_parts(world)]
+
+    def told(self, held: ReadBack) -> ReadBack:
+        """What an engine holds, with what is applied here."""
+        return dataclasses.replace(held, constraints=self._constraints, sums=self._along.sums)
+
+    def energy(self) -> float:
+        """What the springs along sums store at the present state (J)."""
+        return self._along.energy(self._engine.get_state()[0])
 
     def effort(self, given: Array | None) -> Array:
         """The effort (nv,) to apply for one step, for one that is ``given`` (None: zero)."""
         engine, dt = self._engine, self._timestep
         total = np.zeros(self._nv) if given is None else np.array(given, dtype=float)
         q, v = engine.get_state()
+        total += self._along.effort(q, v)
+        if not self._parts:
+            return total
         poses, _ = engine.body_states()
         bias = engine.bias_force()
         masses = engine.mass_blocks([part.v for part in self._parts])

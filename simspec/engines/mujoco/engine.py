@@ -105,6 +105,12 @@ class MuJoCo(MujocoSimulation):
         **CONTACT_SUPPORT,
         Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, EQUALITIES),
         Feature.CONSTRAINT_LOOP: Support(Level.EXACT, EQUALITIES),
+        Feature.SUM: Support(Level.EXACT, "a fixed tendon's spring and damper, explicit in time"),
+        Feature.SUM_LIMITS: approximate(
+            "as limits of joints: stops inelastically, but one step late: passes the limit by up to L̇ dt, and comes back by "
+            "limit_error_reduction of it per step",
+            short="a sum passes its limit by up to one step's way before it stops",
+        ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS

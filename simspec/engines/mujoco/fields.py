@@ -17,6 +17,7 @@ ELEMENTS = {
     "actuator": ("nu", "ACTUATOR"),
     "key": ("nkey", "KEY"),
     "eq": ("neq", "EQUALITY"),
+    "tendon": ("ntendon", "TENDON"),
 }
 """By prefix of an array: its count, and MuJoCo's word for what has the names of its rows."""
 
@@ -82,6 +83,8 @@ NEUTRAL = (
     *("actuator_ctrlrange", "actuator_gear", "actuator_cranklength", "actuator_group", "actuator_plugin"),
     *("actuator_armature", "actuator_damping", "actuator_dampingpoly", "actuator_delay", "actuator_history"),
     *("actuator_historyadr", "actuator_lengthrange", "actuator_ctrlnum", "actuator_outnum"),
+    *("tendon_type", "tendon_margin", "tendon_frictionloss", "tendon_armature", "tendon_actfrclimited"),
+    *("tendon_actfrcrange", "tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield", "tendon_plasticadr"),
     "key_time",
 )
 """Arrays of which every row must be as in a model that says nothing of it, asked from the engine itself. Such a field is one
@@ -93,6 +96,7 @@ EXPECTED = (
     *("geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_group", "geom_contype", "geom_conaffinity"),
     *("pair_dim", "pair_friction", "pair_solref", "pair_solimp", "pair_solreffriction", "pair_geom1", "pair_geom2"),
     *("actuator_ctrlspec", "exclude_signature", "tree_sleep_policy", "key_ctrl", "eq_solref", "eq_solimp"),
+    *("tendon_solref_lim", "tendon_solimp_lim"),
 )
 """Compared row by row with what ``mujoco_expected.py`` makes of the world."""
 
@@ -131,6 +135,13 @@ COVERED: Mapping[str, str] = {
         ),
         "L2, constraints",
     ),
+    **dict.fromkeys(
+        (
+            *("tendon_adr", "tendon_num", "tendon_limited", "tendon_range", "tendon_stiffness", "tendon_damping"),
+            *("tendon_lengthspring", "wrap_type", "wrap_objid", "wrap_prm"),
+        ),
+        "L2, sums",
+    ),
 }
 """Compared as fields of the read-back, by that check; indices into other arrays with what they lead to."""
 
@@ -140,7 +151,16 @@ DERIVED: Mapping[str, str] = {
             *("body_rootid", "body_weldid", "body_jntadr", "body_dofnum", "body_dofadr", "body_treeid", "body_geomnum"),
             *("body_geomadr", "jnt_qposadr", "jnt_dofadr", "dof_bodyid", "dof_jntid", "dof_parentid", "dof_treeid"),
             *("dof_Madr", "dof_simplenum", "tree_bodyadr", "tree_bodynum", "tree_dofadr", "tree_dofnum", "ntree"),
-            *("jnt_actuatorid", "actuator_outadr", "actuator_ctrladr", "pair_signature"),
+            *(
+                "ten_J_*",
+                "tendon_treenum",
+                "tendon_treeid",
+                "tendon_actuatorid",
+                "jnt_actuatorid",
+                "actuator_outadr",
+                "actuator_ctrladr",
+                "pair_signature",
+            ),
         ),
         "from the order and the parents of bodies and joints",
     ),
@@ -151,7 +171,7 @@ DERIVED: Mapping[str, str] = {
     **dict.fromkeys(
         (
             *("body_subtreemass", "body_invweight0", "dof_invweight0", "dof_M0", "dof_length"),
-            *("actuator_acc0", "actuator_length0"),
+            *("actuator_acc0", "actuator_length0", "tendon_length0", "tendon_invweight0"),
         ),
         "by the compiler from masses and joints at qpos0; no file can say them",
     ),
@@ -178,6 +198,11 @@ INERT: Mapping[str, str] = {
         ),
         "sites are frames that constraints name; their looks and sizes act on nothing",
     ),
+    **dict.fromkeys(
+        ("tendon_group", "tendon_matid", "tendon_rgba", "tendon_width", "tendon_user"),
+        "fixed tendons are not drawn",
+    ),
+    **dict.fromkeys(("tendon_solref_fri", "tendon_solimp_fri"), "of friction along tendons, of which there is none"),
     "stat": "for viewers; its meaninertia is compared, since versions before 4 scale the solver's tolerance by it",
 }
 
@@ -189,7 +214,7 @@ EMPTY: Mapping[str, str] = {
     **dict.fromkeys(
         ("ntexdata", "nhfielddata", "ntextdata", "nnumericdata", "ntupledata", "nsensordata"), "no such things"
     ),
-    **dict.fromkeys(("tendon_*", "ten_*", "wrap_*", "sensor_*"), "count.ntendon, count.nsensor"),
+    **dict.fromkeys(("sensor_*",), "count.nsensor"),
     **dict.fromkeys(
         ("numeric_*", "text_adr", "text_size", "tuple_*", "plugin*", "npluginattr", "npluginstate"),
         "count.nnumeric, ...",

@@ -20,6 +20,7 @@ REFERENCE = """
     <body><freejoint/><geom name="other" size="1"/></body>
   </worldbody>
   <contact><pair geom1="one" geom2="other"/></contact>
+  <tendon><fixed><joint joint="hinge" coef="1"/></fixed></tendon>
   <actuator><position joint="hinge" kp="1"/></actuator>
   <keyframe><key/></keyframe>
 </mujoco>
@@ -72,6 +73,7 @@ class _Inventory:
         found |= self._counts(self._model)
         found |= self._unlike_neutral()
         found |= self._joints() | self._geoms() | self._pairs() | self._rows("eq", ("solref", "solimp"))
+        found |= self._rows("tendon", ("solref_lim", "solimp_lim"))
         if hasattr(self._model, "actuator_ctrlspec"):
             found |= self._rows("actuator", ("ctrlspec",))
         found |= self._masks() | self._excludes()

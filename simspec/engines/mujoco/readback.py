@@ -18,6 +18,7 @@ from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.formats.mjcf.format import MODEL
 from simspec.formats.mjcf.names import file_name, world_name
 from simspec.world import frames
+from simspec.world.sums import JointSum
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
@@ -126,6 +127,7 @@ class _ReadBack:
             self._pairs(),
             self._servos(),
             constraints=self._constraints(),
+            sums=self._sums(),
         )
 
     def _constraints(self) -> tuple[Constraint, ...]:
@@ -153,6 +155,34 @@ class _ReadBack:
             else:
                 held.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
         return tuple(sorted(held, key=lambda constraint: constraint.name))
+
+    def _sums(self) -> tuple[JointSum, ...]:
+        """The fixed tendons; others are told by what their rows are not (``count.nwrap``, ``tendon.type``)."""
+        model, joints = self._model, self._names["JOINT"]
+        of_joint = int(self._mujoco.mjtWrap.mjWRAP_JOINT)
+        held: list[JointSum] = []
+        for row in range(model.ntendon):
+            parts = range(model.tendon_adr[row], model.tendon_adr[row] + model.tendon_num[row])
+            if any(int(model.wrap_type[part]) != of_joint for part in parts):
+                continue
+            weights = tuple(
+                sorted((joints[int(model.wrap_objid[part])], float(model.wrap_prm[part])) for part in parts)
+            )
+            slack, taut = model.tendon_lengthspring[row].tolist()
+            if slack != taut:
+                raise EngineError("mujoco", f"tendon {row} has a spring that is slack from {slack} to {taut}")
+            lower, upper = model.tendon_range[row].tolist()
+            held.append(
+                JointSum(
+                    self._mujoco.mj_id2name(model, self._mujoco.mjtObj.mjOBJ_TENDON, row) or "",
+                    weights,
+                    float(model.tendon_stiffness[row]),
+                    slack,
+                    float(model.tendon_damping[row]),
+                    (lower, upper) if model.tendon_limited[row] else None,
+                )
+            )
+        return tuple(sorted(held, key=lambda one: one.name))
 
     def _end(self, site: int) -> tuple[str, Pose]:
         """A site's body, and where it is in the world's frame of that."""

@@ -1,4 +1,5 @@
-"""Efforts that simspec gives to PyBullet before a step: springs and armature, which it lacks, and efforts from outside."""
+"""Efforts that simspec gives to PyBullet before a step: springs and armature, which it lacks, what acts along sums of joint
+positions, and efforts from outside."""
 
 from __future__ import annotations
 
@@ -12,17 +13,21 @@ from simspec.engines.pybullet.trees import Tree
 from simspec.engines.pybullet.turns import told_turn
 from simspec.world import frames
 from simspec.world.rotations import from_xyzw_of, logarithm_of
+from simspec.world.sums import JointSum
 
 
 class Efforts:
-    """Springs and armature of one loaded simulation, and how efforts reach its joints.
+    """Springs and armature of one loaded simulation, what acts along sums, and how efforts reach its joints.
 
-    Springs are explicit: −k (q − rest), for a ball −k log R in the child's axes, from the state before the step. Armature A:
+    Springs are explicit: −k (q − rest), for a ball −k log R in the child's axes, from the state before the step; so are
+    springs and dampers along sums. Armature A:
     PyBullet solves M v̇ = τ' − D v − h; with τ' = τ − A v̇, where (M + A) v̇ = τ − D v − h, it gets the v̇ of a joint with
     armature (trees of hinges and slides on a fixed base that nothing touches).
     """
 
-    def __init__(self, sim: Simulation, springs: Sequence[Spring], armature: Sequence[Armature]):
+    def __init__(
+        self, sim: Simulation, springs: Sequence[Spring], armature: Sequence[Armature], sums: Sequence[JointSum] = ()
+    ):
         self._sim = sim
         self.armature = np.zeros(sim.nv)
         self.springs: dict[int, tuple[float, float]] = {}
@@ -32,6 +37,13 @@ class Efforts:
             index = sim.place[spring.body]
             self.springs[index] = (spring.stiffness, spring.rest)
             self._springs.append((*links[index], spring.stiffness, spring.rest))
+        joints = {
+            joint: (tree, link)
+            for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True)
+            for joint, link in zip(instance.joints, tree.links, strict=True)
+        }
+        self.sums = tuple(sums)
+        self._along = [(one, [(*joints[joint], weight) for joint, weight in one.joints]) for one in sums]
         armed: dict[int, Tree] = {}
         for entry in armature:
             tree, link = links[sim.place[entry.body]]
@@ -54,7 +66,7 @@ class Efforts:
     @property
     def needed(self) -> bool:
         """Whether there is something to apply before every step even without an effort from outside."""
-        return bool(self._springs or self._armed)
+        return bool(self._springs or self._armed or self._along)
 
     def _dynamics_places(self, tree: Tree) -> tuple[list[int], np.ndarray, np.ndarray, tuple[float, ...]]:
         """Of a tree with armature: its joints, their places in v, their damping, and gravity in the base's inertial axes."""
@@ -79,6 +91,14 @@ class Efforts:
                 effort[link.v] -= stiffness * np.array(frames.rotate(link.turn, turned))
             else:
                 effort[link.v] -= stiffness * (p.getJointState(tree.uid, link.link, physicsClientId=client)[0] - rest)
+        for one, parts in self._along:
+            states = [p.getJointState(tree.uid, link.link, physicsClientId=client) for tree, link, _ in parts]
+            length, speed = (
+                sum(weight * state[k] for state, (_, _, weight) in zip(states, parts, strict=True)) for k in (0, 1)
+            )
+            force = one.stiffness * (length - one.rest) + one.damping * speed
+            for _, link, weight in parts:
+                effort[link.v] -= weight * force
         gravity = self._sim.sidecar.gravity
         for tree, joints, places, damping, local_gravity in self._armed:
             states = p.getJointStates(tree.uid, joints, physicsClientId=client)
@@ -127,4 +147,7 @@ class Efforts:
         for _, link, stiffness, rest in self._springs:
             away = np.array(logarithm_of(q[link.q].tolist())) if link.kind == "ball" else q[link.q] - rest
             potential += 0.5 * stiffness * float(away @ away)
+        for one, parts in self._along:
+            stretch = sum(weight * float(q[link.q][0]) for _, link, weight in parts) - one.rest
+            potential += 0.5 * one.stiffness * stretch**2
         return 0.5 * float(np.sum(self.armature * v**2)), potential

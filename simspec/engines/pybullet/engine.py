@@ -249,6 +249,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.TIMESTEP: via_api("setTimeStep"),
         Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", one_error_reduction),
         Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR"),
+        Feature.SUM: via_api(_COMPUTED),
+        Feature.SUM_LIMITS: never("PyBullet stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS = CONTACT_DEVIATIONS
@@ -307,7 +309,7 @@ class PyBullet(SimulatedEngine[Simulation]):
             raise EngineError("pybullet", str(error)) from error
         self._source = (folder, typed)
         self._sim = Simulation(folder, typed)
-        self._efforts = Efforts(self._sim, typed.springs, typed.armature)
+        self._efforts = Efforts(self._sim, typed.springs, typed.armature, typed.sums or ())
         self._sim.set_state(*self._sim.initial_state)
 
     def read_back(self) -> ReadBack:

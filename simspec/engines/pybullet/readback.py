@@ -73,6 +73,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
         held["fixedTimeStep"],
         sim.sidecar.friction_cone,
         constraints=read_held(sim),
+        sums=efforts.sums,
     )
 
 

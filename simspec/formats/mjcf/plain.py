@@ -31,6 +31,7 @@ from simspec.formats.mjcf.from_world import (
 )
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.rows import Row, depth_first
+from simspec.formats.mjcf.tendons import tendons
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
 from simspec.support.declarations import (
     GATHERED,
@@ -107,6 +108,10 @@ SUPPORT: Final[Table] = {
     **GATHERED,
     Feature.CONSTRAINT_COUPLING: approximate("an equality of two joints: a spring-damper with the default solref"),
     Feature.CONSTRAINT_LOOP: approximate("an equality of two sites: a spring-damper with the default solref"),
+    Feature.SUM: Support(Level.EXACT, "a fixed tendon"),
+    Feature.SUM_LIMITS: approximate(
+        "a fixed tendon's range; its stop is a spring-damper, with the default solreflimit"
+    ),
 }
 """What plain MJCF carries of each feature."""
 
@@ -142,6 +147,7 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
         keys=(keyframe(KEYFRAME, order),),
         meshes=meshes_of(world),
         equalities=equalities(world),
+        tendons=tendons(world),
     )
     return model, tuple(_more(world, unlike_rule if too_many else []))
 

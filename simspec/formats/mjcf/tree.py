@@ -118,6 +118,15 @@ class Equality:
 
 
 @dataclass(frozen=True, slots=True)
+class Tendon:
+    """A fixed tendon: joints by name, each with its coefficient."""
+
+    name: str
+    joints: tuple[tuple[str, float], ...]
+    more: Attributes = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Actuator:
     """An actuator of a joint; ``type`` is its element."""
 
@@ -154,3 +163,4 @@ class Model:
     keys: tuple[Key, ...] = ()
     meshes: tuple[Mesh, ...] = ()
     equalities: tuple[Equality, ...] = ()
+    tendons: tuple[Tendon, ...] = ()

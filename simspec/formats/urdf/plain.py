@@ -67,6 +67,7 @@ SUPPORT: Final[Table] = {
     Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
     Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
+    **alike(never("URDF has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
     Feature.BALL_ARMATURE: never("URDF has no armature"),
     Feature.MARGIN_PAIRS: never("URDF has no margins"),
     Feature.SHAPE_MARGIN: never("URDF has no margins"),

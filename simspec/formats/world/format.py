@@ -64,7 +64,7 @@ class WorldJson(Format):
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
-            *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+            *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM, Feature.SUM_LIMITS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         Feature.BALL_ARMATURE: never("world.json has no armature of balls: no engine that reads it has any"),
