@@ -226,7 +226,9 @@ class Sum(Strict):
             yield Fault(("rest",), "a sum without a spring has no rest", hint="give it a stiffness, or remove rest")
         limits = data.get("limits")
         ends = limits.get("position") if isinstance(limits, Mapping) else getattr(limits, "position", None)
-        given = [(OfSum(key), data[key], (key,)) for key in ("stiffness", "rest", "damping") if key in data]
+        given: list[tuple[OfSum, Any, tuple[str | int, ...]]] = [
+            (OfSum(key), data[key], (key,)) for key in ("stiffness", "rest", "damping") if key in data
+        ]
         given += [
             (BOUND, end, ("limits", "position", index))
             for index, end in enumerate(ends if isinstance(ends, (list, tuple)) else ())

@@ -21,6 +21,7 @@ from simspec.engines.kit.arrays import CONTACT_FIELDS, SECONDS
 from simspec.engines.kit.process import Answer, Operation
 from simspec.engines.kit.settings import check_settings, idle_settings
 from simspec.errors import EngineError, UnsupportedError
+from simspec.proof import sum_limits
 from simspec.proof.checks import Check
 from simspec.proof.probes import dynamics_operation
 from simspec.proof.selftest_worlds import held, sums
@@ -164,6 +165,15 @@ class ModelSuite(Suite):
                 bias = known.oracle.bias_force(q, v)
                 held = known.answers["dynamics"].arrays["bias_force"][row]
                 np.testing.assert_allclose(held, bias, rtol=0, atol=1e-9 * max(1.0, np.abs(bias).max(initial=0.0)))
+
+    def test_sums_stop_at_their_limits(self, bench: Bench) -> None:
+        world = bench.allowed(worlds.NEEDING[Feature.SUM_LIMITS]())
+        if world is None or bench.lacks("contact_off"):
+            return
+        pressed = sum_limits.plan(world, Oracle(world))
+        assert pressed is not None
+        (answer,) = bench.ask(world, pressed.operation(world))
+        assert failures(sum_limits.stops_checks(world, pressed, answer.arrays)) == []
 
     def test_what_is_lacking_raises_when_it_is_asked_for(self, bench: Bench) -> None:
         world = bench.allowed(worlds.fall())

@@ -14,10 +14,10 @@ from typing import Any
 
 from simspec.compiler import missing_options
 from simspec.language.vocabulary import JOINT_KINDS, SCALAR_JOINTS, TREE_JOINTS
+from simspec.proof.selftest_worlds import sum_limits, sums
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.carriers import carrier_name
-from simspec.world.sums import JointSum
 from simspec.world.tuples import ordered, quaternion, vector3
 from simspec.world.types import (
     Body,
@@ -462,15 +462,6 @@ def with_cone(cone: str) -> World:
     return dataclasses.replace(base, contact=dataclasses.replace(base.contact, friction_cone=cone))
 
 
-def summed(position_limits: tuple[float, float] | None = None) -> World:
-    """:func:`hinges` with a spring along the sum of its joints, or stops."""
-    base = hinges()
-    joints = sorted(body.joint.name for body in base.bodies if body.joint.kind == "hinge")
-    stiffness = 0.0 if position_limits else 3.0
-    along = JointSum("tendon", tuple((joint, 0.4) for joint in joints), stiffness, position_limits=position_limits)
-    return dataclasses.replace(base, sums=(along,))
-
-
 NEEDING: Mapping[Feature, Callable[[], World]] = {
     **{
         Feature(f"shape.{kind}"): partial(shapes_world, (kind,))
@@ -495,8 +486,8 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     Feature.BALL_DAMPING: partial(_jointed, "ball", damping=0.1),
     Feature.BALL_ARMATURE: partial(_jointed, "ball", armature=0.1),
     Feature.BALL_SPRING: partial(_jointed, "ball", spring_stiffness=0.1),
-    Feature.SUM: summed,
-    Feature.SUM_LIMITS: partial(summed, position_limits=(-1.0, 1.0)),
+    Feature.SUM: partial(sums, ""),
+    Feature.SUM_LIMITS: partial(sum_limits, ""),
     Feature.COLLISION_GROUPS: gripper,
     Feature.EXCLUDED_PAIRS: gripper,
     Feature.TOUCHING_PAIRS: touching_link,

@@ -53,7 +53,8 @@ ARRAYS = {
     "exclude": "signature",
     "site": "bodyid pos quat",
     "eq": "type obj1id obj2id objtype active0 data solref solimp",
-    "tendon": "adr num limited range stiffness damping frictionloss armature lengthspring actfrclimited",
+    "tendon": "adr num limited range stiffness damping frictionloss armature lengthspring actfrclimited "
+    "stiffnesspoly dampingpoly springyield",
     "wrap": "type objid prm",
     "actuator": "trntype trnid gear dyntype gaintype biastype gainprm biasprm ctrllimited ctrlrange forcelimited forcerange "
     "actnum armature damping delay",
@@ -178,8 +179,8 @@ def _mesh(mesh: Any, model: Any) -> dict[str, Any]:
 
 
 def stable_step(model: Any) -> float | None:
-    """The longest timestep (s) at which dampers and springs of joints that are explicit in time do not diverge, at the
-    reference configuration and some others; None where there are none, or more coordinates than is looked at.
+    """The longest timestep (s) at which dampers and springs of joints and fixed tendons that are explicit in time do not
+    diverge, at the reference configuration and some others; None where there are none, or more coordinates than is looked at.
 
     While 2 dt D + dt² K < 4 M no deviation grows; the largest eigenvalues of M⁻¹ D and M⁻¹ K bound it from the safe side.
     """
@@ -190,6 +191,14 @@ def stable_step(model: Any) -> float | None:
     for joint, kind in enumerate(model.jnt_type):
         count = {0: 0, 1: 3}.get(int(kind), 1)
         stiffness[model.jnt_dofadr[joint] : model.jnt_dofadr[joint] + count] = model.jnt_stiffness[joint]
+    along = np.zeros((model.ntendon, model.nv))
+    for tendon in range(model.ntendon):
+        for part in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
+            if model.wrap_type[part] == int(mujoco.mjtWrap.mjWRAP_JOINT):
+                along[tendon, model.jnt_dofadr[model.wrap_objid[part]]] += model.wrap_prm[part]
+    own = np.diag(damping), np.diag(stiffness)
+    damping = own[0] + along.T @ (np.array(model.tendon_damping)[:, None] * along)
+    stiffness = own[1] + along.T @ (np.array(model.tendon_stiffness)[:, None] * along)
     if not (damping.any() or stiffness.any()) or model.nv > MOST_COORDINATES:
         return None
     data, generator, shortest = mujoco.MjData(model), np.random.default_rng(0), np.inf
@@ -207,7 +216,7 @@ def stable_step(model: Any) -> float | None:
         except np.linalg.LinAlgError:
             return None  # round-off of masses that are far apart: resolving the spec looks at it
         by_damping, by_stiffness = (
-            max(0.0, float(np.linalg.eigvalsh((inverse * values) @ inverse.T).max())) for values in (damping, stiffness)
+            max(0.0, float(np.linalg.eigvalsh(inverse @ values @ inverse.T).max())) for values in (damping, stiffness)
         )
         # 2 dt d + dt² k = 4
         step = 4.0 / (by_damping + np.sqrt(by_damping**2 + 4.0 * by_stiffness))

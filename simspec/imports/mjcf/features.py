@@ -124,7 +124,8 @@ FEATURES: Final = {
     "tendon": Feature(
         "tendon/*",
         _PHYSICS,
-        "springs and dampers of tendons are not in the language, nor limits that no joint's limits say",
+        "the language has springs, dampers and limits along sums of joint positions; not along ways through space, nor "
+        "friction, inertia, springs with a slack range and limits that the sum begins beyond",
     ),
     "tendon.passive": Feature("tendon/*", _INFORMATION, "a tendon that exerts no force by itself"),
     "actuator": Feature(

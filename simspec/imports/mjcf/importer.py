@@ -68,7 +68,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         contact["touch"] = [[names[parent], names[number]] for number, parent in surfaces.touching_joined]
     for number, group in surfaces.groups.items():
         bodies.data[names[number]]["collision_group"] = group
-    outside_the_tree(bodies)
+    outside_the_tree(bodies, constraints)
     data: dict[str, Any] = {"simspec": VERSION, "name": _name(assembly, files)}
     data["physics"] = _physics(model, features)
     if contact:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from simspec.imports.mjcf.bodies import Bodies
 from simspec.imports.mjcf.tendons import add_tendons
@@ -13,12 +13,12 @@ NONE, FIXED, AFFINE = 0, 0, 1
 """Types of dynamics and bias (none), of gain (fixed), and of bias (affine)."""
 
 
-def outside_the_tree(bodies: Bodies) -> None:
-    """Say as features what the spec does not have of it."""
+def outside_the_tree(bodies: Bodies, constraints: dict[str, Any]) -> None:
+    """Add sums of joint positions to ``constraints``, and say as features what the spec does not have of the rest."""
     model, features = bodies.model, bodies.features
     if model.options["density"] or model.options["viscosity"]:
         features.add("option.fluid", model.root)
-    add_tendons(bodies, bodies.held_tendons)
+    add_tendons(bodies, bodies.held_tendons, constraints)
     for number, part in model.parts["actuator"].items():
         feature = "actuator.inertia" if _has_inertia(bodies, number) else "actuator"
         features.add(feature, part.element, _controller(bodies, number))

@@ -1,4 +1,5 @@
-"""Fixed tendons of a compiled model, which are sums of joint positions: what of them joints, their limits and `follow` say."""
+"""Fixed tendons of a compiled model, which are sums of joint positions: as sums of a spec, where joints, their limits and
+`follow` do not say them already."""
 
 from __future__ import annotations
 
@@ -12,6 +13,10 @@ OF_JOINT: Final = 1
 """The type of a part of a tendon that is a joint."""
 FORCES: Final = ("stiffness", "damping", "frictionloss", "armature")
 """What a tendon acts by, beside its limits."""
+SAID: Final = {"stiffness", "damping"}
+"""What of it a sum of a spec has."""
+UNSAID: Final = ("stiffnesspoly", "dampingpoly", "springyield")
+"""Arrays of laws that are not linear, where a version has them."""
 
 Terms = Mapping[int, float]
 """Coefficients by the numbers of joints."""
@@ -48,16 +53,22 @@ def held_sum(model: Compiled, number: int) -> tuple[Terms, float] | None:
 
 def range_of(model: Compiled, number: int, summed: Terms) -> tuple[float, float]:
     """The limits of a fixed tendon, as those of the sum of joint positions from the reference on."""
-    reference = sum(
-        coefficient * float(model["qpos0"][int(model["jnt_qposadr"][joint])]) for joint, coefficient in summed.items()
-    )
+    reference = reference_of(model, summed)
     lower, upper = (float(value) for value in model["tendon_range"][number])
     return lower - reference, upper - reference
 
 
-def add_tendons(bodies: Bodies, held: Mapping[int, float]) -> None:
-    """Give joints what tendons say of them alone; what nothing says is a feature. ``held``: the values at which
-    constraints keep tendons, by their number: no force along such a tendon moves anything."""
+def reference_of(model: Compiled, summed: Terms) -> float:
+    """The length of a fixed tendon at the reference configuration."""
+    return sum(
+        coefficient * float(model["qpos0"][int(model["jnt_qposadr"][joint])]) for joint, coefficient in summed.items()
+    )
+
+
+def add_tendons(bodies: Bodies, held: Mapping[int, float], constraints: dict[str, Any]) -> None:
+    """Give joints what tendons say of them alone, and add the others to the ``constraints`` of the spec; what nothing says is a
+    feature. ``held``: the values at which constraints keep tendons, by their number: no force along such a tendon moves
+    anything."""
     model, features = bodies.model, bodies.features
     off = {"stiffness": "spring", "damping": "damper", "frictionloss": "frictionloss"}
     limits = not model.disabled("limit", "constraint")
@@ -76,10 +87,47 @@ def add_tendons(bodies: Bodies, held: Mapping[int, float]) -> None:
                 features.add("tendon", part.element)
             else:
                 features.carry(part.element)
-        elif acting or not _limit(bodies, range_of(model, number, summed), summed):
+        elif not acting and _limit(bodies, range_of(model, number, summed), summed):
+            features.carry(part.element)
+        elif (made := _sum(bodies, number, summed, acting, limited)) is None:
             features.add("tendon", part.element)
         else:
+            name = bodies.constraint_names.give(part.name, f"constraint_{len(constraints) + 1}")
+            constraints[name] = {"sum": made}
             features.carry(part.element)
+            bodies.constraint_places[name] = part.element.location
+
+
+def _sum(bodies: Bodies, number: int, summed: Terms, acting: list[str], limited: bool) -> dict[str, Any] | None:
+    """A sum of the spec, of joint positions from the reference on; None where the language does not say it."""
+    model = bodies.model
+    if not summed or not set(acting) <= SAID or any(_nonlinear(model, word, number) for word in UNSAID):
+        return None
+    shift = reference_of(model, summed)
+    slack, taut = (float(value) - shift for value in model["tendon_lengthspring"][number])
+    if "stiffness" in acting and slack != taut:
+        return None
+    made: dict[str, Any] = {"joints": {bodies.joint_name(joint): coefficient for joint, coefficient in summed.items()}}
+    if "stiffness" in acting:
+        made["stiffness"] = float(model["tendon_stiffness"][number])
+        if slack:
+            made["rest"] = slack
+    if "damping" in acting:
+        made["damping"] = float(model["tendon_damping"][number])
+    if limited:
+        lower, upper = range_of(model, number, summed)
+        begins = sum(
+            coefficient * bodies.joint_data(joint).get("position", 0.0) for joint, coefficient in summed.items()
+        )
+        if not lower <= begins <= upper or lower == upper:
+            return None
+        made["limits"] = {"position": [lower, upper]}
+    return made
+
+
+def _nonlinear(model: Compiled, word: str, number: int) -> bool:
+    values = model.get(f"tendon_{word}")
+    return values is not None and bool(values[number].any())
 
 
 def _limit(bodies: Bodies, allowed: tuple[float, float], summed: Terms) -> bool:

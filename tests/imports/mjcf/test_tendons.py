@@ -63,18 +63,45 @@ def test_limits_of_a_tendon_are_those_of_its_joint(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("limits", "carried"), [("-2 2.1", True), ("-1.9 2.1", False), ("-2 2", False)], ids=["kept", "lower", "upper"]
+    ("limits", "kept"), [("-2 2.1", True), ("-1.9 2.1", False), ("-2 2", False)], ids=["kept", "lower", "upper"]
 )
-def test_limits_that_joints_keep_are_carried(tmp_path, limits, carried):
+def test_limits_that_joints_do_not_keep_are_those_of_a_sum(tmp_path, limits, kept):
     imported = read(written(tmp_path, MODEL.format(SUM.format("s", f'range="{limits}"', "a", 1, "b", 1), "")))
-    assert [entry.reason for entry in lost(imported)] == ([] if carried else [FEATURES["tendon"].reason])
+    assert not lost(imported)
+    lower, upper = (float(end) - 0.1 for end in limits.split())
+    sums = {} if kept else {"s": {"sum": {"joints": {"a": 1, "b": 1}, "limits": {"position": [lower, upper]}}}}
+    assert imported.data["model"].get("constraints", {}) == sums
 
 
-def test_what_tendons_exert_is_told(tmp_path):
-    texts = (SUM.format("s", 'stiffness="3"', "a", 1, "b", 1), '<fixed damping="1"><joint joint="c" coef="1"/></fixed>')
-    for text in texts:
-        (entry,) = lost(read(written(tmp_path, MODEL.format(text, ""))))
-        assert entry.reason == FEATURES["tendon"].reason
+def test_springs_and_dampers_of_tendons_are_those_of_sums(tmp_path):
+    """The reference of a is 0.1: where it is in the file, the sum is 0.2 there, and 0 in the spec."""
+    tendons = SUM.format("s", 'stiffness="3" damping="0.2" springlength="0.5"', "a", 2, "c", -1)
+    tendons += '<fixed name="t" damping="1"><joint joint="c" coef="1"/></fixed>'
+    path = written(tmp_path, MODEL.format(tendons, ""))
+    deviations, imported = equality.deviations(path, ImportOptions())
+    assert deviations.worst < 1e-9
+    assert not lost(imported)
+    assert imported.data["model"]["constraints"] == {
+        "s": {"sum": {"joints": {"a": 2, "c": -1}, "stiffness": 3, "rest": pytest.approx(0.3), "damping": 0.2}},
+        "t": {"sum": {"joints": {"c": 1}, "damping": 1}},
+    }
+
+
+@pytest.mark.parametrize(
+    "said",
+    ['stiffness="3" springlength="0.1 0.2"', 'frictionloss="1"', 'armature="1"', 'range="1 2"', 'stiffness="3 1"'],
+    ids=["slack", "friction", "inertia", "begins beyond", "not linear"],
+)
+def test_what_sums_do_not_have_is_told(tmp_path, said):
+    (entry,) = lost(read(written(tmp_path, MODEL.format(SUM.format("s", said, "a", 1, "c", 1), ""))))
+    assert entry.reason == FEATURES["tendon"].reason
+
+
+def test_a_timestep_at_which_a_tendon_diverges_is_shortened(tmp_path):
+    tendons = SUM.format("s", 'damping="3e5"', "a", 1, "c", 1)
+    imported = read(written(tmp_path, MODEL.format(tendons, "")))
+    assert imported.data["physics"]["timestep"] < 0.002
+    load(written(tmp_path, MODEL.format(tendons, ""))).resolve()
 
 
 def test_a_mesh_of_the_engines_own_language_is_read(tmp_path):
