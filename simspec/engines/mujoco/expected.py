@@ -85,11 +85,11 @@ class _Expected:
             found[f"eq.{constraint.name}.solref"] = (-1.0 / self.dt**2, -1.0 / self.dt)
             found[f"eq.{constraint.name}.solimp"] = _flat_impedance(HARDEST)
         limit = float(self.settings["limit_impedance"])
-        for one in self.world.sums:
-            bounded = one.position_limits is not None
+        for summed in self.world.sums:
+            bounded = summed.position_limits is not None
             hard = (-float(self.settings["limit_error_reduction"]) / self.dt**2, -1.0 / self.dt)
-            found[f"tendon.{one.name}.solref_lim"] = hard if bounded else DEFAULT_REFERENCE
-            found[f"tendon.{one.name}.solimp_lim"] = _flat_impedance(limit) if bounded else DEFAULT_IMPEDANCE
+            found[f"tendon.{summed.name}.solref_lim"] = hard if bounded else DEFAULT_REFERENCE
+            found[f"tendon.{summed.name}.solimp_lim"] = _flat_impedance(limit) if bounded else DEFAULT_IMPEDANCE
         found |= self._touching.masks()
         found |= {f"exclude.{one},{two}": True for one, two in self._touching.excluded()}
         found["body.world.mass"] = 0.0
