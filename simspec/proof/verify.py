@@ -306,7 +306,8 @@ def engine_checks(
         checks += dynamics_checks(world, probes.oracle, probes.q, probes.v, arrays["dynamics"])
     if "touching" in arrays:
         units = [(unit["body"], unit["shapes"]) for unit in by_operation["touching"].result["units"]]
-        checks += touch_checks(world, probes.meetings, units, arrays["touching"]["units"])
+        overlooks = engine.overlooks(world)
+        checks += touch_checks(world, probes.meetings, units, arrays["touching"]["units"], overlooks)
     if probes.motion is not None and "motion" in arrays:
         checks += motion_checks(world, probes.motion, arrays["motion"])
     if probes.rubbing is not None and "trials" in arrays:

@@ -14,11 +14,12 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.proof.touch import free, mechanisms, plan
 from simspec.proof.touch.geometry import Solid, gap, transform, transforms, wanted_depth
-from simspec.proof.touch.judge import touch_checks
+from simspec.proof.touch.judge import SEEN, touch_checks
 from simspec.proof.touch.place import POSES, Overlaps
 from simspec.world import frames
-from simspec.world.kinematics import rigid_groups
+from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.shapes import SHAPES
+from simspec.world.tuples import ordered
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Pose, Shape, World
 from tests import worlds
 
@@ -442,3 +443,65 @@ def test_where_nothing_can_meet_nothing_is_compared():
     assert plan.nothing_to_try(arm_of_spheres()) == ""
     alone = dataclasses.replace(world, bodies=bodies[:1])
     assert plan.nothing_to_try(alone) == "there are no two bodies with collision shapes"
+
+
+def test_what_an_engine_is_known_to_overlook_is_told_while_it_is_rare():
+    world = random_mechanism(0)
+    meetings = plan.plan(world, Oracle(world))
+    rules = CollisionFilter(world)
+    owner = [world.bodies[one.body].name for one in meetings.solids]
+    units, touching = perfect(meetings)
+    touching = np.array([row for row in touching.tolist() if rules.may_touch(owner[row[1]], owner[row[2]])])
+    (check,) = touch_checks(world, meetings, units, touching)
+    assert check.passed
+    kinds = [ordered(*(meetings.solids[number].shape.kind for number in row[1:])) for row in touching.tolist()]
+    met = {
+        kind: {tuple(row[1:]) for row, own in zip(touching.tolist(), kinds, strict=True) if own == kind}
+        for kind in kinds
+    }
+    common, pairs = max(met.items(), key=lambda item: len(item[1]))
+    missed, *others = sorted(pairs)
+    left = touching[[tuple(row[1:]) != missed for row in touching.tolist()]]
+    assert not touch_checks(world, meetings, units, left)[0].passed
+    assert not touch_checks(world, meetings, units, left, {("mesh", "mesh")})[0].passed
+    (check,) = touch_checks(world, meetings, units, left, {common})
+    assert check.passed is (len(others) >= SEEN)
+    few = left[[tuple(row[1:]) not in others[SEEN - 1 :] for row in left.tolist()]]
+    assert not touch_checks(world, meetings, units, few, {common})[0].passed
+
+
+def narrow_leg() -> World:
+    """A cylinder on two hinges beside a block."""
+    block = Shape("block_0", "box", (0.13, 0.2, 0.13), Pose((0.0, 0.0, 0.0)), "default")
+    leg = Shape("leg_0", "cylinder", (0.05, 0.2), Pose((0.0, 0.0, -0.2)), "default")
+    inertial = Inertial(1.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
+    hip = Joint("hip", "hinge", "block", Pose((0.25, 0.0, 0.1)), (0.0, 1.0, 0.0), (-0.2, 1.0), position=(0.0,))
+    hip = dataclasses.replace(hip, velocity=(0.0,))
+    turn = Joint("turn", "hinge", "thigh", Pose(), (1.0, 0.0, 0.0), (-0.3, 0.3), position=(0.0,), velocity=(0.0,))
+    bodies = (
+        Body("block", "block", Inertial(0.0), Joint("block_joint", "fixed"), (block,)),
+        Body("thigh", "block", inertial, hip),
+        Body("leg", "block", inertial, turn, (leg,)),
+    )
+    contact = Contact(materials=(worlds.MATERIAL,), pairs=(PairContact("default", "default", 0.4, 0.0),))
+    return worlds.world(bodies, "narrow-leg", contact=contact)
+
+
+def test_poses_of_one_pair_are_not_all_the_same(monkeypatch):
+    """Where all searches end in one place, others are looked for around it."""
+    world, oracle = narrow_leg(), Oracle(narrow_leg())
+    monkeypatch.setattr(mechanisms, "random_states", lambda world, count: (np.zeros((count, 2)), None))
+
+    def axes() -> np.ndarray:
+        tried = plan.plan(world, oracle)
+        assert {tuple(row[1:3]) for row in tried.tried.tolist()} == {(0, 1)}
+        return np.array([transforms(oracle.body_poses(q))[2, :3, 2] for q in tried.q[tried.tried[:, 0]]])
+
+    with monkeypatch.context() as patch:
+        patch.setattr(mechanisms, "SHAKES", 0)
+        alike = axes()
+    unlike = axes()
+    assert len(alike) == POSES
+    assert np.ptp(alike, axis=0).max() < mechanisms.UNLIKE
+    assert len(unlike) == POSES + 2
+    assert np.ptp(unlike, axis=0).max() > mechanisms.UNLIKE

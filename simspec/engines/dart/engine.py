@@ -17,7 +17,7 @@ from simspec.contact.meeting import frictionless
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
-from simspec.dialects.dart.detectors import accepted_contact, detector_of, overlooked
+from simspec.dialects.dart.detectors import OVERLOOKED, accepted_contact, detector_of, overlooked
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.actuation import (
     NATIVE,
@@ -273,6 +273,11 @@ class Dart(SimulatedEngine[Simulation]):
         chosen = {"settings.collision_detector": detector, "settings.contact_solver": chosen_solver(world, settings)}
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, settings, plan, neutral, detector) | expected_labels(cls, world) | chosen
+
+    @classmethod
+    def overlooks(cls, world: World) -> frozenset[tuple[str, str]]:
+        detector = detector_of(world, cls.NAME, str(resolve_settings(cls, world)["collision_detector"]))
+        return frozenset(OVERLOOKED.get(detector, {}))
 
     def __init__(self) -> None:
         super().__init__()

@@ -119,6 +119,12 @@ class Engine:
         """``settings`` with what their ``auto`` stands for in ``world``; the default leaves that to the format."""
         return settings
 
+    @classmethod
+    def overlooks(cls, world: World) -> frozenset[tuple[str, str]]:
+        """The sorted pairs of kinds of shapes of which it is measured to miss some overlaps in ``world``, and tells its filter
+        otherwise (``expected_inventory``): that it never reports one pair of such shapes is told, and no error."""
+        return frozenset()
+
     # --- to be written by each engine; what ``capabilities.METHODS`` names, unless the engine lacks it -----------------
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:

@@ -78,6 +78,17 @@ class Mechanism:
         self._pin.forwardKinematics(self._model, self._data, q)
         return gap(solid, self._pose(solid, names[0]), other, self._pose(other, names[1]))
 
+    def relative(self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]) -> np.ndarray:
+        """The pose (4, 4) of the second of two shapes in the first one's frame."""
+        self._pin.forwardKinematics(self._model, self._data, q)
+        pose: np.ndarray = np.linalg.inv(self._pose(solid, names[0])) @ self._pose(other, names[1])
+        return pose
+
+    def shaken(self, q: np.ndarray, extent: float, generator: np.random.Generator) -> np.ndarray:
+        """A state within the limits that is off by up to ``extent`` (rad, m) in every direction in which joints move."""
+        step = generator.uniform(-extent, extent, self._model.nv)
+        return self._clipped(self._pin.integrate(self._model, q, step))
+
     def look(self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]) -> tuple[float, np.ndarray]:
         """The signed distance of two shapes, and its slope (nv,): what moves a point of the second along the normal, less
         what moves the first's."""
@@ -92,11 +103,11 @@ class Mechanism:
         return between.distance, slope
 
     def descend(
-        self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str]
+        self, q: np.ndarray, solid: Solid, other: Solid, names: tuple[str, str], deeper_by: float = 1.0
     ) -> tuple[float, np.ndarray, int]:
-        """From a state of Pinocchio's down to an overlap as deep as wanted, or as far as the distance falls: the distance, the
-        state, and how often was looked."""
-        wanted, _ = wanted_depth(solid, other)
+        """From a state of Pinocchio's down to an overlap ``deeper_by`` times as deep as usual, or as far as distances fall:
+        the distance, the state, and how often was looked."""
+        wanted = deeper_by * wanted_depth(solid, other)[0]
         q = self._clipped(q)
         distance, slope = self.look(q, solid, other, names)
         looks = 1
