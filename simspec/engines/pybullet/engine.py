@@ -43,7 +43,7 @@ from simspec.engines.pybullet.inventory import inventory, neutral
 from simspec.engines.pybullet.meshes import KEPT
 from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
-from simspec.engines.pybullet.settings import LOOP_ITERATIONS, SETTINGS
+from simspec.engines.pybullet.settings import LOOP_ITERATIONS, SETTINGS, rows_act_on_each_other
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -264,9 +264,8 @@ class PyBullet(SimulatedEngine[Simulation]):
 
     @classmethod
     def chosen_settings(cls, world: World, settings: Mapping[str, Value]) -> Mapping[str, Value]:
-        """More sweeps where loops are closed, unless the spec says how many."""
-        closed = any(constraint.kind != "follow" for constraint in world.constraints)
-        if not closed or "iterations" in dict(world.options(cls.NAME).settings):
+        """More sweeps where rows of constraints act on each other, unless the spec says how many."""
+        if not rows_act_on_each_other(world) or "iterations" in dict(world.options(cls.NAME).settings):
             return settings
         return {**settings, "iterations": LOOP_ITERATIONS}
 

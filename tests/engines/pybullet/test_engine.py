@@ -11,6 +11,7 @@ import pytest
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.dialects.pybullet.dialect import PybulletDialect
 from simspec.dynamics.oracle import Oracle
+from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import EngineError, UnsupportedError
 from simspec.support.declarations import combine
@@ -18,8 +19,8 @@ from simspec.support.features import Feature
 from simspec.support.negotiation import negotiate
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout_of
-from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape
-from tests import worlds
+from simspec.world.types import Body, Contact, Follow, Inertial, Joint, Material, PairContact, Physics, Pose, Shape
+from tests import constrained, worlds
 from tests.dialects.pybullet.saying import WORLDS, assert_same_bodies, emit
 from tests.engines import simulated
 from tests.engines.crowds import BOX, crowd_and_contacts
@@ -365,6 +366,17 @@ def test_loading_again_reads_the_changed_file(load, tmp_path):
     (folder / "a.urdf").write_text(text.replace('<mass value="2"/>', '<mass value="3"/>'), encoding="utf-8")
     engine.load(folder, read_sidecar(folder))
     assert engine.read_back().bodies[0].inertial.mass == 3.0
+
+
+def test_followers_that_act_on_each_other_are_swept_until_they_hold():
+    """Their rows are solved one after the other; one alone needs no more sweeps."""
+    one = constrained.follower()
+    joints = [body.joint.name for body in one.bodies]
+    two = dataclasses.replace(one, constraints=(*one.constraints, Follow("second", joints[3], joints[1], 0.5, 0.1)))
+    for world, sweeps in ((one, 200), (two, 2000), (constrained.closed_loop(), 2000)):
+        assert PyBullet.chosen_settings(world, resolve_settings(PyBullet, world))["iterations"] == sweeps
+        said = worlds.with_options(world, "pybullet", settings=(("iterations", 77),))
+        assert PyBullet.chosen_settings(said, resolve_settings(PyBullet, said))["iterations"] == 77
 
 
 def test_settings_reach_the_engine(load):
