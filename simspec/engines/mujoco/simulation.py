@@ -241,6 +241,7 @@ class MujocoSimulation(Engine, abstract=True):
         mujoco, probe = self._mujoco, self._at_state()
         _composite_inertia(mujoco, self.model, probe)
         mujoco.mj_comVel(self.model, probe)
+        mujoco.mj_tendon(self.model, probe)  # whose springs count
         mujoco.mj_energyPos(self.model, probe)
         mujoco.mj_energyVel(self.model, probe)
         return float(probe.energy[1]), float(probe.energy[0])
