@@ -23,6 +23,7 @@ from simspec.outputs.writing import write_file, write_folder
 from simspec.reading import read_bytes
 from simspec.report.imported import losses_table, repairs_table
 from simspec.report.screen import console, say
+from simspec.report.terminal import show_warnings
 from simspec.robot_files import RobotFiles
 
 DESCRIPTION: Final = re.compile(r"[a-z0-9_]+_description")
@@ -49,8 +50,8 @@ def import_file(
     spec = load(path, allow_outside=allow_outside, options=options)
     spec.resolve()
     imported = imported_of(spec)
-    if strict and (lost := of_physics(imported)):
-        raise SpecError(problems(lost))
+    if strict and (of_physics(imported) or imported.suspicious):
+        raise SpecError([*imported.suspicious, *problems(of_physics(imported))])
     if imported.made and meshes is None and out is not None:
         hint = f"--meshes {out.parent / f'{out.stem}-meshes'}"
         raise SpecError([Problem(f"{path.name} has meshes within itself, which a spec names as files", hint=hint)])
@@ -143,6 +144,7 @@ def _data(imported: Imported, path: Path, out: Path | None, text: str) -> dict[s
             }
             for account in imported.losses()
         ],
+        "suspicious": imported.suspicious,
         "repairs": [
             {
                 "rule": repair.rule,
@@ -160,6 +162,8 @@ def _data(imported: Imported, path: Path, out: Path | None, text: str) -> dict[s
 def _show(imported: Imported, path: Path, out: Path | None) -> None:
     """What became of the file; on standard error where the spec is on standard output."""
     screen = console(error=out is None)
+    if imported.suspicious:
+        show_warnings(imported.suspicious)
     if imported.repairs:
         screen.print(repairs_table(imported.repairs))
     if lost := imported.losses():

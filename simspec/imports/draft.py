@@ -35,6 +35,8 @@ class Draft:
     problems: list[Problem] = field(default_factory=list)
     repairs: list[Repair] = field(default_factory=list)
     comments: dict[str, str] = field(default_factory=dict)
+    suspicious: list[Problem] = field(default_factory=list)
+    """What is allowed, and yet looks like a slip."""
     meshes: dict[str, Any] = field(default_factory=dict)
     """Files that the data names, by the text that names them."""
 
@@ -54,6 +56,10 @@ class Draft:
         """A defect of the source, which ``rule`` would repair by ``repair``."""
         hint = f"simspec import --repair {rule}: {repair}" if rule else more.pop("hint", None)
         self.problems.append(element.problem(message, hint=hint, **more))
+
+    def suspect(self, element: Element, message: str, rule: str, repair: str, found: str) -> None:
+        """Something that is allowed looks like a slip, which ``rule`` would repair by ``repair``."""
+        self.suspicious.append(element.problem(message, found=found, hint=f"simspec import --repair {rule}: {repair}"))
 
     def repairing(self, rule: str) -> bool:
         """Whether the user asks for a rule."""

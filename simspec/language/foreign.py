@@ -123,6 +123,8 @@ class Imported:
     """SHA-256 of every file that was read, by its path."""
     comments: dict[str, str] = field(default_factory=dict)
     """A sentence to be written above a value, by its dotted path."""
+    suspicious: list[Problem] = field(default_factory=list)
+    """What is allowed, and yet looks like a slip of the file, such as lengths in millimetres: warned of."""
 
     def losses(self) -> list[Account]:
         """What is not carried."""

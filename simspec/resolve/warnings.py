@@ -87,9 +87,11 @@ def _counted(group: list[Problem]) -> Problem:
 
 
 def _losses(spec: Spec) -> Warned:
-    """What importers lost of physics, each kind once."""
+    """What looks like a slip to importers, and what they lost of physics, each kind once."""
     for source in spec.source.all():
         if source.imported is not None:
+            for problem in source.imported.suspicious:
+                yield problem.message, problem
             for problem in problems(of_physics(source.imported)):
                 yield problem.message, problem
 

@@ -17,6 +17,7 @@ from simspec.imports.urdf import mimic as mimic_rules
 from simspec.imports.urdf import planar as planar_rules
 from simspec.imports.urdf import shapes as shape_rules
 from simspec.imports.urdf import tree as tree_rules
+from simspec.imports.urdf import units as unit_rules
 from simspec.imports.urdf.chains import Chain
 from simspec.imports.urdf.contact import add_materials
 from simspec.imports.urdf.joints import Joint, read_joint
@@ -41,6 +42,7 @@ RULES: Final[Mapping[str, str]] = {
     **mimic_rules.RULES,
     **shape_rules.RULES,
     **tree_rules.RULES,
+    **unit_rules.RULES,
 }
 """Every rule of repair, with what it does."""
 
@@ -94,6 +96,7 @@ class Robot:
         if self.root.tag != "robot":
             raise self.root.error("not URDF: the outermost element is not <robot>", self.root.tag[:80], "robot")
         set_aside(self.root)
+        unit_rules.scale_file(self.root, self.draft)
         self._read()
         elements = {name: link.element for name, link in self.links.items()}
         # where a joint could not be read, its child looks like a root
@@ -118,6 +121,7 @@ class Robot:
             draft.meshes,
             read=draft.files.read,
             comments=draft.comments,
+            suspicious=draft.suspicious,
         )
         add_timestep(imported)
         return imported
@@ -130,8 +134,6 @@ class Robot:
         for element, given in zip(elements, _given(elements, WORLD), strict=True):
             with self.draft.collecting():
                 self._link(element, known, given)
-        self._judge_meshes()
-        name_shapes([shape for link in self.links.values() for shape in link.shapes])
         seen: dict[str, Joint] = {}
         elements = self.root.children("joint")
         called, parts = _given_to_joints(elements)
@@ -145,6 +147,8 @@ class Robot:
                 seen.setdefault(name, joint)
                 self.joints.append(joint)
         lock(self.joints)
+        self._judge_meshes()
+        name_shapes([shape for link in self.links.values() for shape in link.shapes])
         self.all_read = len(self.joints) == len(elements)
         self._declare_missing()
         if not self.links and not self.draft.problems:
@@ -164,11 +168,15 @@ class Robot:
 
     def _judge_meshes(self) -> None:
         """Read all meshes of the file together: starting the process that reads them takes longer than most of them."""
-        usable = {
-            id(shape) for shape in judge_meshes([s for link in self.links.values() for s in link.shapes], self.draft)
-        }
+        usable = judge_meshes([shape for link in self.links.values() for shape in link.shapes], self.draft)
+        large = {id(shape): shape for shape in unit_rules.large_meshes(usable, self.joints, self.draft)}
+        if large:  # they are read again
+            usable = [shape for shape in usable if id(shape) not in large] + judge_meshes(
+                list(large.values()), self.draft
+            )
+        kept = {id(shape) for shape in usable}
         for link in self.links.values():
-            link.shapes = merged([shape for shape in link.shapes if id(shape) in usable])
+            link.shapes = merged([shape for shape in link.shapes if id(shape) in kept])
 
     def _link(self, element: Element, known: Mapping[str, Any], given: str) -> None:
         name = element.need("name")
@@ -192,12 +200,23 @@ class Robot:
         self.fixed = self._root_is_fixed(tree, members[tree.root])
         self.chains = chain_rules.chains(tree, members, lambda name: self.links[name].is_empty)
         self.between = {name for chain in self.chains.values() for name in chain.between}
+        self._compare_moments(tree, top)
         for head, group in members.items():
             still = head == tree.root and self.fixed
             for name in group:
                 self._check_link(self.links[name], still)
             if not still:
                 self._check_group(tree, head, group)
+
+    def _compare_moments(self, tree: Tree, top: Mapping[str, str]) -> None:
+        """Moments of inertia with the sizes of the links that may move."""
+        moving: list[unit_rules.Link] = []
+        for name in tree.order:
+            link = self.links[name]
+            if link.mass is not None and not (top[name] == tree.root and self.fixed):
+                size = unit_rules.reach(link.shapes, link.mass, tree.below[name])
+                moving.append(unit_rules.Link(link.path, link.mass, size))
+        unit_rules.scale_moments(moving, self.draft)
 
     def _root_is_fixed(self, tree: Tree, group: list[str]) -> bool:
         """Whether the root does not move: it is the world, or nothing in it has a mass, and what moves freely has one."""

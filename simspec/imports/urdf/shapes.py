@@ -55,6 +55,8 @@ class Shape:
     mesh: NamedMesh | None = None
     is_open: bool = False
     """Whether the mesh encloses no volume."""
+    radius: float = math.inf
+    """m: how far it reaches from its frame's origin; infinite for a plane."""
     material: str = ""
     """Of `contact.materials`; "" for the only one."""
 
@@ -181,7 +183,8 @@ def _shape(element: Element, draft: Draft) -> Shape | None:
     if min(size for value in sizes.values() for size in (value if isinstance(value, list) else [value])) <= 0.0:
         _empty(element, kind, draft)
         return None
-    return Shape(element, collides, {_word(kind): sizes, **_pose(element)})
+    data = {_word(kind): sizes, **_pose(element)}
+    return Shape(element, collides, data, radius=_radius_of(data))
 
 
 def _word(kind: Element) -> str:
@@ -206,6 +209,31 @@ def _upright(element: Element, kind: Element) -> dict[str, Any]:
     turned = frames.from_rpy(*origin.vector("rpy")) if origin is not None else (1.0, 0.0, 0.0, 0.0)
     quat = frames.multiply(turned, frames.from_matrix((rows[0], rows[1], rows[2])))
     return {"pose": {**where, "quat": list(quat)}}
+
+
+def _radius_of(data: Mapping[str, Any]) -> float:
+    """m: how far a shape that is no mesh reaches from its frame's origin."""
+    for kind, said in data.items():
+        match kind:
+            case "box":
+                return 0.5 * math.hypot(*said["size"])
+            case "sphere":
+                return float(said["radius"])
+            case "cylinder":
+                return math.hypot(said["radius"], 0.5 * said["length"])
+            case "capsule":
+                return float(said["radius"] + 0.5 * said["length"])
+            case "ellipsoid":
+                return float(max(said["radii"]))
+    return math.inf
+
+
+def _radius_of_mesh(mesh: MadeMesh) -> float:
+    """m: how far the vertices of a mesh are from the origin of its frame, at most."""
+    return max(
+        math.hypot(*part.pose.position) + max(math.hypot(*part.size[k : k + 3]) for k in range(0, len(part.size), 3))
+        for part in mesh.parts
+    )
 
 
 def _pose(element: Element) -> dict[str, Any]:
@@ -269,7 +297,7 @@ def judge_meshes(shapes: list[Shape], draft: Draft) -> list[Shape]:
             _without(shape.element, draft, kind.problem(str(result), kind.attributes["filename"]), rule)
             unusable.add(id(shape))
         else:
-            shape.is_open = result.enclosed is None
+            shape.is_open, shape.radius = result.enclosed is None, _radius_of_mesh(result)
             _tell_fewer(shape, result)
     return [shape for shape in shapes if id(shape) not in unusable]
 
