@@ -30,6 +30,9 @@ MOST_CORNERS = 48
 """Balls in a hull. Where more would fit, these are far from each other; where it tips over another corner, the hull's own point
 of contact is there."""
 
+ROUND_OFF = 1e-13
+"""Share of the largest coordinate of a centre below which another is what a rotation left of 0."""
+
 FACED = ("box", "plane")
 """Kinds of shapes that touch each other by hydroelastic contact, where that is asked for. Cylinders do not: their meshes are
 prisms, on which they roll 10 % short of a circle's way with 64 edges and 12 % with 256, and 40 times slower (measured)."""
@@ -60,6 +63,12 @@ def corners(kind: str, size: Sequence[float]) -> list[Part]:
         centres = spread(vertices_of(inset(tuple(size), radius)))
         return [("sphere", (radius,), (x, y, z)) for x, y, z in centres.tolist()]
     return []
+
+
+def held_at(place: Sequence[float]) -> tuple[float, ...]:
+    """A centre in its body's frame, without what round-off of the shape's pose left of coordinates that are 0."""
+    least = ROUND_OFF * max(map(abs, place))
+    return tuple(value if abs(value) > least else 0.0 for value in place)
 
 
 def spread(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import itertools
 from typing import Any
 
 from simspec.engines.drake.building import told_name
-from simspec.engines.drake.corners import FACED
+from simspec.engines.drake.corners import FACED, held_at
 from simspec.engines.drake.readback import (
     SHAPE,
     SIZES,
@@ -158,7 +158,11 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Hel
     for part, one in parts.items():
         if part != SHAPE:
             kind, size = kind_and_size(sim, one)
-            found[f"surface.{name}.{part}"] = (kind, *inspector.GetPoseInFrame(one).translation().tolist(), *size)
+            found[f"surface.{name}.{part}"] = (
+                kind,
+                *held_at(inspector.GetPoseInFrame(one).translation().tolist()),
+                *size,
+            )
     return found
 
 

@@ -13,6 +13,9 @@ from simspec.engines.drake.getters import GETTERS
 from simspec.errors import EngineError
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
+from simspec.world import frames
+from simspec.world.types import Pose
+from tests import worlds
 
 pytest.importorskip("pydrake")
 from pydrake import geometry
@@ -153,3 +156,24 @@ def test_no_getter_is_left_unnamed(name):
 
 def test_every_class_is_asked():
     assert set(CLASSES) == set(GETTERS)
+
+
+def test_what_a_rotation_leaves_of_nothing_is_nothing(load):
+    """Ends of capsules beside the origin, whose y and z are 0 but for the round-off of a sum."""
+    base = worlds.shapes_world(("capsule",))
+    turns = [frames.from_rpy(0.3 * index, 0.2 + index, 0.7 * index) for index in range(6)]
+    solid = next(shape for body in base.bodies for shape in body.shapes if shape.collision)
+    ends = tuple(
+        dataclasses.replace(
+            solid,
+            name=f"end{index}",
+            kind="capsule",
+            size=(0.002, 0.1),
+            pose=Pose(frames.subtract((0.002, 0.0, 0.0), frames.rotate(turn, (0.0, 0.0, 0.05))), turn),
+        )
+        for index, turn in enumerate(turns)
+    )
+    owner = next(body for body in base.bodies if solid in body.shapes)
+    bodies = tuple(dataclasses.replace(body, shapes=ends) if body is owner else body for body in base.bodies)
+    world = dataclasses.replace(base, bodies=bodies)
+    assert failures(world, load(world)) == []
