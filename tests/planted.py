@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from simspec.proof.selftest_worlds import WORLDS
 
-MUJOCO_ALONE = {"ball armature": "joint.ball.armature", "margins": "shape.margin"}
+MUJOCO_ALONE = {"ball armature": "joint.ball.armature", "margins": "shape.margin", "belts": "shape.surface_velocity"}
 """By name, with the feature that the others lack."""
 SHARED = {name: make for name, make in WORLDS.items() if name not in MUJOCO_ALONE}
 """The other worlds, by name."""

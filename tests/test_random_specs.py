@@ -37,6 +37,7 @@ RARE = {
     Feature.KINEMATIC,
     Feature.SHAPE_MARGIN,
     Feature.MARGIN_PAIRS,
+    Feature.SURFACE_VELOCITY,
     Feature.BALL_ARMATURE,
     Feature.TOUCHING_PAIRS,
 }

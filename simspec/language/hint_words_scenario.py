@@ -258,9 +258,9 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
     *same_hint("moment couple", "torque", "Force.torque", at="Force"),
     *same_hint("link target", "body", "Force.body", at="Force"),
     *same_hint(
-        "surface_velocity belt conveyor belt_velocity surfacevel surface_motion",
-        f"moving surfaces are {NOT_YET}; a kinematic body carries what rests on it",
-        "Body.kinematic",
+        "belt conveyor belt_velocity surfacevel surface_motion",
+        "surface_velocity: {linear: [VX, VY, VZ]} of the shape",
+        "Shape.surface_velocity",
         at="Shape Body Material",
     ),
     *same_hint(

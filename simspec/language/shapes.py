@@ -68,6 +68,16 @@ class Velocity(Strict):
     angular: AngularVelocity = Field((0.0, 0.0, 0.0), description="Angular velocity")
 
 
+class SurfaceVelocity(Strict):
+    """The velocity of a surface whose shape stays: of a conveyor belt, or a turntable. At a point x of the shape's frame the
+    surface moves at linear + angular × x, less what points out of it."""
+
+    linear: LinearVelocity = Field(
+        (0.0, 0.0, 0.0), description="Velocity at the origin of the shape's frame, in its axes"
+    )
+    angular: AngularVelocity = Field((0.0, 0.0, 0.0), description="Angular velocity, in the axes of the shape's frame")
+
+
 class Sphere(Strict):
     """A ball about the origin of the shape's frame."""
 
@@ -131,6 +141,9 @@ class Shape(Strict):
     margin: Length0 = Field(
         0.0, description="Distance from the surface at which contact begins; the margins of both shapes are added"
     )
+    surface_velocity: Maybe[SurfaceVelocity] = Field(
+        ABSENT, description="Velocity of the surface while the shape stays, for friction; default: none"
+    )
     collision: Switch = Field(True, description="Whether the shape takes part in contact")
     visual: Switch = Field(True, description="Whether the shape is drawn")
     colour: Colour = Field((0.7, 0.7, 0.7, 1.0), description="Red, green, blue and, where given, opacity; each 0 to 1")
@@ -141,6 +154,9 @@ class Shape(Strict):
             yield Fault(("density",), "a plane has no volume, so no density")
         if data.get("collision") is False and "margin" in data:
             yield Fault(("margin",), "a margin belongs to contact, and the shape has none", hint="remove it")
+        if data.get("collision") is False and "surface_velocity" in data:
+            message = "a velocity of the surface belongs to contact, and the shape has none"
+            yield Fault(("surface_velocity",), message, hint="remove it")
         if data.get("collision") is False and data.get("visual") is False:
             yield Fault(("visual",), "neither collision nor visual: the shape would have no effect", hint="remove it")
 

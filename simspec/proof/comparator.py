@@ -375,6 +375,13 @@ class _Comparison:
         self.note("geometry", "shape orientation", turned, f"{at}.pose", f"{other.pose.quaternion}")
         if self.readable("shape.visual") and shape.collision:
             self.tally.equal(self.levels["geometry"], "visible", shape.visual, other.visual, f"{at}.visual")
+        moving = zip(shape.surface_velocity, other.surface_velocity, strict=True)
+        if any(shape.surface_velocity) or any(other.surface_velocity):
+            off = max(abs(one - actual) for one, actual in moving)
+            largest = max(1.0, *(abs(value) for value in shape.surface_velocity))
+            self.note(
+                "geometry", "surface velocity", off / largest, f"{at}.surface_velocity", f"{other.surface_velocity}"
+            )
         if not shape.collision:
             return
         if shape.margin or other.margin:

@@ -318,6 +318,23 @@ def margins(engine: str) -> World:
     return dataclasses.replace(world, name="self-test-margins", bodies=(*bodies, pebble), contact=contact)
 
 
+def belts(engine: str) -> World:
+    """A floor whose surface moves, and one that turns, both turned themselves, and a cube."""
+    world = bouncing(engine)
+    floor, turn = world.bodies[0], frames.from_axis_angle((0.0, 0.0, 1.0), 0.4)
+    (slab,) = floor.shapes
+    belt = dataclasses.replace(
+        slab, pose=Pose(slab.pose.position, turn), surface_velocity=(0.3, -0.1, 0.0, 0.0, 0.0, 0.0)
+    )
+    round_about = Shape(
+        "turntable", "cylinder", (0.5, 0.2), Pose((6.0, 0.0, -0.1)), "rubber", surface_velocity=(0.0,) * 5 + (0.7,)
+    )
+    floor = dataclasses.replace(floor, shapes=(belt, round_about))
+    contact, options = _contact(), _options(engine, "contact.cone.elliptic", "contact.friction.impact")
+    bodies = (floor, _cube("cube", 0.0, "rubber"))
+    return World("self-test-belts", bodies, contact, PHYSICS, engines=options)
+
+
 def held(engine: str) -> World:
     """An arm whose slide follows its hinge; a chain of a hinge, a ball and a hinge, closed at a point; two free bodies that are
     held together. Nothing touches anything."""
@@ -394,6 +411,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "rolling": rolling,
     "meshes": meshes,
     "margins": margins,
+    "belts": belts,
     "held": held,
     "sums": sums,
     "sum limits": sum_limits,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from simspec.language.mesh import HULL
 from simspec.language.shapes import Shape as SpecShape
@@ -15,7 +15,7 @@ from simspec.resolve.meshes import Meshes, options_of
 from simspec.resolve.poses import pose
 from simspec.world import frames, mass
 from simspec.world.shapes import SHAPES
-from simspec.world.types import Pose, Shape
+from simspec.world.types import Pose, Shape, Vector3, Velocity6
 
 PIECE = "_piece_"
 """Between the name of a shape and the number of a further piece of it."""
@@ -47,23 +47,34 @@ def resolved_shape(name: str, spec: SpecShape, only: str | None, source: Source,
     colour = (red, green, blue, opacity[0] if opacity else 1.0)
     name, place = spec.name or name, pose(spec.pose)
 
-    def shape(suffix: str, size: tuple[float, ...], at: Pose) -> Shape:
-        return Shape(
+    stated = spec.surface_velocity
+    moving = None if stated is None else (stated.linear, stated.angular)
+
+    def shape(suffix: str, size: tuple[float, ...], at: Pose, within: Pose) -> Shape:
+        whole = Shape(
             f"{name}{suffix}", kind, size, at, material, spec.collision, spec.visual, colour, margin=spec.margin
         )
+        return whole if moving is None else replace(whole, surface_velocity=_seen_from(within, *moving))
 
     if kind == "mesh":
         written = required(spec.mesh)
         mesh = meshes[source.meshes[written.file], options_of(written)]
         shapes = tuple(
-            shape(f"{PIECE}{index}" if index else "", part.size, frames.compose(place, part.pose))
+            shape(f"{PIECE}{index}" if index else "", part.size, frames.compose(place, part.pose), part.pose)
             for index, part in enumerate(mesh.parts)
         )
         enclosed = mesh.enclosed if written.mass_from != HULL else None
         return Resolved(spec, shapes, lambda: [_solid(mesh, place)] if enclosed is not None else _all(shapes))
     values = getattr(spec, kind).__dict__.values()
     size = tuple(number for value in values for number in (value if isinstance(value, tuple) else (value,)))
-    return Resolved(spec, (only_one := (shape("", size, place),)), lambda: _all(only_one))
+    return Resolved(spec, (only_one := (shape("", size, place, Pose()),)), lambda: _all(only_one))
+
+
+def _seen_from(frame: Pose, linear: Vector3, angular: Vector3) -> Velocity6:
+    """A field of velocities, given at an origin, as it is at the origin of a ``frame`` and in its axes."""
+    at = frames.add(linear, frames.cross(angular, frame.position))
+    turn = frames.conjugate(frame.quaternion)
+    return (*frames.rotate(turn, at), *frames.rotate(turn, angular))
 
 
 def _all(shapes: tuple[Shape, ...]) -> list[Fill]:

@@ -43,6 +43,7 @@ class Feature(StrEnum):
     SHAPE_MESH = "shape.mesh"
     SHAPE_VISUAL = "shape.visual"
     SHAPE_MARGIN = "shape.margin"
+    SURFACE_VELOCITY = "shape.surface_velocity"
     SHAPES_PER_BODY = "shape.several"
     MATERIALS_PER_BODY = "material.several"
     FRICTION = "material.friction"
@@ -112,6 +113,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.SHAPE_MESH: "convex hull of a mesh",
     Feature.SHAPE_VISUAL: "visual shapes apart from collision shapes",
     Feature.SHAPE_MARGIN: "contact that begins at a distance from the surface",
+    Feature.SURFACE_VELOCITY: "a surface that moves while its shape stays: a conveyor belt, a turntable",
     Feature.SHAPES_PER_BODY: "several collision shapes on one body",
     Feature.MATERIALS_PER_BODY: "shapes of different materials on one body",
     Feature.FRICTION: "sliding friction of materials",

@@ -96,6 +96,8 @@ def needs(world: World) -> list[Need]:
                 note(Feature.SHAPE_VISUAL, f"{path}.shapes.{index}")
             if shape.collision and shape.margin:
                 note(Feature.SHAPE_MARGIN, f"{path}.shapes.{index}.margin")
+            if any(shape.surface_velocity):
+                note(Feature.SURFACE_VELOCITY, f"{path}.shapes.{index}.surface_velocity")
         solid = [shape for shape in body.shapes if shape.collision]
         if len(solid) > 1:
             note(Feature.SHAPES_PER_BODY, f"{path}.shapes")

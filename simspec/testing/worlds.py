@@ -253,6 +253,15 @@ def felt_at_a_distance() -> World:
     return dataclasses.replace(world, bodies=bodies)
 
 
+def belt() -> World:
+    """A sphere on a box whose surface moves."""
+    base = shapes_world(("sphere",))
+    floor, *others = base.bodies
+    (shape,) = floor.shapes
+    moving = dataclasses.replace(shape, surface_velocity=(0.2, 0.0, 0.0, 0.0, 0.0, 0.1))
+    return dataclasses.replace(base, bodies=(dataclasses.replace(floor, shapes=(moving,)), *others))
+
+
 def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule"), friction: float = 0.4) -> World:
     """One free body of each shape kind above a big fixed box, all of one material; shape frames are turned and moved."""
     generator = random.Random(3)
@@ -475,6 +484,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     },
     **{feature: partial(one_law, **law) for feature, law in CONTACT_GAPS.items()},
     Feature.SHAPE_MARGIN: felt_at_a_distance,
+    Feature.SURFACE_VELOCITY: belt,
     Feature.MARGIN_PAIRS: partial(one_law, friction=0.0, margin=0.002),
     Feature.ARMATURE: partial(limits_and_armature, armature=0.1),
     Feature.DRY_FRICTION: partial(limits_and_armature, dry_friction=0.1),

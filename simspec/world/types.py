@@ -27,6 +27,8 @@ VELOCITY_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 3, "free": 6}
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+Velocity6 = tuple[float, float, float, float, float, float]
+"""Linear, then angular velocity."""
 
 LEFT_OUT = {"left_out": True}
 """Metadata of a field that canonical JSON leaves out while it has its default: younger than worlds whose hashes must stay."""
@@ -96,8 +98,9 @@ class Shape:
     ``surfaces`` is empty in a world (there everything follows from ``material``); in a read-back it holds the numbers
     that the engine has for this shape, one entry for each copy of it (see ``contact/plan.py``), in the order of
     their layers, and ``material`` is "". ``margin`` (m): contact has the gap between two surfaces less both margins, so
-    that the shape is felt that far from its surface. ``rounding`` is of a read-back alone: how far (m) an engine keeps around
-    the points of a mesh, whose faces are that much further in.
+    that the shape is felt that far from its surface. ``surface_velocity``: linear (m/s), then angular (rad/s), in the shape's
+    axes: at x its surface moves at linear + angular × x, along the surface, while the shape stays. ``rounding`` is of a
+    read-back alone: how far (m) an engine keeps around the points of a mesh, whose faces are that much further in.
     """
 
     name: str
@@ -111,6 +114,7 @@ class Shape:
     surfaces: tuple[Surface, ...] = ()
     rounding: float = field(default=0.0, metadata=LEFT_OUT)
     margin: float = field(default=0.0, metadata=LEFT_OUT)
+    surface_velocity: Velocity6 = field(default=(0.0,) * 6, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)

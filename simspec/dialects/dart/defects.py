@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 from simspec.dialects.kit.defects import (
+    BELTS,
     CONSTRAINTS,
     MARGINS,
     SUMS,
@@ -160,6 +161,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **FILES,
     "mesh, margin": "DART has no margin of its own around shapes, and no file has a number for one",
     **dict.fromkeys(MARGINS, "DART's contact begins where shapes touch"),
+    **dict.fromkeys(BELTS, ".skel has no surfaces that move by themselves"),
     "meshes in another order": reordered(WORLD, "<file_name>([^<]*)</file_name>"),
     "friction": _surface("friction"),
     "restitution": _surface("restitution"),

@@ -91,6 +91,7 @@ class DartDialect(Dialect):
         **shape_kinds("DART", KINDS),
         Feature.BALL_ARMATURE: never("DART has no armature: what stands for it is of one axis"),
         Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
+        Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
         Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
         Feature.LIMIT_VELOCITY: via_api(_SIDECAR),

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from simspec.dialects.kit.defects import CONSTRAINTS, MARGINS, STEP, SUMS, Files, Plant
+from simspec.dialects.kit.defects import BELTS, CONSTRAINTS, MARGINS, STEP, SUMS, Files, Plant
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.world import frames
@@ -199,6 +199,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "mesh, margin": "Drake has no margin around hulls that touch at points, and no file has a number for one",
     "meshes in another order": _world(_exchanged),
     **dict.fromkeys(MARGINS, "Drake's contact begins where shapes touch"),
+    **dict.fromkeys(BELTS, "Drake's surfaces move with their bodies alone"),
     "friction": _number("ball", "shapes", 0, "copies", 0, "friction", by=-STEP),
     "restitution": _number("ball", "shapes", 0, "copies", 0, "restitution", by=-STEP),
     "pair value": _world(_pair_value),

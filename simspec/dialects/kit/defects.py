@@ -22,6 +22,8 @@ Plant = Callable[[Files], dict[str, str]]
 
 MARGINS = ("margin", "margin of a pair", "margin dropped", "margin of two materials")
 """Those of contact margins."""
+BELTS = ("surface velocity", "surface velocity, sign", "surface velocity dropped", "surface velocity, angular")
+"""Those of surfaces that move."""
 NAMES: Mapping[str, str] = {
     "mass": "model",
     "centre of mass": "model",
@@ -60,6 +62,7 @@ NAMES: Mapping[str, str] = {
     "mesh, margin": "meshes",
     "meshes in another order": "meshes",
     **dict.fromkeys(MARGINS, "margins"),
+    **dict.fromkeys(BELTS, "belts"),
     "friction": "model",
     "restitution": "bouncing",
     "pair value": "surfaces",

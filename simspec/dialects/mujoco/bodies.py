@@ -46,6 +46,8 @@ def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
         more.extend(mask)
         if shape.margin:
             more.append(("margin", shape.margin))
+        if any(shape.surface_velocity):
+            more.append(("surfacevel", shape.surface_velocity))
     group = GROUPS[shape.collision, shape.visual]
     if group:
         more.append(("group", group))

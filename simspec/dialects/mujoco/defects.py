@@ -12,6 +12,7 @@ from simspec.formats.mjcf.format import MODEL
 
 BODY = ".//body[@name='{}']"
 INERTIAL = ".//body[@name='lower']/inertial"
+BELT = ".//geom[@name='floor_0']"
 HINGE = ".//joint[@name='upper_joint']"
 SLIDE = ".//joint[@name='lower_joint']"
 KEY = "keyframe/key"
@@ -148,6 +149,11 @@ def _mesh_margin(root: Element) -> None:
         pair.set("margin", "0.001")
 
 
+def _still(root: Element) -> None:
+    for geom in root.iter("geom"):
+        geom.attrib.pop("surfacevel", None)
+
+
 def _own_margin(root: Element) -> None:
     """The sum of the margins of two shapes, where their materials have a margin of their own."""
     for pair in _explicit(root, {"floor_0", "pebble_0"}, {"ball_0", "pebble_0"}):
@@ -228,6 +234,10 @@ DEFECTS: Mapping[str, Plant | str] = {
     "margin of a pair": _attribute("contact/pair[@geom1='ball_0']", "margin", scaled),
     "margin dropped": xml(MODEL, _no_margin),
     "margin of two materials": xml(MODEL, _own_margin),
+    "surface velocity": _attribute(BELT, "surfacevel", scaled),
+    "surface velocity, sign": _attribute(BELT, "surfacevel", lambda text: scaled(scaled(text, 0, -1.0), 1, -1.0)),
+    "surface velocity dropped": xml(MODEL, _still),
+    "surface velocity, angular": _attribute(".//geom[@name='turntable']", "surfacevel", lambda text: scaled(text, 5)),
     "friction": _attribute("contact/pair[@geom1='ball_0']", "friction", lambda text: scaled(scaled(text, 0), 1)),
     "restitution": _attribute("contact/pair[@geom1='ball_0']", "solref", lambda text: scaled(text, 1)),
     "excluded pair dropped": xml(MODEL, _drop_exclude),

@@ -22,6 +22,7 @@ from simspec.formats.mjcf.names import world_name
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.sums import JointSum
+from simspec.world.tuples import six
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
@@ -295,6 +296,7 @@ class _Raising:
             (red, green, blue, alpha),
             surfaces,
             margin=geom.number("margin") if collides else 0.0,
+            surface_velocity=six(geom.numbers("surfacevel", 6)) if "surfacevel" in geom.values else (0.0,) * 6,
         )
 
     def _hull(self, geom: Item) -> tuple[float, ...]:

@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from simspec.dialects.kit.defects import (
+    BELTS,
     CONSTRAINTS,
     MARGINS,
     SUMS,
@@ -126,6 +127,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "ball spring": sidecar_number("springs", "stiffness"),
     "mesh, margin": sidecar(_margin),
     **dict.fromkeys(MARGINS, "PyBullet's contact begins where shapes touch"),
+    **dict.fromkeys(BELTS, "PyBullet's surfaces move with their bodies alone"),
     "friction": attribute("link/contact/lateral_friction", "value", scaled, BALL),
     "restitution": attribute("link/contact/restitution", "value", scaled, BALL),
     "excluded pair dropped": sidecar(_drop_exclude),

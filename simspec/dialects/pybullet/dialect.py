@@ -94,6 +94,7 @@ class PybulletDialect(Dialect):
         Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
         Feature.BALL_ARMATURE: never("PyBullet has no armature: what stands for it is of one axis"),
         Feature.MARGIN_PAIRS: never("PyBullet's contact begins where shapes touch"),
+        Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
         Feature.SHAPE_MARGIN: never("PyBullet's contact begins where shapes touch"),
         Feature.SHAPE_VISUAL: EXACT,
         Feature.SHAPES_PER_BODY: EXACT,

@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 from simspec.dialects.kit.defects import (
+    BELTS,
     CONSTRAINTS,
     MARGINS,
     SUMS,
@@ -184,6 +185,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "inertia, sign of a product": attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
     "position limit dropped": attribute(HINGE, "type", lambda _: "continuous"),
     **dict.fromkeys(MARGINS, "plain URDF has no margins"),
+    **dict.fromkeys(BELTS, "URDF has no surfaces that move by themselves"),
     "mesh, margin": "plain URDF has no margins",
     "ball damping": NO_BALL,
     "ball armature": NO_BALL,

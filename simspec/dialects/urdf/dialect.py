@@ -81,6 +81,7 @@ class UrdfDialect(Dialect):
         **alike(via_api(_SIDECAR), *_BY_NAME),
         **exactly(*_NOT_OF_FILES),
         Feature.MARGIN_PAIRS: never("simspec writes no margins beside URDF"),
+        Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
         Feature.SHAPE_MARGIN: never("simspec writes no margins beside URDF"),
         **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING),
         **GATHERED,

@@ -161,6 +161,7 @@ class Dart(SimulatedEngine[Simulation]):
         ),
         Feature.BALL_ARMATURE: never("DART has no armature, and what stands for it is of one axis"),
         Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
+        Feature.SURFACE_VELOCITY: never("the velocity of a contact's surface is not in DART's Python interface"),
         Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
         Feature.LIMIT_VELOCITY: Support(

@@ -169,6 +169,7 @@ class Drake(SimulatedEngine[Simulation]):
         ),
         Feature.BALL_ARMATURE: never("Drake's rotors are those of joints of one axis"),
         Feature.MARGIN_PAIRS: never("Drake's contact begins where shapes touch"),
+        Feature.SURFACE_VELOCITY: never("Drake's surfaces move with their bodies alone"),
         Feature.SHAPE_MARGIN: never(
             "Drake's contact begins where shapes touch: its margin is that of pressure fields, without a force"
         ),

@@ -80,6 +80,7 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         "refused, since MuJoCo's numbers are accelerations",
     ),
     Feature.HARDNESS_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
+    Feature.SURFACE_VELOCITY: Support(Level.EXACT, "surfacevel of a geom", since="3.11"),
     Feature.MARGIN_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
     Feature.HARDNESS_NATIVE: approximate(
         "solref 0.02 1, solimp 0.9 0.95 0.001: a 1 kg box rests 0.11 mm deep, a sphere 0.37 mm; a slider hops 3 mm at 5 m/s "
@@ -299,8 +300,10 @@ _COULOMB: tuple[Deviation, ...] = (
     *(Deviation("rest", 50.0 * dt * dt, _RESTLESS, False, timestep=0.9 * dt, restitution=_LIVELY) for dt in _EACH),
 )
 """The same of Coulomb's law, with which nothing hops, and impacts are within 1.4 % from 0.5 to 16 ms."""
+_CARRIED = tuple(dataclasses.replace(one, probe="carry") for one in _OWN if one.probe == "stop")
+"""What a moving surface carries slides on it."""
 CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
-    *(dataclasses.replace(one, setting=("friction", NATIVE)) for one in _OWN),
+    *(dataclasses.replace(one, setting=("friction", NATIVE)) for one in (*_OWN, *_CARRIED)),
     *(dataclasses.replace(one, setting=("friction", COULOMB)) for one in _COULOMB),
     *_EITHER,
 )

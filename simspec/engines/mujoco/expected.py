@@ -187,6 +187,9 @@ class _Expected:
             "nwrap": sum(len(one.joints) for one in self.world.sums),
             "nsite": 2 * sum(constraint.kind != "follow" for constraint in self.world.constraints),
             "nuser_jnt": 2,
+            "flg_surfacevel": int(
+                any(any(shape.surface_velocity) for shapes in self.solid.values() for shape in shapes)
+            ),
         }
         own = {name: value for name, value in self.neutral.items() if name.startswith("count.")}
         return {name: there.get(name.removeprefix("count."), value) for name, value in own.items()}

@@ -77,7 +77,7 @@ NEUTRAL = (
         "geom_gap",
         "geom_fluid",
     ),
-    *("geom_adhesion", "geom_surfacevel", "pair_margin", "pair_gap", "pair_adhesion"),
+    *("geom_adhesion", "pair_margin", "pair_gap", "pair_adhesion"),
     *("actuator_dyntype", "actuator_dynprm", "actuator_gaintype", "actuator_trntype", "actuator_actnum"),
     *("actuator_actadr", "actuator_actearly", "actuator_actlimited", "actuator_actrange", "actuator_ctrllimited"),
     *("actuator_ctrlrange", "actuator_gear", "actuator_cranklength", "actuator_group", "actuator_plugin"),
@@ -118,6 +118,7 @@ COVERED: Mapping[str, str] = {
     "geom_bodyid": "L4, shapes of each body",
     "geom_size": "L4, shape size",
     "geom_pos": "L4, shape position",
+    "geom_surfacevel": "L4, surface velocity",
     "geom_quat": "L4, shape orientation",
     **dict.fromkeys(
         (

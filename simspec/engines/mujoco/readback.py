@@ -19,6 +19,7 @@ from simspec.formats.mjcf.format import MODEL
 from simspec.formats.mjcf.names import file_name, world_name
 from simspec.world import frames
 from simspec.world.sums import JointSum
+from simspec.world.tuples import vector3
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
@@ -36,6 +37,7 @@ from simspec.world.types import (
     Shape,
     Surface,
     Vector3,
+    Velocity6,
     Weld,
 )
 
@@ -267,7 +269,7 @@ class _ReadBack:
     def _shape(self, geom: int) -> Shape:
         model = self._model
         kind = SHAPE_KINDS[int(model.geom_type[geom])]
-        pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
+        pose, place = _pose(model.geom_pos[geom], model.geom_quat[geom]), Pose()
         if kind == "mesh":
             size, place = self._hull(int(model.geom_dataid[geom]))
             pose = frames.compose(pose, frames.inverse(place))
@@ -294,7 +296,16 @@ class _ReadBack:
             (red, green, blue, alpha),
             surfaces,
             margin=float(model.geom_margin[geom]) if collides else 0.0,
+            surface_velocity=self._surface_velocity(geom, place),
         )
+
+    def _surface_velocity(self, geom: int, place: Pose) -> Velocity6:
+        """``place``: where MuJoCo has put the geom in the shape's frame."""
+        if not hasattr(self._model, "geom_surfacevel"):
+            return (0.0,) * 6
+        linear, angular = (vector3(row) for row in self._model.geom_surfacevel[geom].reshape(2, 3).tolist())
+        at = frames.add(linear, frames.cross(angular, frames.inverse(place).position))
+        return (*frames.rotate(place.quaternion, at), *frames.rotate(place.quaternion, angular))
 
     def _hull(self, mesh: int) -> tuple[tuple[float, ...], Pose]:
         """The vertices that contact is computed with, in the frame of the file, and where in that frame MuJoCo has put the

@@ -209,6 +209,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         ),
         Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),
         Feature.MARGIN_PAIRS: never("PyBullet's contact begins where shapes touch"),
+        Feature.SURFACE_VELOCITY: never("PyBullet's surfaces move with their bodies alone"),
         Feature.SHAPE_MARGIN: never(
             "PyBullet's contact begins where shapes touch: its margins are inside of shapes, or round hulls at all times"
         ),

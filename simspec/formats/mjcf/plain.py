@@ -74,7 +74,7 @@ SUPPORT: Final[Table] = {
         ),
         *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
         *(Feature.SHAPE_VISUAL, Feature.SHAPE_MARGIN, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-        Feature.MARGIN_PAIRS,
+        *(Feature.MARGIN_PAIRS, Feature.SURFACE_VELOCITY),
         *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
         *(Feature.IMPACT_FRICTION, Feature.HARDNESS_NATIVE, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
         *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
@@ -287,7 +287,8 @@ def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
     shown: Attributes = (("group", group),) if group else ()
     class_name = MATERIAL + shape.material if shape.collision else VISUAL
     margin: Attributes = (("margin", shape.margin),) if shape.collision and shape.margin else ()
-    solid = (*mask, *margin) if shape.collision else ()
+    moving: Attributes = (("surfacevel", shape.surface_velocity),) if any(shape.surface_velocity) else ()
+    solid = (*mask, *margin, *moving) if shape.collision else ()
     return geom_of(shape, class_name, (*solid, *shown, ("rgba", shape.colour)))
 
 

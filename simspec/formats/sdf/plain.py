@@ -72,6 +72,7 @@ SUPPORT: Final[Table] = {
     **shape_kinds("SDF", KINDS),
     Feature.BALL_ARMATURE: never("SDF has no armature"),
     Feature.MARGIN_PAIRS: never("simspec writes no margins into SDF"),
+    Feature.SURFACE_VELOCITY: never("SDF says it by plug-ins of a simulator, which simspec does not write"),
     Feature.SHAPE_MARGIN: never("simspec writes no margins into SDF"),
     Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
     Feature.INERTIA_SINGULAR: approximate("SDF demands positive moments: 1e-12 kg m² in place of zero"),

@@ -32,6 +32,7 @@ SUPPORT: Final[Table] = {
     **shape_kinds(".skel", KINDS),
     Feature.BALL_ARMATURE: never(".skel has no armature"),
     Feature.MARGIN_PAIRS: never(".skel has no margins"),
+    Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
     Feature.SHAPE_MARGIN: never(".skel has no margins"),
     Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
     Feature.LIMIT_POSITION: approximate("the limits, but not that they are enforced"),

@@ -70,6 +70,7 @@ SUPPORT: Final[Table] = {
     **alike(never("URDF has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
     Feature.BALL_ARMATURE: never("URDF has no armature"),
     Feature.MARGIN_PAIRS: never("URDF has no margins"),
+    Feature.SURFACE_VELOCITY: never("URDF has no surfaces that move by themselves"),
     Feature.SHAPE_MARGIN: never("URDF has no margins"),
     Feature.ARMATURE: never("URDF has no armature"),
     Feature.SPRING: never("URDF has no springs"),

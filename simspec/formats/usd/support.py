@@ -61,6 +61,7 @@ SUPPORT: Final[Table] = {
     Feature.ARMATURE: via_api(_OWN),
     Feature.TIMESTEP: via_api(_OWN),
     Feature.MARGIN_PAIRS: never("simspec writes no margins into USD: UsdPhysics has none"),
+    Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves into USD"),
     Feature.SHAPE_MARGIN: never("simspec writes no margins into USD: UsdPhysics has none"),
     Feature.BALL_DAMPING: via_api(_OWN),
     Feature.BALL_ARMATURE: never("simspec writes no armature of balls into USD"),

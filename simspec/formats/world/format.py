@@ -69,6 +69,9 @@ class WorldJson(Format):
         ),
         Feature.BALL_ARMATURE: never("world.json has no armature of balls: no engine that reads it has any"),
         Feature.MARGIN_PAIRS: never("world.json has no margins: no engine that reads it has any"),
+        Feature.SURFACE_VELOCITY: never(
+            "world.json has no surfaces that move by themselves: no engine that reads it has any"
+        ),
         Feature.SHAPE_MARGIN: never("world.json has no margins: no engine that reads it has any"),
         **shape_kinds("world.json", SHAPES),
     }

@@ -50,7 +50,7 @@ COMPILED: Final = {
     | _words(
         "type size fromto mass density shellinertia contype conaffinity condim friction rgba fitscale mesh material"
     )
-    | _words("priority hfield"),
+    | _words("priority hfield surfacevel"),
     "mesh": FRAME | _words("file scale inertia refpos refquat vertex face content_type maxhullvert smoothnormal"),
     "hfield": _words("name file content_type nrow ncol size elevation"),
     "material": _words("name class rgba"),

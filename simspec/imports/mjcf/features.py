@@ -82,7 +82,6 @@ FEATURES: Final = {
     "pair.gap": Feature("pair/gap", _INFORMATION, _LISTED),
     "geom.fluid": Feature("geom/fluidshape geom/fluidcoef", _PHYSICS, "forces of a fluid are not in the language"),
     "geom.adhesion": Feature("geom/adhesion pair/adhesion", _PHYSICS, "adhesion is not in the language"),
-    "geom.moving_surface": Feature("geom/surfacevel", _PHYSICS, "moving surfaces are not in the language yet"),
     "contact.softness": Feature(
         "geom/solref geom/solimp geom/solmix pair/solref pair/solimp pair/solreffriction",
         _INFORMATION,

@@ -82,10 +82,27 @@ def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | 
         shape["material"] = material
         if margin := surfaces.margin(number):
             shape["margin"] = margin
+        if moving := _moving(bodies, number, place, turn):
+            shape["surface_velocity"] = moving
         if int(model["geom_group"][number]) >= HIDDEN:
             shape["visual"] = False
     shape["colour"] = _colour(bodies, number)
     return shape
+
+
+def _moving(bodies: Bodies, number: int, place: Vector, turn: Vector) -> dict[str, Any]:
+    """The velocity of a geom's surface, in the frame of the shape, which of a mesh is not the geom's; ``place``, ``turn``: of
+    the shape in the file's frame of the body."""
+    field = bodies.model.get("geom_surfacevel")
+    if field is None or not field[number].any():
+        return {}
+    linear, angular = field[number][:3], field[number][3:]
+    own_place, own_turn = bodies.model["geom_pos"][number], bodies.model["geom_quat"][number]
+    if not (np.array_equal(place, own_place) and np.array_equal(turn, own_turn)):
+        linear = linear + np.cross(angular, rotated(inverse(own_turn), place - own_place))
+        into = product(inverse(turn), own_turn)
+        linear, angular = rotated(into, linear), rotated(into, angular)
+    return {name: numbers(value) for name, value in (("linear", linear), ("angular", angular)) if value.any()}
 
 
 def _mesh(bodies: Bodies, number: int, solid: bool) -> tuple[dict[str, Any], Vector, Vector] | None:

@@ -234,10 +234,9 @@ class Surfaces:
             softness = (*model["geom_solref"][number], *model["geom_solimp"][number])
             if softness != (*SOLREF, *SOLIMP):
                 self.features.add("contact.softness", element)
-            for name, feature in (("geom_adhesion", "geom.adhesion"), ("geom_surfacevel", "geom.moving_surface")):
-                values = model.get(name)
-                if values is not None and values[number].any():
-                    self.features.add(feature, element)
+            adhesion = model.get("geom_adhesion")
+            if adhesion is not None and adhesion[number].any():
+                self.features.add("geom.adhesion", element)
         if self._of and model.enabled("override"):
             self.features.add("contact.override", model.root)
 

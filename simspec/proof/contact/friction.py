@@ -8,6 +8,7 @@ that takes its two axes one by one has that right for the square slider alone.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
@@ -16,7 +17,9 @@ import numpy as np
 from simspec.proof.contact.bodies import box, floor
 from simspec.proof.contact.law import project, slide
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
-from simspec.world.types import Body, Vector3
+from simspec.world import frames
+from simspec.world.tuples import vector3
+from simspec.world.types import Body, Quaternion, Vector3
 
 DIRECTIONS = tuple(15.0 * number for number in range(24))
 """Degrees from the x axis of the floor."""
@@ -46,6 +49,9 @@ SLIDE_SPEED = 1.0
 """m/s: what slides faster is measured over the same number of steps, which it does not come to rest in."""
 STOP_TOLERANCE = 0.015
 """Of the distance: what is promised at 1 ms. One step more or less is 1/250 of the time and 1/62500 of the distance."""
+
+CARRIED = 30.0
+"""Degrees from the x axis of the floor in which its surface moves."""
 
 HELD = 0.8
 """Push over the limit, along each direction's own boundary of the cone."""
@@ -244,6 +250,48 @@ class Stick(Probe):
         return [Figure(self.NAME, _subject(law), case, "creep", "m/s", *numbers, worst=f"{worst:g}°", angle=at)]
 
 
+class Carry(Stop):
+    """A slider that is put down on a surface that moves, at the speed of the slides: by what its own is off, so is this one."""
+
+    NAME = "carry"
+    MEANING = (
+        "how far a moving surface carries a slider that is put down at rest, against the one-step law in its frame"
+    )
+
+    def applies(self, law: Law) -> bool:
+        return super().applies(law) and any(law.belt)
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        carrying = floor(law)
+        (shape,) = carrying.shapes
+        told = np.array(law.belt if law.belt_told is None else law.belt_told)
+        told = vector3((self._speed(law) / np.linalg.norm(law.belt) * told).tolist())
+        moving = dataclasses.replace(shape, surface_velocity=(*frames.rotate(_onto(law.belt), told), 0.0, 0.0, 0.0))
+        steps = self._steps(law)
+        slider = box(law, _name(0.0), SQUARE, MASS, (0.0, 0.0, SQUARE[2] / 2))
+        return [Trial((dataclasses.replace(carrying, shapes=(moving,)), slider), (Phase(steps, steps),))]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        speed, steps, dt = self._speed(law), self._steps(law), law.timestep
+        belt = speed * _direction(CARRIED)
+        slipped, _ = slide(-belt, law.pair.friction, GRAVITY, dt, law.friction_cone, steps)
+        pose = motions[0].pose[_name(0.0)]
+        way, expected = pose[-1, :2] - pose[0, :2], belt * steps * dt + slipped[-1]
+        size, off = float(np.linalg.norm(expected)), float(np.linalg.norm(way - expected))
+        sign = 1.0 if np.linalg.norm(way) >= size else -1.0
+        numbers = (size, size + sign * off, STOP_TOLERANCE * float(np.linalg.norm(slipped[-1])))
+        return [Figure(self.NAME, _subject(law), f"by a surface at {speed:.3g} m/s", "distance", "m", *numbers)]
+
+
+def _onto(belt: Vector3) -> Quaternion:
+    """A rotation that takes the direction of a velocity to the one in which the floor carries."""
+    along, (x, y) = np.array(belt) / np.linalg.norm(belt), _direction(CARRIED)
+    axis = np.cross(along, (x, y, 0.0))
+    sine, cosine = float(np.linalg.norm(axis)), float(along @ (x, y, 0.0))
+    about = vector3(axis / sine) if sine > 1e-9 else (0.0, 0.0, 1.0)
+    return frames.from_axis_angle(about, math.atan2(sine, cosine))
+
+
 class PushOblong(Push):
     """Oblong sliders pushed beyond the limit of friction."""
 
@@ -263,4 +311,6 @@ class StopOblong(Stop):
     SIZE = OBLONG
 
 
-PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Push(), PushOblong(), Stop(), StopOblong(), Stick())}
+PROBES: Mapping[str, Probe] = {
+    probe.NAME: probe for probe in (Push(), PushOblong(), Stop(), StopOblong(), Stick(), Carry())
+}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from simspec.contact.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
@@ -21,8 +21,18 @@ from simspec.engines.kit.settings import idle_settings
 from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.support.features import Feature
-from simspec.world.tuples import ordered
-from simspec.world.types import Contact, EngineOptions, Hardness, PairContact, PairSettings, ReadBack, Surface, World
+from simspec.world.tuples import ordered, vector3
+from simspec.world.types import (
+    Contact,
+    EngineOptions,
+    Hardness,
+    PairContact,
+    PairSettings,
+    ReadBack,
+    Surface,
+    Vector3,
+    World,
+)
 
 EVERYTHING = tuple(sorted(feature.value for feature in Feature))
 """What probe worlds accept: the scenario was compiled, and a probe only measures what it got."""
@@ -37,6 +47,35 @@ class Held:
     plan: ContactPlan
     options: EngineOptions
     timestep: float
+    belts: Mapping[Pair, Vector3] = field(default_factory=dict)
+    """Velocities (m/s) of surfaces that move, by the pairs of materials that they are measured with."""
+
+
+def belts(world: World) -> dict[Pair, tuple[str, int, Vector3]]:
+    """For each two materials that meet, the first solid shape of one of them whose surface moves along: its body, its number
+    among the body's solid shapes, and the velocity (m/s) in its own axes."""
+    moving = [
+        (shape.material, (body.name, number, vector3(shape.surface_velocity[:3])))
+        for body in world.bodies
+        for number, shape in enumerate(solid_shapes(body))
+        if any(shape.surface_velocity[:3])
+    ]
+    chosen: dict[Pair, tuple[str, int, Vector3]] = {}
+    for material, belt in moving:
+        for pair in meeting_laws(world):
+            if material in pair:
+                chosen.setdefault(pair, belt)
+    return chosen
+
+
+def _told_belts(world: World, read: ReadBack) -> dict[Pair, Vector3]:
+    """What the files say of them; nothing of a shape that they do not have, which others find."""
+    shapes = {body.name: solid_shapes(body) for body in read.bodies}
+    return {
+        pair: vector3(shapes[name][number].surface_velocity[:3])
+        for pair, (name, number, _) in belts(world).items()
+        if number < len(shapes.get(name, ()))
+    }
 
 
 def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None = None) -> Held:
@@ -68,7 +107,7 @@ def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None
     )
     options = EngineOptions(engine.NAME, written, EVERYTHING, pairs=pairs)
     plan = dataclasses.replace(plan, numbers=numbers, explicit=_explicit(world, read))
-    return Held(contact, plan, options, timestep)
+    return Held(contact, plan, options, timestep, _told_belts(world, read))
 
 
 def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], timestep: float) -> Iterator[Problem]:
@@ -108,7 +147,7 @@ def of_pair(whole: Held, first: str, second: str) -> Held:
         tuple(pair for pair in whole.plan.explicit or () if set(pair) <= names),
     )
     pairs = tuple(pair for pair in whole.options.pairs if {pair.first, pair.second} <= names)
-    return Held(contact, plan, dataclasses.replace(whole.options, pairs=pairs), whole.timestep)
+    return Held(contact, plan, dataclasses.replace(whole.options, pairs=pairs), whole.timestep, whole.belts)
 
 
 def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str, int], Surface]:

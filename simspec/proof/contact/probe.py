@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simspec.world.types import Body, PairContact
+from simspec.world.types import LEFT_OUT, Body, PairContact, Vector3
 
 GRAVITY = 9.81
 """Of all probes, downwards (m/s²), whatever the scenario's is: a contact law does not depend on it."""
@@ -27,6 +27,10 @@ class Law:
     pair: PairContact
     friction_cone: str
     timestep: float
+    belt: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=LEFT_OUT)
+    """The velocity (m/s) of a surface of the two that moves, in its shape's axes; zero where none does."""
+    belt_told: Vector3 | None = field(default=None, metadata=LEFT_OUT)
+    """The same as the files have it; None: as it is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check, failed
 from simspec.proof.contact import cache, compliance, friction, impact, oblique, size, spin
-from simspec.proof.contact.held import Held, held, of_pair
+from simspec.proof.contact.held import Held, belts, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
 from simspec.proof.contact.split import joined, split
 from simspec.scratch import scratch_folder
@@ -139,7 +139,11 @@ class Measuring:
 
 def laws(world: World) -> list[Law]:
     """What is to be measured of ``world``: the laws of all pairs of materials that can meet."""
-    return [Law(pair, world.contact.friction_cone, world.physics.timestep) for pair in meeting_laws(world).values()]
+    moving = belts(world)
+    return [
+        Law(law, world.contact.friction_cone, world.physics.timestep, *(belt[2] for belt in [moving.get(pair)] if belt))
+        for pair, law in meeting_laws(world).items()
+    ]
 
 
 @contextmanager
@@ -191,7 +195,8 @@ def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: b
     worlds: list[tuple[World, ...]] = []
     compiled: list[Compiled] = []
     operations: list[Operation] = []
-    for trial in probe.trials(law):
+    told = whole.belts.get((law.pair.first, law.pair.second))
+    for trial in probe.trials(dataclasses.replace(law, belt_told=told)):
         parts = split(trial, engine.PROBED_TOGETHER)
         worlds.append(tuple(_world(of_two, law, part) for part in parts))
         for world, part in zip(worlds[-1], parts, strict=True):

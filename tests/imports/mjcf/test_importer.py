@@ -419,3 +419,30 @@ def test_losses_have_a_place_and_a_reason():
     for words, _, reason, _ in MjcfImporter.losses():
         assert words
         assert reason
+
+
+BELT = """<mujoco><asset><mesh name="m" file="wedge.obj" scale="1 2 1"/></asset><worldbody>
+<geom name="belt" type="box" size="5 5 .1" euler="0 0 30" surfacevel="0.5 0 0 0 0 0.2"/>
+<geom name="roller" type="mesh" mesh="m" pos="50 1 2" euler="10 20 30" surfacevel="1 2 3 4 5 6"/>
+<body pos="0 0 5"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
+
+
+def test_surfaces_that_move(tmp_path):
+    """Of meshes too, whose frames the compiler, and the language, move to where their hulls have them."""
+    written(tmp_path, "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n", "wedge.obj")
+    path = written(tmp_path, BELT)
+    assert not lost(read(path))
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    shapes = {shape.name: shape for shape in load(path).resolve().bodies[0].shapes}
+    for name, shape in shapes.items():
+        linear, angular = np.array(shape.surface_velocity).reshape(2, 3)
+        own = model.geom_surfacevel[model.geom(name).id].reshape(2, 3)
+        turn, at = np.array(frames.matrix(shape.pose.quaternion)), np.array(shape.pose.position)
+        wanted_turn, wanted_at = data.geom(name).xmat.reshape(3, 3), data.geom(name).xpos
+        for point in np.eye(3):
+            here = turn @ (linear + np.cross(angular, turn.T @ (point - at)))
+            wanted = wanted_turn @ (own[0] + np.cross(own[1], wanted_turn.T @ (point - wanted_at)))
+            assert here == pytest.approx(wanted, abs=1e-5), name
