@@ -39,6 +39,7 @@ from simspec.testing.bench import (
     state_error,
     touching_operation,
 )
+from simspec.testing.needing import NEEDING
 from simspec.world.kinematics import initial_state
 from simspec.world.rotations import rotation_error
 from simspec.world.types import Surface, World
@@ -317,7 +318,7 @@ class ModelSuite(Suite):
 
     # --- what is declared -----------------------------------------------------------------------------------------
 
-    @pytest.mark.parametrize("feature", list(worlds.NEEDING), ids=str)
+    @pytest.mark.parametrize("feature", list(NEEDING), ids=str)
     def test_a_gap_raises_the_error_it_declares(self, bench: Bench, feature: Feature) -> None:
         """Every feature that the engine has only approximately, outside or not at all is refused unless named."""
         if bench.support[feature].level in OWN:
@@ -360,7 +361,7 @@ class ModelSuite(Suite):
 
 def gap_error(bench: Bench, feature: Feature, settings: tuple[tuple[str, object], ...]) -> str:
     """What compiling says to a world that needs the feature, under these settings and with nothing accepted; "" nothing."""
-    world = worlds.with_options(worlds.NEEDING[feature](), bench.kind.NAME, settings=settings)
+    world = worlds.with_options(NEEDING[feature](), bench.kind.NAME, settings=settings)
     try:
         bench.compiled(world)
     except UnsupportedError as error:

@@ -8,13 +8,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import random
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from typing import Any
 
 from simspec.compiler import missing_options
-from simspec.language.vocabulary import JOINT_KINDS, SCALAR_JOINTS, TREE_JOINTS
-from simspec.proof.selftest_worlds import sum_limits, sums
+from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.carriers import carrier_name
@@ -200,7 +198,7 @@ def several_joints() -> World:
     return world(tuple(bodies), "several-joints")
 
 
-def _jointed(kind: str, **more: Any) -> World:
+def jointed(kind: str, **more: Any) -> World:
     """One body on a joint of this kind."""
     (body,) = tree([kind], 6)
     return world((dataclasses.replace(body, joint=dataclasses.replace(body.joint, **more)),), kind)
@@ -239,27 +237,6 @@ def with_options(base: World, engine: str, **options: Any) -> World:
 
 
 MATERIAL = Material("default", 0.4, 0.0)
-
-
-def felt_at_a_distance() -> World:
-    """A sphere and a box above a floor, all with margins, without friction."""
-    world = shapes_world(("sphere", "box"), 0.0)
-    bodies = tuple(
-        dataclasses.replace(
-            body, shapes=tuple(dataclasses.replace(shape, margin=0.001 * number) for shape in body.shapes)
-        )
-        for number, body in enumerate(world.bodies, 1)
-    )
-    return dataclasses.replace(world, bodies=bodies)
-
-
-def belt() -> World:
-    """A sphere on a box whose surface moves."""
-    base = shapes_world(("sphere",))
-    floor, *others = base.bodies
-    (shape,) = floor.shapes
-    moving = dataclasses.replace(shape, surface_velocity=(0.2, 0.0, 0.0, 0.0, 0.0, 0.1))
-    return dataclasses.replace(base, bodies=(dataclasses.replace(floor, shapes=(moving,)), *others))
 
 
 def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule"), friction: float = 0.4) -> World:
@@ -469,40 +446,3 @@ def with_cone(cone: str) -> World:
     """:func:`shapes_world` under a friction cone."""
     base = shapes_world()
     return dataclasses.replace(base, contact=dataclasses.replace(base.contact, friction_cone=cone))
-
-
-NEEDING: Mapping[Feature, Callable[[], World]] = {
-    **{
-        Feature(f"shape.{kind}"): partial(shapes_world, (kind,))
-        for kind in ("mesh", "ellipsoid", "capsule", "cylinder", "box", "sphere")
-    },
-    **{Feature(f"joint.{kind}"): partial(_jointed, kind) for kind in JOINT_KINDS},
-    **{
-        feature: partial(with_cone, feature.value.removeprefix("contact.cone."))
-        for feature in Feature
-        if feature.value.startswith("contact.cone.")
-    },
-    **{feature: partial(one_law, **law) for feature, law in CONTACT_GAPS.items()},
-    Feature.SHAPE_MARGIN: felt_at_a_distance,
-    Feature.SURFACE_VELOCITY: belt,
-    Feature.MARGIN_PAIRS: partial(one_law, friction=0.0, margin=0.002),
-    Feature.ARMATURE: partial(limits_and_armature, armature=0.1),
-    Feature.DRY_FRICTION: partial(limits_and_armature, dry_friction=0.1),
-    **dict.fromkeys((Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT), limits_and_armature),
-    **dict.fromkeys((Feature.DAMPING, Feature.SPRING), damped_springs),
-    Feature.BALL_DAMPING: partial(_jointed, "ball", damping=0.1),
-    Feature.BALL_ARMATURE: partial(_jointed, "ball", armature=0.1),
-    Feature.BALL_SPRING: partial(_jointed, "ball", spring_stiffness=0.1),
-    Feature.SUM: lambda: dataclasses.replace(sums(""), engines=()),
-    Feature.SUM_LIMITS: lambda: dataclasses.replace(sum_limits(""), engines=()),
-    Feature.COLLISION_GROUPS: gripper,
-    Feature.EXCLUDED_PAIRS: gripper,
-    Feature.TOUCHING_PAIRS: touching_link,
-    Feature.INERTIA_FULL: every_joint,
-    Feature.INERTIA_SINGULAR: point_mass,
-    Feature.JOINT_SEVERAL: several_joints,
-    Feature.MASSLESS: tool_frame,
-    Feature.TREE_SIZE: lambda: world(tree(["fixed"] + ["hinge"] * 130, 1)),
-    Feature.TREE_DEPTH: lambda: world(tree(["fixed"] + ["hinge"] * 500, 1)),
-}
-"""For each feature a world that needs it."""

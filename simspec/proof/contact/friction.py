@@ -264,8 +264,8 @@ class Carry(Stop):
     def trials(self, law: Law) -> Sequence[Trial]:
         carrying = floor(law)
         (shape,) = carrying.shapes
-        told = np.array(law.belt if law.belt_told is None else law.belt_told)
-        told = vector3((self._speed(law) / np.linalg.norm(law.belt) * told).tolist())
+        share = self._speed(law) / float(np.linalg.norm(law.belt))
+        told = vector3(share * value for value in (law.belt if law.belt_told is None else law.belt_told))
         moving = dataclasses.replace(shape, surface_velocity=(*frames.rotate(_onto(law.belt), told), 0.0, 0.0, 0.0))
         steps = self._steps(law)
         slider = box(law, _name(0.0), SQUARE, MASS, (0.0, 0.0, SQUARE[2] / 2))
