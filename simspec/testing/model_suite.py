@@ -168,7 +168,7 @@ class ModelSuite(Suite):
                 np.testing.assert_allclose(held, bias, rtol=0, atol=1e-9 * max(1.0, np.abs(bias).max(initial=0.0)))
 
     def test_sums_stop_at_their_limits(self, bench: Bench) -> None:
-        world = bench.allowed(worlds.NEEDING[Feature.SUM_LIMITS]())
+        world = bench.allowed(NEEDING[Feature.SUM_LIMITS]())
         if world is None or bench.lacks("contact_off"):
             return
         pressed = sum_limits.plan(world, Oracle(world))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from simspec.language.vocabulary import JOINT_KINDS
+from simspec.proof.selftest_worlds import sum_limits, sums
 from simspec.support.features import Feature
 from simspec.testing.worlds import (
     CONTACT_GAPS,
