@@ -26,6 +26,8 @@ MOST_EXCLUDED = 200_000
 """Pairs that the models of one scenario exclude, or let touch, in all copies; each is two names."""
 MOST_GRASPS = 10_000
 """Grasps of all models, in all copies: each is held against the joints, which takes some 0.1 ms."""
+MOST_ACTUATORS = 10_000
+"""Actuators of all models, in all copies: each is held against the entries of each controller."""
 MOST_CONSTRAINTS = 10_000
 """Constraints of one scenario, in all copies. A step solves them together, in time that grows with the cube of how many act on
 one tree."""
@@ -34,6 +36,7 @@ MOST = {
     "shapes": MOST_SHAPES,
     "excluded pairs": MOST_EXCLUDED,
     "grasps": MOST_GRASPS,
+    "actuators": MOST_ACTUATORS,
     "constraints": MOST_CONSTRAINTS,
 }
 
@@ -69,7 +72,7 @@ def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
     for name, raw in models.items() if isinstance(models, Mapping) else ():
         if not isinstance(raw, Mapping):
             continue
-        used_here = Counter(grasps=_length(raw.get("grasps")), constraints=_length(raw.get("constraints")))
+        used_here = Counter({word: _length(raw.get(word)) for word in ("grasps", "actuators", "constraints")})
         text = raw.get("use")
         if not isinstance(text, str):
             own = raw.get("bodies")
@@ -102,9 +105,11 @@ def _model(bodies: Bodies) -> Counter[str]:
     if not all(file.contact.self_collision for file in files):
         excluded += math.comb(len(bodies.raw), 2)
     grasps = sum(len(file.model.grasps) for file in files if file.model is not None)
+    actuators = sum(len(file.model.actuators) for file in files if file.model is not None)
     held = sum(len(file.model.constraints) for file in files if file.model is not None)
     of_bodies = {"bodies": len(bodies.raw), "shapes": _shapes(bodies.raw)}
-    return Counter({**of_bodies, "excluded pairs": excluded, "grasps": grasps, "constraints": held})
+    of_model = {"excluded pairs": excluded, "grasps": grasps, "actuators": actuators, "constraints": held}
+    return Counter({**of_bodies, **of_model})
 
 
 def _shapes(bodies: Any) -> int:

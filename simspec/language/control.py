@@ -8,13 +8,14 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from simspec.language.actuators import COMMAND
 from simspec.language.joint_names import PATTERN, JointNames, read_pattern, too_many
 from simspec.language.joints import DIMENSION, check_suits_driven, read_by_joint
 from simspec.language.quantities import Number
 from simspec.language.reader import Reader
 from simspec.language.strict import ABSENT, Fault, Maybe, Strict, fault, misspelt, show
 from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, SCALAR_JOINTS
-from simspec.language.words import Flag, Word
+from simspec.language.words import Flag, Name, Word
 
 MOST_CONTROLLERS = 100
 LARGEST_GEAR = 1e6
@@ -109,8 +110,14 @@ class Controller(Strict):
     """How some joints are driven along the trajectory. A joint has at most one controller."""
 
     law: Annotated[str, Word(CONTROL_LAWS)] = Field("pd", description="The control law, see above")
-    joints: Annotated[tuple[str, ...], JointNames()] = Field(
-        ..., description="The hinges and slides that it drives; every entry stands for at least one"
+    joints: Maybe[Annotated[tuple[str, ...], JointNames()]] = Field(
+        ABSENT, description="The hinges and slides that it drives; every entry stands for at least one"
+    )
+    actuators: Maybe[Annotated[tuple[str, ...], JointNames("actuator")]] = Field(
+        ABSENT, description="Instead of `joints`: the models' actuators that act, by full names (MODEL/ACTUATOR)"
+    )
+    commands: dict[Annotated[str, Name(path=True)], Annotated[Any, COMMAND]] = Field(
+        {}, description="Commands of the actuators by full names, instead of their own"
     )
     discretisation: Annotated[str, Word(DISCRETISATIONS)] = Field(
         "explicit", description="explicit: the law at the beginning of a step; implicit: at its end; not with `native`"
@@ -155,6 +162,16 @@ class Controller(Strict):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "actuators" in data:
+            yield from cls._of_actuators(data)
+            return
+        if "joints" not in data and not misspelt("joints", data, cls.model_fields):
+            hint = "joints: [...], or actuators: [...] of a model"
+            yield Fault((), "a controller needs joints, or actuators", hint=hint)
+        if "commands" in data:
+            yield Fault(
+                ("commands",), "commands are of actuators, and this controller has none", hint="actuators: [...]"
+            )
         law, actuator = data.get("law", "pd"), data.get("actuator", "position")
         if not isinstance(law, str) or law not in CONTROL_LAWS:
             return
@@ -167,6 +184,13 @@ class Controller(Strict):
                 yield Fault((), "law computed-torque needs a natural_frequency", None, None, hint)
         elif isinstance(actuator, str) and actuator in ACTUATORS:
             yield from cls._gains(law, actuator, data)
+
+    @classmethod
+    def _of_actuators(cls, data: Mapping[str, Any]) -> Iterator[Fault]:
+        for key in cls.model_fields:
+            if key in data and key not in ("actuators", "commands", "discretisation", "every"):
+                why = "one or the other" if key == "joints" else "the actuators say it"
+                yield Fault((key,), f"{key} is not allowed with actuators: {why}", show(data[key]), None, "remove it")
 
     @classmethod
     def _gains(cls, law: str, actuator: str, data: Mapping[str, Any]) -> Iterator[Fault]:

@@ -232,9 +232,12 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
     *same_hint("engine simulator simulators backend backends", "engines: {NAME: ...}", "File.engines", at="File"),
     *same_hint(
         "actuator actuators motor motors transmission transmissions controllers controller",
-        "control: {NAME: {joints: [...]}}",
+        "control: {NAME: {joints: [...]}}; of a model: actuators: {NAME: {joint: ...}}, control: {NAME: {actuators: [...]}}",
         "File.control",
         "Controller.joints",
+        "Controller.actuators",
+        "Model.actuators",
+        "Use.actuators",
     ),
     *same_hint(
         "trajectories path waypoints",

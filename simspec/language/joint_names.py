@@ -65,12 +65,14 @@ def too_many(entries: Iterable[Any]) -> Faults | None:
 
 @dataclass(frozen=True)
 class JointNames(Reader):
-    """A list of names or patterns, at least one."""
+    """A list of names or patterns of joints (``of``: of what else), at least one."""
+
+    of: str = "joint"
 
     def read(self, value: Any) -> tuple[str, ...]:
         if not isinstance(value, (list, tuple)) or not value:
             found = "an empty list" if isinstance(value, (list, tuple)) else show(value)
-            raise fault(f"expected {self.describe()}", found, "[MODEL/JOINT, MODEL/*, ...]")
+            raise fault(f"expected {self.describe()}", found, f"[MODEL/{self.of.upper()}, MODEL/*, ...]")
         if (many := too_many(value)) is not None:
             raise many
         names, faults = [], []
@@ -87,7 +89,7 @@ class JointNames(Reader):
         return tuple(names)
 
     def describe(self) -> str:
-        return "a list of joints' full names; `*` matches any text"
+        return f"a list of {self.of}s' full names; `*` matches any text"
 
     def schema(self) -> dict[str, Any]:
         item = {"type": "string", "pattern": f"^{PATTERN.pattern}$"}

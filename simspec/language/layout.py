@@ -22,6 +22,7 @@ BLOCK_FIELDS = frozenset(
         *("contact", "materials", "pairs", "groups", "exclude", "bodies", "joint", "shapes", "poses"),
         "constraints",
         "states",
+        *("actuators", "commands"),
         "motion",
         *("models", "positions", "velocities", "model", "control", "expect", "engines"),
         *("grasps", "open", "closed", "forces", "trajectory", "points", "program"),

@@ -169,7 +169,7 @@ def _of_rotor(source: Source, name: str) -> Iterator[Candidate]:
     file = source.file
     joint = _joint(source, name)
     for controller, content in file.control.items() if file is not None else ():
-        if joint is not None and any(matches(entry, joint) for entry in content.joints):
+        if joint is not None and any(matches(entry, joint) for entry in content.joints or ()):
             yield from _whole(source.document, ("control", controller, "rotor_inertia"))
 
 

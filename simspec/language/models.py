@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
 
+from simspec.language.actuators import Actuator
 from simspec.language.arrays import Array
 from simspec.language.constraints import Constraint
 from simspec.language.contact import Contact
@@ -212,6 +213,9 @@ class Use(_WithImport):
         ABSENT, description="The bodies of a model written here; exactly one root"
     )
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
+    actuators: dict[NameOf, Actuator] = Field(
+        {}, description="Actuators of the model, by name, beside those of its file; `control` says which act"
+    )
     constraints: dict[NameOf, Constraint] = Field(
         {}, description="Constraints within the model, by name; joints and bodies by their names in the model"
     )
@@ -267,6 +271,9 @@ class Model(Strict):
     )
     bodies: Maybe[dict[NameOf, Body]] = Field(ABSENT, description="The bodies; exactly one root")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of the model's hand, by name")
+    actuators: dict[NameOf, Actuator] = Field(
+        {}, description="Actuators of the model, by name; `control` says which act"
+    )
     constraints: dict[NameOf, Constraint] = Field({}, description="Constraints within the model, by name")
     states: dict[NameOf, State] = Field({}, description="Initial states of the model, by name")
     state: Maybe[Annotated[str, Name()]] = Field(

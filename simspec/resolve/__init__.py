@@ -8,6 +8,7 @@ from simspec.errors import SpecError
 from simspec.language.load import Spec
 from simspec.language.problems import in_order
 from simspec.language.strict import bounded_suggestions
+from simspec.resolve.actuators import commanded
 from simspec.resolve.bodies import expand
 from simspec.resolve.constraints import constraints
 from simspec.resolve.contact import contact
@@ -84,6 +85,10 @@ def resolve(spec: Spec) -> World:
         sums=held.sums,
     )
     path, problems = trajectory(spec.source, world, driven.velocity_limits)
+    if driven.aims and spec.data.trajectory is not None:
+        message, hint = "simspec does not support a trajectory beside actuators", "control: {NAME: {joints: [...]}}"
+        problems.append(spec.source.document.problem(("trajectory",), message, key=True, hint=hint))
+    path = path or commanded(driven.aims, world.bodies)
     if problems:
         raise SpecError(in_order(problems))
     world = dataclasses.replace(world, trajectory=path)

@@ -18,6 +18,7 @@ from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
 from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.resolve.actuators import ActuatorsDraft
 from simspec.world.control import Controller
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
@@ -36,12 +37,14 @@ class Driven(NamedTuple):
     bodies           the world's bodies, rotors' inertia added to the armature of their joints
     velocity_limits  by the joint's full name, for every joint that has one (rad/s, m/s): the smaller of the joint's own
                      and the actuator's, on the joint's side
+    aims             of joints that actuators act on: the constant target (rad, m) and feed-forward effort (N m, N)
     problems         what is wrong; then the rest is what could be made of it
     """
 
     controllers: tuple[Controller, ...]
     bodies: tuple[Body, ...]
     velocity_limits: Mapping[str, float]
+    aims: Mapping[str, tuple[float, float]]
     problems: list[Problem]
 
 
@@ -54,7 +57,15 @@ def controllers(source: Source, bodies: Sequence[Body], followers: Mapping[str, 
     armature: dict[str, float] = {}
     resolved: list[Controller] = []
     taken: dict[str, str] = {}
+    aims: dict[str, tuple[float, float]] = {}
     for name, written in source.content.control.items():
+        if written.actuators is not None:
+            acting = ActuatorsDraft(source, ("control", name), written, bodies, taken, followers)
+            taken.update(dict.fromkeys(acting.joints, name))
+            resolved.append(acting.controller(name))
+            aims.update(acting.aims())
+            problems += acting.problems
+            continue
         controller = _ControllerDraft(source, ("control", name), written, bodies, taken, followers)
         taken.update(dict.fromkeys(controller.joints, name))
         resolved.append(controller.controller(name))
@@ -67,7 +78,7 @@ def controllers(source: Source, bodies: Sequence[Body], followers: Mapping[str, 
         else body
         for body in bodies
     )
-    return Driven(tuple(sorted(resolved, key=lambda controller: controller.name)), driven, limits, problems)
+    return Driven(tuple(sorted(resolved, key=lambda controller: controller.name)), driven, limits, aims, problems)
 
 
 def unstable(source: Source, world: World) -> list[Problem]:
@@ -154,7 +165,7 @@ class _ControllerDraft:
     def _joints(self, taken: Mapping[str, str]) -> dict[str, None]:
         joints: dict[str, None] = {}
         movable = [name for name, kind in self._types.items() if kind in SCALAR_JOINTS and name not in self._followers]
-        for index, entry in enumerate(self.written.joints):
+        for index, entry in enumerate(self.written.joints or ()):
             place = (*self._path, "joints", index)
             if entry in self._followers:
                 message = f"{entry} follows {self._followers[entry]}, and has no controller"

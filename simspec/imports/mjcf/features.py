@@ -130,7 +130,7 @@ FEATURES: Final = {
     "actuator": Feature(
         "actuator/*",
         _INFORMATION,
-        "what drives a joint is `control` in a spec, which is not made from actuators yet",
+        "an actuator of a file with several trees, of no single joint, with a state, or with limits that are not symmetric",
         "control: {robot: {joints: [JOINT], kp: KP, kd: KD, effort_limit: LIMIT}}",
     ),
     "actuator.inertia": Feature("actuator/*", _PHYSICS, "inertia and damping of actuators are not carried"),
@@ -160,6 +160,8 @@ class Features:
     """Elements of sections (constraints) that the spec says."""
     states: set[str] = field(default_factory=set)
     """Names of the keys that the spec has as states."""
+    actuators: set[int] = field(default_factory=set)
+    """Numbers of the actuators that the spec has."""
     hints: dict[tuple[str, int], str] = field(default_factory=dict)
     """Ways out for single elements, by the feature and the ``id`` of the element."""
 

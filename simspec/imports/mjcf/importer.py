@@ -8,6 +8,7 @@ from typing import Any, Final
 from simspec.errors import Location
 from simspec.imports.draft import plain
 from simspec.imports.files import Files
+from simspec.imports.mjcf.actuators import NOTE, add_actuators
 from simspec.imports.mjcf.assembly import ROOT, Assembly, assemble
 from simspec.imports.mjcf.bodies import Bodies, numbers
 from simspec.imports.mjcf.compiled import Compiled, compile_model
@@ -68,6 +69,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         contact["touch"] = [[names[parent], names[number]] for number, parent in surfaces.touching_joined]
     for number, group in surfaces.groups.items():
         bodies.data[names[number]]["collision_group"] = group
+    actuators = add_actuators(bodies, constraints) if alone else {}
     outside_the_tree(bodies, constraints)
     data: dict[str, Any] = {"simspec": VERSION, "name": _name(assembly, files)}
     data["physics"] = _physics(model, features)
@@ -83,6 +85,8 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         (data["model"] if alone else data)["constraints"] = constraints
     if alone and (states := add_states(bodies, constraints)):
         data["model"]["states"] = states
+    if actuators:
+        data["model"]["actuators"] = actuators
     places: dict[Path_, Location] = {(): assembly.root.location}
     places |= {(*at, *path): place for path, place in bodies.places.items()}
     places |= {(*at[:-1], "constraints", name): place for name, place in bodies.constraint_places.items()}
@@ -90,6 +94,8 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         ".".join(map(str, (*at, given))): f"named {name!r} in the file"
         for name, given in bodies.renamed.changed.items()
     }
+    if actuators:
+        comments["model.actuators"] = NOTE
     return Imported(
         _tidy(data), places, account(assembly, features), files=bodies.files, read=files.read, comments=comments
     )

@@ -20,8 +20,10 @@ def outside_the_tree(bodies: Bodies, constraints: dict[str, Any]) -> None:
         features.add("option.fluid", model.root)
     add_tendons(bodies, bodies.held_tendons, constraints)
     for number, part in model.parts["actuator"].items():
-        feature = "actuator.inertia" if _has_inertia(bodies, number) else "actuator"
-        features.add(feature, part.element, _controller(bodies, number))
+        if _has_inertia(bodies, number):
+            features.add("actuator.inertia", part.element, _controller(bodies, number))
+        elif number not in features.actuators:
+            features.add("actuator", part.element, _controller(bodies, number))
     if model.numbers["nplugin"]:
         features.add("plugin", model.root)
 

@@ -381,21 +381,6 @@ def test_pairs_of_geoms_are_pairs_of_materials(tmp_path):
     assert laws[frozenset((b, floor))].collide
 
 
-@pytest.mark.parametrize(
-    ("actuator", "hint"),
-    [
-        ('<position joint="swing" kp="30" kv="2" forcerange="-5 5"/>', "kp: 30, kd: 2, effort_limit: 5"),
-        ('<velocity joint="swing" kv="2" gear="3"/>', "actuator: velocity, kd: 18"),
-        ('<motor joint="swing" gear="3" ctrlrange="-1 1"/>', "actuator: effort, effort_limit: 3"),
-        ('<muscle joint="swing"/>', FEATURES["actuator"].hint),
-    ],
-)
-def test_actuators_are_told_with_the_controller_that_acts_alike(tmp_path, actuator, hint):
-    text = ARM.replace("</mujoco>", f"<actuator>{actuator}</actuator></mujoco>")
-    (entry,) = [entry for entry in read(written(tmp_path, text)).losses() if "actuator/" in entry.what]
-    assert hint in entry.hint
-
-
 def test_without_its_compiler_the_import_says_what_to_install(tmp_path, monkeypatch):
     (compiler,) = compilers().good.values()
     monkeypatch.setattr(compiler, "version", classmethod(lambda cls: None))

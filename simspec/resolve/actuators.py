@@ -1,0 +1,277 @@
+"""Controllers of actuators: each one's law at its joint, as the world's ``pd`` law with a constant target and feed-forward.
+
+With the gear g, an actuator's force f = a u + b₀ − kp g q − kd g v acts on its joint as g f. At the joint that is the stiffness
+g² kp, the damping g² kd and the rest, which is constant: as the target u/g of a position law, else as feed-forward effort.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from simspec.errors import Problem
+from simspec.language.actuators import COMMAND, COMMANDS, OF_JOINT, Actuator
+from simspec.language.control import Controller as SpecController
+from simspec.language.document import Key
+from simspec.language.joint_names import chosen
+from simspec.language.models import whole_steps
+from simspec.language.quantities import Number
+from simspec.language.sources import Source
+from simspec.language.strict import Faults, near
+from simspec.language.trees import model_of, placed
+from simspec.language.units import LARGEST, article
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.resolve.bodies import elements
+from simspec.world.control import Controller, Trajectory
+from simspec.world.types import Body, Joint
+
+
+@dataclass(frozen=True)
+class Written:
+    """An actuator of one copy of a model: the prefix of its names, the file and the place in it, and what it says."""
+
+    prefix: str
+    file: Source
+    path: tuple[Key, ...]
+    typed: Actuator
+
+
+class AtJoint(NamedTuple):
+    """An actuator at its joint (SI): what the world's law has of it. ``target`` None: where the joint begins."""
+
+    kp: float
+    kd: float
+    limit: float | None
+    target: float | None
+    feed: float
+
+
+def written_actuators(source: Source) -> dict[str, Written]:
+    """The actuators of every copy of every model by their full names; of a file, the nearer one's replaces another's."""
+    found: dict[str, Written] = {}
+
+    def take(prefix: str, files: Sequence[Source]) -> None:
+        for file in reversed(files):
+            model = file.file.model if file.file is not None else None
+            for name, typed in (model.actuators if model is not None else {}).items():
+                found[prefix + name] = Written(prefix, file, ("model", "actuators", name), typed)
+
+    if (own := model_of(source)) is not None:
+        take("", own.files)
+    for placement, use, bodies in placed(source):
+        if use is None:
+            continue  # has errors, which are reported elsewhere
+        for suffix, _ in elements(use.array):
+            take(f"{placement}{suffix}/", bodies.files)
+            for name, typed in use.actuators.items():
+                path = ("models", placement, "actuators", name)
+                found[f"{placement}{suffix}/{name}"] = Written(f"{placement}{suffix}/", source, path, typed)
+    return found
+
+
+class ActuatorsDraft:
+    """A controller of actuators while it is resolved; ``taken``: joints that other controllers drive, with their names."""
+
+    def __init__(
+        self,
+        source: Source,
+        path: tuple[Key, ...],
+        written: SpecController,
+        bodies: Sequence[Body],
+        taken: Mapping[str, str],
+        followers: Mapping[str, str],
+    ):
+        self.problems: list[Problem] = []
+        self._source, self._path, self._written = source, path, written
+        self._joints_of = {body.joint.name: body.joint for body in bodies}
+        known = written_actuators(source)
+        names = self._names(known)
+        commands = self._commands(names)
+        at: dict[str, AtJoint] = {}
+        by: dict[str, str] = {}
+        for name in names:
+            joint = self._joint(known[name], taken, followers, by, name)
+            if joint is None:
+                continue
+            by[joint.name] = name
+            law = self._law(known[name], joint, commands.get(name))
+            if law is not None:
+                at[joint.name] = law
+        self.joints = tuple(name for name in self._joints_of if name in at)
+        self._at = at
+
+    def controller(self, name: str) -> Controller:
+        """The world's controller."""
+        rows = [self._at[joint] for joint in self.joints]
+        every = self._written.every
+        steps = 1 if every is None else whole_steps(every, self._source.content.physics.timestep) or 1
+        return Controller(
+            name=name,
+            joints=self.joints,
+            discretisation=self._written.discretisation,
+            kp=tuple(row.kp for row in rows),
+            kd=tuple(row.kd for row in rows),
+            effort_limits=tuple(row.limit for row in rows),
+            every_steps=steps if steps > 1 else 0,
+        )
+
+    def aims(self) -> dict[str, tuple[float, float]]:
+        """The constant target (rad, m) and feed-forward effort (N m, N) of each joint."""
+        aims = {}
+        for joint in self.joints:
+            row = self._at[joint]
+            start = self._joints_of[joint].position[0]
+            aims[joint] = (start if row.target is None else row.target, row.feed)
+        return aims
+
+    # --- names ---
+
+    def _names(self, known: Mapping[str, Written]) -> list[str]:
+        names: dict[str, None] = {}
+        for index, entry in enumerate(self._written.actuators or ()):
+            meant = chosen(entry, known)
+            if not meant:
+                allowed = ", ".join(list(known)[:8]) or "no model has actuators"
+                self._problem(
+                    ("actuators", index),
+                    f"there is no actuator {entry!r}",
+                    found=entry,
+                    allowed=allowed,
+                    hint=near(entry, known),
+                )
+            names.update(dict.fromkeys(meant))
+        return list(names)
+
+    def _commands(self, names: Sequence[str]) -> dict[str, tuple[tuple[Key, ...], Any]]:
+        commands: dict[str, tuple[tuple[Key, ...], Any]] = {}
+        for name, value in self._written.commands.items():
+            if name not in names:
+                message = f"{name!r} is not an actuator of this controller"
+                allowed = ", ".join(names[:8]) or None
+                self._problem(("commands", name), message, key=True, allowed=allowed, hint=near(name, names))
+            commands[name] = (("commands", name), value)
+        return commands
+
+    def _joint(
+        self,
+        written: Written,
+        taken: Mapping[str, str],
+        followers: Mapping[str, str],
+        by: Mapping[str, str],
+        name: str,
+    ) -> Joint | None:
+        full = written.prefix + written.typed.joint
+        joint = self._joints_of.get(full)
+        message, hint = "", None
+        if joint is None:
+            message, hint = f"the model has no joint {written.typed.joint!r}", near(full, self._joints_of)
+        elif joint.kind not in SCALAR_JOINTS:
+            message = f"{full} is {article(joint.kind)} joint; actuators act on hinges and slides"
+        elif full in followers:
+            message, hint = f"{full} follows {followers[full]}, and has no actuator", f"drive {followers[full]}"
+        elif other := by.get(full) or taken.get(full):
+            message = f"{full} is driven already, by {other}"
+            hint = "a joint has at most one controller: name the actuators that act"
+        if message:
+            place = (*written.path, "joint")
+            self.problems.append(
+                written.file.document.problem(place, message, found=f"{name} of control.{self._path[-1]}", hint=hint)
+            )
+            return None
+        return joint
+
+    # --- numbers ---
+
+    def _law(self, written: Written, joint: Joint, said: tuple[tuple[Key, ...], Any] | None) -> AtJoint | None:
+        typed, kind = written.typed, joint.kind
+
+        def own(key: str) -> float | None:
+            value = getattr(typed, key)
+            return None if value is None else self._read(OF_JOINT[key].number(kind), value, written, (key,))
+
+        kp, kd, limit = own("kp") or 0.0, own("kd") or 0.0, own("effort_limit")
+        number = COMMAND.number(kind, COMMANDS[typed.law])
+        command = self._command(written, number, said)
+        if command is None or self.problems:
+            return None
+        bias = typed.bias or (0.0, 0.0, 0.0)
+        gain = {"position": kp, "velocity": kd, "effort": 1.0}.get(typed.law, 1.0 if typed.gain is None else typed.gain)
+        if typed.law == "affine":
+            kp, kd = 0.0 - bias[1], 0.0 - bias[2]
+        gear = typed.gear
+        target: float | None = None
+        feed = gear * (gain * command + bias[0])
+        if typed.law == "position":
+            target, feed = command / gear, 0.0
+        elif kp:
+            target = 0.0
+        at_joint = None if limit is None else limit * abs(gear)
+        limits = [value for value in (at_joint, joint.effort_limit) if value is not None]
+        law = AtJoint(kp * gear**2, kd * gear**2, min(limits, default=None), target, feed)
+        if any(abs(value) > LARGEST for value in law if value is not None):
+            self.problems.append(
+                written.file.document.problem(written.path, "its effort is too large a number", key=True)
+            )
+            return None
+        return law
+
+    def _command(self, written: Written, number: Number, said: tuple[tuple[Key, ...], Any] | None) -> float | None:
+        """The command that is in force, within its limits."""
+        if said is None:
+            place, document, value = (*written.path, "command"), written.file.document, written.typed.command
+        else:
+            place, document, value = (*self._path, *said[0]), self._source.document, said[1]
+        try:
+            command = number.read(value)
+        except Faults as error:
+            for wrong in error.faults:
+                self.problems.append(
+                    document.problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint)
+                )
+            return None
+        if written.typed.command_limits is not None:
+            ends = [
+                self._read(number, value, written, ("command_limits", index))
+                for index, value in enumerate(written.typed.command_limits)
+            ]
+            low, high = (end if end is not None else command for end in ends)
+            if not low <= command <= high:
+                self.problems.append(
+                    document.problem(
+                        place, "the command is outside its limits", found=f"{command:g}", allowed=f"{low:g} to {high:g}"
+                    )
+                )
+                return None
+        return command
+
+    def _read(self, number: Number, value: Any, written: Written, below: tuple[Key, ...]) -> float | None:
+        try:
+            return float(number.read(value))
+        except Faults as error:
+            place = (*written.path, *below)
+            self.problems += [
+                written.file.document.problem(
+                    place, wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint
+                )
+                for wrong in error.faults
+            ]
+        return None
+
+    def _problem(self, below: tuple[Key, ...], message: str, **more: Any) -> None:
+        self.problems.append(self._source.document.problem((*self._path, *below), message, **more))
+
+
+def commanded(aims: Mapping[str, tuple[float, float]], bodies: Sequence[Body]) -> Trajectory | None:
+    """The trajectory that holds constant targets and efforts; None without any."""
+    rows: Iterator[str] = (body.joint.name for body in bodies if body.joint.name in aims)
+    joints = tuple(rows)
+    if not joints:
+        return None
+    return Trajectory(
+        joints=joints,
+        times=(0.0,),
+        positions=(tuple(aims[joint][0] for joint in joints),),
+        efforts=(tuple(aims[joint][1] for joint in joints),) if any(aims[joint][1] for joint in joints) else (),
+        interpolation="hold",
+    )
