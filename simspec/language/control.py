@@ -166,8 +166,9 @@ class Controller(Strict):
             yield from cls._of_actuators(data)
             return
         if "joints" not in data and not misspelt("joints", data, cls.model_fields):
-            hint = "joints: [...], or actuators: [...] of a model"
-            yield Fault((), "a controller needs joints, or actuators", hint=hint)
+            yield Fault(
+                ("joints",), "joints is missing", None, "a list of joints' full names, or actuators: [...] of a model"
+            )
         if "commands" in data:
             yield Fault(
                 ("commands",), "commands are of actuators, and this controller has none", hint="actuators: [...]"

@@ -212,7 +212,7 @@ def test_wrong_ones_are_errors_at_their_places(name):
 def test_a_controller_has_joints_or_actuators():
     data = scenario({"a": SERVO})
     data["control"] = {"robot": {"law": "pd", "kp": 1, "kd": 1}}
-    assert ("control.robot", "a controller needs joints, or actuators") in problems(data)
+    assert ("control.robot.joints", "joints is missing") in problems(data)
     data["control"] = {"robot": {"joints": ["arm/elbow"], "kp": 1, "kd": 1, "commands": {"arm/a": 1}}}
     assert any(path == "control.robot.commands" for path, _ in problems(data))
 
