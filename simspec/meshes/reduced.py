@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +11,10 @@ from simspec.world.solid import Points
 EQUAL = 1e-9
 """Share of the extent within which two distances are the same, so that of a symmetric solid's vertices the first in the file is
 taken, not the one that round-off favours."""
+
+
+ROUND_OFF = 1e-12
+"""Share by which a distance from one triangle may differ where it is computed with others."""
 
 
 def reduced(vertices: Points, most: int) -> tuple[Points, float]:
@@ -28,13 +30,14 @@ def reduced(vertices: Points, most: int) -> tuple[Points, float]:
     extent = float(np.ptp(vertices, axis=0).max())
     chosen = _tetrahedron(vertices, extent)
     hull = ConvexHull(vertices[chosen], incremental=True)
+    beyond = _Beyond(vertices)
     try:
         while len(chosen) < most:
-            beyond = _beyond(hull, vertices)
-            furthest = float(beyond.max())
+            beyond.update(hull.equations)
+            furthest = float(beyond.most.max())
             if furthest <= EQUAL * extent:
                 break
-            index = int(np.flatnonzero(beyond >= furthest - EQUAL * extent)[0])
+            index = int(np.flatnonzero(beyond.most >= furthest - EQUAL * extent)[0])
             chosen.append(index)
             hull.add_points(vertices[index][None])
     finally:
@@ -62,15 +65,58 @@ def _tetrahedron(vertices: Points, extent: float) -> list[int]:
     return [one, two, three, four]
 
 
-def _beyond(hull: Any, vertices: Points) -> NDArray[np.float64]:
-    """How far (n,) each vertex lies beyond the face that it is furthest beyond."""
-    normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
-    furthest = np.full(len(vertices), -np.inf)
-    step = max(1, 4_000_000 // len(vertices))
-    for start in range(0, len(normals), step):
-        part = slice(start, start + step)
-        furthest = np.maximum(furthest, (vertices @ normals[part].T + offsets[part]).max(axis=1))
-    return furthest
+class _Beyond:
+    """How far each vertex lies beyond the face that it is furthest beyond, of a hull that grows: only faces that are new, and
+    vertices whose face is gone, are looked at again."""
+
+    def __init__(self, vertices: Points):
+        self._vertices = vertices
+        self._faces: dict[bytes, int] = {}
+        self._count = 0
+        self.most: NDArray[np.float64] = np.full(len(vertices), -np.inf)
+        """The distances (n,)."""
+        self._of: NDArray[np.int64] = np.full(len(vertices), -1)
+        """The number of the face of each."""
+
+    def update(self, equations: NDArray[np.float64]) -> None:
+        """Take the faces (m, 4) that the hull has now: normals, and offsets from the origin."""
+        keys = [row.tobytes() for row in equations]
+        known, self._faces = self._faces, {}
+        for key in keys:
+            number = known.get(key)
+            if number is None:
+                number, self._count = self._count, self._count + 1
+            self._faces[key] = number
+        numbers = np.array([self._faces[key] for key in keys])
+        is_new = np.array([key not in known for key in keys])
+        lost = ~np.isin(self._of, numbers)
+        self.most[lost] = -np.inf
+        self._look(np.flatnonzero(lost), equations[~is_new], numbers[~is_new])
+        self._look(np.arange(len(self._vertices)), equations[is_new], numbers[is_new])
+
+    def _look(self, rows: NDArray[np.int64], equations: NDArray[np.float64], numbers: NDArray[np.int64]) -> None:
+        """Compare vertices with faces."""
+        if not len(rows) or not len(equations):
+            return
+        beyond, best = _furthest(self._vertices[rows], equations)
+        further = beyond > self.most[rows]
+        self.most[rows[further]] = beyond[further]
+        self._of[rows[further]] = numbers[best[further]]
+
+
+def _furthest(vertices: Points, equations: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """How far (n,) each vertex lies beyond the face that it is furthest beyond, and that face's place in ``equations``."""
+    most = np.full(len(vertices), -np.inf)
+    best = np.zeros(len(vertices), np.int64)
+    step = max(1, 4_000_000 // max(1, len(vertices)))
+    for start in range(0, len(equations), step):
+        part = equations[start : start + step]
+        distances = vertices @ part[:, :3].T + part[:, 3]
+        at = distances.argmax(axis=1)
+        values = distances[np.arange(len(vertices)), at]
+        further = values > most
+        most[further], best[further] = values[further], at[further] + start
+    return most, best
 
 
 def _distance(vertices: Points, kept: Points) -> float:
@@ -78,16 +124,23 @@ def _distance(vertices: Points, kept: Points) -> float:
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(kept)
-    outside = _beyond(hull, vertices) > 0.0
+    beyond, best = _furthest(vertices, hull.equations)
+    outside = beyond > 0.0
+    points, faces = vertices[outside], hull.simplices[best[outside]]
+    # no vertex is further from the hull than from the face that it is furthest beyond: few need to be compared with all
+    bound = np.sqrt(_square_to_triangles(points, kept[faces[:, 0]], kept[faces[:, 1]], kept[faces[:, 2]]))
     a, b, c = (kept[hull.simplices[:, k]] for k in range(3))
     worst = 0.0
-    for point in vertices[outside]:
-        worst = max(worst, float(np.sqrt(_square_to_triangles(point, a, b, c).min())))
+    for index in np.argsort(-bound, kind="stable"):
+        if bound[index] * (1.0 + ROUND_OFF) <= worst:
+            break
+        worst = max(worst, float(np.sqrt(_square_to_triangles(points[index], a, b, c).min())))
     return worst
 
 
 def _square_to_triangles(point: Points, a: Points, b: Points, c: Points) -> NDArray[np.float64]:
-    """Squares of the distances (m,) of a point from triangles: from the plane where its foot is inside, else from the edges."""
+    """Squares of the distances (m,) of a point from triangles, or of as many points from one each: from the plane where its foot
+    is inside, else from the edges."""
     normal = np.cross(b - a, c - a)
     square = (normal**2).sum(axis=1)
     safe = np.where(square > 0.0, square, 1.0)
