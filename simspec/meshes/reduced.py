@@ -139,8 +139,8 @@ def _distance(vertices: Points, kept: Points) -> float:
 
 
 def _square_to_triangles(point: Points, a: Points, b: Points, c: Points) -> NDArray[np.float64]:
-    """Squares of the distances (m,) of a point from triangles, or of as many points from one each: from the plane where its foot
-    is inside, else from the edges."""
+    """Squares of the distances (m,) of a point from triangles, or of as many points from one each: from the plane where its
+    foot is inside, else from the edges."""
     normal = np.cross(b - a, c - a)
     square = (normal**2).sum(axis=1)
     safe = np.where(square > 0.0, square, 1.0)
