@@ -22,6 +22,7 @@ from simspec.dynamics.states import SEED, random_states
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
 from simspec.proof.inside import MIDDLE, inside
+from simspec.proof.motion import couple
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.types import World
 
@@ -86,7 +87,10 @@ def plan(world: World, oracle: Oracle) -> DryFriction | None:
         if body.joint.position_limits is not None:
             low, high = body.joint.position_limits
             q[at_q], room[at_v] = (low + high) / 2.0, RANGE * (high - low)
-    q = oracle.settled(inside(world, q, MIDDLE), initial_state(world)[0])
+    q, start = inside(world, q, MIDDLE), initial_state(world)[0]
+    if world.constraints:  # what is held together may not be in the middle of its range, and must not be beyond
+        couple(world, oracle, q, start)
+        q = oracle.inwards(oracle.settled(q, start))
     places = {body.joint.name: at for body, at in zip(world.bodies, oracle.layout.velocity, strict=True)}
     for one in world.sums:
         if one.position_limits is not None:

@@ -221,7 +221,7 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
     if any(one.position_limits for one in world.sums):
         q, v = inside(world, q, MIDDLE), calmed(world, v, CALM)
     if world.constraints:  # what is held together begins there, and moves so
-        _couple(world, oracle, q, start)
+        couple(world, oracle, q, start)
         q = oracle.inwards(oracle.settled(q, start))
         v = oracle.held_velocity(q, v)
     generator = np.random.default_rng(SEED + 100 + attempt)
@@ -248,7 +248,7 @@ def _well_inside(position: float, low: float, high: float) -> bool:
     return low + margin < position < high - margin
 
 
-def _couple(world: World, oracle: Oracle, q: np.ndarray, start: np.ndarray) -> None:
+def couple(world: World, oracle: Oracle, q: np.ndarray, start: np.ndarray) -> None:
     """Put joints that follow others where these put them, in the middle of what the limits of all of them leave, in ``q``."""
     parts = zip(world.bodies, oracle.layout.position, strict=True)
     joints = {body.joint.name: (at.start, body.joint.position_limits) for body, at in parts}

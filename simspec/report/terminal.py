@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -136,6 +136,23 @@ LEVEL_WORDS = {
     "L6": "contact-free motion",
     "L7": "control, step response",
 }
+"""Of each level what it checks, as far as ``PART_WORDS`` does not say it of its parts."""
+PART_WORDS = {
+    "L6": {"motion": "contact-free motion", "dry friction": "dry friction", "limits of sums": "limits of sums"},
+    "L7": {
+        "step response": "control, step response",
+        "applied forces": "applied forces",
+        "prescribed motion": "prescribed motion",
+    },
+}
+"""Of levels of several parts the words of each; names of checks begin with that of their part."""
+
+
+def level_title(level: str, checks: Iterable[Check]) -> str:
+    """The name of a level's row: what ``checks``, those of the level in all engines, are of."""
+    parts = {check.name.partition(",")[0] for check in checks}
+    words = [word for part, word in PART_WORDS.get(level, {}).items() if part in parts]
+    return f"{level} {'; '.join(words) or LEVEL_WORDS.get(level, '')}".strip()
 
 
 def certificate_tables(certificate: Certificate) -> list[Table]:
@@ -152,7 +169,7 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
         tightest = {name: max(checks, key=_strain) for name, checks in blocks.items() if checks}
         tolerances = sorted({level_check.tolerance for level_check in tightest.values() if level_check.tolerance})
         deviations.add_row(
-            f"{level} {LEVEL_WORDS.get(level, '')}".strip(),
+            level_title(level, (check for checks in blocks.values() for check in checks)),
             ", ".join(f"{value:.1e}" for value in tolerances) or ("exact" if tightest else "–"),
             *(
                 _level_cell(blocks[name], tightest.get(name), level in proof.unchecked)

@@ -14,7 +14,7 @@ from simspec.comparison.runs import OUT, WITHIN, Diff
 from simspec.comparison.study import Study
 from simspec.errors import MOST_PROBLEMS, EngineError, Location, Problem, SimspecError, SpecError, clipped
 from simspec.proof.checks import Check
-from simspec.report.terminal import LEVEL_WORDS
+from simspec.report.terminal import level_title
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 from simspec.selection import NotTaken
@@ -97,9 +97,9 @@ def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[Entry]
     names = {check.level for check in proof.checks}
     apart = {name: why for name, why in (proof.not_compared | proof.unchecked).items() if " " not in name}
     for number, level in enumerate(sorted(names | apart.keys())):
-        title = f"proof {level} {LEVEL_WORDS.get(level, '')}".strip()
-        seconds = proof.seconds if number == 0 else 0.0  # the levels share one process
         checks = proof.level(level)
+        title = f"proof {level_title(level, checks)}"
+        seconds = proof.seconds if number == 0 else 0.0  # the levels share one process
         bad = sorted((check for check in checks if not check.passed), key=_excess, reverse=True)
         if bad:
             message = f"{bad[0].name}: {_deviation(bad[0])}" + (f" at {bad[0].where}" if bad[0].where else "")

@@ -18,7 +18,7 @@ from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK, dry_friction_c
 from simspec.proof.verify import verify
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from simspec.world.types import Physics, World
+from simspec.world.types import Follow, Physics, World
 from tests import worlds
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
@@ -246,3 +246,19 @@ def test_what_only_motion_shows_is_seen_beside_dry_friction(engine, defect, tmp_
     assert found, [check for check in proof.checks if not check.passed]
     rubs = defect in ("friction", "no friction", "soft friction", "friction switched off")
     assert found <= {SLIDING_CHECK, REST_CHECK} if rubs else "motion" in found
+
+
+def test_joints_that_are_held_together_are_tried_within_the_limits_of_both():
+    """A thread: a cap that turns rises, and is let in by the limits of what follows it alone."""
+    turn, rise = worlds.tree(["hinge", "slide"], 12)
+    limits = dataclasses.replace(rise.joint, position_limits=(0.0, 0.032), position=(0.001,), velocity=(0.0,))
+    turning = dataclasses.replace(
+        turn.joint, position_limits=None, dry_friction=0.02, position=(0.4,), velocity=(0.0,)
+    )
+    bodies = (dataclasses.replace(turn, joint=turning), dataclasses.replace(rise, joint=limits))
+    thread = Follow("thread", limits.name, turning.name, 0.0025, 0.0)
+    world = dataclasses.replace(worlds.world(bodies, "thread"), constraints=(thread,))
+    made = dry_friction.plan(world, Oracle(world))
+    for trial in made.trials:
+        assert trial.q[1] == pytest.approx(0.0025 * trial.q[0], abs=1e-12)
+        assert 0.004 < trial.q[1] < 0.028

@@ -17,6 +17,7 @@ from simspec.comparison.worlds import diff_worlds
 from simspec.errors import EngineError, Location, Problem, SpecError
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
+from simspec.proof.expected import PARTS
 from simspec.proof.selftest import Outcome as DefectOutcome
 from simspec.proof.selftest import SelfTest
 from simspec.report import differences, terminal
@@ -197,3 +198,19 @@ def test_the_self_test_shows_what_was_missed():
     assert rows["mass"][:2] == ["L1,", "L3"]
     assert "it has no such number" in text
     assert rows["axis"] == ["MISSED", "L2"]
+
+
+def test_a_level_is_called_after_what_it_checks():
+    def checks(*names):
+        return [Check("L7", name, 1, 1e-9, 0.0, "") for name in names]
+
+    assert terminal.level_title("L7", []) == "L7 control, step response"
+    assert terminal.level_title("L7", checks("applied forces")) == "L7 applied forces"
+    both = checks("prescribed motion", "step response", "step response, closed form")
+    assert terminal.level_title("L7", both) == "L7 control, step response; prescribed motion"
+    assert terminal.level_title("L6", checks("dry friction, at rest", "dry friction, sliding")) == "L6 dry friction"
+    assert terminal.level_title("L3", checks("mass matrix")) == "L3 dynamics"
+    # every part that a level may lack has a word, or its level is of one thing
+    for level, part in PARTS:
+        if level in terminal.PART_WORDS and part:
+            assert part.partition(",")[0] in terminal.PART_WORDS[level]

@@ -19,15 +19,12 @@ from simspec.imports.elements import Element
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, Compiled
 from simspec.imports.mjcf.features import Features
 from simspec.language.document import Path_
-from simspec.language.models import Body
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
 
 GROUND: Final = "ground"
 """The body that has the shapes of the world itself, and is held where a constraint holds the world."""
 KINDS: Final = {FREE: "free", BALL: "ball", SLIDE: "slide", HINGE: "hinge"}
-SEVERAL_JOINTS: Final = "joints" in Body.model_fields
-"""Whether the language has bodies with several joints."""
 IDENTITY: Final = np.array([1.0, 0.0, 0.0, 0.0])
 Vector = NDArray[np.float64]
 
@@ -191,7 +188,7 @@ class Bodies:
             if where:
                 joint = {**{key: joint[key] for key in ("name", "type") if key in joint}, "origin": where, **joint}
             if len(joints) > 1:
-                body["joints"] = [joint, *self._further(name, joints, element)]
+                body["joints"] = [joint, *self._further(name, joints)]
             else:
                 body["joint"] = joint
         else:
@@ -228,11 +225,9 @@ class Bodies:
 
     # --- joints -------------------------------------------------------------------------------------------------
 
-    def _further(self, name: str, joints: range, element: Element) -> list[dict[str, Any]]:
+    def _further(self, name: str, joints: range) -> list[dict[str, Any]]:
         """The joints of a body after its first, each with its origin in the frame that the one before it moves."""
         model = self.model
-        if not SEVERAL_JOINTS:
-            raise element.error("several joints on one body are not supported yet", found=f"{len(joints)} joints")
         further = []
         for before, number in pairwise(joints):
             self.joints.setdefault(number, self.joint_names.give("", f"{name}_joint_{number - joints[0]}"))

@@ -19,8 +19,8 @@ FITS: Final = 1e-6
 """m and rad by which the reference configuration may miss a loop; beyond it the spec's language refuses the loop."""
 
 
-def add_constraints(bodies: Bodies, surfaces: Surfaces, known: bool) -> dict[str, Any]:
-    """``constraints`` of the spec; what it does not say is a feature. ``known``: whether the language has the word."""
+def add_constraints(bodies: Bodies, surfaces: Surfaces) -> dict[str, Any]:
+    """``constraints`` of the spec; what it does not say is a feature."""
     model, features = bodies.model, bodies.features
     constraints: dict[str, Any] = {}
     leaders: dict[int, int] = {}
@@ -28,7 +28,7 @@ def add_constraints(bodies: Bodies, surfaces: Surfaces, known: bool) -> dict[str
         if not bool(model["eq_active0"][number]) or model.disabled("equality", "constraint"):
             features.add("equality.inactive", part.element)
             continue
-        made = _made(bodies, number, leaders) if known else None
+        made = _made(bodies, number, leaders)
         if made is None:
             features.add("equality", part.element)
             continue

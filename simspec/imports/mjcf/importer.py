@@ -22,11 +22,9 @@ from simspec.imports.mjcf.surfaces import Surfaces
 from simspec.imports.timestep import SHARE, round_step
 from simspec.language.document import Path_
 from simspec.language.foreign import Imported, ImportOptions, Severity
-from simspec.language.models import VERSION, File
+from simspec.language.models import VERSION
 from simspec.language.words import clean_name
 
-CONSTRAINTS: Final = "constraints" in File.model_fields
-"""Whether the language has constraints outside the tree."""
 BEGINNING: Final = b"<" + ROOT.encode()
 
 
@@ -60,7 +58,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         raise assembly.root.error("this model has no bodies")
     surfaces = Surfaces(model, features)
     add_shapes(bodies, surfaces)
-    constraints = add_constraints(bodies, surfaces, CONSTRAINTS)
+    constraints = add_constraints(bodies, surfaces)
     names = bodies.names if bodies.ground is None else {0: bodies.ground, **bodies.names}
     roots = [name for name, body in bodies.data.items() if "parent" not in body]
     alone = len(roots) == 1 and bool(bodies.names)

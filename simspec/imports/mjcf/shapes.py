@@ -11,7 +11,6 @@ import numpy as np
 from simspec.imports.mjcf.bodies import Bodies, Names, Vector, inverse, numbers, pose, product, rotated
 from simspec.imports.mjcf.surfaces import Surfaces
 from simspec.language.mesh import MOST_VERTICES
-from simspec.language.shapes import Shape
 
 PLANE, HEIGHT_FIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(8)
 """Types of geoms."""
@@ -24,8 +23,6 @@ MAKERS: Final[Mapping[int, Callable[[Sequence[float]], dict[str, Any]]]] = {
     BOX: lambda size: {"box": {"size": [2.0 * value for value in size]}},
 }
 """The word of a shape and its sizes: geoms have half lengths."""
-MESHES: Final = "mesh" in Shape.model_fields
-"""Whether the language has meshes."""
 SUFFIXES: Final = (".obj", ".stl", ".ply", ".msh")
 """Files of meshes that the language and the compiler read alike."""
 MOST_FACES: Final = 200_000
@@ -65,7 +62,7 @@ def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | 
     material = surfaces.material(number)
     place, turn = model["geom_pos"][number], model["geom_quat"][number]
     maker = MAKERS.get(kind)
-    if kind == MESH and MESHES:
+    if kind == MESH:
         made = _mesh(bodies, number, material is not None)
         shape, place, turn = made or (None, place, turn)
     else:

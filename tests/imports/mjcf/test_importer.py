@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.mjcf import equality, importer
+from simspec.imports.mjcf import equality
 from simspec.imports.mjcf.bodies import Bodies
 from simspec.imports.mjcf.compiled import compilers
 from simspec.imports.mjcf.features import FEATURES
@@ -18,7 +18,6 @@ from simspec.imports.mjcf.surfaces import Surface, combined
 from simspec.language import foreign
 from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
-from simspec.language.models import File
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter
 from tests.imports.mjcf.models import ARM, SCENE, lost, read, written
@@ -306,8 +305,7 @@ conaffinity="0"/></body>
 </equality></mujoco>"""
 
 
-def test_equalities_are_constraints(tmp_path, monkeypatch):
-    monkeypatch.setattr(importer, "CONSTRAINTS", True)
+def test_equalities_are_constraints(tmp_path):
     path = written(tmp_path, LOOPS)
     imported = read(path)
     weld, follow, connect = imported.data["constraints"].values()
@@ -324,8 +322,7 @@ def test_equalities_are_constraints(tmp_path, monkeypatch):
         (11, Severity.PHYSICS),
         (12, Severity.INFORMATION),
     }
-    if "constraints" in File.model_fields:
-        assert len(load(path).resolve().constraints) == 3
+    assert len(load(path).resolve().constraints) == 3
 
 
 MESH = """<mujoco><asset>
