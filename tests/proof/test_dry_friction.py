@@ -252,9 +252,7 @@ def test_joints_that_are_held_together_are_tried_within_the_limits_of_both():
     """A thread: a cap that turns rises, and is let in by the limits of what follows it alone."""
     turn, rise = worlds.tree(["hinge", "slide"], 12)
     limits = dataclasses.replace(rise.joint, position_limits=(0.0, 0.032), position=(0.001,), velocity=(0.0,))
-    turning = dataclasses.replace(
-        turn.joint, position_limits=None, dry_friction=0.02, position=(0.4,), velocity=(0.0,)
-    )
+    turning = dataclasses.replace(turn.joint, position_limits=None, dry_friction=0.02, position=(0.4,), velocity=(0.0,))
     bodies = (dataclasses.replace(turn, joint=turning), dataclasses.replace(rise, joint=limits))
     thread = Follow("thread", limits.name, turning.name, 0.0025, 0.0)
     world = dataclasses.replace(worlds.world(bodies, "thread"), constraints=(thread,))
