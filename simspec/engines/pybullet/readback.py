@@ -203,7 +203,8 @@ def _body_shapes(
                 raise EngineError("pybullet", f"holds a copy of shape {name!r} that is unlike the shape")
             else:
                 found[name] = dataclasses.replace(known, surfaces=(*known.surfaces, *shape.surfaces))
-    shapes = _with_visuals([found[name] for name in solid], visuals)
+    held = [found[name] for name in solid]
+    shapes = _in_order(held, visuals, len(names), visual_only) or _with_visuals(held, visuals)
     return _named(tuple(shapes), names, visual_only)
 
 
@@ -248,6 +249,39 @@ def _with_visuals(solid: list[Shape], visuals: list[Shape]) -> list[Shape]:
             shape = dataclasses.replace(shape, visual=True, colour=same.colour)
         found.append(shape)
     return [*found, *rest]
+
+
+def _in_order(solid: list[Shape], visuals: list[Shape], count: int, visual_only: Sequence[int]) -> list[Shape] | None:
+    """The same for the ``count`` shapes of a body, of which those at ``visual_only`` only are seen: visuals are in the order of
+    the shapes, so that a shape that is seen is told from a solid one like it; of two solids alike in one place the first is
+    taken for the one that is seen. None where visuals and shapes do not fit."""
+    alone = set(visual_only)
+    if len(solid) + len(alone) != count:
+        return None
+    left = iter(solid)
+    places = [None if index in alone else next(left) for index in range(count)]
+    fits = [[False] * (len(visuals) + 1) for _ in range(count + 1)]
+    fits[count][len(visuals)] = True
+    for index in reversed(range(count)):
+        place = places[index]
+        for taken in range(len(visuals) + 1):
+            takes = taken < len(visuals) and fits[index + 1][taken + 1]
+            takes = takes and (place is None or _same(place, visuals[taken]))
+            fits[index][taken] = takes or (place is not None and fits[index + 1][taken])
+    if not fits[0][0]:
+        return None
+    taken, solids, seen = 0, [], []
+    for index, place in enumerate(places):
+        takes = taken < len(visuals) and fits[index + 1][taken + 1]
+        if place is None:
+            seen.append(visuals[taken])
+        elif takes and _same(place, visuals[taken]):
+            solids.append(dataclasses.replace(place, visual=True, colour=visuals[taken].colour))
+        else:
+            solids.append(place)
+            continue
+        taken += 1
+    return [*solids, *seen]
 
 
 def _named(shapes: tuple[Shape, ...], names: Sequence[str], visual_only: Sequence[int]) -> tuple[Shape, ...]:

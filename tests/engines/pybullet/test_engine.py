@@ -97,6 +97,31 @@ def test_reads_back_the_world(name, load):
                 assert read.surfaces[0].friction ** 2 == pytest.approx(friction, abs=1e-12)
 
 
+@pytest.mark.parametrize("seen", ["s", "b", "sv", "vs", "bv", "vb", "svs", "bvs", "vbsv"])
+def test_shapes_that_are_alike_are_told_apart_by_their_order(seen, load):
+    """Of one body: ``s`` a solid that is not seen, ``b`` one that is, ``v`` what only is seen, all of one size and place."""
+    base = worlds.shapes_world(("capsule",))
+    body = next(body for body in base.bodies if body.shapes and body.shapes[0].kind == "capsule")
+    material = body.shapes[0].material
+    shapes = tuple(
+        dataclasses.replace(
+            body.shapes[0],
+            name=f"shape{index}",
+            collision=word != "v",
+            visual=word != "s",
+            material="" if word == "v" else material,
+        )
+        for index, word in enumerate(seen)
+    )
+    bodies = tuple(dataclasses.replace(body, shapes=shapes) if one is body else one for one in base.bodies)
+    world = dataclasses.replace(base, bodies=bodies)
+    held = load(world).read_back()
+    again = next(one for one in held.bodies if one.name == body.name).shapes
+    assert [(shape.name, shape.collision, shape.visual) for shape in again] == [
+        (shape.name, shape.collision, shape.visual) for shape in shapes
+    ]
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [
