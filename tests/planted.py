@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from simspec.proof.selftest_worlds import WORLDS
 
-MUJOCO_ALONE = {"ball armature": "joint.ball.armature", "margins": "shape.margin", "belts": "shape.surface_velocity"}
+MUJOCO_ALONE = {
+    "ball armature": "joint.ball.armature",
+    "free armature": "joint.free.armature",
+    "belts": "shape.surface_velocity",
+    "margins": "shape.margin",
+}
 """By name, with the feature that the others lack."""
 SHARED = {name: make for name, make in WORLDS.items() if name not in MUJOCO_ALONE}
 """The other worlds, by name."""

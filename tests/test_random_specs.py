@@ -39,6 +39,9 @@ RARE = {
     Feature.MARGIN_PAIRS,
     Feature.SURFACE_VELOCITY,
     Feature.BALL_ARMATURE,
+    Feature.FREE_ARMATURE,
+    Feature.FREE_DAMPING,
+    Feature.GRAVITY_SCALE,
     Feature.TOUCHING_PAIRS,
 }
 """What is an engine's matter (pairs), refused in most worlds or by most engines (margins, armature of balls), not drawn

@@ -108,7 +108,8 @@ def _always_acting(world: World) -> list[str]:
         "controllers": bool(world.controllers),
         "forces on bodies": bool(world.forces),
         "kinematic bodies": bool(world.motions),
-        "damping": any(joint.damping for joint in joints) or any(one.damping for one in world.sums),
+        "damping": any(joint.damping or joint.angular_damping for joint in joints)
+        or any(one.damping for one in world.sums),
         "dry friction": any(joint.dry_friction for joint in joints),
         "constraints": bool(world.constraints),
     }
@@ -182,8 +183,10 @@ def free_trees(world: World) -> dict[str, list[int]]:
         name: rows
         for name, rows in trees.items()
         if joints[name].kind == "free"
-        and not joints[name].damping
+        and not (joints[name].damping or joints[name].angular_damping)
+        and not (joints[name].armature or joints[name].angular_armature)
         and not any(world.bodies[row].name in pushed for row in rows)
+        and len({world.bodies[row].gravity_scale for row in rows}) == 1  # else weights turn the tree about its centre
     }
 
 
@@ -194,6 +197,7 @@ def _momentum(run: Run, touching: NDArray[np.bool_]) -> tuple[Drift | None, Drif
         return None, None
     linear, angular = (np.zeros((len(run.time), len(trees), 3)) for _ in range(2))
     gravity, masses = np.array(world.physics.gravity), metrics.Masses.of(world).mass
+    weights = masses * np.array([body.gravity_scale for body in world.bodies])
     scales = np.zeros(2)
     for part, block in metrics.by_blocks(run.arrays):
         moved = metrics.motion(world, block)
@@ -203,7 +207,7 @@ def _momentum(run: Run, touching: NDArray[np.bool_]) -> tuple[Drift | None, Drif
             push = mass * moved.velocity[:, rows]
             whole = mass.sum()
             centre = (mass * moved.centre[:, rows]).sum(axis=1) / whole
-            linear[part, column] = push.sum(axis=1) - whole * gravity * run.time[part, None]
+            linear[part, column] = push.sum(axis=1) - float(weights[rows].sum()) * gravity * run.time[part, None]
             lever = moved.centre[:, rows] - centre[:, None]
             angular[part, column] = (np.cross(lever, push) + moved.spin[:, rows]).sum(axis=1)
     touched = np.stack([touching[:, rows].any(axis=1) for rows in trees.values()], axis=1)

@@ -170,18 +170,17 @@ class _Group:
         tree, rows = self._tree, self.rows
         if tree is None:
             return wanted
-        pin, model, data = tree.pin, tree.model, tree.data
         if self._only_torque:
-            torque: np.ndarray = pin.rnea(model, data, q, v, wanted) + self._feed[k]
+            torque: np.ndarray = tree.own_inverse(q, v, wanted) + self._feed[k]
             return torque
         effort = self._effort
         effort[:] = 0.0
         if rows.torque.any():
             asked = np.where(rows.torque, wanted, 0.0)
-            effort[rows.torque] = (pin.rnea(model, data, q, v, asked) + self._feed[k])[rows.torque]
+            effort[rows.torque] = (tree.own_inverse(q, v, asked) + self._feed[k])[rows.torque]
         effort[self._pd] = wanted[self._pd]
         if rows.gravity.any():
-            effort[rows.gravity] += pin.computeGeneralizedGravity(model, data, q)[rows.gravity]
+            effort[rows.gravity] += tree.own_gravity(q)[rows.gravity]
         if self._solved.any():
             effort[self._solved] -= (self._ahead * self._acceleration(q, v, effort))[self._solved]
         return effort
@@ -193,7 +192,7 @@ class _Group:
         mass = pin.crba(model, data, q)
         mass = np.triu(mass) + np.triu(mass, 1).T
         own = tree.joint_effort(q[tree.v_index], v[tree.v_index])[np.argsort(tree.v_index)]
-        free = effort + own - pin.nonLinearEffects(model, data, q, v)
+        free = effort + own - tree.own_bias(q, v)
         return np.linalg.solve(mass + np.diag(self._ahead), free)
 
 

@@ -58,6 +58,7 @@ def alike(bodies: Sequence[Body], constraints: Sequence[Constraint] = (), sums: 
     models = tuple(
         (
             body.inertial,
+            body.gravity_scale,
             index.get(body.joint.parent or "", -1),
             dataclasses.replace(body.joint, name="", parent=None, position=(), velocity=()),
         )

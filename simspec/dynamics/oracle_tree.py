@@ -53,6 +53,8 @@ class Tree:
         self.model = pinocchio.Model()
         self.model.gravity.linear = np.array(world.physics.gravity)
         self._held: dict[str, tuple[int, Any]] = {}  # body -> (joint it moves with, placement of its frame there)
+        self._lifted: list[tuple[int, np.ndarray, np.ndarray]] = []
+        """By which force weights differ from mass × gravity: the joint, the centre of mass in its frame, the force."""
         added = {body.name: self._add(body) for body in _depth_first(world.bodies)}
         joints = [added[body.name] for body in world.bodies]
         self.model.armature = np.zeros(self.model.nv)
@@ -90,6 +92,9 @@ class Tree:
             }
             index = self.model.addJoint(above, kinds[joint.kind](), placement, body.name)
             own = pin.SE3.Identity()
+        if index and body.inertial.mass and body.gravity_scale != 1.0:
+            weight = (body.gravity_scale - 1.0) * body.inertial.mass * np.array(self.world.physics.gravity)
+            self._lifted.append((index, own.act(centre), weight))
         xx, yy, zz, xy, xz, yz = body.inertial.inertia
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if index and body.inertial.mass:
@@ -126,6 +131,9 @@ class Tree:
             joint = body.joint
             self._damping[v] = joint.damping
             armature[v] = joint.armature
+            if joint.kind == "free":
+                turns = slice(v.start + 3, v.stop)
+                self._damping[turns], armature[turns] = joint.angular_damping, joint.angular_armature
             if joint.spring_stiffness and joint.kind == "ball":
                 self._sprung_balls.append((q, v, joint.spring_stiffness))
             elif joint.spring_stiffness:
@@ -188,8 +196,35 @@ class Tree:
 
     def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """h (nv,) in M v̇ + h = τ: Coriolis, centrifugal and gravity."""
-        bias: np.ndarray = self.pin.nonLinearEffects(self.model, self.data, *self.spread(q, v))[self.v_index].copy()
+        bias: np.ndarray = self.own_bias(*self.spread(q, v))[self.v_index].copy()
         return bias
+
+    def own_bias(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The same in Pinocchio's order."""
+        bias: np.ndarray = self.pin.nonLinearEffects(self.model, self.data, q, v)
+        return bias - self.own_lift(q) if self._lifted else bias
+
+    def own_inverse(self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+        """M v̇ + h in Pinocchio's order."""
+        effort: np.ndarray = self.pin.rnea(self.model, self.data, q, v, acceleration)
+        return effort - self.own_lift(q) if self._lifted else effort
+
+    def own_gravity(self, q: np.ndarray) -> np.ndarray:
+        """h at rest, in Pinocchio's order."""
+        gravity: np.ndarray = self.pin.computeGeneralizedGravity(self.model, self.data, q)
+        return gravity - self.own_lift(q) if self._lifted else gravity
+
+    def own_lift(self, q: np.ndarray) -> np.ndarray:
+        """The effort by which weights differ from mass × gravity, in Pinocchio's order."""
+        pin, lift = self.pin, np.zeros(self.model.nv)
+        if not self._lifted:
+            return lift
+        pin.computeJointJacobians(self.model, self.data, q)
+        for joint, centre, force in self._lifted:
+            own = pin.getJointJacobian(self.model, self.data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            arm = self.data.oMi[joint].rotation @ centre
+            lift += (own[:3] - pin.skew(arm) @ own[3:]).T @ force
+        return lift
 
     def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes; with those along
@@ -211,7 +246,9 @@ class Tree:
         # Pinocchio's own kinetic energy counts the armature of some kinds of joints and not of others (measured)
         kinetic = 0.5 * float(v @ self.mass_matrix(q) @ v)
         ours_q, _ = self.spread(q)
-        potential = self.pin.computePotentialEnergy(self.model, self.data, ours_q)
+        potential = self.pin.computePotentialEnergy(self.model, self.data, ours_q)  # leaves data.oMi at q
+        for lifted, centre, force in self._lifted:
+            potential -= float(force @ self.data.oMi[lifted].act(centre))
         at_v = self._hinge_v
         stretch = q[self._hinge_q] - self._rest[at_v]
         potential += 0.5 * float(self._stiffness[at_v] @ (stretch * stretch))
@@ -226,6 +263,8 @@ class Tree:
         ours_q, ours_v = self.spread(q, v)
         tau = np.zeros(self.model.nv)
         tau[self.v_index] = effort + self.joint_effort(q, v)
+        if self._lifted:
+            tau += self.own_lift(ours_q)
         acceleration: np.ndarray = self.pin.aba(self.model, self.data, ours_q, ours_v, tau)[self.v_index]
         return acceleration
 

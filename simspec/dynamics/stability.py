@@ -75,7 +75,7 @@ def unstable(world: World) -> list[Instability]:
     instabilities = []
     for bodies in sprung_trees(world):
         part = within(world, bodies)
-        sprung = any(body.joint.damping or body.joint.spring_stiffness for body in bodies)
+        sprung = any(body.joint.damping or body.joint.angular_damping or body.joint.spring_stiffness for body in bodies)
         if not sprung and not any(one.damping or one.stiffness for one in part.sums):
             continue
         positions = tuple(body.joint.position for body in bodies if body.joint.kind != "free")
@@ -101,6 +101,8 @@ def _unstable(world: World) -> tuple[tuple[int, ...], int | None, Instability] |
     stiffness, damping = np.zeros(tree.nv), np.zeros(tree.nv)
     for body, part in zip(world.bodies, layout_of(world).velocity, strict=True):
         stiffness[part], damping[part] = body.joint.spring_stiffness, body.joint.damping
+        if body.joint.kind == "free":
+            damping[part.start + 3 : part.stop] = body.joint.angular_damping
     along = Along(world.bodies, world.sums)
     acting = np.flatnonzero(
         stiffness + damping + np.abs(along.weights[along.stiffness + along.damping > 0.0]).sum(axis=0)

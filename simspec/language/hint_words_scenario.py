@@ -106,10 +106,18 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
     *same_hint("t time when", "at", "MotionPoint.at", at="MotionPoint"),
     *same_hint("position pos pose", "xyz, and rpy or quat", "MotionPoint.xyz", "MotionPoint.rpy", at="MotionPoint"),
     *same_hint(
-        "gravcomp gravity_compensation use_gravity",
-        "use gravity_compensation of a controller; gravity is the same for all bodies",
+        "gravcomp gravity_compensation use_gravity gravity disable_gravity weightless gravity_mode",
+        "gravity_scale: 0 of a weightless body (1 − gravcomp), or gravity_compensation of a controller",
+        "Body.gravity_scale",
         "Controller.gravity_compensation",
-        at="Body Shape Joint",
+        at="Body",
+    ),
+    *same_hint(
+        "gravcomp gravity_compensation use_gravity",
+        "gravity_scale of the body, or gravity_compensation of a controller",
+        "Body.gravity_scale",
+        "Controller.gravity_compensation",
+        at="Shape Joint",
     ),
     *same_hint(
         "initial_velocity twist",

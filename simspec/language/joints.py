@@ -37,11 +37,13 @@ DIMENSION: Mapping[str, Mapping[str, str]] = {
         "rest": "length",
     },
     "ball": {"damping": "angular damping", "armature": "moment of inertia", "stiffness": "angular stiffness"},
-    "free": {},
+    "free": {"damping": "damping", "armature": "mass"},
 }
 """The dimension of each plain number of a joint, by the joint's type."""
 
 _MOTION = ("axis", "limits", "damping", "dry_friction", "armature", "spring")
+_FREE = {"damping": ("damping", "angular damping"), "armature": ("mass", "moment of inertia")}
+"""The numbers of a free joint that have two parts, and the dimensions of `linear` and `angular`."""
 _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
     "fixed": dict.fromkeys((*_MOTION, "position", "velocity"), "a fixed joint does not move"),
     "hinge": {},
@@ -54,7 +56,7 @@ _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
         "origin": "a free body's initial pose is the body's `pose`",
         "position": "a free body's initial pose is the body's `pose`",
         "velocity": "a free body's initial velocity is the body's `velocity`",
-        **dict.fromkeys(_MOTION, "a free body has no joint frame"),
+        **dict.fromkeys(("axis", "limits", "dry_friction", "spring"), "a free body has no joint frame"),
     },
 }
 """Fields that mean nothing on a type of joint, and why."""
@@ -136,16 +138,19 @@ class Joint(Strict):
         ABSENT, description="Axis in the joint's frame, of any length but zero; required for hinge and slide"
     )
     limits: Maybe[Limits] = Field(ABSENT, description="Limits; hinge and slide")
-    damping: Maybe[Annotated[Any, ByJointType("N m s/rad or N s/m")]] = Field(
-        ABSENT, description="d ≥ 0: an effort −d × velocity, explicit in time; default 0; hinge, slide and ball"
+    damping: Maybe[Annotated[Any, ByJointType("N m s/rad or N s/m", parts=True)]] = Field(
+        ABSENT,
+        description="d ≥ 0: an effort −d × velocity, explicit in time; default 0; not of fixed joints; of a free joint two "
+        "numbers, `{linear: ..., angular: ...}`",
     )
     dry_friction: Maybe[Annotated[Any, ByJointType("N m or N")]] = Field(
         ABSENT, description="The largest dry effort against motion, ≥ 0; default 0; hinge and slide"
     )
-    armature: Maybe[Annotated[Any, ByJointType("kg m² or kg")]] = Field(
+    armature: Maybe[Annotated[Any, ByJointType("kg m² or kg", parts=True)]] = Field(
         ABSENT,
         description="Inertia ≥ 0 added to this joint's diagonal of the mass matrix (a geared rotor: rotor inertia × "
-        "ratio²), at a ball joint to all three; default 0; hinge, slide and ball",
+        "ratio²), at a ball joint to all three; default 0; not of fixed joints; of a free joint two numbers, "
+        "`{linear: ..., angular: ...}`",
     )
     spring: Maybe[Spring] = Field(ABSENT, description="A spring; hinge, slide and ball")
     position: Maybe[Annotated[Any, ByJointType("rad or m", orientation=True)]] = Field(
@@ -195,6 +200,7 @@ class Joint(Strict):
         return data, faults
 
 
+PARTS = ("linear", "angular")
 _NESTED = ("limits", "spring")
 _TYPED = (*_NESTED, "damping", "dry_friction", "armature", "position", "velocity")
 
@@ -235,11 +241,34 @@ def _attempt(reader: Any, value: Any, loc: tuple[str | int, ...]) -> tuple[Any, 
 
 
 def _read_plain(kind: str, key: str, value: Any) -> Any:
+    if kind == "free" and key in _FREE:
+        return _read_free(key, value)
     if key == "velocity":
         return read_velocity(kind, value)
     if key == "position":
         return read_position(kind, value)
     return Number(DIMENSION[kind][key], 0).read(value)
+
+
+def _read_free(key: str, value: Any) -> tuple[float, float]:
+    """Damping or armature of a free joint: of translation, and of rotation. Raises Faults."""
+    if isinstance(value, tuple):
+        return value
+    if not isinstance(value, dict):
+        raise fault(f"{key} of a free joint has two parts", show(value), "{linear: ..., angular: ...}")
+    faults = [
+        Fault((str(name),), f"{key} of a free joint has no {name}", None, "linear, angular")
+        for name in value
+        if name not in PARTS
+    ]
+    numbers = []
+    for part, dimension in zip(PARTS, _FREE[key], strict=True):
+        read, more = _attempt(Number(dimension, 0).read, value.get(part, 0.0), (part,))
+        faults += more
+        numbers.append(read)
+    if faults:
+        raise Faults(faults)
+    return numbers[0], numbers[1]
 
 
 def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:

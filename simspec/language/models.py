@@ -80,6 +80,9 @@ class Body(Strict):
         ABSENT, description="Centre of mass in the body frame; with `inertia`; default: its origin"
     )
     inertia: Maybe[Inertia] = Field(ABSENT, description="Moments of inertia about the centre of mass; with `mass`")
+    gravity_scale: Annotated[float, Number("number")] = Field(
+        1.0, description="The body's weight is so many times mass × gravity, at its centre of mass; 0: weightless"
+    )
     collision_group: NameOf = Field("default", description="Collision group, see `contact.groups`")
     joint: Maybe[Joint] = Field(ABSENT, description="Joint to the parent, or of a root to the world")
     joints: list[Joint] = Field(

@@ -192,6 +192,8 @@ class ByJointType(Reader):
     unit_text: str
     values: int = 1
     orientation: bool = False
+    parts: bool = False
+    """Whether a free joint has it in two parts."""
 
     def read(self, value: Any) -> Any:
         return value
@@ -209,4 +211,7 @@ class ByJointType(Reader):
         if self.orientation:
             orientation = {"$ref": "#/definitions/Orientation"}
             return {"anyOf": [number, {"type": "array", "items": number, "minItems": 3, "maxItems": 3}, orientation]}
+        if self.parts:
+            two = {"linear": number, "angular": number}
+            return {"anyOf": [number, {"type": "object", "properties": two, "additionalProperties": False}]}
         return number

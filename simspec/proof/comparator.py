@@ -19,7 +19,7 @@ from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, 
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.proof.distances import distance, held_apart, pose_difference, relative, turn_between, unlikeness
 from simspec.proof.hulls import hull_distance
-from simspec.world.gathering import gathered, rigid_members, summed
+from simspec.world.gathering import gathered, rigid_members, summed, told_gravity_scale
 from simspec.world.hull import HullError
 from simspec.world.inset import inset
 from simspec.world.kinematics import members as ends_of
@@ -52,6 +52,7 @@ JOINT_NUMBERS = (
     "velocity_limit",
     "effort_limit",
 )
+FREE_NUMBERS = ("damping", "angular_damping", "armature", "angular_armature")
 LEVELS = {"mass": "L1", "joint": "L2", "geometry": "L4"}
 INVENTORY_LEVEL, INVENTORY = "L4", "everything else held"
 """Level and name of the check of ``ReadBack.inventory``."""
@@ -154,6 +155,9 @@ class _Comparison:
                 if name not in told_as_one:
                     self.mass(body, actual[name], moves=groups[name] != "world")
                 self.joint(body.joint, actual[name].joint, f"bodies.{name}.joint")
+                scale, at = told_gravity_scale(self.world, body), f"bodies.{name}.gravity_scale"
+                if scale != 1.0 or actual[name].gravity_scale != 1.0:
+                    self.note("mass", "weight", abs(actual[name].gravity_scale - scale), at, f"{scale:g}")
                 self.shapes(body, actual[name])
                 if self.readable("collision_group"):
                     self.tally.equal(
@@ -231,10 +235,11 @@ class _Comparison:
             self.vector("joint", "axis", wanted.axis, actual.axis, f"{where}.axis")
             if self.readable("joint.position_limits"):
                 self.limits(wanted, actual, where)
-        if wanted.kind in TREE_JOINTS:
-            for name in JOINT_NUMBERS:
-                if self.readable(f"joint.{name}"):
-                    at = f"{where}.{name}"
+        numbers = JOINT_NUMBERS if wanted.kind in TREE_JOINTS else FREE_NUMBERS if wanted.kind == "free" else ()
+        for name in numbers:
+            if self.readable(f"joint.{name}"):
+                at = f"{where}.{name}"
+                if wanted.kind != "free" or getattr(wanted, name) or getattr(actual, name):
                     self.number("joint", name.replace("_", " "), getattr(wanted, name), getattr(actual, name), at)
         if self.readable("joint.position"):
             self.position(wanted, actual, where)

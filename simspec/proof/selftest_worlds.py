@@ -194,6 +194,30 @@ def ball_armature(engine: str) -> World:
     return dataclasses.replace(world, name="self-test-ball-armature", bodies=(bob,))
 
 
+def lifted(engine: str) -> World:
+    """A free body with damping and a part of its weight, and on it an arm without any."""
+    place = (0.1, 0.2, 1.0, 0.8, 0.0, 0.6, 0.0)
+    kite = Body(
+        "kite",
+        "kite",
+        Inertial(1.2, (0.02, 0.01, -0.1), TENSOR),
+        Joint("kite_joint", "free", position=place, velocity=STILL, damping=0.3, angular_damping=0.3),
+        gravity_scale=0.25,
+    )
+    tail = Body("tail", "kite", Inertial(0.4, (0.0, 0.03, 0.1), TENSOR), _hinge("tail", "kite"), gravity_scale=0.0)
+    contact = Contact(excluded_bodies=(("kite", "tail"),))
+    return World("self-test-lifted", (kite, tail), contact, PHYSICS, engines=_options(engine))
+
+
+def free_armature(engine: str) -> World:
+    """A free body with armature."""
+    world = lifted(engine)
+    kite = dataclasses.replace(world.bodies[0], gravity_scale=1.0)
+    joint = dataclasses.replace(kite.joint, damping=0.0, angular_damping=0.0, armature=0.04, angular_armature=0.04)
+    kite = dataclasses.replace(kite, joint=joint)
+    return dataclasses.replace(world, name="self-test-free-armature", bodies=(kite,), contact=Contact())
+
+
 def bouncing(engine: str) -> World:
     """A sphere above a floor, with restitution."""
     at = (0.0, 0.0, 0.5, *FREE)
@@ -406,6 +430,8 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "dry friction": dry_friction,
     "ball joint": ball_joint,
     "ball armature": ball_armature,
+    "lifted": lifted,
+    "free armature": free_armature,
     "bouncing": bouncing,
     "surfaces": surfaces,
     "rolling": rolling,

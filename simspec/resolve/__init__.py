@@ -14,7 +14,7 @@ from simspec.resolve.constraints import constraints
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
 from simspec.resolve.forces import forces
-from simspec.resolve.masses import dependent_joints, without_inertia
+from simspec.resolve.masses import dependent_joints, unlike_weights, without_inertia
 from simspec.resolve.motions import motions
 from simspec.resolve.scenario import (
     engines,
@@ -57,6 +57,7 @@ def resolve(spec: Spec) -> World:
     shown = unknown_shown(spec.source, expansion.bodies) if not expansion.problems else []
     weightless = [] if expansion.problems else without_inertia(spec.source, expansion.bodies)
     weightless += [] if expansion.problems or weightless else dependent_joints(spec.source, expansion.bodies)
+    weightless += [] if expansion.problems else unlike_weights(spec.source, expansion.bodies, expansion.kinematic)
     problems = [
         *expansion.problems,
         *held.problems,

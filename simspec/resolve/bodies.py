@@ -152,7 +152,7 @@ def _copy(
             )
             for shape in body.shapes
         )
-        copies.append(Body(name, model, body.inertial, joint, shapes, body.collision_group))
+        copies.append(replace(body, name=name, model=model, joint=joint, shapes=shapes))
     return copies
 
 

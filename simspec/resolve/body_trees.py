@@ -107,7 +107,7 @@ def _bodies(
         between.append(Body(carrier, "", Inertial(0.0), _joint(joint_name, kind, joint, parent)))
         parent = carrier
     last = _joint(names[-1], kinds[-1], written[-1], parent)
-    return [*between, Body(name, "", _inertial(spec, resolved), last, shapes, spec.collision_group)]
+    return [*between, Body(name, "", _inertial(spec, resolved), last, shapes, spec.collision_group, spec.gravity_scale)]
 
 
 def _inertial(spec: SpecBody, shapes: Sequence[Resolved]) -> Inertial:
@@ -138,8 +138,22 @@ def _joint(name: str, kind: str, written: SpecJoint | None, parent: str | None) 
     if written is None or kind in ("free", "fixed"):
         start = () if kind == "fixed" else (0.0,) * 7
         speed = () if kind == "fixed" else (0.0,) * 6
-        return Joint(name, kind, parent, pose(written.origin if written else None), position=start, velocity=speed)
+        damping, angular_damping = (written.damping if written else None) or (0.0, 0.0)
+        armature, angular_armature = (written.armature if written else None) or (0.0, 0.0)
+        return Joint(
+            name,
+            kind,
+            parent,
+            pose(written.origin if written else None),
+            position=start,
+            velocity=speed,
+            damping=damping,
+            armature=armature,
+            angular_damping=angular_damping,
+            angular_armature=angular_armature,
+        )
     limits, spring = written.limits, written.spring
+    position, velocity = _start(written)
     return Joint(
         name=name,
         kind=kind,
@@ -154,12 +168,14 @@ def _joint(name: str, kind: str, written: SpecJoint | None, parent: str | None) 
         armature=written.armature or 0.0,
         spring_stiffness=0.0 if spring is None else spring.stiffness,
         spring_rest=0.0 if spring is None else spring.rest or 0.0,
-        **_start(written),
+        position=position,
+        velocity=velocity,
     )
 
 
-def _start(written: SpecJoint) -> dict[str, tuple[float, ...]]:
+def _start(written: SpecJoint) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Initial position and velocity of a hinge, a slide or a ball."""
     if written.type == "ball":
         turn = frames.IDENTITY if written.position is None else orientation(written.position)
-        return {"position": turn, "velocity": written.velocity or (0.0, 0.0, 0.0)}
-    return {"position": (written.position or 0.0,), "velocity": (written.velocity or 0.0,)}
+        return turn, written.velocity or (0.0, 0.0, 0.0)
+    return (written.position or 0.0,), (written.velocity or 0.0,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 import numpy as np
 
@@ -12,9 +12,9 @@ from simspec.language.moments import principal_moments
 from simspec.language.sources import Source
 from simspec.world import frames
 from simspec.world.carriers import is_carrier, owner_of
-from simspec.world.gathering import rigid_members, singular, summed
+from simspec.world.gathering import gathered, rigid_members, singular, summed
 from simspec.world.kinematics import joint_displacement
-from simspec.world.types import Body, Inertial, Pose
+from simspec.world.types import Body, Inertial, Pose, World
 
 
 def without_inertia(source: Source, bodies: Sequence[Body]) -> list[Problem]:
@@ -38,6 +38,29 @@ def without_inertia(source: Source, bodies: Sequence[Body]) -> list[Problem]:
             message = f"the principal moments of this body and what is fixed to it ({names}) must be above 0"
             found, hint = f"{moments} kg m²", "a point mass needs others that are not on one line with it"
         problems.append(Problem(message, path, locate(source, path), found=found, hint=hint))
+    return problems
+
+
+def unlike_weights(source: Source, bodies: Sequence[Body], kinematic: Container[str]) -> list[Problem]:
+    """The problems of rigid groups that are told as one and whose bodies have unlike parts of their weights, and of kinematic
+    bodies, whose weight counts for nothing, with a part of it."""
+    problems = []
+    gathers = gathered(World("", tuple(bodies)))
+    for top, members in rigid_members(bodies).items():
+        scales = {body.gravity_scale for body, _ in members if body.inertial.mass > 0.0}
+        named = next((body.name for body, _ in members if body.gravity_scale != 1.0), None)
+        if named is None:
+            continue
+        path = f"bodies.{named}.gravity_scale"
+        if top in kinematic:
+            message = "the weight of a kinematic body, and of what is fixed to it, counts for nothing"
+            problems.append(Problem(message, path, locate(source, path), hint="remove it"))
+        elif top in gathers and len(scales) > 1:
+            message = (
+                "bodies that are fixed to each other, one of them without inertia of its own, have one gravity_scale"
+            )
+            values = ", ".join(f"{scale:g}" for scale in sorted(scales))
+            problems.append(Problem(message, path, locate(source, path), found=values))
     return problems
 
 

@@ -28,6 +28,8 @@ WITHOUT_MOTION: Mapping[str, Any] = {
     "spring_stiffness": 0.0,
     "spring_rest": 0.0,
     "velocity": (),
+    "angular_damping": 0.0,
+    "angular_armature": 0.0,
 }
 """Fields of a joint that kinematics do not depend on, with the values that stand for all; every other field counts."""
 OF_PROGRAMS = ("tool", "arm", "interval", "grasp", "program")

@@ -10,7 +10,7 @@ from simspec.world.types import World
 
 def unstable_joints(source: Source, world: World) -> list[Problem]:
     """One problem for each tree that has such joints. Without Pinocchio, which knows the mass matrix, nothing can be told."""
-    own = any(body.joint.damping or body.joint.spring_stiffness for body in world.bodies)
+    own = any(body.joint.damping or body.joint.angular_damping or body.joint.spring_stiffness for body in world.bodies)
     if not own and not any(one.damping or one.stiffness for one in world.sums):
         return []
     try:

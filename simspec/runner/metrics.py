@@ -109,8 +109,9 @@ def _each(
 def energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     """Kinetic and potential energy (rows,), J.
 
-    Kinetic: ½ m |v|² + ½ ω·(R I Rᵀ ω) of every body, and ½ A q̇² of every armature. Potential: −m g·c (zero at the world's
-    origin), ½ k (q − rest)² of every spring, those along sums too, ½ k |log R|² of every ball spring (zero at rest).
+    Kinetic: ½ m |v|² + ½ ω·(R I Rᵀ ω) of every body, and ½ A q̇² of every armature. Potential: −s m g·c, s `gravity_scale`
+    (zero at the world's origin), ½ k (q − rest)² of every spring, those along sums too, ½ k |log R|² of every ball spring
+    (zero at rest).
     """
     kinetic, potential = _each(world, arrays, _energy)
     return kinetic, potential
@@ -121,12 +122,15 @@ def _energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
     mass = moved.masses.mass
     kinetic = 0.5 * np.einsum("n,tni,tni->t", mass, moved.velocity, moved.velocity)
     kinetic += 0.5 * np.einsum("tni,tni->t", moved.angular, moved.spin)
-    potential = -np.einsum("n,tni,i->t", mass, moved.centre, np.array(world.physics.gravity))
+    weights = mass * np.array([body.gravity_scale for body in world.bodies])
+    potential = -np.einsum("n,tni,i->t", weights, moved.centre, np.array(world.physics.gravity))
     where = layout_of(world)
     for body, position, speed in zip(world.bodies, where.position, where.velocity, strict=True):
         joint = body.joint
-        if joint.armature:
-            kinetic += 0.5 * joint.armature * arrays["v"][:, speed].ravel() ** 2
+        if joint.armature or joint.angular_armature:
+            each = np.full(speed.stop - speed.start, joint.armature)
+            each[3:] = joint.angular_armature  # of a free joint; others have three coordinates at most
+            kinetic += 0.5 * arrays["v"][:, speed] ** 2 @ each
         if joint.spring_stiffness:
             q = arrays["q"][:, position]
             bent = logarithm(q) if joint.kind == "ball" else q - joint.spring_rest

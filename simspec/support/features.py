@@ -23,6 +23,8 @@ class Feature(StrEnum):
     DRY_FRICTION = "joint.dry_friction"
     ARMATURE = "joint.armature"
     BALL_ARMATURE = "joint.ball.armature"
+    FREE_DAMPING = "joint.free.damping"
+    FREE_ARMATURE = "joint.free.armature"
     SPRING = "joint.spring"
     BALL_SPRING = "joint.ball.spring"
     INITIAL_POSITION = "joint.position"
@@ -32,6 +34,7 @@ class Feature(StrEnum):
     INERTIA_SINGULAR = "body.inertia.singular"
     MASSLESS = "body.massless"
     KINEMATIC = "body.kinematic"
+    GRAVITY_SCALE = "body.gravity_scale"
     TREE_SIZE = "tree.size"
     TREE_DEPTH = "tree.depth"
     SHAPE_SPHERE = "shape.sphere"
@@ -93,6 +96,8 @@ MEANING: Mapping[Feature, str] = {
     Feature.DRY_FRICTION: "dry friction of at most f at a hinge or slide",
     Feature.ARMATURE: "inertia added to a joint's diagonal of the mass matrix",
     Feature.BALL_ARMATURE: "inertia added to a ball joint's diagonal of the mass matrix, the same about every axis",
+    Feature.FREE_DAMPING: "force −d v at the centre of mass of a free body, and torque −d ω on it",
+    Feature.FREE_ARMATURE: "inertia added to the six diagonal elements of a free body",
     Feature.SPRING: "effort −k (q − rest) at a hinge or slide",
     Feature.BALL_SPRING: "torque −k log R at a ball joint",
     Feature.INITIAL_POSITION: "joint positions at time zero",
@@ -102,6 +107,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.INERTIA_SINGULAR: "a point mass or a rod that is fixed to a body that moves",
     Feature.MASSLESS: "a body without mass that is fixed to one that moves",
     Feature.KINEMATIC: "a root body that moves as it is told, whatever pushes it",
+    Feature.GRAVITY_SCALE: "a weight that is not mass × gravity: a body without weight, or with part of it",
     Feature.TREE_SIZE: "a tree of more than 127 bodies",
     Feature.TREE_DEPTH: "a chain of more than 400 bodies",
     Feature.SHAPE_SPHERE: "sphere",

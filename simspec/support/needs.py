@@ -27,6 +27,9 @@ _NUMERIC_JOINT_FEATURES = (
 )
 
 
+_FREE_FEATURES = (("damping", Feature.FREE_DAMPING), ("armature", Feature.FREE_ARMATURE))
+
+
 _LIMIT_FEATURES = (
     ("position_limits", Feature.LIMIT_POSITION),
     ("velocity_limit", Feature.LIMIT_VELOCITY),
@@ -74,10 +77,15 @@ def needs(world: World) -> list[Need]:
             note(Feature.TREE_DEPTH, path)
         note(Feature(f"joint.{joint.kind}"), f"{path}.joint")
         for name, feature, ball_feature in _NUMERIC_JOINT_FEATURES:
-            if getattr(joint, name):
+            if getattr(joint, name) and joint.kind != "free":
                 note(
                     ball_feature if joint.kind == "ball" else feature, f"{path}.joint.{name.replace('_stiffness', '')}"
                 )
+        for name, feature in _FREE_FEATURES:
+            if joint.kind == "free" and (getattr(joint, name) or getattr(joint, f"angular_{name}")):
+                note(feature, f"{path}.joint.{name}")
+        if body.gravity_scale != 1.0:
+            note(Feature.GRAVITY_SCALE, f"{path}.gravity_scale")
         for name, feature in _LIMIT_FEATURES:
             if getattr(joint, name) is not None:
                 note(feature, f"{path}.joint.limits.{name.split('_')[0]}")

@@ -49,6 +49,7 @@ WORLDS: Mapping[str, Callable[[], World]] = {
     "hinges": worlds.hinges,
     "every joint": worlds.every_joint,
     "damped springs": worlds.damped_springs,
+    "lifted": worlds.lifted,
     "limits": worlds.limits_and_armature,
     "shapes": worlds.shapes_world,
     "meshes": worlds.meshes,

@@ -121,6 +121,16 @@ def every_joint(**more: Any) -> World:
     return world(bodies, "every-joint")
 
 
+def lifted() -> World:
+    """A free body with damping and an arm, and an arm on a fixed base; all but the base with a part of their weight."""
+    bodies = tree(["free", "hinge", "ball"], 7) + tree(["fixed", "slide", "hinge"], 8, prefix="fixed-")
+    scales = (0.4, 0.0, -0.3, 1.0, 0.9, 0.7)
+    bodies = tuple(dataclasses.replace(body, gravity_scale=scale) for body, scale in zip(bodies, scales, strict=True))
+    first = bodies[0]
+    joint = dataclasses.replace(first.joint, damping=0.3, angular_damping=0.3)
+    return world((dataclasses.replace(first, joint=joint), *bodies[1:]), "lifted")
+
+
 def damped_springs() -> World:
     """Damping and springs on hinge, slide and ball, on a fixed base."""
     bodies = tree(["fixed", "hinge", "slide", "ball"], 11, damping=0.3, spring_stiffness=4.0)

@@ -97,6 +97,17 @@ def gathered(world: World) -> Mapping[str, Inertial]:
     return MappingProxyType(told)
 
 
+def told_gravity_scale(world: World, body: Body) -> float:
+    """The ``gravity_scale`` that engines are told of a body: where inertia is gathered, that of the bodies with mass, which
+    have the same (``resolve/masses.py``)."""
+    if body.name not in gathered(world):
+        return body.gravity_scale
+    for members in rigid_members(world.bodies).values():
+        if any(member.name == body.name for member, _ in members):
+            return next(member.gravity_scale for member, _ in members if member.inertial.mass > 0.0)
+    return body.gravity_scale
+
+
 def told_inertial(world: World, body: Body) -> Inertial:
     """The inertia that engines are told of a body. Its centre of mass is, of a free root, the point whose position is
     integrated."""

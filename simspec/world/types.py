@@ -127,9 +127,13 @@ class Joint:
     position_limits (lower, upper) in rad or m, None = unlimited; hinge and slide only
     velocity_limit  rating (rad/s, m/s), None = none: not enforced by engines; control and expectations obey it
     effort_limit    rating (N m, N), None = none: not enforced by engines; control clips to it
-    damping         d ≥ 0: effort −d v (N m s/rad, N s/m); for a ball −d times the angular velocity
+    damping         d ≥ 0: effort −d v (N m s/rad, N s/m); for a ball −d times the angular velocity; for free a force −d v
+                    at the centre of mass, v its velocity
+    angular_damping d ≥ 0 of free: a torque −d ω (N m s/rad)
     dry_friction    largest dry effort opposing motion (N m, N); hinge and slide
-    armature        added to this joint's diagonal of the mass matrix (kg m², kg); hinge, slide, ball
+    armature        added to this joint's diagonal of the mass matrix (kg m², kg); hinge, slide, ball; for free to the three
+                    of translation (kg)
+    angular_armature of free: added to the three of rotation (kg m²)
     spring_stiffness k ≥ 0: effort −k (q − spring_rest); for a ball −k log R in the child's axes (N m/rad, N/m)
     position        initial position: hinge/slide (q,), ball quaternion, free x y z w x y z of the *body frame*
     velocity        initial velocity: hinge/slide (v,), ball angular velocity of the child relative to the parent in the
@@ -152,13 +156,16 @@ class Joint:
     spring_rest: float = 0.0
     position: tuple[float, ...] = ()
     velocity: tuple[float, ...] = ()
+    angular_damping: float = field(default=0.0, metadata=LEFT_OUT)
+    angular_armature: float = field(default=0.0, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)
 class Body:
     """A rigid body. ``model`` is the name of the tree it belongs to (the tree's root body, or the model's name).
 
-    A body that cannot move (fixed to the world through fixed joints only) may have mass 0.
+    A body that cannot move (fixed to the world through fixed joints only) may have mass 0. ``gravity_scale``: its weight is so
+    many times mass × gravity, at its centre of mass.
     """
 
     name: str
@@ -167,6 +174,7 @@ class Body:
     joint: Joint
     shapes: tuple[Shape, ...] = ()
     collision_group: str = "default"
+    gravity_scale: float = field(default=1.0, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)

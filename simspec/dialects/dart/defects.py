@@ -10,6 +10,7 @@ from simspec.dialects.kit.defects import (
     BELTS,
     CONSTRAINTS,
     MARGINS,
+    PASSIVE,
     SUMS,
     Plant,
     floats,
@@ -129,6 +130,8 @@ def _group(content: dict[str, Any]) -> None:
 DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
+    **PASSIVE,
+    "free armature": "DART has no armature of free bodies",
     "mass": _text(f"{LOWER}/inertia/mass", scaled),
     "centre of mass": _text(f"{LOWER}/inertia/offset", nudged),
     "inertia, diagonal": _text(f"{LOWER}/inertia/moment_of_inertia/ixx", scaled),

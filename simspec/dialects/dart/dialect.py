@@ -92,6 +92,8 @@ class DartDialect(Dialect):
         Feature.BALL_ARMATURE: never("DART has no armature: what stands for it is of one axis"),
         Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
+        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING),
+        Feature.FREE_ARMATURE: never("DART has no armature of free bodies"),
         Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
         Feature.LIMIT_VELOCITY: via_api(_SIDECAR),
@@ -259,7 +261,8 @@ def _sidecar(world: World, target: Target, nodes: Nodes, offsets: Mapping[str, V
     named = {group for pair in ignored for group in pair}
 
     def values(field: str) -> tuple[JointValue, ...]:
-        found = ((body.name, getattr(body.joint, field)) for body in world.bodies)
+        # what acts on free bodies at all times is among the common fields
+        found = ((body.name, getattr(body.joint, field)) for body in world.bodies if body.joint.kind != "free")
         none = (None,) if field.endswith("_limit") else (None, 0.0)  # a rating of 0 is another than none
         return tuple(JointValue(name, value) for name, value in found if value not in none)
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from simspec.dialects.dart.filter import check_filter
 from simspec.dialects.dart.sidecar import DartSidecar, ShapeEntry
 from simspec.dialects.kit.joints import UNREADABLE, add_springs
+from simspec.dialects.kit.passive import with_passive
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.skel import document as skel
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -75,7 +76,9 @@ def raised(document: skel.Document, sidecar: DartSidecar) -> ReadBack:
     _complete_joints(bodies, sidecar)
     physics = document.item
     return ReadBack(
-        restore_frames(tuple(bodies[entry.name] for entry in sidecar.bodies), sidecar.offsets),
+        restore_frames(
+            with_passive(tuple(bodies[entry.name] for entry in sidecar.bodies), sidecar.passive), sidecar.offsets
+        ),
         _needed(physics, document.gravity, "gravity"),
         _needed(physics, document.timestep, "time_step"),
         sidecar.friction_cone,

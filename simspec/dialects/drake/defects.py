@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from simspec.dialects.kit.defects import BELTS, CONSTRAINTS, MARGINS, STEP, SUMS, Files, Plant
+from simspec.dialects.kit.defects import BELTS, CONSTRAINTS, MARGINS, PASSIVE, STEP, SUMS, Files, Plant
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.world import frames
@@ -162,6 +162,8 @@ def _timestep(content: dict[str, Any]) -> None:
 DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
+    **PASSIVE,
+    "free armature": "Drake has no armature of free bodies",
     "mass": _number("lower", "mass", times=1.0 + STEP),
     "centre of mass": _number("lower", "centre_of_mass", 0),
     "inertia, diagonal": _number("lower", "inertia", 0, times=1.0 + STEP),

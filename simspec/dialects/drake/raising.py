@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from simspec.dialects.drake.sidecar import DrakeSidecar
+from simspec.dialects.kit.passive import with_passive
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.world import tree
 from simspec.world import frames
@@ -18,7 +19,7 @@ def raised(document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
     """The model of a document. Raises ValueError where document and sidecar are not of one world."""
     sidecar.check_document(document)
     return ReadBack(
-        restore_frames(tuple(_body(body) for body in document.bodies), sidecar.offsets),
+        restore_frames(with_passive(tuple(_body(body) for body in document.bodies), sidecar.passive), sidecar.offsets),
         document.gravity,
         document.timestep,
         document.friction_cone,

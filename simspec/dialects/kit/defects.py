@@ -47,6 +47,11 @@ NAMES: Mapping[str, str] = {
     "ball damping": "ball joint",
     "ball armature": "ball armature",
     "ball spring": "ball joint",
+    "gravity scale": "lifted",
+    "gravity scale dropped": "lifted",
+    "free damping": "lifted",
+    "free damping, of rotation": "lifted",
+    "free armature": "free armature",
     "initial position": "model",
     "initial velocity": "model",
     "shape type": "model",
@@ -188,6 +193,30 @@ SUMS: Mapping[str, Plant] = {
     "sum, limits dropped": _sum(lambda entry: entry.update(position_limits=None)),
 }
 """For dialects whose sidecar has the sums of joint positions."""
+
+
+def _scale(content: dict[str, Any]) -> None:
+    content["passive"]["gravity_scales"][0]["scale"] += STEP
+
+
+def _no_scale(content: dict[str, Any]) -> None:
+    del content["passive"]["gravity_scales"][1]
+
+
+def _free_damping(key: str) -> Plant:
+    def edit(content: dict[str, Any]) -> None:
+        content["passive"]["free_damping"][0][key] *= 1.0 + STEP
+
+    return sidecar(edit)
+
+
+PASSIVE: Mapping[str, Plant] = {
+    "gravity scale": sidecar(_scale),
+    "gravity scale dropped": sidecar(_no_scale),
+    "free damping": _free_damping("linear"),
+    "free damping, of rotation": _free_damping("angular"),
+}
+"""For dialects whose sidecar has what acts on bodies at all times."""
 
 
 def one(root: ElementTree.Element, path: str) -> ElementTree.Element:

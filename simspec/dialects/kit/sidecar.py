@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from simspec.dialects.kit.passive import Passive, passive_of
 from simspec.dialects.kit.target import Target
 from simspec.errors import SpecError
 from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
@@ -67,6 +68,8 @@ class Sidecar:
     """The world's constraints, in the world's frames, where the files do not carry them; None where there are none."""
     sums: tuple[JointSum, ...] | None = None
     """The world's sums of joint positions, where the files do not carry them; None where there are none."""
+    passive: Passive | None = None
+    """What acts on bodies at all times, where the files do not carry it; None where there is nothing."""
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
@@ -86,6 +89,8 @@ class Sidecar:
             for name in (held.first, held.second)
         )
         check_known(ends, [body.name for body in sidecar.bodies], "sidecar.constraints")
+        if sidecar.passive is not None:
+            sidecar.passive.check([body.name for body in sidecar.bodies])
         sidecar.check()
         return sidecar
 
@@ -117,11 +122,10 @@ def common_fields(
     world: World,
     target: Target,
     offsets: Mapping[str, Vector3],
-    constraints: bool = True,
-    sums: bool = True,
+    beside: bool = True,
 ) -> dict[str, Any]:
-    """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them. ``constraints``,
-    ``sums``: whether they stand in the sidecar, and not in the files."""
+    """The fields of :class:`Sidecar` for ``world``; ``offsets`` as :func:`recentre_free_roots` gives them. ``beside``: whether
+    constraints, sums, and what acts on bodies at all times, stand in the sidecar, and not in the files."""
     fields: dict[str, Any] = {
         "dialect": dialect,
         "format": format_name,
@@ -135,10 +139,12 @@ def common_fields(
     }
     if target.pair_settings:
         fields["pair_settings"] = tuple(_pairs(world, target))
-    if constraints and world.constraints:
+    if beside and world.constraints:
         fields["constraints"] = world.constraints
-    if sums and world.sums:
+    if beside and world.sums:
         fields["sums"] = world.sums
+    if beside and (passive := passive_of(world)) is not None:
+        fields["passive"] = passive
     return fields
 
 

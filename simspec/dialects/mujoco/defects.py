@@ -166,6 +166,10 @@ def _no_margin(root: Element) -> None:
             item.attrib.pop("margin", None)
 
 
+def _whole_weight(root: Element) -> None:
+    del one(root, BODY.format("tail")).attrib["gravcomp"]
+
+
 def _equality(name: str, key: str, change: Callable[[str], str]) -> Plant:
     return _attribute(f"equality/*[@name='{name}']", key, change)
 
@@ -218,6 +222,11 @@ DEFECTS: Mapping[str, Plant | str] = {
     "dry friction": _attribute(HINGE, "frictionloss", scaled),
     "armature": _attribute(HINGE, "armature", scaled),
     "ball damping": _attribute(".//joint[@name='bob_joint']", "damping", scaled),
+    "gravity scale": _attribute(BODY.format("kite"), "gravcomp", nudged),
+    "gravity scale dropped": xml(MODEL, _whole_weight),
+    "free damping": _attribute(".//joint[@name='kite_joint']", "damping", scaled),
+    "free damping, of rotation": "MJCF has one number for translation and rotation",
+    "free armature": _attribute(".//joint[@name='kite_joint']", "armature", scaled),
     "ball armature": _attribute(".//joint[@name='bob_joint']", "armature", scaled),
     "ball spring": _attribute(".//joint[@name='bob_joint']", "stiffness", scaled),
     "initial position": _attribute(KEY, "qpos", nudged),

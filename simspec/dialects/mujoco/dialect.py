@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -42,7 +43,15 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.equality import equalities, sites_of
 from simspec.formats.mjcf.filter import collision_masks
-from simspec.formats.mjcf.from_world import CONES, KINDS, keyframe, meshes_of
+from simspec.formats.mjcf.from_world import (
+    CONES,
+    KINDS,
+    ONE_NUMBER,
+    keyframe,
+    meshes_of,
+    no_more_than_its_weight,
+    one_number,
+)
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.rows import carrier_frames, depth_first
 from simspec.formats.mjcf.tendons import tendons
@@ -142,6 +151,9 @@ class MujocoDialect(Dialect):
             "a reference velocity of the contact constraint, −e times the approach speed",
             short="a bounce is a reference velocity of the contact, not an impulse",
         ),
+        Feature.GRAVITY_SCALE: Support(Level.EXACT, "gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
+        Feature.FREE_DAMPING: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "damping")),
+        Feature.FREE_ARMATURE: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "armature")),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
         **GATHERED,
         Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one MuJoCo body, which act one after the other"),
@@ -190,7 +202,7 @@ class MujocoDialect(Dialect):
         return Lowered(
             model,
             MujocoSidecar(
-                **common_fields(self.NAME, self.FORMAT, world, in_force, offsets, constraints=False, sums=False),
+                **common_fields(self.NAME, self.FORMAT, world, in_force, offsets, beside=False),
                 explicit_pairs=all_pairs,
                 models=tuple(body.model for body in world.bodies),
                 fixed_joints={body.name: body.joint.name for body in world.bodies if body.joint.kind == "fixed"},

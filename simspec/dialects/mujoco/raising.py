@@ -122,6 +122,11 @@ def _whole(item: Item, name: str) -> int:
     return int(value)
 
 
+def _weight(item: Item) -> float:
+    """The share of its weight that a body has."""
+    return 1.0 - item.number("gravcomp") if "gravcomp" in item.values else 1.0
+
+
 class _Raising:
     """One document."""
 
@@ -201,11 +206,12 @@ class _Raising:
             moments = tensor(_vector(item, "diaginertia"), _turn(item, "quat"))
             inertial = Inertial(item.number("mass"), _vector(item, "pos"), moments)
         name, items = chain[-1][0], body.all("joint")
-        shapes = tuple(self._shape(geom) for geom in body.all("geom"))
+        shapes, weight = tuple(self._shape(geom) for geom in body.all("geom")), _weight(body.item)
         if not items and len(chain) == 1:
             if name not in self._sidecar.fixed_joints:
                 raise body.item.refused("no joint, and the sidecar has no rigid joint of that body")
-            yield Body(name, "", inertial, Joint(self._sidecar.fixed_joints[name], "fixed", parent, place), shapes)
+            weld = Joint(self._sidecar.fixed_joints[name], "fixed", parent, place)
+            yield Body(name, "", inertial, weld, shapes, gravity_scale=weight)
             return
         if len(items) != len(chain):
             raise body.item.refused(f"{len(items)} joints, by the sidecar {len(chain)}")
@@ -215,7 +221,10 @@ class _Raising:
         for item, (called, turn), origin in zip(items, chain, origins(place, in_body), strict=True):
             joint = self._joint(item, parent, origin, turn)
             last = called == name
-            yield Body(called, "", inertial if last else Inertial(0.0), joint, shapes if last else ())
+            moved = Body(called, "", Inertial(0.0), joint)
+            if last:
+                moved = dataclasses.replace(moved, inertial=inertial, shapes=shapes, gravity_scale=weight)
+            yield moved
             parent = called
 
     def _joint(self, item: Item, parent: str | None, origin: Pose, turn: Quaternion) -> Joint:
@@ -247,6 +256,8 @@ class _Raising:
             spring_rest=item.number("springref"),
             position=position,
             velocity=velocity,
+            angular_damping=item.number("damping") if kind == "free" else 0.0,
+            angular_armature=item.number("armature") if kind == "free" else 0.0,
         )
 
     def _state(self, kind: str) -> tuple[tuple[float, ...], tuple[float, ...]]:

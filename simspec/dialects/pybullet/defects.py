@@ -10,6 +10,7 @@ from simspec.dialects.kit.defects import (
     BELTS,
     CONSTRAINTS,
     MARGINS,
+    PASSIVE,
     SUMS,
     Plant,
     flipped_product,
@@ -119,6 +120,8 @@ def halved(text: str | None) -> str:
 DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
+    **PASSIVE,
+    "free armature": "PyBullet has no armature of free bodies",
     **LANGUAGE,
     "inertia, sign of a product": xml(ARM, _flip),
     "position limit dropped": xml(ARM, _not_limited),

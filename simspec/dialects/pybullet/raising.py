@@ -12,6 +12,7 @@ from functools import partial
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
+from simspec.dialects.kit.passive import with_passive
 from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, PybulletSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Link, Node, Robot, strangers
@@ -91,7 +92,7 @@ def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
     if sidecar.native_contact:
         ordered = tuple(_as_native(body) for body in ordered)
     return ReadBack(
-        restore_frames(ordered, sidecar.offsets),
+        restore_frames(with_passive(ordered, sidecar.passive), sidecar.offsets),
         sidecar.gravity,
         sidecar.timestep,
         sidecar.friction_cone,

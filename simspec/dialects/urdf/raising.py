@@ -8,6 +8,7 @@ from functools import partial
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
+from simspec.dialects.kit.passive import with_passive
 from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Limit, Link, Robot, strangers
@@ -69,7 +70,9 @@ def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
     add_springs(bodies, sidecar.springs)
     add_armature(bodies, sidecar.armature)
     return ReadBack(
-        restore_frames(tuple(bodies[body.name] for body in sidecar.bodies), sidecar.offsets),
+        restore_frames(
+            with_passive(tuple(bodies[body.name] for body in sidecar.bodies), sidecar.passive), sidecar.offsets
+        ),
         sidecar.gravity,
         sidecar.timestep,
         sidecar.friction_cone,

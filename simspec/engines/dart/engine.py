@@ -41,7 +41,8 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.outside import Outside, computed, constraints_felt
+from simspec.engines.kit.outside import computed, constraints_felt
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_GRAVITY_SCALE, BeforeSteps
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.errors import EngineError
@@ -227,6 +228,9 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS, none_on_servos),
+        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
+        Feature.FREE_DAMPING: GIVEN_DAMPING,
+        Feature.FREE_ARMATURE: never("DART has no armature of free bodies, and contact would ignore a computed one"),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),
         Feature.COLLISION_GROUPS: via_api("pairs in the collision filter"),
@@ -282,7 +286,7 @@ class Dart(SimulatedEngine[Simulation]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._held: Outside | None = None
+        self._before: BeforeSteps | None = None
 
     @classmethod
     def prepare(cls) -> None:
@@ -296,17 +300,17 @@ class Dart(SimulatedEngine[Simulation]):
         return Simulation(folder, typed)
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        self._held = None
+        self._before = None
         super().load(folder, sidecar)
         told = self._simulation.sidecar
-        if told.constraints or told.sums:
-            self._held = Outside(self, told.constraints or (), told.sums or ())
+        before = BeforeSteps(self, told.passive, told.constraints or (), told.sums or ())
+        self._before = before if before.needed else None
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
         held = dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-        return held if self._held is None else self._held.told(held)
+        return held if self._before is None else self._before.told(held)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         armature = self._simulation.efforts.armature
@@ -321,7 +325,7 @@ class Dart(SimulatedEngine[Simulation]):
         found = np.zeros(sim.coordinates.nv)
         for tree in sim.coordinates.trees:
             found[tree.block] = tree.velocity_map().T @ tree.skeleton.getCoriolisAndGravityForces()
-        return found
+        return found if self._before is None else self._before.bias_force(found)
 
     @property
     def world(self) -> Any:
@@ -329,14 +333,14 @@ class Dart(SimulatedEngine[Simulation]):
         return self._simulation.world
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
-        if self._held is None:
+        if self._before is None:
             self._simulation.advance(count, effort)
             return
         for _ in range(count):
-            self._simulation.advance(1, self._held.effort(effort))
+            self._simulation.advance(1, self._before.effort(effort))
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
-        quick = self._held is None and JointArrays.suits(self._simulation)
+        quick = self._before is None and JointArrays.suits(self._simulation)
         return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
 
     def track(
@@ -381,9 +385,7 @@ class Dart(SimulatedEngine[Simulation]):
         for tree in sim.coordinates.trees:
             kinetic += tree.skeleton.computeKineticEnergy()
             potential += tree.skeleton.computePotentialEnergy()
-        if self._held is not None:
-            potential += self._held.energy()
-        return kinetic, potential
+        return kinetic, potential + (0.0 if self._before is None else self._before.potential())
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         return Foreign(import_dartpy(), log).load(file, language, packages)

@@ -30,7 +30,8 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.outside import Outside, computed, constraints_felt
+from simspec.engines.kit.outside import computed, constraints_felt
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_GRAVITY_SCALE, BeforeSteps
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
@@ -226,6 +227,9 @@ class Drake(SimulatedEngine[Simulation]):
         ),
         Feature.KINEMATIC: via_api(HEAVY, light_enough),
         Feature.FORCES: via_api(AS_EFFORTS),
+        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
+        Feature.FREE_DAMPING: GIVEN_DAMPING,
+        Feature.FREE_ARMATURE: never("Drake has no armature of free bodies, and contact would ignore a computed one"),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),
         Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
@@ -326,7 +330,7 @@ class Drake(SimulatedEngine[Simulation]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._held: Outside | None = None
+        self._before: BeforeSteps | None = None
 
     @classmethod
     def prepare(cls) -> None:
@@ -336,30 +340,31 @@ class Drake(SimulatedEngine[Simulation]):
         return Simulation(folder, sidecar)
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        self._held = None
+        self._before = None
         super().load(folder, sidecar)
-        sim = self._simulation
-        if sim.constraints or sim.sums:
-            self._held = Outside(self, sim.constraints, sim.sums)
+        told = self._simulation
+        before = BeforeSteps(self, told.passive, told.constraints or (), told.sums or ())
+        self._before = before if before.needed else None
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim, dict(self.UNREADABLE))
         held = dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-        return held if self._held is None else self._held.told(held)
+        return held if self._before is None else self._before.told(held)
 
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         return pick_blocks(blocks, self._simulation.mass_parts())
 
     def bias_force(self) -> np.ndarray:
-        return self._simulation.bias()
+        bias = self._simulation.bias()
+        return bias if self._before is None else self._before.bias_force(bias)
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
-        if self._held is None:
+        if self._before is None:
             self._simulation.advance(count, effort)
             return
         for _ in range(count):
-            self._simulation.advance(1, self._held.effort(effort))
+            self._simulation.advance(1, self._before.effort(effort))
 
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
@@ -378,7 +383,7 @@ class Drake(SimulatedEngine[Simulation]):
 
     def energy(self) -> tuple[float, float]:
         kinetic, potential = self._simulation.energy()
-        return kinetic, potential if self._held is None else potential + self._held.energy()
+        return kinetic, potential + (0.0 if self._before is None else self._before.potential())
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         import_drake()

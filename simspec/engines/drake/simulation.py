@@ -33,6 +33,7 @@ class Simulation:
             raise EngineError(NAME, str(error)) from error
         self.sidecar, self.settings = sidecar, told.settings
         self.constraints, self.sums = told.constraints or (), told.sums or ()
+        self.passive = told.passive
         self.log: list[str] = []
         bodies = self.document.bodies
         with warnings_into(self.log):

@@ -21,7 +21,7 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.carriers import absorbed
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import told_gravity_scale, told_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Quaternion, Surface, World
 
@@ -50,6 +50,11 @@ def expected_inventory(
 
 def _flat_impedance(value: float) -> tuple[float, ...]:
     return (value, value, 0.001, 0.5, 2.0)
+
+
+def _by_dof(joint: Joint, number: float, angular: float) -> tuple[float, ...]:
+    """A number of a joint for each of its degrees of freedom; of a free one the last three are of rotation."""
+    return (number,) * 3 + (angular,) * 3 if joint.kind == "free" else (number,) * VELOCITY_SIZE[joint.kind]
 
 
 class _Expected:
@@ -190,9 +195,15 @@ class _Expected:
             "flg_surfacevel": int(
                 any(any(shape.surface_velocity) for shapes in self.solid.values() for shape in shapes)
             ),
+            **self._weights(),
         }
         own = {name: value for name, value in self.neutral.items() if name.startswith("count.")}
         return {name: there.get(name.removeprefix("count."), value) for name, value in own.items()}
+
+    def _weights(self) -> dict[str, int]:
+        """How many bodies have another weight than mass × gravity, and whether any has."""
+        odd = sum(told_gravity_scale(self.world, body) != 1.0 for body in self.world.bodies)
+        return {"ngravcomp": odd, "flg_gravcomp": int(odd > 0)}
 
     # --- joints ---------------------------------------------------------------------------------------------------
 
@@ -213,8 +224,8 @@ class _Expected:
             "jnt.{}.qpos_spring": (joint.spring_rest,) if straight else position,
             "dof.{}.solref": (0.0, -1.0 / dt) * dofs,
             "dof.{}.solimp": _flat_impedance(friction) * dofs,
-            "dof.{}.armature": (joint.armature,) * dofs,
-            "dof.{}.damping": (joint.damping,) * dofs,
+            "dof.{}.armature": _by_dof(joint, joint.armature, joint.angular_armature),
+            "dof.{}.damping": _by_dof(joint, joint.damping, joint.angular_damping),
             "dof.{}.frictionloss": (joint.dry_friction,) * dofs,
         }
         return {name.format(joint.name): value for name, value in values.items()}

@@ -64,7 +64,7 @@ OPTIONS = (
 FLAG_FIELDS = ("disableflags", "enableflags")
 
 NEUTRAL = (
-    *("body_mocapid", "body_gravcomp", "body_plugin", "body_margin"),
+    *("body_mocapid", "body_plugin", "body_margin"),
     *("jnt_margin", "jnt_actfrclimited", "jnt_actfrcrange", "jnt_actgravcomp"),
     *("jnt_stiffnesspoly", "jnt_springyield", "jnt_plasticadr", "dof_dampingpoly"),
     *(
@@ -107,6 +107,7 @@ COVERED: Mapping[str, str] = {
     "body_ipos": "L1, centre of mass",
     "body_iquat": "L1, inertia tensor",
     "body_inertia": "L1, inertia tensor",
+    "body_gravcomp": "L1, weight",
     "body_jntnum": "L2, joint type",
     "jnt_type": "L2, joint type",
     "jnt_bodyid": "L2, joint of each body",

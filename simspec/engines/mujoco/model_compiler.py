@@ -225,8 +225,9 @@ def stable_step(model: Any) -> float | None:
 
 
 def dynamics(model: Any, count: int, seed: int, spread: float) -> list[dict[str, Any]]:
-    """In ``count`` random states (qpos, qvel): the mass matrix, the bias force, the passive force, and every body's frame in
-    the world. Positions are about the reference (standard deviation ``spread``, rad or m), rotations are any."""
+    """In ``count`` random states (qpos, qvel): the mass matrix, the bias force with the weights as they are, the passive force
+    without them, and every body's frame in the world. Positions are about the reference (standard deviation ``spread``, rad or
+    m), rotations are any."""
     import mujoco
     import numpy as np
 
@@ -245,13 +246,15 @@ def dynamics(model: Any, count: int, seed: int, spread: float) -> list[dict[str,
         mujoco.mj_fwdVelocity(model, data)
         mass = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, mass)
+        by_actuators = model.jnt_actgravcomp[model.dof_jntid].astype(bool)
+        compensating = np.where(by_actuators, 0.0, data.qfrc_gravcomp)
         answers.append(
             {
                 "qpos": data.qpos.tolist(),
                 "qvel": data.qvel.tolist(),
                 "mass": mass.tolist(),
-                "bias": data.qfrc_bias.tolist(),
-                "passive": data.qfrc_passive.tolist(),
+                "bias": (data.qfrc_bias - data.qfrc_gravcomp).tolist(),
+                "passive": (data.qfrc_passive - compensating).tolist(),
                 "position": data.xpos.tolist(),
                 "quaternion": data.xquat.tolist(),
             }

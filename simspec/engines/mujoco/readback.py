@@ -201,6 +201,7 @@ class _ReadBack:
         principal = _pose(model.body_ipos[index], model.body_iquat[index])
         inertial = Inertial(float(model.body_mass[index]), principal.position, tensor(moments, principal.quaternion))
         geoms = range(model.body_geomadr[index], model.body_geomadr[index] + model.body_geomnum[index])
+        weight = 1.0 - float(model.body_gravcomp[index])
         shapes = tuple(map(self._shape, geoms))
         above = int(model.body_parentid[index])
         parent = world_name(self._names["BODY"][above]) if above else None
@@ -208,7 +209,7 @@ class _ReadBack:
         count = int(model.body_jntnum[index])
         if count == 0 and len(chain) == 1:
             fixed = Joint(self._sidecar.fixed_joints.get(name, ""), "fixed", parent, place)
-            yield Body(name, "", inertial, fixed, shapes)
+            yield Body(name, "", inertial, fixed, shapes, gravity_scale=weight)
             return
         if count != len(chain):
             raise EngineError("mujoco", f"body {name!r} holds {count} joints, not {len(chain)}")
@@ -219,7 +220,10 @@ class _ReadBack:
         for joint, (called, turn), origin in zip(joints, chain, origins(place, in_body), strict=True):
             last = called == name
             moved = self._joint(joint, parent, origin, turn)
-            yield Body(called, "", inertial if last else Inertial(0.0), moved, shapes if last else ())
+            body = Body(called, "", Inertial(0.0), moved)
+            if last:
+                body = dataclasses.replace(body, inertial=inertial, shapes=shapes, gravity_scale=weight)
+            yield body
             parent = called
 
     def _joint(self, joint: int, parent: str | None, origin: Pose, turn: Quaternion) -> Joint:
@@ -260,6 +264,8 @@ class _ReadBack:
             spring_rest=rest,
             position=position,
             velocity=velocity,
+            angular_damping=float(model.dof_damping[first + 3]) if kind == "free" else 0.0,
+            angular_armature=float(model.dof_armature[first + 3]) if kind == "free" else 0.0,
         )
 
     def _check_zero(self, joint: int, start: int) -> None:

@@ -213,6 +213,9 @@ class MujocoSimulation(Engine, abstract=True):
         self._mujoco.mj_comVel(self.model, probe)
         bias = np.zeros(self.model.nv)
         self._mujoco.mj_rne(self.model, probe, 0, bias)
+        if self.model.body_gravcomp.any():
+            self._mujoco.mj_passive(self.model, probe)
+            bias -= probe.qfrc_gravcomp
         return bias[self._v]
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
@@ -244,7 +247,9 @@ class MujocoSimulation(Engine, abstract=True):
         mujoco.mj_tendon(self.model, probe)  # whose springs count
         mujoco.mj_energyPos(self.model, probe)
         mujoco.mj_energyVel(self.model, probe)
-        return float(probe.energy[1]), float(probe.energy[0])
+        # what gravcomp takes away is not in MuJoCo's own potential energy
+        lifted = self.model.body_gravcomp * self.model.body_mass
+        return float(probe.energy[1]), float(probe.energy[0] + lifted @ (probe.xipos @ self.model.opt.gravity))
 
     # --- contact --------------------------------------------------------------------------------------------------
 

@@ -31,6 +31,7 @@ from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_GRAVITY_SCALE, BeforeSteps
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
@@ -241,6 +242,11 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
+        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
+        Feature.FREE_DAMPING: GIVEN_DAMPING,
+        Feature.FREE_ARMATURE: never(
+            "PyBullet has no armature of free bodies, and contact would ignore a computed one"
+        ),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_dry_friction),
         Feature.COLLISION_GROUPS: via_api("setCollisionFilterGroupMask"),
@@ -283,6 +289,7 @@ class PyBullet(SimulatedEngine[Simulation]):
     def __init__(self) -> None:
         super().__init__()
         self._efforts: Efforts | None = None
+        self._before: BeforeSteps | None = None
         self._probe: tuple[Simulation, Probe] | None = None
         self._source: tuple[Path, PybulletSidecar] | None = None
 
@@ -311,11 +318,14 @@ class PyBullet(SimulatedEngine[Simulation]):
         self._sim = Simulation(folder, typed)
         self._efforts = Efforts(self._sim, typed.springs, typed.armature, typed.sums or ())
         self._sim.set_state(*self._sim.initial_state)
+        before = BeforeSteps(self, typed.passive)
+        self._before = before if before.needed else None
 
     def read_back(self) -> ReadBack:
         sim = self._simulation
+        held = read_back(sim, self._outside)
         return dataclasses.replace(
-            read_back(sim, self._outside),
+            held if self._before is None else self._before.told(held),
             unreadable=dict(self.UNREADABLE),
             inventory=inventory(sim),
             neutral=neutral(sim),
@@ -331,7 +341,8 @@ class PyBullet(SimulatedEngine[Simulation]):
 
     def bias_force(self) -> np.ndarray:
         q, v = self._simulation.get_state()
-        return self._probing().bias_force(q, v)
+        bias = self._probing().bias_force(q, v)
+        return bias if self._before is None else self._before.bias_force(bias)
 
     def _probing(self) -> Probe:
         """A second simulation of the same files in which nothing but the tree dynamics acts."""
@@ -345,16 +356,16 @@ class PyBullet(SimulatedEngine[Simulation]):
 
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         sim, efforts = self._simulation, self._outside
-        if effort is None and not efforts.needed:
+        if effort is None and not efforts.needed and self._before is None:
             sim.advance(count)
             return
         given = np.zeros(sim.nv) if effort is None else np.asarray(effort, dtype=float)
         for _ in range(count):  # PyBullet forgets applied efforts after each step
-            efforts.apply(efforts.total(given))
+            efforts.apply(efforts.total(given if self._before is None else self._before.effort(given)))
             sim.advance(1)
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
-        quick = not self._outside.needed
+        quick = not self._outside.needed and self._before is None
         return JointArrays(self, self._simulation, q, v) if quick else Actuation(self, q, v)
 
     def track(
@@ -396,13 +407,14 @@ class PyBullet(SimulatedEngine[Simulation]):
     def energy(self) -> tuple[float, float]:
         kinetic, potential = self._simulation.energy()
         more_kinetic, more_potential = self._outside.energy()
+        more_potential += 0.0 if self._before is None else self._before.potential()
         return kinetic + more_kinetic, potential + more_potential
 
     def close(self) -> None:
         if self._probe is not None:
             self._probe[0].close()
         super().close()
-        self._efforts = self._probe = None
+        self._efforts = self._probe = self._before = None
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         held = Foreign(import_pybullet(), log)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 
 from simspec.world import frames
-from simspec.world.gathering import gathered
+from simspec.world.gathering import gathered, told_gravity_scale
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World
 
 FLAT_MARGIN = 1.0 - 2.0**-40
@@ -36,7 +36,12 @@ def gather(world: World) -> World:
     told = gathered(world)
     if not told:
         return world
-    bodies = (dataclasses.replace(body, inertial=told.get(body.name, body.inertial)) for body in world.bodies)
+    bodies = (
+        dataclasses.replace(
+            body, inertial=told.get(body.name, body.inertial), gravity_scale=told_gravity_scale(world, body)
+        )
+        for body in world.bodies
+    )
     return dataclasses.replace(world, bodies=tuple(bodies))
 
 

@@ -12,6 +12,7 @@ from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.rows import Row
 from simspec.formats.mjcf.tree import Attributes, Inertial, Key, Mesh, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.support.declarations import Refinement, not_here
 from simspec.world import frames
 from simspec.world.types import Body, Joint, PairContact, Pose, Shape, Surface, World
 
@@ -81,7 +82,7 @@ def body_of(
         inertial_of(row.body),
         joints,
         geoms,
-        more,
+        (*weight_of(row.body), *more),
         sites,
     )
 
@@ -106,6 +107,35 @@ def dimensions(law: PairContact | Surface) -> int:
     if law.torsional_friction:
         return 4
     return 3 if law.friction else 1
+
+
+ONE_NUMBER = "one number for all six coordinates: that of rotation is that of translation, in SI units"
+"""What MJCF has of damping and armature of free joints."""
+
+
+def one_number(name: str, world: World) -> Refinement | None:
+    """Not supported where a free body's ``name`` (damping, armature) has two different numbers."""
+    for body in world.bodies:
+        if body.joint.kind == "free" and getattr(body.joint, name) != getattr(body.joint, f"angular_{name}"):
+            return not_here(
+                f"{name} of {body.name!r}: MJCF has one number for translation and rotation of a free joint"
+            )
+    return None
+
+
+def no_more_than_its_weight(world: World) -> Refinement | None:
+    """Not supported where a body has more than its weight: a gravcomp below 0 may be left out (measured)."""
+    heavier = next((body.name for body in world.bodies if body.gravity_scale > 1.0), None)
+    return (
+        None
+        if heavier is None
+        else not_here(f"gravcomp of {heavier!r} would be below 0, which readers of MJCF may leave out")
+    )
+
+
+def weight_of(body: Body) -> Attributes:
+    """The share of a body's weight that is taken away."""
+    return (("gravcomp", 1.0 - body.gravity_scale),) if body.gravity_scale != 1.0 else ()
 
 
 def joint_attributes(joint: Joint, frame: Pose) -> list[tuple[str, Value]]:

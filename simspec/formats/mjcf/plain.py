@@ -6,6 +6,7 @@ constants. Where the law of two materials is another, every two geoms of them th
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Mapping
 from typing import Final
 
@@ -21,6 +22,7 @@ from simspec.formats.mjcf.from_world import (
     CONES,
     GROUPS,
     KINDS,
+    ONE_NUMBER,
     body_of,
     dimensions,
     geom_of,
@@ -28,6 +30,8 @@ from simspec.formats.mjcf.from_world import (
     keyframe,
     margins_of,
     meshes_of,
+    no_more_than_its_weight,
+    one_number,
 )
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.rows import Row, depth_first
@@ -101,6 +105,9 @@ SUPPORT: Final[Table] = {
     Feature.HARDNESS_PAIRS: approximate("time constants by pair; all other kinds are the default solref"),
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate("the inscribed pyramid, up to half the friction across an edge"),
     Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
+    Feature.GRAVITY_SCALE: Support(Level.EXACT, "gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
+    Feature.FREE_DAMPING: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "damping")),
+    Feature.FREE_ARMATURE: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "armature")),
     Feature.FORCES: never("MJCF has no forces that begin and end"),
     Feature.CONTROL: never("MJCF has actuators, and no control laws"),
     Feature.CONTROL_NATIVE: approximate("actuators with gains and effort limits, without what they follow"),

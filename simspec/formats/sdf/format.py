@@ -95,6 +95,7 @@ def _link(link: Link) -> dict[str, Any]:
         "pose": _pose(link.pose),
         "inertial": link.inertial,
         "self_collide": _flag(link.self_collide),
+        "gravity": link.gravity,
         "shapes": [_shape(shape) for shape in link.shapes],
     }
 

@@ -23,6 +23,7 @@ from simspec.support.declarations import (
     approximate,
     exactly,
     never,
+    not_here,
     shape_kinds,
 )
 from simspec.support.features import Feature
@@ -60,6 +61,12 @@ def _by_self_collide(world: World) -> Refinement | None:
     return None
 
 
+def on_or_off(world: World) -> Refinement | None:
+    """That a body has a part of its weight, or more than it."""
+    odd = next((body.name for body in world.bodies if body.gravity_scale not in (0.0, 1.0)), None)
+    return None if odd is None else not_here(f"SDF has the weight of a link or none of it: {odd!r} has another part")
+
+
 SUPPORT: Final[Table] = {
     **exactly(
         *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
@@ -73,6 +80,9 @@ SUPPORT: Final[Table] = {
     Feature.BALL_ARMATURE: never("SDF has no armature"),
     Feature.MARGIN_PAIRS: never("simspec writes no margins into SDF"),
     Feature.SURFACE_VELOCITY: never("SDF says it by plug-ins of a simulator, which simspec does not write"),
+    Feature.GRAVITY_SCALE: Support(Level.EXACT, "<gravity> of a link, on or off", refine=on_or_off),
+    Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into SDF"),
+    Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into SDF"),
     Feature.SHAPE_MARGIN: never("simspec writes no margins into SDF"),
     Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
     Feature.INERTIA_SINGULAR: approximate("SDF demands positive moments: 1e-12 kg m² in place of zero"),
@@ -294,6 +304,7 @@ def _link(
         None if massless_and_fixed else _positive(body.inertial),
         touches,
         tuple(_shape(shape, laws, prefix) for shape in body.shapes if shape.kind in KINDS),
+        body.gravity_scale != 0.0,
     )
 
 

@@ -43,6 +43,8 @@ class Link:
     inertial: Inertial | None
     self_collide: bool
     shapes: tuple[Shape, ...]
+    gravity: bool = True
+    """Whether it has a weight."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,8 +65,9 @@ class WorldJson(Format):
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
             *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM, Feature.SUM_LIMITS),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
+            *(Feature.GRAVITY, Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.TIMESTEP),
         ),
+        Feature.FREE_ARMATURE: never("world.json has no armature of free bodies: no engine that reads it has any"),
         Feature.BALL_ARMATURE: never("world.json has no armature of balls: no engine that reads it has any"),
         Feature.MARGIN_PAIRS: never("world.json has no margins: no engine that reads it has any"),
         Feature.SURFACE_VELOCITY: never(

@@ -194,7 +194,7 @@ class Bodies:
         else:
             if kind == "fixed":
                 body["fixed"] = True
-            elif "name" in joint:
+            elif joint.keys() - {"type"}:
                 body["joint"] = joint
             if where:
                 body["pose"] = where
@@ -207,8 +207,15 @@ class Bodies:
             self.places[name, "joint"] = model.part("joint", joints[0]).element.location
         if int(model["body_mocapid"][number]) >= 0:
             self.features.add("body.mocap", element)
-        if float(model["body_gravcomp"][number]):
-            self.features.add("body.gravcomp", element)
+        compensated = float(model["body_gravcomp"][number])
+        # a model in which none is above 0 has none (measured)
+        if compensated and float(model["body_mass"][number]) and bool((model["body_gravcomp"] > 0.0).any()):
+            body["gravity_scale"] = 1.0 - compensated
+            if any(
+                model["jnt_actgravcomp"][joint] and model["jnt_actfrclimited"][joint]
+                for joint in range(model.numbers["njnt"])
+            ):
+                self.features.add("body.gravcomp", element)
 
     def _mass(self, number: int, shift: Vector, body: dict[str, Any]) -> None:
         model = self.model
@@ -290,15 +297,21 @@ class Bodies:
 
     def _others(
         self, number: int, kind: str, element: Element, damping: float, dry: float, armature: float
-    ) -> dict[str, float]:
+    ) -> dict[str, Any]:
         """What a ball or a free joint has, as far as the language says it."""
-        values = {"damping": damping, "armature": armature} if kind == "ball" else {}
-        if damping and kind == "free":
-            self.features.add("joint.free_damping", element)
+        values: dict[str, Any] = {"damping": damping, "armature": armature} if kind == "ball" else {}
+        if kind == "free":
+            body = int(self.model["jnt_bodyid"][number])
+            if np.any(self.model["body_ipos"][body]) or not float(self.model["body_mass"][body]):
+                if damping:
+                    self.features.add("joint.free_damping", element)
+                if armature:
+                    self.features.add("joint.armature", element)
+            else:
+                both = {"damping": damping, "armature": armature}
+                values = {key: {"linear": value, "angular": value} for key, value in both.items() if value}
         if dry:
             self.features.add("joint.dry_friction", element)
-        if armature and kind == "free":
-            self.features.add("joint.armature", element)
         if kind == "ball" and bool(self.model["jnt_limited"][number]):
             self.features.add("joint.ball_limit", element)
         return values

@@ -10,6 +10,9 @@ from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, Element
 from simspec.language.foreign import Severity
 
 _LISTED: Final = "a distance at which contact is listed, without a force: nothing is felt of it"
+_AT_CENTRE: Final = (
+    "of a free body the language has it at the centre of mass, and the file at another point, the origin of its frame"
+)
 _PHYSICS, _INFORMATION = Severity.PHYSICS, Severity.INFORMATION
 
 
@@ -28,7 +31,11 @@ FEATURES: Final = {
         _INFORMATION,
         "a body that a program moves: here it stands where it is",
     ),
-    "body.gravcomp": Feature("body/gravcomp", _PHYSICS, "bodies without part of their weight are not in the language"),
+    "body.gravcomp": Feature(
+        "body/gravcomp joint/actuatorgravcomp",
+        _PHYSICS,
+        "actuators with a largest effort take the weight away: in the language it is away, whatever they do",
+    ),
     "joint.start": Feature(
         "joint/range joint/ref",
         _INFORMATION,
@@ -43,10 +50,10 @@ FEATURES: Final = {
     "joint.effort_range": Feature(
         "joint/actuatorfrcrange joint/actuatorfrclimited", _PHYSICS, "limits of effort are symmetric in the language"
     ),
-    "joint.free_damping": Feature("joint/damping freejoint/*", _PHYSICS, "free bodies have no damping yet"),
+    "joint.free_damping": Feature("joint/damping freejoint/*", _PHYSICS, _AT_CENTRE),
     "joint.free_spring": Feature("joint/stiffness freejoint/*", _PHYSICS, "free bodies have no springs"),
     "joint.dry_friction": Feature("joint/frictionloss", _PHYSICS, "only hinges and slides have dry friction"),
-    "joint.armature": Feature("joint/armature freejoint/*", _PHYSICS, "free bodies have no armature"),
+    "joint.armature": Feature("joint/armature freejoint/*", _PHYSICS, _AT_CENTRE),
     "joint.ball_limit": Feature("joint/range joint/limited", _PHYSICS, "ball joints have no limits in the language"),
     "joint.polynomial": Feature(
         "joint/stiffness joint/damping", _PHYSICS, "springs and dampers are linear in the language"

@@ -32,7 +32,6 @@ IN_LINK: Final[Mapping[str, Said]] = {
     "battery": (Fate.LOST, Severity.INFORMATION, "simspec has no batteries"),
     "velocity_decay": (Fate.LOST, Severity.PHYSICS, "simspec has no damping of free bodies"),
     "kinematic": (Fate.LOST, Severity.PHYSICS, "simspec has no links that nothing moves"),
-    "gravity": (Fate.LOST, Severity.PHYSICS, "simspec has one gravity for all bodies"),
     "enable_wind": _NO_AIR,
     "must_be_base_link": (Fate.LOST, Severity.INFORMATION, "the tree follows from the joints"),
     "plugin": _PLUGIN,
@@ -99,7 +98,6 @@ PHYSICS: Final[Said] = (Fate.LOST, Severity.INFORMATION, "settings of one engine
 
 
 DEFAULTS: Final[Mapping[str, bool | float]] = {
-    "gravity": True,
     "kinematic": False,
     "enable_wind": False,
     "must_be_base_link": False,

@@ -11,7 +11,7 @@ from simspec.imports.sdf.aside import IN_LINK, set_aside
 from simspec.imports.sdf.meshes import Meshes
 from simspec.imports.sdf.shapes import DENSITY, Around, ShapeRead, read_shapes
 from simspec.imports.sdf.surfaces import surface_of_link
-from simspec.imports.sdf.values import Placement, at, finite_of, flag, lost, pose_of, unused
+from simspec.imports.sdf.values import Placement, at, finite_of, flag, flag_of, lost, pose_of, unused
 from simspec.world import frames
 from simspec.world.types import Vector3
 
@@ -45,14 +45,17 @@ def read_link(link: Element, offset: Vector3, meshes: Meshes, folder: Path, *, s
     density = _computed(link)
     shapes = read_shapes(link, Around(meshes, folder, move, density, surface_of_link(link)))
     set_aside(link, IN_LINK)
+    weight: dict[str, Any] = {} if flag_of(link, "gravity", True) or static else {"gravity_scale": 0.0}
     inertial = link.look("inertial")
     if density is not None:
-        return LinkRead({}, shapes, inertial=inertial[0])
+        return LinkRead(weight, shapes, inertial=inertial[0])
     if inertial:
-        return LinkRead(_inertial(inertial[0].take(), move), shapes, inertial=inertial[0])
+        return LinkRead({**_inertial(inertial[0].take(), move), **weight}, shapes, inertial=inertial[0])
     if static:
         return LinkRead({}, shapes)
-    return LinkRead({"mass": 1.0, **_centre(move), "inertia": {"principal": [1.0, 1.0, 1.0]}}, shapes, NO_INERTIAL)
+    return LinkRead(
+        {**weight, "mass": 1.0, **_centre(move), "inertia": {"principal": [1.0, 1.0, 1.0]}}, shapes, NO_INERTIAL
+    )
 
 
 def _computed(link: Element) -> float | None:

@@ -27,6 +27,7 @@ from simspec.imports.urdf.mimic import constraints
 from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes
 from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
 from simspec.imports.urdf.tree import WORLD, Tree, missing_rule, tree_of
+from simspec.imports.urdf.weights import weightless
 from simspec.language.document import Path_
 from simspec.language.foreign import Imported, ImportOptions
 from simspec.language.models import VERSION
@@ -90,6 +91,8 @@ class Robot:
         self.materials: dict[str, dict[str, Any]] = {}
         self.chains: dict[str, Chain] = {}
         self.between: set[str] = set()
+        self.weightless: frozenset[str] = frozenset()
+        """The links on which gravity does not act, by the file's names."""
 
     def imported(self) -> Imported:
         """The spec and the accounts. Raises SpecError with every problem."""
@@ -106,6 +109,7 @@ class Robot:
             self._check_masses(tree)
             kept = {name: (self.links[name].element, self.links[name].shapes) for name in tree.order}
             self.materials = add_materials(self.root, kept, self.draft)
+            self.weightless = weightless(self.root, [name for name in tree.order if self.links[name].mass is not None])
             data = self._written(tree)
         else:
             for link in self.links.values():
@@ -364,6 +368,8 @@ class Robot:
             for word, tag in (("mass", "mass"), ("centre_of_mass", "origin"), ("inertia", "inertia")):
                 part = (link.mass.element.look(tag) or [link.mass.element])[0]
                 self.draft.place((*path, word), part)
+            if link.element.attributes["name"].strip() in self.weightless:
+                body["gravity_scale"] = 0.0
         body |= joined
         if link.mass is not None and link.mass.from_shapes:
             for shape in link.shapes:

@@ -203,7 +203,6 @@ GAZEBO: Final = {
     "pose": (INFORMATION, "where a model stands is said by the scenario that places it", ""),
     **dict.fromkeys(("fdir1", "collision", "surface"), (PHYSICS, "contact as Gazebo has it", FRICTION)),
     **dict.fromkeys(("selfCollide", "self_collide"), (PHYSICS, "the bodies of a model touch each other", APART)),
-    **dict.fromkeys(("gravity", "turnGravityOff"), (PHYSICS, "there is one gravity for all bodies", "")),
     "kinematic": (PHYSICS, "bodies that nothing moves are not in the language", ""),
     **dict.fromkeys(("preserveFixedJoint", "disableFixedJointLumping"), (INFORMATION, "no fixed joint is removed", "")),
 }
@@ -292,5 +291,7 @@ def rows() -> Iterator[Row]:
         "friction is the same in every direction",
         when="another than mu1",
     )
+    yield Row("gazebo/gravity", "`gravity_scale: 0` of a link with a mass, where it is false")
+    yield Row("gazebo/turnGravityOff", "`gravity_scale: 0` of a link with a mass, where it is true")
     for name, (severity, reason, hint) in GAZEBO.items():
         yield Row(f"gazebo/{name}", "", LOST, severity, reason, hint)

@@ -140,10 +140,10 @@ def test_bits_are_groups_or_pairs_of_materials(tmp_path):
 
 
 LOSSES = {
-    '<body gravcomp="1"><freejoint/><geom size="1"/></body>': "body.gravcomp",
-    '<body><joint type="free" damping="1"/><geom size="1"/></body>': "joint.free_damping",
+    '<body gravcomp="1"><joint actuatorgravcomp="true" actuatorfrcrange="-1 1"/><geom size="1"/></body>': "body.gravcomp",
+    '<body><joint type="free" damping="1"/><geom size="1" pos="0 1 0"/></body>': "joint.free_damping",
     '<body><joint type="ball" frictionloss="1"/><geom size="1"/></body>': "joint.dry_friction",
-    '<body><joint type="free" armature="1"/><geom size="1"/></body>': "joint.armature",
+    '<body><joint type="free" armature="1"/><geom size="1" pos="0 1 0"/></body>': "joint.armature",
     '<body><joint type="ball" range="0 1" limited="true"/><geom size="1"/></body>': "joint.ball_limit",
     '<body><joint type="free" stiffness="1"/><geom size="1"/></body>': "joint.free_spring",
     '<body><joint actuatorfrcrange="-1 2"/><geom size="1"/></body>': "joint.effort_range",

@@ -212,9 +212,15 @@ def test_what_changes_nothing_is_no_loss(tmp_path):
     contact = "<surface><contact><collide_bitmask>65535</collide_bitmask></contact></surface>"
     plain += f"<collision name='c'><geometry><sphere/></geometry>{contact}</collision>"
     assert not lost(imported(model(link("base", plain)), tmp_path))
-    odd = "<gravity>0</gravity><velocity_decay><linear>0.1</linear></velocity_decay><invented/>"
+    odd = "<velocity_decay><linear>0.1</linear></velocity_decay><invented/>"
     losses = lost(imported(model(link("base", odd)), tmp_path))
-    assert {name.rpartition("/")[2] for name in losses} == {"gravity", "velocity_decay", "invented"}
+    assert {name.rpartition("/")[2] for name in losses} == {"velocity_decay", "invented"}
+
+
+def test_a_link_without_gravity_has_no_weight(tmp_path):
+    result = imported(model(link("base", "<gravity>0</gravity>")), tmp_path)
+    assert not lost(result)
+    assert result.data["model"]["bodies"]["base"]["gravity_scale"] == 0.0
 
 
 def test_everything_of_a_file_is_accounted_for(tmp_path):

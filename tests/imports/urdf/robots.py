@@ -89,7 +89,9 @@ SPECIMEN = """\
   <sensor name="s"/>
   <mujoco><compiler balanceinertia="true"/></mujoco>
   <frame name="f"/>
-  <gazebo reference="tip"><mu1>0.2</mu1><mu2>0.2</mu2><material>Gazebo/Blue</material><plugin name="p"/><unheard/></gazebo>
+  <gazebo reference="tip"><mu1>0.2</mu1><mu2>0.2</mu2><material>Gazebo/Blue</material><plugin name="p"/>
+    <gravity>0</gravity><turnGravityOff>1</turnGravityOff>
+    <unheard/></gazebo>
 </robot>
 """
 """Every element and attribute of the table that has no case of its own."""

@@ -85,6 +85,7 @@ def test_a_robot_is_a_short_model_file(tmp_path):
                     "parent": "upper_arm",
                     "mass": 0.1,
                     "inertia": {"principal": [1e-4, 1e-4, 1e-4]},
+                    "gravity_scale": 0.0,
                     "joint": {"name": "wrist", "type": "hinge", "origin": {"xyz": [0, 0, 0.5]}, "axis": [0, 0, 1]},
                     "shapes": [
                         {"sphere": {"radius": 0.04}, "visual": False, "material": "surface-2"},
@@ -329,6 +330,15 @@ def test_friction_of_gazebo_is_a_material(tmp_path, inside, material, lost):
     assert list(materials.values()) == ([] if material is None else [material])
     assert "material" not in imported.data["model"]["bodies"]["arm"]["shapes"][0]
     assert [account.what for account in of_physics(imported)] == lost
+
+
+@pytest.mark.parametrize("said", ["<gravity>false</gravity>", '<turnGravityOff value="1"/>'])
+def test_gazebo_takes_the_weight_of_a_link_away(tmp_path, said):
+    imported = read(two_links(more=f'<gazebo reference="arm">{said}</gazebo>'), tmp_path)
+    assert imported.data["model"]["bodies"]["arm"]["gravity_scale"] == 0.0
+    assert not of_physics(imported)
+    base, arm = load(tmp_path / "robot.urdf").resolve().bodies
+    assert (base.gravity_scale, arm.gravity_scale) == (1.0, 0.0)
 
 
 def test_friction_of_a_link_without_a_shape_has_no_effect(tmp_path):

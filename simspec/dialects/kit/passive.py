@@ -1,0 +1,74 @@
+"""What sidecars say of forces that act on bodies at all times and that the files of a format do not have: weights that are not
+mass × gravity, and damping of free bodies. Engines are given them as efforts before every step (``engines/kit/passive.py``)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from simspec.formats.kit.forms import check_distinct, check_known
+from simspec.world.gathering import told_gravity_scale
+from simspec.world.types import Body, World
+
+
+@dataclass(frozen=True, slots=True)
+class GravityScale:
+    """The weight of a body is so many times mass × gravity."""
+
+    body: str
+    scale: float
+
+
+@dataclass(frozen=True, slots=True)
+class FreeDamping:
+    """A free body's damping: a force −``linear`` v at its centre of mass (N s/m) and a torque −``angular`` ω (N m s/rad)."""
+
+    body: str
+    linear: float
+    angular: float
+
+
+@dataclass(frozen=True, slots=True)
+class Passive:
+    """The bodies for which there is something to say, each once, in the world's order."""
+
+    gravity_scales: tuple[GravityScale, ...]
+    free_damping: tuple[FreeDamping, ...]
+
+    def check(self, bodies: Collection[str]) -> None:
+        """Raise ValueError where a list names a body twice, or one that is not there."""
+        for name, entries in (("gravity_scales", self.gravity_scales), ("free_damping", self.free_damping)):
+            names = [entry.body for entry in entries]
+            check_distinct(names, f"sidecar.passive.{name}")
+            check_known(names, bodies, f"sidecar.passive.{name}")
+
+
+def passive_of(world: World) -> Passive | None:
+    """What a world has of it; None where it has nothing."""
+    scales = ((body.name, told_gravity_scale(world, body)) for body in world.bodies)
+    passive = Passive(
+        tuple(GravityScale(name, scale) for name, scale in scales if scale != 1.0),
+        tuple(
+            FreeDamping(body.name, body.joint.damping, body.joint.angular_damping)
+            for body in world.bodies
+            if body.joint.kind == "free" and (body.joint.damping or body.joint.angular_damping)
+        ),
+    )
+    return passive if passive.gravity_scales or passive.free_damping else None
+
+
+def with_passive(bodies: tuple[Body, ...], passive: Passive | None) -> tuple[Body, ...]:
+    """``bodies`` as an engine is told them, completed by what it is given at every step."""
+    if passive is None:
+        return bodies
+    scales = {entry.body: entry.scale for entry in passive.gravity_scales}
+    damping = {entry.body: entry for entry in passive.free_damping}
+    completed = []
+    for body in bodies:
+        if body.name in damping:
+            entry = damping[body.name]
+            joint = dataclasses.replace(body.joint, damping=entry.linear, angular_damping=entry.angular)
+            body = dataclasses.replace(body, joint=joint)
+        completed.append(dataclasses.replace(body, gravity_scale=scales.get(body.name, body.gravity_scale)))
+    return tuple(completed)
