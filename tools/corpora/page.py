@@ -99,12 +99,8 @@ def write(models: Sequence[Model], results: Path) -> None:
 
 
 def head(files: Sequence[File]) -> Iterator[str]:
-    states = {
-        one["code"]
-        for file in files
-        for one in (file.imported, file.certified, file.apart, file.audited)
-        if one is not None
-    }
+    answers = [one for file in files for one in (file.imported, file.certified, file.apart, file.audited) if one]
+    states = {code for one in answers for code in (one["code"], *one.get("older", ()))}
     asked = {stage: sum(getattr(file, stage) is not None for file in files) for stage in ("certified", "audited")}
     yield "# Robot files of other packages"
     yield ""

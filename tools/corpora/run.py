@@ -148,13 +148,27 @@ def refusing(results: Path, model: Model) -> list[str]:
     return [one["engine"] for one in certified.get("proven") or () if one["valid"] is None]
 
 
+def failing(known: dict[str, Any] | None) -> list[str]:
+    """The engines whose proof fails by an answer; none where the answer is none for other reasons."""
+    return [one["engine"] for one in (known or {}).get("proven") or () if one["valid"] is False]
+
+
+def completed(answer: dict[str, Any], known: dict[str, Any]) -> dict[str, Any]:
+    """An answer of some engines, with those of the others as they are known, and of which states of the code these are."""
+    asked = {one["engine"] for one in answer["proven"]}
+    kept = [one for one in known["proven"] if one["engine"] not in asked]
+    proven = sorted([*answer["proven"], *kept], key=lambda one: str(one["engine"]))
+    older = sorted({known["code"], *known.get("older", ())}) if kept else []
+    return {**answer, "proven": proven, "older": older}
+
+
 def ordered(models: Sequence[Model], results: Path, stage: str) -> list[Model]:
-    """What failed first, since it may be repaired by now; then by classes of what the import took, each as spread as before."""
+    """What failed first, since it may be repaired by now; then by classes of the number of bodies, each as spread as before."""
 
     def key(model: Model) -> tuple[bool, int]:
         known = stored(results, stage, model)
-        seconds = (stored(results, "import", model) or {}).get("seconds", 1.0)
-        return known is None or not failed(known), math.ceil(math.log2(max(seconds, 0.25)))
+        bodies = (stored(results, "import", model) or {}).get("bodies", 1)
+        return known is None or not failed(known), math.ceil(math.log2(max(bodies, 4)))
 
     return sorted(models, key=key)
 
@@ -172,7 +186,8 @@ def run(
         for model in left:
             waiting.put(model)
         threads = [
-            threading.Thread(target=_work, args=(stage, waiting, results, ends)) for _ in range(min(workers, len(left)))
+            threading.Thread(target=_work, args=(stage, waiting, results, ends, again))
+            for _ in range(min(workers, len(left)))
         ]
         for thread in threads:
             thread.start()
@@ -180,7 +195,7 @@ def run(
             thread.join()
 
 
-def _work(stage: str, waiting: queue.SimpleQueue[Model], results: Path, ends: float) -> None:
+def _work(stage: str, waiting: queue.SimpleQueue[Model], results: Path, ends: float, again: str) -> None:
     worker = Worker()
     try:
         while time.monotonic() < ends:
@@ -188,8 +203,11 @@ def _work(stage: str, waiting: queue.SimpleQueue[Model], results: Path, ends: fl
                 model = waiting.get_nowait()
             except queue.Empty:
                 return
-            engines = refusing(results, model) if stage == "apart" else ()
+            known = stored(results, stage, model) if again == "failed" else None
+            engines = failing(known) or (refusing(results, model) if stage == "apart" else [])
             answer = {**worker.ask(stage, model, engines), "code": code()}
+            if known is not None and failing(known) and answer.get("proven"):
+                answer = completed(answer, known)
             target = place(results, stage, model)
             part = target.with_suffix(".part")
             part.write_text(json.dumps(answer), encoding="utf-8")
