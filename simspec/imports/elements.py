@@ -155,6 +155,14 @@ class Element:
         """The same, not taken."""
         return [child for child in self._children if not tags or child.tag in tags]
 
+    def within(self) -> Iterator[Element]:
+        """This element and all that is in it, not taken."""
+        waiting = [self]
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting += element._children
+
     # --- setting aside ----------------------------------------------------------------------------------------
 
     def set_aside(

@@ -24,6 +24,8 @@ from simspec.imports.urdf.joints import Joint, read_joint
 from simspec.imports.urdf.locked import lock
 from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
 from simspec.imports.urdf.mimic import constraints
+from simspec.imports.urdf.numerals import RULES as NUMERAL_RULES
+from simspec.imports.urdf.numerals import mend
 from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes
 from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
 from simspec.imports.urdf.tree import WORLD, Tree, missing_rule, tree_of
@@ -44,6 +46,7 @@ RULES: Final[Mapping[str, str]] = {
     **shape_rules.RULES,
     **tree_rules.RULES,
     **unit_rules.RULES,
+    **NUMERAL_RULES,
 }
 """Every rule of repair, with what it does."""
 
@@ -99,6 +102,8 @@ class Robot:
         if self.root.tag != "robot":
             raise self.root.error("not URDF: the outermost element is not <robot>", self.root.tag[:80], "robot")
         set_aside(self.root)
+        for element in self.root.within():
+            mend(element, self.draft)
         unit_rules.scale_file(self.root, self.draft)
         self._read()
         elements = {name: link.element for name, link in self.links.items()}

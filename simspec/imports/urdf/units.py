@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -73,7 +73,7 @@ def scale_file(root: Element, draft: Draft) -> None:
             shown,
         )
         return
-    for element in _all(root):
+    for element in root.within():
         local = element.tag.rpartition(":")[2]
         for name in LENGTHS.get(local, ()):
             _scale(element, name)
@@ -107,14 +107,6 @@ def _numbers(text: str) -> list[float] | None:
     except ValueError:
         return None
     return values if values and all(map(math.isfinite, values)) else None
-
-
-def _all(root: Element) -> Iterator[Element]:
-    waiting = [root]
-    while waiting:
-        element = waiting.pop()
-        yield element
-        waiting += element.look()
 
 
 # --- meshes -----------------------------------------------------------------------------------------------------------

@@ -46,6 +46,7 @@ DEFECTS = {
         "there is no link 'mast'",
         5,
     ),
+    "damaged-numbers": (two_links('<origin xyz="1, 2 3"/>'), "xyz of <origin> should be 3 finite numbers", 4),
     "no-range": (two_links('<limit effort="1" velocity="1"/>', kind="revolute"), "with lower and upper", 4),
     "missing-limits": (two_links(kind="revolute"), "needs a <limit>", 4),
     "turned-limits": (two_links('<limit lower="2" upper="1"/>', kind="prismatic"), "lower limit is above", 4),
@@ -89,6 +90,36 @@ def test_all_defects_of_a_file_come_at_once(tmp_path):
     )
     problems = refused(text, tmp_path)
     assert [problem.split(":")[1] for problem in problems] == ["2", "3", "3", "4", "5"]
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ("1, 2 3", [1, 2, 3]),
+        ("1,2,3", [1, 2, 3]),
+        ("1 2 3 0", [1, 2, 3]),
+        ("1. 2f -3.5.", [1, 2, -3.5]),
+        ("1,5 2 3", None),
+        ("1,2,3,4", None),
+        ("1 2", None),
+        ("1 2 nan", None),
+        ("1 2 3m", None),
+        ("1 2 1e400", None),
+        ("1 2 0x10", None),
+        ("1 2 \u0661a", None),
+    ],
+)
+def test_damaged_numbers(tmp_path, said, meant):
+    text = two_links(f'<origin xyz="{said}"/>')
+    (problem,) = refused(text, tmp_path)
+    assert "xyz of <origin> should be 3 finite numbers" in problem
+    assert ("--repair damaged-numbers" in problem) is (meant is not None)
+    if meant is None:
+        refused(text, tmp_path, "damaged-numbers")
+    else:
+        imported = read(text, tmp_path, "damaged-numbers")
+        assert imported.data["model"]["bodies"]["arm"]["joint"]["origin"]["xyz"] == meant
+        assert f"{said!r} became" in imported.repairs[0].what
 
 
 def test_the_nearest_possible_tensor(tmp_path):
