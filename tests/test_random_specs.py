@@ -15,6 +15,7 @@ from simspec.proof.verify import LEVELS
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from tests.random_specs import spec
+from tests.random_words import with_words
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -65,6 +66,22 @@ def test_two_hundred_of_them_use_the_whole_language():
         world = simspec.Spec.from_data(spec(seed)).resolve()
         used |= {need.feature for need in needs(world)}
     assert set(Feature) - used <= RARE
+
+
+def test_two_hundred_of_them_use_the_words_that_are_put_in():
+    drawn = [with_words(seed, spec(seed)) for seed in range(200)]
+    text = "".join(f"{data} {files}" for data, files in drawn)
+    words = ("mesh", "margin", "follow", "connect", "weld", "kinematic", "motion", "forces", "touch", "every", "states")
+    assert [word for word in (*words, "self_collision", "max_vertices", "mass_from") if word not in text] == []
+    assert any("armature" in joint for data, _ in drawn for joint in balls(data))
+
+
+def balls(data):
+    bodies = [*data.get("bodies", {}).values()]
+    for model in data.get("models", {}).values():
+        bodies += model.get("bodies", {}).values()
+    joints = [joint for body in bodies for joint in (body.get("joint", {}), *body.get("joints", ()))]
+    return [joint for joint in joints if joint.get("type") == "ball"]
 
 
 def test_a_seed_gives_the_same_world():

@@ -16,6 +16,7 @@ import collections
 import re
 import sys
 import time
+import traceback
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +29,11 @@ from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError, SpecError, UnsupportedError
 from simspec.proof.verify import LEVELS, verify
+from simspec.scratch import scratch_folder
 from simspec.world.kinematics import initial_state
 from simspec.world.types import World
 from tests.random_specs import spec
+from tests.random_words import with_words, write_files
 
 ACCEPT = re.compile(r"engines\.(\w+)\.(accept|outside): \[([\w.-]+)\]")
 """How an error names what a spec may accept."""
@@ -38,11 +41,12 @@ ABSURD = 1e6
 """m/s and rad/s that no random world reaches unless its steps are too long for it."""
 
 
-def accepted(data: dict[str, Any], engine: str) -> str:
-    """Let the spec accept what the engine has only so; returns why it is refused all the same, or ""."""
+def accepted(data: dict[str, Any], engine: str, folder: Path) -> str:
+    """Let the spec accept what the engine has only so; returns why it is refused all the same, or "". ``folder`` has the
+    files that the spec names."""
     for _ in range(20):
         try:
-            simspec.compile(simspec.Spec.from_data(data).resolve(), [engine])
+            simspec.compile(simspec.Spec.from_data(data, folder=folder).resolve(), [engine])
         except UnsupportedError as error:
             found = [match for problem in error.problems for match in ACCEPT.findall(problem.hint or "")]
             options = data["engines"].setdefault(engine, {})
@@ -71,13 +75,16 @@ def diverges(world: World) -> str:
 
 def attempt(seed: int, names: list[str], levels: set[str], folder: Path | None) -> tuple[list[str], dict[str, str]]:
     """What went wrong with one seed, a line each, and which engines refused it why."""
-    data = spec(seed)
-    refused = {name: why for name in names if (why := accepted(data, name))}
-    left = [name for name in names if name not in refused]
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"random-{seed}.yaml").write_text(simspec.Spec.from_data(data).to_yaml(), encoding="utf-8")
-    world = simspec.Spec.from_data(data).resolve()
+    data, files = with_words(seed, spec(seed))
+    with scratch_folder("random") as scratch:
+        place = folder / f"random-{seed}" if folder is not None else scratch
+        write_files(place, files)
+        refused = {name: why for name in names if (why := accepted(data, name, place))}
+        left = [name for name in names if name not in refused]
+        given = simspec.Spec.from_data(data, folder=place)
+        if folder is not None:
+            (place / f"random-{seed}.yaml").write_text(given.to_yaml(), encoding="utf-8")
+        world = given.resolve()
     wrong = []
     found = verify(world, left, levels=levels)
     for engine, check in found.failures():
@@ -115,6 +122,8 @@ def main() -> int:
             wrong, refused = attempt(seed, names, levels, asked.write)
         except SpecError as error:
             wrong, refused = [f"spec: {problem.path}: {problem.message}" for problem in error.problems], {}
+        except Exception as error:  # whatever it is, it is what this tool looks for
+            wrong, refused = [f"crash: {''.join(traceback.format_exception(error))}"], {}
         causes.update(f"{engine}: {why}" for engine, why in refused.items())
         compared.update(name for name in names if name not in refused)
         if wrong:

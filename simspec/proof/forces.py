@@ -48,6 +48,8 @@ class Pushed:
     poses: Floats
     floor: float
     halved: int
+    ends: str = ""
+    """Why nothing can be compared."""
 
     @property
     def tolerance(self) -> float:
@@ -73,10 +75,12 @@ def plan(world: World, oracle: Oracle) -> Pushed | None:
     q = oracle.settled(inside(world, q, INSIDE), start)
     effort = oracle.bias_force(q, v) - oracle.joint_effort(q, v)
     forces = brought_forward(world.forces, world.physics.timestep, FIRST, LONGEST)
+    ends = "its motion without forces comes near a limit, or is not finite"
     for halved in range(HALVINGS):
         asked = dataclasses.replace(world, forces=tuple(_times(0.5**halved, force) for force in forces))
         states = _motion(asked, oracle, q, v, effort)
         if np.isfinite(states).all() and not comes_near_limits(world, oracle, states):
+            ends = ""
             break
     poses = np.array([oracle.body_poses(row) for row in states])
     generator, floor = np.random.default_rng(SEED + 300), 0.0
@@ -84,7 +88,7 @@ def plan(world: World, oracle: Oracle) -> Pushed | None:
         off = q * (1.0 + PERTURBATION * generator.choice([-1.0, 1.0], len(q)))
         other = np.array([oracle.body_poses(row) for row in _motion(asked, oracle, off, v, effort)])
         floor = max(floor, float(deviation(poses, other).max(initial=0.0)))
-    return Pushed(asked, q, v, effort, poses, floor, halved)
+    return Pushed(asked, q, v, effort, poses, floor if np.isfinite(floor) else 0.0, halved, ends)
 
 
 def _times(factor: float, force: Force) -> Force:
@@ -118,6 +122,8 @@ def forces_checks(pushed: Pushed, answer: Mapping[str, Floats]) -> list[Check]:
     detail = f"floor {pushed.floor:.1e}, {STEPS} steps of {world.physics.timestep:g} s"
     if pushed.halved:
         detail += f", forces divided by 2^{pushed.halved}, with which no joint comes near a limit"
+    if pushed.ends:
+        return [Check("L7", FORCES_CHECK, 0, pushed.tolerance, None, "", f"{pushed.ends}; {detail}")]
     if pose.shape != pushed.poses.shape or not np.isfinite(pose).all():
         detail = f"poses of shape {pose.shape}, not all of them finite; {detail}"
         return [Check("L7", FORCES_CHECK, pose.size, pushed.tolerance, None, "", detail)]

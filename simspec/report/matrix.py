@@ -79,6 +79,7 @@ def engine_data() -> dict[str, Any]:
                 }
                 | ({"needs": {setting.needs[0]: list(setting.needs[1])}} if setting.needs else {})
                 | _frictionless(setting)
+                | ({} if setting.kinematic is None else {"kinematic": setting.kinematic})
                 for key, setting in engine.SETTINGS.items()
             },
             "support": {feature.value: _support_data(entry) for feature, entry in support(engine).items()},
@@ -155,6 +156,8 @@ def markdown() -> str:
             default = f"`{setting.default}`"
             if setting.frictionless is not None:
                 default += f"; free balls without friction: `{setting.frictionless}`"
+            if setting.kinematic is not None:
+                default += f"; beside kinematic bodies: `{setting.kinematic}`"
             if setting.by_pair:
                 allowed = f"{allowed}{'; ' if allowed else ''}also by pair of materials"
             lines.append(f"| `{key}` | {default} | {allowed} | {_cell(setting.meaning)} |")

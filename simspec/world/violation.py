@@ -159,13 +159,17 @@ def impulse(mass: Array, jacobian: Array, velocity: Array, violation: Array, tim
 
 def multipliers(mobility: Array, wanted: Array) -> Array:
     """λ (rows,) with A λ = ``wanted``, the smallest where A = J M⁻¹ Jᵀ (rows, rows) has no inverse; not finite where A is not,
-    as in motion that has diverged."""
+    as in motion that has diverged. Rows that nothing moves, but for round-off, have no part in it."""
     if not np.isfinite(mobility).all():
         return np.full(len(wanted), np.nan)
-    scale = np.sqrt(np.maximum(np.diag(mobility), 1e-300))
+    moved = np.diag(mobility)
+    scale = np.sqrt(np.maximum(moved, max(UNMOVED * float(moved.max(initial=0.0)), 1e-300)))
     inverse = np.linalg.pinv(mobility / np.outer(scale, scale), rcond=RANK, hermitian=True)
     return (inverse @ (wanted / scale)) / scale
 
 
 RANK = 1e-10
 """Of the largest eigenvalue: rows are scaled to the same mobility, and a share below this says nothing that others do not."""
+UNMOVED = 1e-16
+"""Of the largest mobility of a row: one below 1e-26 of that (UNMOVED × RANK) is round-off of J, some 1e-32, as of the third
+axis of a planar loop. Scaled like others it would be taken for motion; real rows are within 1e-12 of each other."""

@@ -10,8 +10,10 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.errors import UnsupportedError
 from simspec.testing.worlds import accepting, with_options
-from simspec.world.types import Body, Contact, Follow, Material, PairContact, Shape, World
-from tests import constrained
+from simspec.world.frames import compose, inverse
+from simspec.world.kinematics import poses
+from simspec.world.types import Body, Connect, Contact, Follow, Material, PairContact, Shape, World
+from tests import constrained, worlds
 
 OUTSIDE = ("dart", "drake")
 
@@ -56,6 +58,20 @@ def test_pybullet_has_one_error_reduction_for_loops_and_limits():
         compile_world(with_options(limited, "pybullet", accept=("joint.limits.position",)), ["pybullet"])
 
 
+def test_pybullet_s_gears_are_within_one_tree():
+    base = constrained.follower()
+    other = worlds.world(worlds.tree(["hinge"], 3), "other").bodies[0]
+    other = dataclasses.replace(other, name="other", joint=dataclasses.replace(other.joint, name="other_joint"))
+    mirror = dataclasses.replace(base.constraints[0], leader="other_joint", offset=base.bodies[2].joint.position[0])
+    still = dataclasses.replace(other.joint, position=(0.0,))
+    apart = dataclasses.replace(
+        base, bodies=(*base.bodies, dataclasses.replace(other, joint=still)), constraints=(mirror,)
+    )
+    compile_world(base, ["pybullet"])
+    with pytest.raises(UnsupportedError, match="'other_joint' is in another than"):
+        compile_world(apart, ["pybullet"])
+
+
 def test_pybullet_s_armature_would_not_be_felt_by_a_constraint():
     armed = jointed(constrained.follower(), armature=0.1)
     with pytest.raises(UnsupportedError, match="by a constraint, whose impulses would ignore the armature"):
@@ -83,3 +99,19 @@ def test_a_coupling_holds_in_contact(name, tmp_path):
             worst = max(worst, constrained.violation(world, q))
     assert pressing > 0
     assert worst < 1e-9
+
+
+def test_pybullet_does_not_feel_a_loop_of_what_is_fixed_below_a_ball_at_the_root():
+    def pinned(*kinds: str) -> World:
+        base = worlds.world(worlds.tree(list(kinds), 5), "pinned")
+        floor = dataclasses.replace(worlds.world(worlds.tree(["fixed"], 6), "floor").bodies[0], name="floor")
+        floor = dataclasses.replace(floor, joint=dataclasses.replace(floor.joint, name="floor_joint"))
+        world = dataclasses.replace(base, bodies=(*base.bodies, floor))
+        place = poses(world)
+        point = compose(inverse(place["floor"]), place[base.bodies[-1].name]).position
+        pin = Connect("pin", base.bodies[-1].name, "floor", (0.0, 0.0, 0.0), point)
+        return dataclasses.replace(world, constraints=(pin,))
+
+    with pytest.raises(UnsupportedError, match="does not feel the loop 'pin'"):
+        compile_world(pinned("ball", "fixed"), ["pybullet"])
+    compile_world(pinned("ball", "hinge"), ["pybullet"])

@@ -79,3 +79,12 @@ def test_the_impulse_makes_the_violation_vanish_and_is_pinocchio_s():
 def test_motion_that_has_diverged_is_not_finite_and_no_error():
     mass, jacobian = np.full((2, 2), np.nan), np.ones((1, 2))
     assert np.isnan(impulse(mass, jacobian, np.ones(2), np.zeros(1), 1e-3)).all()
+
+
+def test_a_row_that_is_round_off_gives_no_impulse():
+    """The third axis of a planar loop: its row of J is 1e-16, and must not be scaled to the others."""
+    jacobian = np.array([[1.0, 0.5], [0.3, -1.0], [1e-16, -2e-16]])
+    velocity, violation = np.array([0.2, -0.1]), np.array([1e-6, -1e-6, 3e-17])
+    exact = velocity + impulse(np.diag([2.0, 0.5]), jacobian[:2], velocity, violation[:2], 1e-3)
+    made = velocity + impulse(np.diag([2.0, 0.5]), jacobian, velocity, violation, 1e-3)
+    np.testing.assert_allclose(made, exact, rtol=0, atol=1e-12)

@@ -110,6 +110,7 @@ def _body(body: Body, still: bool, gains: Gains) -> dict[str, HeldValue]:
     told = sorted(body.shapes, key=lambda shape: shape.kind == "plane" and shape.collision)
     found: dict[str, HeldValue] = {
         "instance": "DefaultModelInstance",
+        "model": body.model,
         "gravity": True,
         "joint": joint.name,
         "joint.own_name": "" if joint.kind == "free" else joint.name,

@@ -106,8 +106,9 @@ def of_plant(drake: Any, plant: Any, scene: Any) -> dict[str, HeldValue]:
 
 
 def _body(sim: Simulation, index: int, held: Any) -> dict[str, HeldValue]:
-    joint, (_, name) = joint_of(sim, index), told_name(held)
+    joint, (model, name) = joint_of(sim, index), told_name(held)
     found: dict[str, HeldValue] = {
+        "model": model,
         "instance": sim.plant.GetModelInstanceName(held.model_instance()),
         "gravity": sim.plant.is_gravity_enabled(held.model_instance()),
         "joint": sim.document.bodies[index].joint.name,

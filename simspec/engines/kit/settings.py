@@ -84,6 +84,8 @@ class Setting:
     """The default in worlds of free balls without friction (:func:`simspec.contact.meeting.balls_alone`); None: the same."""
     frictionless_unless: tuple[str, Value] | None = None
     """Another setting and a value: where a spec states that, the default is the ordinary one in such worlds, too."""
+    kinematic: Value | None = None
+    """The default in worlds with kinematic bodies, which are 1e5 times as heavy as all else that moves; None: the same."""
     by_pair: ByPair | None = None
     """Where each pair of materials may have a value of its own (``engines.NAME.pairs``): in which contacts it acts."""
 
@@ -106,7 +108,11 @@ def resolve_settings(engine: type[HasSettings], world: World) -> dict[str, Value
     The options were checked by :func:`check_settings`.
     """
     stated = dict(world.options(engine.NAME).settings)
-    return default_settings(engine, stated, balls_alone(world)) | stated
+    defaults = default_settings(engine, stated, balls_alone(world))
+    if world.motions:
+        known = engine.SETTINGS.items()
+        defaults |= {name: setting.kinematic for name, setting in known if setting.kinematic is not None}
+    return defaults | stated
 
 
 def default_settings(engine: type[HasSettings], stated: Mapping[str, Value], frictionless: bool) -> dict[str, Value]:

@@ -39,7 +39,7 @@ from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATION
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
-from simspec.engines.pybullet.holding import one_error_reduction
+from simspec.engines.pybullet.holding import loops_held, within_one_tree
 from simspec.engines.pybullet.inventory import inventory, neutral
 from simspec.engines.pybullet.meshes import KEPT
 from simspec.engines.pybullet.probe import Probe
@@ -254,8 +254,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.TOUCHING_PAIRS: via_api("URDF_USE_SELF_COLLISION_INCLUDE_PARENT"),
         Feature.GRAVITY: via_api("setGravity"),
         Feature.TIMESTEP: via_api("setTimeStep"),
-        Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", one_error_reduction),
-        Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR"),
+        Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", loops_held),
+        Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR", within_one_tree),
         Feature.SUM: via_api(_COMPUTED),
         Feature.SUM_LIMITS: never("PyBullet stops joints one by one, and no sum of their positions"),
     }

@@ -13,6 +13,7 @@ from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
 from simspec.support.declarations import Refinement, not_here
 from simspec.world import frames
+from simspec.world.kinematics import trees
 from simspec.world.rotations import to_xyzw_of
 from simspec.world.types import Connect, Constraint, Follow, Pose, Quaternion, Vector3, Weld, World
 
@@ -45,6 +46,43 @@ def one_error_reduction(world: World) -> Refinement | None:
         "PyBullet has one error reduction for loops and for position limits, and a loop's is 1: the joint of "
         f"{limited!r} would rebound from its limits at the speed of its arrival"
     )
+
+
+def loops_held(world: World) -> Refinement | None:
+    """Not supported where PyBullet holds no loop, or has limits that a loop would share its error reduction with."""
+    return _fixed_below_a_ball(world) or one_error_reduction(world)
+
+
+def _fixed_below_a_ball(world: World) -> Refinement | None:
+    """Measured: a loop whose end is fixed to the root of a tree, where that root is on a ball joint, is not felt at all; one
+    whose end is the root itself, or below a further joint, is."""
+    by_name = {body.name: body for body in world.bodies}
+    for constraint in world.constraints:
+        if isinstance(constraint, Follow):
+            continue
+        for name in (constraint.first, constraint.second):
+            above, joint = by_name[name], by_name[name].joint
+            while above.joint.kind == "fixed" and above.joint.parent is not None:
+                above = by_name[above.joint.parent]
+            if joint.kind == "fixed" and above.joint.kind == "ball" and above.joint.parent is None:
+                return not_here(
+                    f"PyBullet does not feel the loop {constraint.name!r}: {name!r} is fixed to {above.name!r}, the root of "
+                    "its tree, which is on a ball joint to the world"
+                )
+    return None
+
+
+def within_one_tree(world: World) -> Refinement | None:
+    """Not supported where a joint follows one of another tree. Measured: the leader's position is then that of the joint of its
+    number in the follower's own tree, and the two part by 0.1 rad in 20 steps."""
+    tree = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
+    for constraint in world.constraints:
+        if isinstance(constraint, Follow) and tree[constraint.joint] != tree[constraint.leader]:
+            return not_here(
+                f"PyBullet's gears take the leader's position from the follower's own tree, and {constraint.leader!r} "
+                f"is in another than {constraint.joint!r}"
+            )
+    return None
 
 
 def hold(sim: Simulation, constraints: Sequence[Constraint]) -> tuple[Held, ...]:

@@ -1,0 +1,37 @@
+"""Kinematic bodies beside joints with dry friction: the solver has a tolerance by which the lighter ones are solved, too."""
+
+from __future__ import annotations
+
+import pytest
+
+import simspec
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.settings import resolve_settings
+from simspec.proof.verify import verify
+from simspec.testing.worlds import with_options
+
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
+DATA = {
+    "name": "beside",
+    "engines": {"mujoco": {"accept": ["joint.dry_friction"]}},
+    "physics": {"timestep": "2 ms", "duration": "0.1 s"},
+    "bodies": {
+        "lift": {"kinematic": True, "shapes": [{"box": {"size": [1, 1, 1]}, "collision": False}]},
+        "arm": {
+            "mass": 2,
+            "centre_of_mass": [0.1, 0, 0],
+            "inertia": {"principal": [0.02, 0.03, 0.04]},
+            "joint": {"type": "hinge", "axis": [0, 0, 1], "dry_friction": 0.2},
+        },
+    },
+    "motion": {"lift": {"points": [{"at": 0}, {"at": 0.1, "xyz": [0.1, 0, 0]}]}},
+}
+
+
+def test_dry_friction_is_held_beside_a_kinematic_body():
+    world = simspec.Spec.from_data(DATA).resolve()
+    assert resolve_settings(find_engine("mujoco"), world)["tolerance"] == 1e-14
+    stated = with_options(world, "mujoco", settings=(("tolerance", 1e-8),))
+    assert resolve_settings(find_engine("mujoco"), stated)["tolerance"] == 1e-8
+    assert verify(world, ["mujoco"], levels={"L6"}).failures() == []
