@@ -241,7 +241,7 @@ class Drake(SimulatedEngine[Simulation]):
         "contact_approximation": Setting(
             "auto",
             "auto: tamsi where something that meets has friction, no joint has limits or a controller of Drake's own, no "
-            "kinematic body carries joints, and one "
+            "kinematic body carries joints, no mesh that touches moves, and one "
             f"body with collision shapes moves, or at most {MOST_TAMSI} with a timestep of at most {1e3 * BODY_SECONDS:g} ms "
             "over their number; else sap. TAMSI's friction is exact in slides and impacts, but its equations are dense (36 "
             "boxes 30 ms a step, SAP 5), and at 4 ms it fails in towers of six boxes. SAP has the common law's error reduction "

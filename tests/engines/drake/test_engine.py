@@ -155,6 +155,8 @@ def test_a_ball_joint_passes_a_pitch_of_90_degrees(load):
         (lambda: boxes(4, 0.004), "sap"),
         (lambda: boxes(1, friction=0.0), "sap"),
         (lambda: WORLDS["model"]("drake"), "sap"),
+        (lambda: worlds.shapes_world(("mesh",)), "sap"),  # TAMSI fails to converge in 8 of 60 landings of hulls
+        (lambda: worlds.shapes_world(("box",)), "tamsi"),
     ],
 )
 def test_the_solver_is_chosen_by_friction_size_and_limits(world, chosen):
