@@ -162,7 +162,7 @@ BAD = {
         6,
         "contact.pairs.0",
         "needs at least one law",
-        "hardness, collide",
+        "hardness, margin, collide",
         None,
     ),
     "unknown key of a pair": (

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from simspec.engines.kit.registry import find_engine
+from simspec.errors import UnsupportedError
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.proof.contact import compliance, friction, impact, spin
 from simspec.proof.contact.law import project
@@ -26,8 +27,12 @@ ALL = {**friction.PROBES, **impact.PROBES, **compliance.PROBES, **spin.PROBES}
 TIMESTEPS = (0.0005, 0.001, 0.016)
 
 
+BELT = (0.3, -0.2, 0.1)
+"""m/s, in the axes of the shape whose surface moves."""
+
+
 def law(mu=0.5, cone="elliptic", dt=0.001, **pair):
-    return Law(PairContact("base", "body", mu, 0.0, **pair), cone, dt)
+    return Law(PairContact("base", "body", mu, 0.0, **pair), cone, dt, BELT)
 
 
 def project_rows(vectors, size, cone):
@@ -59,6 +64,8 @@ def motions(probe, asked, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=
     found = []
     for trial in probe.trials(asked):
         bodies = [body for body in trial.bodies if body.name != FLOOR]
+        (floor,) = (body for body in trial.bodies if body.name == FLOOR)
+        belt = np.array(floor.shapes[0].surface_velocity[:2])
         names = [body.name for body in bodies]
         mass = np.array([[body.inertial.mass] for body in bodies])
         pose = np.array([body.joint.position for body in bodies], dtype=float)
@@ -70,7 +77,7 @@ def motions(probe, asked, mu=None, cone=None, weight=1.0, creep=0.0, floor_push=
             push = np.array([phase.effort.get(name, (0.0,) * 6)[:2] for name in names])
             for step in range(phase.steps):
                 free = velocity[:, :2] + asked.timestep * push / mass
-                brake = project_rows(free, limit, cone)
+                brake = project_rows(free - belt, limit, cone)
                 velocity[:, :2] = free - brake + asked.timestep * floor_push * push
                 pose[:, :2] += asked.timestep * (velocity[:, :2] + creep)
                 done += 1
@@ -135,6 +142,16 @@ def test_without_friction_any_force_fails(friction_found):
     assert [name for name, probe in PROBES.items() if probe.applies(asked)] == ["push"]
     assert figures("push", asked)[0].passed
     assert not figures("push", asked, mu=friction_found)[0].passed
+
+
+@pytest.mark.parametrize(("told", "sign"), [((0.33, -0.22, 0.11), 1), ((-0.3, 0.2, -0.1), 1), ((0.0, 0.0, 0.0), -1)])
+def test_another_surface_velocity_fails(told, sign):
+    """Faster, backwards (off by a vector that is longer than the way), and not at all."""
+    asked = law()
+    probe = PROBES["carry"]
+    (figure,) = probe.figures(asked, motions(probe, dataclasses.replace(asked, belt_told=told)))
+    assert not figure.passed
+    assert (figure.measured - figure.expected) * sign > 0.0
 
 
 def test_creep_below_the_limit_fails():
@@ -233,6 +250,10 @@ def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
     if not probing.installed(engine):
         pytest.skip(f"{engine} is not installed")
     asked, probe = law(0.3), PROBES[name]
+    if name == "carry" and engine not in engines_with(Feature.SURFACE_VELOCITY):
+        with pytest.raises(UnsupportedError, match=r"shape\.surface_velocity"):
+            probing.figures_of_each(engine, [(probe, asked, asked)], tmp_path)
+        return
     slippery = dataclasses.replace(asked, pair=dataclasses.replace(asked.pair, friction=0.2))
     right, wrong = probing.figures_of_each(engine, [(probe, asked, asked), (probe, asked, slippery)], tmp_path)
     assert all(figure.passed for figure in right) == ((engine, name) not in ASIDE)
