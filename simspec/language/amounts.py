@@ -67,6 +67,9 @@ def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
     if number := _length(held):
         most = max((copies for _, copies, _ in loose), default=1)  # those within an array's tree are copied with it
         yield ("constraints",), most, Counter(constraints=number)
+    acting = source.document.data.get("actuators") if isinstance(source.document.data, Mapping) else None
+    if number := _length(acting):
+        yield ("actuators",), 1, Counter(actuators=number)
     models = source.document.data.get("models") if isinstance(source.document.data, Mapping) else None
     used: dict[str, Counter[str]] = {}
     for name, raw in models.items() if isinstance(models, Mapping) else ():

@@ -246,6 +246,7 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "Controller.actuators",
         "Model.actuators",
         "Use.actuators",
+        "File.actuators",
     ),
     *same_hint(
         "trajectories path waypoints",

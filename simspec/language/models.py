@@ -362,6 +362,9 @@ class File(Strict):
     constraints: dict[NameOf, Constraint] = Field(
         {}, description="What holds joints and bodies together outside the tree, by name"
     )
+    actuators: dict[NameOf, Actuator] = Field(
+        {}, description="Actuators of loose bodies, by name; `control` says which act"
+    )
     control: dict[NameOf, Controller] = Field({}, description="Controllers, by name: which joints are driven, and how")
     trajectory: Maybe[Trajectory] = Field(
         ABSENT, description="Trajectory of the driven joints; none: they hold their initial positions"
@@ -383,9 +386,9 @@ class File(Strict):
             if "model" in data and key in data:
                 message = f"model and {key} exclude each other: a file is a model or a scenario"
                 yield Fault((key,), message, None, "model, or bodies and models")
-        if "model" in data and "constraints" in data:
-            hint = "model: {constraints: ...}"
-            yield Fault(("constraints",), "constraints of a model stand in the model itself", hint=hint)
+        for key in ("constraints", "actuators"):
+            if "model" in data and key in data:
+                yield Fault((key,), f"{key} of a model stand in the model itself", hint=f"model: {{{key}: ...}}")
         if "model" in data and "sweep" in data:
             yield Fault(("sweep",), "sweep is only for scenarios, not for a model", None, None, "remove it")
         contact = data.get("contact")

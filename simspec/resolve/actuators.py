@@ -48,7 +48,8 @@ class AtJoint(NamedTuple):
 
 
 def written_actuators(source: Source) -> dict[str, Written]:
-    """The actuators of every copy of every model by their full names; of a file, the nearer one's replaces another's."""
+    """The actuators of loose bodies, and of every copy of every model, by their full names. The nearer file's replaces
+    another's."""
     found: dict[str, Written] = {}
 
     def take(prefix: str, files: Sequence[Source]) -> None:
@@ -57,6 +58,9 @@ def written_actuators(source: Source) -> dict[str, Written]:
             for name, typed in (model.actuators if model is not None else {}).items():
                 found[prefix + name] = Written(prefix, file, ("model", "actuators", name), typed)
 
+    if source.file is not None:
+        for name, typed in source.file.actuators.items():
+            found[name] = Written("", source, ("actuators", name), typed)
     if (own := model_of(source)) is not None:
         take("", own.files)
     for placement, use, bodies in placed(source):
@@ -132,7 +136,7 @@ class ActuatorsDraft:
         for index, entry in enumerate(self._written.actuators or ()):
             meant = chosen(entry, known)
             if not meant:
-                allowed = ", ".join(list(known)[:8]) or "no model has actuators"
+                allowed = ", ".join(list(known)[:8]) or "there are no actuators"
                 self._problem(
                     ("actuators", index),
                     f"there is no actuator {entry!r}",
@@ -165,7 +169,7 @@ class ActuatorsDraft:
         joint = self._joints_of.get(full)
         message, hint = "", None
         if joint is None:
-            message, hint = f"the model has no joint {written.typed.joint!r}", near(full, self._joints_of)
+            message, hint = f"there is no joint {full!r}", near(full, self._joints_of)
         elif joint.kind not in SCALAR_JOINTS:
             message = f"{full} is {article(joint.kind)} joint; actuators act on hinges and slides"
         elif full in followers:

@@ -152,9 +152,19 @@ control:
     assert (made.controllers, made.trajectory) == ((), None)
 
 
+def test_loose_bodies_have_theirs_beside_them():
+    data = scenario({"a": SERVO})
+    model = data["models"].pop("arm")
+    data |= {"bodies": model["bodies"], "actuators": model["actuators"], "control": {"robot": {"actuators": ["a"]}}}
+    assert Spec.from_data(data).resolve().controllers[0].joints == ("elbow",)
+    data["model"] = {"bodies": data.pop("bodies")}
+    del data["models"]
+    assert ("actuators", "actuators of a model stand in the model itself") in problems(data)
+
+
 SERVO = {"joint": "elbow", "kp": 1}
 WRONG = {
-    "no such joint": (({"a": {"joint": "elbo", "kp": 1}},), "models.arm.actuators.a.joint", "no joint 'elbo'"),
+    "no such joint": (({"a": {"joint": "elbo", "kp": 1}},), "models.arm.actuators.a.joint", "no joint 'arm/elbo'"),
     "a ball": (({"a": {"joint": "wrist", "kp": 1}},), "models.arm.actuators.a.joint", "is a ball joint"),
     "two on a joint": (({"a": SERVO, "b": SERVO},), "models.arm.actuators.b.joint", "driven already"),
     "no such actuator": (({"a": SERVO}, {"actuators": ["arm/c"]}), "control.robot.actuators.0", "no actuator 'arm/c'"),

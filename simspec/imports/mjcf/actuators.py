@@ -18,7 +18,7 @@ NOTE: Final = "they act where `control: {NAME: {actuators: [...]}}` names them"
 
 
 def add_actuators(bodies: Bodies, constraints: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The actuators of a model of one root, by their names; those that a spec has are carried, the others are told."""
+    """The actuators of a file, by their names; those that a spec has are carried, the others are told."""
     model, names = bodies.model, Names()
     following = {held["follow"]["joint"] for held in constraints.values() if "follow" in held}
     made: dict[str, dict[str, Any]] = {}

@@ -137,7 +137,7 @@ FEATURES: Final = {
     "actuator": Feature(
         "actuator/*",
         _INFORMATION,
-        "an actuator of a file with several trees, of no single joint, with a state, or with limits that are not symmetric",
+        "an actuator of no single hinge or slide, with a state, or with limits of its force that are not symmetric",
         "control: {robot: {joints: [JOINT], kp: KP, kd: KD, effort_limit: LIMIT}}",
     ),
     "actuator.inertia": Feature("actuator/*", _PHYSICS, "inertia and damping of actuators are not carried"),

@@ -67,7 +67,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         contact["touch"] = [[names[parent], names[number]] for number, parent in surfaces.touching_joined]
     for number, group in surfaces.groups.items():
         bodies.data[names[number]]["collision_group"] = group
-    actuators = add_actuators(bodies, constraints) if alone else {}
+    actuators = add_actuators(bodies, constraints)
     outside_the_tree(bodies, constraints)
     data: dict[str, Any] = {"simspec": VERSION, "name": _name(assembly, files)}
     data["physics"] = _physics(model, features)
@@ -84,7 +84,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
     if alone and (states := add_states(bodies, constraints)):
         data["model"]["states"] = states
     if actuators:
-        data["model"]["actuators"] = actuators
+        (data["model"] if alone else data)["actuators"] = actuators
     places: dict[Path_, Location] = {(): assembly.root.location}
     places |= {(*at, *path): place for path, place in bodies.places.items()}
     places |= {(*at[:-1], "constraints", name): place for name, place in bodies.constraint_places.items()}
@@ -93,7 +93,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         for name, given in bodies.renamed.changed.items()
     }
     if actuators:
-        comments["model.actuators"] = NOTE
+        comments["model.actuators" if alone else "actuators"] = NOTE
     return Imported(
         _tidy(data), places, account(assembly, features), files=bodies.files, read=files.read, comments=comments
     )

@@ -74,6 +74,13 @@ def test_it_moves_as_the_file_does_in_its_own_engine(tmp_path):
     assert np.abs(np.subtract(ours, theirs)).max() < 1e-12
 
 
+def test_a_scenario_carries_them_beside_its_bodies(tmp_path):
+    imported = read(written(tmp_path, DRIVEN.replace("<worldbody>", '<worldbody><geom type="plane" size="1 1 1"/>')))
+    assert "model" not in imported.data
+    assert set(imported.data["actuators"]) == set(COMMANDS)
+    assert not [entry for entry in imported.losses() if "actuator/" in entry.what]
+
+
 @pytest.mark.parametrize(
     ("actuator", "hint"),
     [
