@@ -6,11 +6,14 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
+DEEPEST: Final = 1000
+"""Brackets within each other up to which prims have lines."""
 MAGIC: Final = b"#usda"
 _TOKEN: Final = re.compile(
     rb"""(?P<skip>"{3}.*?"{3}|'{3}.*?'{3}|\#[^\n]*)"""
     rb"""|(?P<prim>\b(?:def|over|class)\b(?:[ \t]+[A-Za-z_][\w:]*)?[ \t]+"(?P<name>[^"\n]*)")"""
-    rb"""|(?P<string>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')"""
+    # possessive: a long text takes no memory for ways back
+    rb"""|(?P<string>"(?:[^"\\\n]++|\\.)*+"|'(?:[^'\\\n]++|\\.)*+')"""
     rb"""|(?P<bracket>[{}()\[\]])""",
     re.DOTALL,
 )
@@ -37,6 +40,8 @@ def lines_of(content: bytes) -> Mapping[str, int]:
             round_brackets = max(0, round_brackets - 1)
         elif bracket == b"{" and not round_brackets:
             open_braces.append(pending)
+            if len(open_braces) > DEEPEST:
+                break  # deeper than any stage that is read: paths would take the square of the text
             if pending is not None:
                 path, pending = f"{path}/{pending}", None
         elif bracket == b"}" and not round_brackets and open_braces:

@@ -268,6 +268,18 @@ def test_lines_of_prims():
     assert lines_of(b"PXR-USDC") == {}
 
 
+def test_lines_of_long_texts_and_of_deep_ones_take_little_memory():
+    """A program of its own: what it takes is seen for the whole process."""
+    program = (
+        "import resource; from simspec.imports.usd.lines import lines_of; before = resource.getrusage(resource.RUSAGE_SELF)\n"
+        "text = b'#usda 1.0\\n' + b'def \"a\" {\\n' * 50_000 + b'string x = \"' + b'a' * 20_000_000 + b'\"\\n'\n"
+        "assert lines_of(text[:20] + text[-20_000_010:]) == {'/a': 2}; assert len(lines_of(text)) < 2000\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before.ru_maxrss)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 200_000, "kB"
+
+
 def test_numbers_agree_where_single_precision_makes_the_difference():
     assert agree((2.1,), (float(np.float32(2.1)),))
     assert not agree((2.1,), (2.10001,))
