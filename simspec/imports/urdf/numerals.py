@@ -35,8 +35,19 @@ BEHIND: Final = re.compile(r"\.?[fF]?")
 """What may follow a number's digits: a second point, the mark of single precision."""
 
 
-def mend(element: Element, draft: Draft) -> None:
-    """Where an attribute of an element is damaged, report it, or by the rule write it as it is meant."""
+HOLDERS: Final = ("inertial", "visual", "collision", "geometry", "joint")
+"""What such elements are read in."""
+
+
+def mend(root: Element, draft: Draft) -> None:
+    """Where numbers of links and joints are damaged, report it, or by the rule write them as they are meant."""
+    for part in root.look("link", "joint"):
+        for element in part.within():
+            if element.parent is not None and element.parent.tag in HOLDERS:
+                _mend(element, draft)
+
+
+def _mend(element: Element, draft: Draft) -> None:
     for name, count in COUNTS.get(element.tag, {}).items():
         text = element.attributes.get(name)
         if text is None or _is_whole(text, count):

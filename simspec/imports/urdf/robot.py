@@ -102,8 +102,7 @@ class Robot:
         if self.root.tag != "robot":
             raise self.root.error("not URDF: the outermost element is not <robot>", self.root.tag[:80], "robot")
         set_aside(self.root)
-        for element in self.root.within():
-            mend(element, self.draft)
+        mend(self.root, self.draft)
         unit_rules.scale_file(self.root, self.draft)
         self._read()
         elements = {name: link.element for name, link in self.links.items()}

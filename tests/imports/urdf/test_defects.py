@@ -122,6 +122,12 @@ def test_damaged_numbers(tmp_path, said, meant):
         assert f"{said!r} became" in imported.repairs[0].what
 
 
+def test_numbers_of_other_programs_are_not_judged(tmp_path):
+    others = '<sensor name="s"><origin xyz="1, 2, 3"/></sensor>'
+    more = '<transmission name="t"><origin xyz="1, 2, 3"/></transmission><gazebo><limit lower="1,"/></gazebo>'
+    assert read(two_links(arm=SOLID + others, more=more), tmp_path).data
+
+
 def test_the_nearest_possible_tensor(tmp_path):
     arm = inertial(ixx=0.3, iyy=0.5, izz=2.0, ixy=0.1, ixz=-0.05, iyz=0.2)
     data = read(two_links(arm=arm), tmp_path, "triangle-inequality").data["model"]["bodies"]["arm"]
