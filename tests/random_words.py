@@ -3,13 +3,13 @@ margins, pairs that touch, models in files of their own. It has draws of its own
 
 from __future__ import annotations
 
+import json
 import random
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from simspec.world.hull import hull
 
@@ -290,7 +290,7 @@ class Words:
                 for shape in body.get("shapes", ()):
                     if "mesh" in shape:
                         shape["mesh"]["file"] = f"../{shape['mesh']['file']}"
-            self.files[path] = yaml.safe_dump(text, sort_keys=False)
+            self.files[path] = json.dumps(text, indent=1)
             model["use"] = path
 
 

@@ -33,6 +33,8 @@ RARE = {
     Feature.HARDNESS_STIFFNESS,
     Feature.CONSTRAINT_LOOP,
     Feature.CONSTRAINT_COUPLING,
+    Feature.SUM,
+    Feature.SUM_LIMITS,
     Feature.SHAPE_MESH,
     Feature.FORCES,
     Feature.KINEMATIC,
