@@ -256,3 +256,32 @@ def test_a_deviation_counts_only_where_it_was_measured():
     assert sizes("push", 1e-3, hardness=Hardness("native"))
     assert sizes("push", 1e-3, cone="pyramid-inscribed")
     assert sizes("overlap", 1e-3, friction=0.0) == []
+
+
+def rest_allowed(timestep: float) -> float:
+    """The depth (m) that is declared of a pair without restitution, beside the 0.1 mm that is promised."""
+    settings = {"friction": "native"}
+    pair = PairContact("m", "m", 0.0, 0.0)
+    return max(
+        (
+            d.size
+            for d in CONTACT_DEVIATIONS
+            if d.probe == "rest" and d.counts_for(pair, "elliptic", timestep, settings)
+        ),
+        default=0.0,
+    )
+
+
+@pytest.mark.parametrize("timestep", [0.0102, 0.013, 0.016, 0.02, 0.03])
+def test_what_rests_at_long_timesteps_is_as_deep_as_declared(timestep, load):
+    """g dt² (1 − d) / (d β) deep, which passes the 0.1 mm that is promised at 10.1 ms."""
+    engine = load(on_floor(BALL, timestep=timestep))
+    engine.step(1000)
+    depth = HEIGHT["sphere"] - engine.get_state()[0][2]
+    law = G * timestep**2 * 0.001 / (0.999 * 0.01)
+    assert depth == pytest.approx(law, rel=5e-3)
+    assert 1.0 < rest_allowed(timestep) / law < 1.9
+
+
+def test_nothing_is_declared_where_the_promise_holds():
+    assert rest_allowed(0.0099) == 0.0
