@@ -15,6 +15,7 @@ from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.distances import held_apart
 from simspec.world import frames
 from simspec.world.inset import inset
+from simspec.world.sums import JointSum
 from simspec.world.types import (
     Body,
     Connect,
@@ -359,7 +360,9 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             "inventory",
             "neutral",
             "constraints",
+            "sums",
         },
+        JointSum: {"name", "joints", "stiffness", "rest", "damping", "position_limits"},
         Follow: {"name", "joint", "leader", "ratio", "offset", "kind"},
         Connect: {"name", "first", "second", "first_point", "second_point", "kind"},
         Weld: {"name", "first", "second", "pose", "kind"},

@@ -16,6 +16,16 @@ INERT: tuple[Inert, ...] = (
     Inert("size*", "joints' user data has two numbers, so that its size is two by default"),
     *(Inert(f"mujoco/{tag}", "for viewers only") for tag in ("visual", "statistic")),
     *(Inert(f"{tag}@name", "a name that nothing refers to") for tag in ("pair", "exclude")),
+    # tendons
+    Inert("fixed@*", OWN_DEFAULT, ("attribute removed",)),
+    Inert("fixed@range", "no tendon has limits", without=".//fixed[@limited='true']"),
+    Inert("fixed@springlength", "the tendon has no spring", without=".//fixed[@stiffness!='0']"),
+    *(Inert(f"fixed@{name}", "tendons are told apart by their names alone") for name in ("class", "group")),
+    *(Inert(f"fixed@{name}friction", "no tendon has friction") for name in ("solref", "solimp")),
+    *(
+        Inert(f"fixed@{name}limit", "no tendon has limits", without=".//fixed[@limited='true']")
+        for name in ("solref", "solimp")
+    ),
     # defaults
     Inert("geom@*", "each class, or each shape, states its own value", place="mujoco/default/geom@*"),
     Inert("joint@*", OWN_DEFAULT, ("attribute removed",), place="mujoco/default/joint@*"),

@@ -110,6 +110,9 @@ def compiled(spec: Any, model: Any) -> dict[str, Any]:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     arrays |= {"reference_position": data.xpos.tolist(), "reference_quaternion": data.xquat.tolist()}
+    _within_limits(model, data)
+    mujoco.mj_kinematics(model, data)
+    arrays |= {"initial_position": data.xpos.tolist(), "initial_quaternion": data.xquat.tolist()}
     options = {}
     for name in OPTIONS.split():
         value = getattr(model.opt, name)
@@ -124,6 +127,20 @@ def compiled(spec: Any, model: Any) -> dict[str, Any]:
         "meshes": {int(mesh.id): _mesh(mesh, model) for mesh in spec.meshes},
         "stable_step": stable_step(model),
     }
+
+
+def _within_limits(model: Any, data: Any) -> None:
+    """Put joints whose reference is beyond their limits at the nearest limit, where limits are on."""
+    import mujoco
+
+    off = int(mujoco.mjtDisableBit.mjDSBL_LIMIT) | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    if model.opt.disableflags & off:
+        return
+    along = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    for joint, at in enumerate(model.jnt_qposadr):
+        if model.jnt_limited[joint] and int(model.jnt_type[joint]) in along:
+            low, high = model.jnt_range[joint]
+            data.qpos[at] = min(max(data.qpos[at], low), high)
 
 
 def _flags(enumeration: str, bits: int) -> list[str]:
@@ -237,7 +254,7 @@ def dynamics(model: Any, count: int, seed: int, spread: float) -> list[dict[str,
     for _ in range(count):
         data.qpos[:] = model.qpos0 + spread * generator.normal(size=model.nq)
         for kind, at in zip(model.jnt_type, model.jnt_qposadr, strict=True):
-            if kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL):
+            if int(kind) in (int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)):
                 begin = at + 3 if kind == mujoco.mjtJoint.mjJNT_FREE else at
                 data.qpos[begin : begin + 4] = generator.normal(size=4)
         mujoco.mj_normalizeQuat(model, data.qpos)

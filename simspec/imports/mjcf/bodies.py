@@ -129,6 +129,24 @@ class Bodies:
         turn = self.model["reference_quaternion"][number].astype(float)
         return self.model["reference_position"][number] + rotated(turn, self.shifts[number] + point), turn
 
+    def initial(self, number: int, point: Vector) -> tuple[Vector, Vector]:
+        """The same where joints whose reference is beyond their limits are at the nearest limit."""
+        turn = self.model["initial_quaternion"][number].astype(float)
+        return self.model["initial_position"][number] + rotated(turn, self.shifts[number] + point), turn
+
+    def stands_alone(self, number: int) -> bool:
+        """Whether a body is one that a program moves, and nothing hangs on it."""
+        parents = self.model["body_parentid"].tolist()
+        return int(self.model["body_mocapid"][number]) >= 0 and number not in parents
+
+    def stand(self, number: int, place: Vector, turn: Vector) -> None:
+        """Give a body that a program moves another place (that of the spec's frame) to begin at."""
+        body, element = self.data[self.names[number]], self.model.part("body", number).element
+        body.pop("pose", None)
+        if where := pose(place, turn):
+            body["pose"] = where
+        self.features.add("body.mocap_start", element)
+
     def joint_data(self, number: int) -> dict[str, Any]:
         """The joint of the spec, by its number."""
         body = self.data[self.names[int(self.model["jnt_bodyid"][number])]]

@@ -129,6 +129,9 @@ def _loop(bodies: Bodies, number: int, kind: int) -> dict[str, Any] | None:
         at, other = first_point - first, second_point - second
         if not _fits(bodies.reference(one, at)[0], bodies.reference(two, other)[0]):
             return None
+        ends = [(bodies.initial(body, point), point) for body, point in ((one, at), (two, other))]
+        if not _fits(ends[0][0][0], ends[1][0][0]) and not _moved(bodies, (one, two), ends):
+            return None
         names = [bodies.named(one), bodies.named(two)]
         return {"connect": {"bodies": names, "at": numbers(at), "second_at": numbers(other)}}
     place = first_point - rotated(turn, second_point) + rotated(turn, second) - first
@@ -136,7 +139,32 @@ def _loop(bodies: Bodies, number: int, kind: int) -> dict[str, Any] | None:
     actual, actual_turn = bodies.reference(two, np.zeros(3))
     if not _fits(held, actual) or not _alike(product(held_turn, turn), actual_turn):
         return None
+    (held, held_turn), (actual, actual_turn) = bodies.initial(one, place), bodies.initial(two, np.zeros(3))
+    if not _fits(held, actual) or not _alike(product(held_turn, turn), actual_turn):
+        ends = [((held, product(held_turn, turn)), place), ((actual, actual_turn), np.zeros(3))]
+        if not _moved(bodies, (one, two), ends, turn):
+            return None
     return {"weld": {"bodies": [bodies.named(one), bodies.named(two)], "pose": pose(place, turn)}}
+
+
+def _moved(
+    bodies: Bodies, held: tuple[int, int], ends: list[tuple[tuple[Vector, Vector], Vector]], turn: Vector | None = None
+) -> bool:
+    """Whether a loop that limits of joints keep open initially is closed by another place of the one of its bodies that a
+    program moves. ``ends``: of each body where its end of the loop is initially, with the orientation of the body (of a weld's
+    first, that which it wants of the second), and the point in the body; ``turn``: of the second body in the first, of a
+    weld."""
+    for number, other in ((0, 1), (1, 0)):
+        if not bodies.stands_alone(held[number]):
+            continue
+        (there, wanted), point = ends[other][0], ends[number][1]
+        if turn is None:
+            wanted = bodies.initial(held[number], point)[1]
+        elif number == 0:
+            wanted = product(wanted, inverse(turn))
+        bodies.stand(held[number], there - rotated(wanted, point), wanted)
+        return True
+    return False
 
 
 def _fits(one: Vector, two: Vector) -> bool:

@@ -31,6 +31,12 @@ FEATURES: Final = {
         _INFORMATION,
         "a body that a program moves: here it stands where it is",
     ),
+    "body.mocap_start": Feature(
+        "body/pos body/quat",
+        _INFORMATION,
+        "a body that a program moves begins where the loop that holds it is closed: joints of the other body begin at their "
+        "limits, since the reference is beyond them",
+    ),
     "body.gravcomp": Feature(
         "body/gravcomp joint/actuatorgravcomp",
         _PHYSICS,
