@@ -30,7 +30,6 @@ KINDS: Final[Mapping[str, str]] = {
 """Kinds of joints; a universal one is two hinges in a row, about the same point."""
 REFUSED: Final[Mapping[str, str]] = {
     "screw": "a turn that is coupled to a displacement",
-    "gearbox": "a coupling of two joints",
 }
 FIRST_AXIS: Final = "axis"
 SECOND_AXIS: Final = "axis2"
@@ -93,9 +92,9 @@ def read_joint(graph: Graph, scope: Scope, name: str) -> JointRead:
             f"simspec does not support joints of the type {word}: {REFUSED[word]}", hint="leave it out, or fix it"
         )
     if word not in KINDS:
-        raise element.error("not a type of joint", found=word[:60], allowed=", ".join((*KINDS, *REFUSED)))
-    parent = _side(graph, scope, element, "parent")
-    child = _side(graph, scope, element, "child")
+        raise element.error("not a type of joint", found=word[:60], allowed=", ".join((*KINDS, "gearbox", *REFUSED)))
+    parent = side_of(graph, scope, element, "parent")
+    child = side_of(graph, scope, element, "child")
     if child is None:
         raise element.error("the child of a joint is a link, not the world", hint="exchange parent and child")
     in_child = _between(graph, scope, element, name, child)
@@ -111,12 +110,13 @@ def read_joint(graph: Graph, scope: Scope, name: str) -> JointRead:
     if kind != "universal":
         unused(next(iter(element.look(SECOND_AXIS)), None), f"a {word} joint has one axis at most")
     set_aside(element, IN_JOINT)
-    _solver(element)
+    solver_of(element)
     _rotor(element, read.data)
     return read
 
 
-def _side(graph: Graph, scope: Scope, element: Element, tag: str) -> Link | None:
+def side_of(graph: Graph, scope: Scope, element: Element, tag: str) -> Link | None:
+    """The link on one side of a joint (``parent`` or ``child``); None: the world. Raises SpecError where there is none."""
     side = element.child(tag)
     if side is None or not side.text:
         raise element.error(f"<joint> has no <{tag}>")
@@ -142,7 +142,7 @@ def _axis(
     axis = element.child(word)
     if axis is None:
         axis = Element(word, {}, element.location, "", element)
-    data: dict[str, Any] = {"axis": list(_direction(graph, joint, axis))}
+    data: dict[str, Any] = {"axis": list(direction_of(graph, joint.scope, joint.name, joint.child, axis))}
     limit = axis.child("limit")
     if limit is not None:
         limits = _limits(limit, limited=limited, turns=turns)
@@ -187,9 +187,9 @@ def _mimic(graph: Graph, scope: Scope, element: Element) -> Mimic | None:
     return Mimic(element, leader, axis, ratio, offset - ratio * reference)
 
 
-def _direction(graph: Graph, joint: JointRead, axis: Element) -> Vector3:
-    """The axis in the axes of the child link."""
-    element, scope, name, child = joint.element, joint.scope, joint.name, joint.child
+def direction_of(graph: Graph, scope: Scope, name: str, child: Link, axis: Element) -> Vector3:
+    """An axis of a joint in the axes of its child link. Raises SpecError for one without length."""
+    element = scope.joints[name]
     xyz = axis.child("xyz")
     direction: Vector3 = (0.0, 0.0, 1.0) if xyz is None else vector(xyz)
     if not any(direction):
@@ -233,7 +233,7 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
     return data
 
 
-def _solver(element: Element) -> None:
+def solver_of(element: Element) -> None:
     """Numbers of solvers: of most it is said how hard constraints are, some are forces."""
     for physics in element.look("physics"):
         waiting = [physics]

@@ -14,6 +14,7 @@ from typing import Any, Final
 from simspec.errors import Problem, SpecError
 from simspec.imports.elements import Element
 from simspec.imports.sdf.aside import IN_MODEL, set_aside
+from simspec.imports.sdf.gearboxes import GEARBOX, couple
 from simspec.imports.sdf.graph import Graph, Link
 from simspec.imports.sdf.joints import SECOND_AXIS, JointRead, read_joint
 from simspec.imports.sdf.links import LinkRead, read_link
@@ -102,17 +103,26 @@ def read_model(graph: Graph, model: Scope, meshes: Meshes) -> ModelRead:
     """The bodies of a model with all that are within it. Raises SpecError with all problems."""
     problems: list[Problem] = []
     joints: list[JointRead] = []
+    gearboxes: list[tuple[Scope, str]] = []
     scopes = model.within()
     for scope in scopes:
         set_aside(scope.element, IN_MODEL)
         for name in scope.frames:
             graph.link(scope, name, scope.frames[name])
             graph.pose(scope, name, scope.frames[name])
-        for name in scope.joints:
+        for name, element in scope.joints.items():
             try:
-                joints.append(read_joint(graph, scope, name))
+                if element.word("type") == GEARBOX:
+                    gearboxes.append((scope, name))
+                else:
+                    joints.append(read_joint(graph, scope, name))
             except SpecError as error:
                 problems.extend(error.problems)
+    for scope, name in gearboxes if not problems else ():
+        try:
+            couple(graph, scope, name, joints)
+        except SpecError as error:
+            problems.extend(error.problems)
     read = _bodies(graph, model, joints, meshes, problems)
     for root in read.roots:
         _massless(read, root, meshes.repair, problems)

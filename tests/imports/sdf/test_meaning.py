@@ -45,7 +45,7 @@ def test_joints_that_the_language_has(kind, word, tmp_path):
     load(tmp_path / "robot.sdf").resolve()
 
 
-@pytest.mark.parametrize("kind", ["screw", "gearbox", "planar", "hinge"])
+@pytest.mark.parametrize("kind", ["screw", "planar", "hinge"])
 def test_joints_that_it_does_not_have_are_refused_by_name_and_line(kind, tmp_path):
     said = refused(model(PAIR + "\n" + joint(kind)), tmp_path)
     assert said.startswith("robot.sdf:5:")
