@@ -38,11 +38,22 @@ def couple(graph: Graph, scope: Scope, name: str, joints: Sequence[JointRead]) -
         _shaft(graph, scope, name, (body, link), word, joints)
         for link, word in ((parent, FIRST_AXIS), (child, SECOND_AXIS))
     )
+    factor = -ratio * first * second
+    if _bounded(follower) and not _bounded(leader) and leader.mimic is None:
+        leader, follower, factor = (
+            follower,
+            leader,
+            1.0 / factor,
+        )  # a follower begins within its limits, a leader anywhere
     if follower.mimic is not None or follower is leader:
         raise element.error(f"the joint {follower.name!r} follows another already", hint="leave the gearbox out")
-    follower.mimic = Mimic(element, (leader.scope, leader.name), FIRST_AXIS, -ratio * first * second, 0.0)
+    follower.mimic = Mimic(element, (leader.scope, leader.name), FIRST_AXIS, factor, 0.0)
     set_aside(element, IN_JOINT)
     solver_of(element)
+
+
+def _bounded(joint: JointRead) -> bool:
+    return "position" in joint.data.get("limits", {})
 
 
 def _shaft(

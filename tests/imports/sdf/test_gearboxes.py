@@ -47,6 +47,14 @@ def test_the_child_turns_against_the_parent(given, ratio, tmp_path):
     assert len(world.constraints) == 1
 
 
+def test_a_joint_with_limits_leads_one_that_has_none(tmp_path):
+    limits = '<limit><lower>-2</lower><upper>-0.5</upper></limit></axis></joint>\n<joint name="gears"'
+    text = geared().replace('</axis></joint>\n<joint name="gears"', limits)
+    (held,) = imported(text, tmp_path).data["model"]["constraints"].values()
+    assert held["follow"] == {"joint": "spin", "leader": "swing", "ratio": pytest.approx(-25)}
+    assert len(load(tmp_path / "robot.sdf").resolve().constraints) == 1
+
+
 @pytest.mark.parametrize(
     ("given", "told"),
     [
