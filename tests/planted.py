@@ -9,6 +9,7 @@ MUJOCO_ALONE = {
     "free armature": "joint.free.armature",
     "belts": "shape.surface_velocity",
     "margins": "shape.margin",
+    "sum limits": "constraint.sum.limits",
 }
 """By name, with the feature that the others lack."""
 SHARED = {name: make for name, make in WORLDS.items() if name not in MUJOCO_ALONE}
