@@ -105,6 +105,14 @@ def test_engines_without_armature_of_free_bodies_refuse_it(engine):
         compile_world(world, [engine])
 
 
+def test_servos_of_dart_would_ignore_a_weight():
+    arm = {"base": {"fixed": True}, "arm": {**FREE, "parent": "base", "gravity_scale": 0.5}}
+    arm["arm"]["joint"] = {"name": "elbow", "type": "hinge", "axis": [0, 1, 0]}
+    served = {"servo": {"law": "native", "joints": ["elbow"], "kp": 5, "kd": 1}}
+    with pytest.raises(UnsupportedError, match=r"does not support body\.gravity_scale"):
+        compile_world(worlds.accepting(world_of(arm, control=served), "dart"), ["dart"])
+
+
 def test_mujoco_has_no_more_than_the_weight():
     world = world_of({"a": {**FREE, "gravity_scale": 1.5}})
     with pytest.raises(UnsupportedError, match="below 0"):

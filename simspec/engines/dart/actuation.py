@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,15 @@ def no_springs(world: World) -> Refinement | None:
 
 def none_on_servos(world: World) -> Refinement | None:
     """Not supported where a force acts on a tree with natively driven joints."""
-    pushed = {force.body for force in world.forces}
+    return _alone_on_servos(world, {force.body for force in world.forces})
+
+
+def no_weights_on_servos(world: World) -> Refinement | None:
+    """Not supported where a body of a tree with natively driven joints has another weight than its mass's."""
+    return _alone_on_servos(world, {body.name for body in world.bodies if body.gravity_scale != 1.0})
+
+
+def _alone_on_servos(world: World, pushed: Container[str]) -> Refinement | None:
     for bodies in trees(world).values():
         served = natively_driven(bodies, world)
         if served and any(body.name in pushed for body in bodies):

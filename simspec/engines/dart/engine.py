@@ -24,6 +24,7 @@ from simspec.engines.dart.actuation import (
     JointArrays,
     JointServos,
     no_springs,
+    no_weights_on_servos,
     none_along_servos,
     none_on_servos,
 )
@@ -228,7 +229,7 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("DantzigBoxedLcpSolver, or NsgsFrictionSolver, law Box"),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS, none_on_servos),
-        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
+        Feature.GRAVITY_SCALE: dataclasses.replace(GIVEN_GRAVITY_SCALE, refine=no_weights_on_servos),
         Feature.FREE_DAMPING: GIVEN_DAMPING,
         Feature.FREE_ARMATURE: never("DART has no armature of free bodies, and contact would ignore a computed one"),
         Feature.CONTROL: via_api("efforts given before every step"),
