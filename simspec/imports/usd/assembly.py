@@ -25,6 +25,7 @@ from simspec.world import frames
 from simspec.world.types import Pose
 
 RIGID: Final = "PhysicsRigidBodyAPI"
+NO_GRAVITY: Final = "physxRigidBody:disableGravity"
 ARTICULATION: Final = "PhysicsArticulationRootAPI"
 APART: Final = 1e-3
 """m and rad that the frames of a joint may be apart: files are written by hand and in single precision."""
@@ -329,6 +330,8 @@ class Assembly:
             scale = self.places.world(prim).scale
             data |= self.masses.read(prim, body.shapes, body.offset, scale, path)
             self._massless(body, data, path)
+            if not data.get("kinematic") and prim.flag(NO_GRAVITY, False):
+                data["gravity_scale"] = 0.0
         shapes = []
         for index, shape in enumerate(body.shapes):
             words = shape.written(body.offset, f"{body.name}_{index}")

@@ -82,7 +82,6 @@ def test_a_drive_and_a_damper_add_up_and_a_second_spring_is_lost(tmp_path):
         ("float physxRigidBody:angularDamping = 0", True),
         ("float physxRigidBody:angularDamping = 0.01", False),
         ("bool physxRigidBody:disableGravity = 0", True),
-        ("bool physxRigidBody:disableGravity = 1", False),
         ("bool physxRigidBody:enableGyroscopicForces = 1", True),
         ("bool physxRigidBody:enableGyroscopicForces = 0", False),
         ("uniform double mjc:unheard = 0", False),
@@ -90,6 +89,12 @@ def test_a_drive_and_a_damper_add_up_and_a_second_spring_is_lost(tmp_path):
 )
 def test_a_word_of_one_engine_is_a_loss_where_it_acts(tmp_path, line, harmless):
     assert (lost(stage(tmp_path, BALL % ("a", line))) == []) is harmless
+
+
+def test_a_body_without_gravity_has_no_weight(tmp_path):
+    spec = stage(tmp_path, BALL % ("a", "bool physxRigidBody:disableGravity = 1"))
+    assert lost(spec) == []
+    assert [body.gravity_scale for body in spec.resolve().bodies] == [0.0]
 
 
 def test_a_joint_that_stands_elsewhere_than_the_file_says_is_told(tmp_path):
