@@ -72,7 +72,7 @@ def plan(world: World, oracle: Oracle) -> Pushed | None:
         if (limits := body.joint.position_limits) is not None:
             margin = INSIDE * (limits[1] - limits[0])
             q[at] = np.clip(q[at], limits[0] + margin, limits[1] - margin)
-    q = oracle.settled(inside(world, q, INSIDE), start)
+    q = oracle.inwards(oracle.settled(inside(world, q, INSIDE), start))
     effort = oracle.bias_force(q, v) - oracle.joint_effort(q, v)
     forces = brought_forward(world.forces, world.physics.timestep, FIRST, LONGEST)
     ends = "its motion without forces comes near a limit, or is not finite"
