@@ -325,7 +325,7 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
     """A field added to the types must be added here, and to the comparator."""
     left_out = {"Body.model", "Shape.name", "Shape.material", "Shape.colour"}
     named = {
-        Body: {"name", "inertial", "joint", "shapes", "collision_group", "model"},
+        Body: {"name", "inertial", "joint", "shapes", "collision_group", "model", "gravity_scale"},
         Inertial: {"mass", "centre_of_mass", "inertia"},
         Shape: {
             *(
