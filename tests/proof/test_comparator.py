@@ -340,6 +340,7 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
                 "surfaces",
                 "rounding",
                 "margin",
+                "surface_velocity",
             ),
         },
         Surface: set(SURFACE_FIELDS),
