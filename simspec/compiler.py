@@ -25,6 +25,7 @@ from simspec.language.engine_options import SettingsAtTimestep, merged_pairs
 from simspec.language.load import Spec
 from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
+from simspec.support.needs import needs
 from simspec.support.negotiation import Decision, negotiate
 from simspec.world.canonical import canonical_json
 from simspec.world.types import EngineOptions, World
@@ -140,22 +141,30 @@ def needed_decisions(
     """How each feature that ``world`` needs is realised in the engine of a ``label``, at the version that is at work; nothing
     is emitted. Raises UnsupportedError, and EngineError as :func:`version_at_work`."""
     engine = find_engine(label)
-    version = version_at_work(label, pythons)
     table = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
     extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
+    version = version_at_work(label, pythons) if bounded(world, label) else None
     return negotiate(world, engine.NAME, table, locate, extra, engine.TITLE, version)
+
+
+def bounded(world: World, label: str) -> bool:
+    """Whether something that ``world`` needs is supported by some releases of an engine only: else nobody is asked for its
+    version."""
+    engine = find_engine(label)
+    table = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
+    needed = (*needs(world), *pair_needs(world, engine.RULES), *impact_needs(world))
+    return any(table[need.feature].since or table[need.feature].until for need in needed)
 
 
 def version_at_work(label: str, pythons: Mapping[str, str] | None = None) -> str | None:
     """The release of an engine that bounds of support are held against: that of the interpreter that ``pythons`` has for the
     label, else the one that the label names, else the installed one; None: not known.
 
-    An interpreter is asked only where some declaration has bounds. Raises EngineError where it gives no version.
+    Raises EngineError where an interpreter gives no version.
     """
     engine = find_engine(label)
     python = (pythons or {}).get(label)
-    declared = (*engine.SUPPORT.values(), *dialects()[engine.DIALECT].SUPPORT.values())
-    if python is not None and any(support.since or support.until for support in declared):
+    if python is not None:
         return version_in(python, label)
     return engine_version(label) or engine.version()
 

@@ -73,7 +73,7 @@ def test_an_interpreter_that_gives_no_version_is_an_error(interpreter, version, 
     pythons = {NAME: interpreter(version, code)}
     with pytest.raises(EngineError, match=why):
         compile_world(WORLD, [NAME], pythons=pythons)
-    reasons = missing_engines([NAME], pythons)
+    reasons = missing_engines([NAME], pythons, WORLD)
     assert why in reasons[NAME]
     assert pythons[NAME] in reasons[NAME]
 

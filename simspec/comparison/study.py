@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from simspec.artifacts import Artifacts
 from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
 from simspec.comparison.runs import TOLERANCE, Diff, diff
-from simspec.compiler import Compiled, compile_world, output_files, version_at_work
+from simspec.compiler import Compiled, bounded, compile_world, output_files, version_at_work
 from simspec.engines.kit.identity import other_version
 from simspec.engines.kit.process import DEADLINE
 from simspec.engines.kit.registry import find_engine
@@ -78,15 +78,18 @@ class Arrivals:
         """One engine's own noise."""
 
 
-def missing_engines(engines: Iterable[str], pythons: Mapping[str, str] | None = None) -> dict[str, str]:
+def missing_engines(
+    engines: Iterable[str], pythons: Mapping[str, str] | None = None, world: World | None = None
+) -> dict[str, str]:
     """The engines that are not installed here, or not in that version, each with the way to have it; and those whose own
-    interpreter is asked for its version and gives none."""
+    interpreter gives no version, where what ``world`` needs depends on that."""
     reasons = {}
     for name in engines:
         engine = find_engine(name)
         if name in (pythons or {}):
             try:
-                version_at_work(name, pythons)
+                if world is not None and bounded(world, name):
+                    version_at_work(name, pythons)
             except EngineError as error:
                 reasons[name] = str(error).removeprefix(f"{name}: ")
             continue
@@ -131,7 +134,7 @@ def study(
     names = list(dict.fromkeys(engines))
     for name in names:
         find_engine(name)
-    absent = missing_engines(names, pythons)
+    absent = missing_engines(names, pythons, world)
     if absent and not keep_going:
         raise EngineError(*next(iter(absent.items())))
     there = [name for name in names if name not in absent]

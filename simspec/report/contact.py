@@ -15,6 +15,7 @@ TITLES: Mapping[str, str] = {
     "push-oblong": "Friction: force of an oblong slider pushed in 24 directions at 1.6 times the limit",
     "stop": "Friction: sliding distance in 24 directions",
     "stop-oblong": "Friction: final position of an oblong slider, in 24 directions",
+    "carry": "Friction: how far a moving surface carries a slider that is put down at rest",
     "stick": "Friction: creep at 0.8 times the limit, in 24 directions",
     "restitution": "Restitution: separation speed over approach speed",
     "threshold": "Restitution below and above the threshold speed",

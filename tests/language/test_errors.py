@@ -93,7 +93,7 @@ CASES = {
     "zero axis": (joint("type: hinge, axis: [0, 0, 0]"), "bodies.a.joint.axis", "no direction", None, None, None),
     "no axis": (joint("type: slide"), "bodies.a.joint", "needs an axis", None, None, "axis:"),
     "axis on a ball": (joint("type: ball, axis: [0, 0, 1]"), "bodies.a.joint.axis", "is not allowed", None, None, None),
-    "armature on a free joint": (joint("type: free, armature: 1"), "bodies.a.joint.armature", "is not allowed", None, None, None),
+    "armature on a free joint": (joint("type: free, armature: 1"), "bodies.a.joint.armature", "has two parts", None, None, None),
     "rest on a ball": (
         joint("type: ball, spring: {stiffness: 1, rest: 1}"), "bodies.a.joint.spring.rest", "at zero", None, None, None,
     ),

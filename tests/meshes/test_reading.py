@@ -40,7 +40,7 @@ def test_every_language_has_the_same_triangles(tmp_path):
             kind, (None, None)
         )
         # what is up in a file of the last three is y: as it stands when that is not turned
-        mesh = made(surface, MeshOptions(up="z"), 4096)
+        mesh = made(surface, MeshOptions(up="z"))
         assert mesh.hull_volume == pytest.approx(3.5, rel=1e-15), kind
         assert mesh.enclosed.volume == pytest.approx(3.0, rel=1e-15), kind
         assert mesh.enclosed.frame.position == pytest.approx((5 / 6, 5 / 6, 1 / 2), rel=1e-15), kind
@@ -69,10 +69,10 @@ def test_collada_says_its_unit_and_its_axis_and_places_what_it_has(tmp_path, up,
     path.write_text(DAE.replace("UP<", f"{up}<"))
     (surface,) = read(path)
     inch = 0.0254
-    mesh = made(surface, MeshOptions(), 4096)
+    mesh = made(surface, MeshOptions())
     assert mesh.enclosed.volume == pytest.approx(inch**3 / 6, rel=1e-6)  # its reader has single precision
     assert mesh.enclosed.frame.position == pytest.approx([inch * value for value in place], rel=1e-6)
-    told = made(surface, MeshOptions(unit=1.0, up="z"), 4096)
+    told = made(surface, MeshOptions(unit=1.0, up="z"))
     assert told.enclosed.frame.position == pytest.approx((2.25, 0.25, 0.25), rel=1e-6)
 
 
@@ -120,7 +120,7 @@ def test_gltf_takes_buffers_from_its_folder_and_pictures_from_nowhere(tmp_path):
         path.write_text(texts[name])
     found = dict(zip(paths, read(*paths.values()), strict=True))
     for name in ("beside", "own"):
-        mesh = made(found[name], MeshOptions(), 4096)
+        mesh = made(found[name], MeshOptions())
         assert mesh.enclosed.volume == pytest.approx(1 / 3, rel=1e-15), mesh.open_because
         assert mesh.enclosed.frame.position == pytest.approx((0.25, 0.5, 5.25), rel=1e-15)
     assert "leaves its folder" in found["outside"]

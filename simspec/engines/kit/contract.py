@@ -7,6 +7,7 @@ come from a difference in how something was computed.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -41,6 +42,8 @@ class Engine:
     """The dialect (``simspec/dialects``) in which it is told a world."""
     DISTRIBUTION: ClassVar[str]
     """The package whose version is the engine's version."""
+    OTHER_DISTRIBUTIONS: ClassVar[tuple[str, ...]] = ()
+    """Other packages that bring the engine, and whose version counts where the first is not installed."""
     EXTRA: ClassVar[str]
     """The extra of simspec that installs it."""
     SUPPORT: ClassVar[Table]
@@ -92,10 +95,10 @@ class Engine:
     @classmethod
     def version(cls) -> str | None:
         """The installed version; None when the engine is not installed. Does not import the engine."""
-        try:
-            return importlib.metadata.version(cls.DISTRIBUTION)
-        except importlib.metadata.PackageNotFoundError:
-            return None
+        for name in (cls.DISTRIBUTION, *cls.OTHER_DISTRIBUTIONS):
+            with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+                return importlib.metadata.version(name)
+        return None
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:

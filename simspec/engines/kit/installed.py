@@ -30,14 +30,13 @@ MOST_REASON = 200
 """Characters of its last line that a reason quotes."""
 _ASK = """
 import importlib.metadata, json, sys
-try:
-    version = importlib.metadata.version(sys.argv[1])
-except importlib.metadata.PackageNotFoundError:
-    version = None
-try:
-    numpy = importlib.metadata.version("numpy")
-except importlib.metadata.PackageNotFoundError:
-    numpy = None
+def first(names):
+    for name in names:
+        try:
+            return importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            pass
+version, numpy = first(sys.argv[1:]), first(["numpy"])
 print()
 print(json.dumps({"version": version, "numpy": numpy}))
 """
@@ -121,7 +120,7 @@ def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
     """The interpreter ``python``, started; nothing of it is left at the end of the block."""
     try:
         process = subprocess.Popen(
-            [program_of(python), "-c", _ASK, engine.DISTRIBUTION],
+            [program_of(python), "-c", _ASK, engine.DISTRIBUTION, *engine.OTHER_DISTRIBUTIONS],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Mapping
 from pathlib import Path
 from typing import ClassVar
@@ -40,8 +39,6 @@ from simspec.world.types import HeldValue, ReadBack, World
 EQUALITIES = (
     "MuJoCo's equalities, solved some three times in a step, each with the reference that the last solve missed by"
 )
-DISTRIBUTIONS = ("mujoco-core", "mujoco")
-"""Packages that bring the module ``mujoco``, in the order in which they are asked for their version."""
 
 
 class MuJoCo(MujocoSimulation):
@@ -58,6 +55,7 @@ class MuJoCo(MujocoSimulation):
     TITLE: ClassVar[str] = "MuJoCo"
     DIALECT: ClassVar[str] = "mujoco"
     DISTRIBUTION: ClassVar[str] = "mujoco-core"
+    OTHER_DISTRIBUTIONS: ClassVar[tuple[str, ...]] = ("mujoco",)
     EXTRA: ClassVar[str] = "mujoco"
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
@@ -120,15 +118,6 @@ class MuJoCo(MujocoSimulation):
     DRY_FRICTION_CREEP: ClassVar[float] = 1e-7
     # Newton's solver ends at its tolerance, which leaves speeds of 1.5e-8 where frictions are of 2e-3 N m (measured)
     UNREADABLE: ClassVar[Mapping[str, str]] = UNREADABLE
-
-    @classmethod
-    def version(cls) -> str | None:
-        for name in DISTRIBUTIONS:
-            try:
-                return importlib.metadata.version(name)
-            except importlib.metadata.PackageNotFoundError:
-                continue
-        return None
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:

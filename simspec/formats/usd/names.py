@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
+from simspec.contact.meeting import solid_shapes
 from simspec.formats.usd.several import carriers, several
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
@@ -92,8 +93,7 @@ def places(world: World, nested: bool) -> Places:
         found.materials[material.name] = f"/{ROOT}/{MATERIALS}/{own.give(material.name)}"
     own = Taken()
     for name in sorted(
-        {body.collision_group for body in world.bodies}
-        | {group for pair in world.contact.ignored_groups for group in pair}
-    ):
+        {body.collision_group for body in world.bodies if solid_shapes(body)}
+    ):  # readers drop empty ones
         found.groups[name] = f"/{ROOT}/{GROUPS}/{own.give(name)}"
     return found

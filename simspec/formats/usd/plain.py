@@ -64,7 +64,7 @@ class _Writer:
         if loose:
             root.children.append(Prim(JOINTS, "Scope", children=loose))
         self._filters()
-        if len(self.places.groups) > 1 or self.world.contact.ignored_groups or "default" not in self.places.groups:
+        if self.places.groups.keys() - {"default"} or self._ignored():
             root.children.append(Prim(GROUPS, "Scope", children=[self._group(name) for name in self.places.groups]))
         return Stage(self.world.name, root)
 
@@ -232,6 +232,11 @@ class _Writer:
             self.prims[name].apply("PhysicsFilteredPairsAPI")
             self.prims[name].relate("physics:filteredPairs", others)
 
+    def _ignored(self) -> list[tuple[str, str]]:
+        """The pairs of groups that ignore each other and both have colliders."""
+        known = self.places.groups.keys()
+        return [pair for pair in self.world.contact.ignored_groups if known >= set(pair)]
+
     def _group(self, name: str) -> Prim:
         prim = self._named(self.places.groups[name], "PhysicsCollisionGroup", name)
         prim.apply("CollectionAPI:colliders")
@@ -239,7 +244,7 @@ class _Writer:
         ignored = sorted(
             {
                 other
-                for pair in self.world.contact.ignored_groups
+                for pair in self._ignored()
                 for other in pair
                 if name in pair and (other != name or pair == (name, name))
             }

@@ -44,6 +44,7 @@ FORMS: Mapping[str, Form] = {
     "push-oblong": Form(share=True),
     "stop": Form(share=True),
     "stop-oblong": Form(share=True),
+    "carry": Form(share=True),
     "stick": Form(factor=1e6, unit="µm/s"),
     "restitution": Form(by_case=True),
     "threshold": Form(by_case=True),

@@ -171,7 +171,7 @@ def test_an_unknown_engine_and_missing_artifacts_are_told(folder):
 
 
 def test_every_operation_says_what_it_needs():
-    stepping = {"motion", "pushed", "prescribed", "trials", "drive", "respond", "windows", "run"}
+    stepping = {"motion", "pushed", "prescribed", "trials", "drive", "respond", "stopped", "windows", "run"}
     other = {"foreign"}  # it loads a file of its own
     assert {name for name, one in OPERATIONS.items() if one.needs is Condition.FRESH} == stepping | other
     assert OPERATIONS["read_back"].needs is Condition.ASKED, "it reads the initial state, too"

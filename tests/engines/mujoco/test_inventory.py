@@ -150,7 +150,7 @@ CHANGES = {
         '</worldbody><tendon><fixed><joint joint="upper_joint" coef="1"/></fixed></tendon>',
     ),
     "count.nu": ("</worldbody>", '</worldbody><actuator><position joint="upper_joint" kp="3"/></actuator>'),
-    "body.cube.gravcomp": ('<body name="cube"', '<body gravcomp="1" name="cube"'),
+    "count.ngravcomp": ('<body name="cube"', '<body gravcomp="1" name="cube"'),
     "geom.cube_0.gap": ('<geom name="cube_0"', '<geom gap="0.01" name="cube_0"'),
     "geom.cube_0.priority": ('<geom name="cube_0"', '<geom priority="2" name="cube_0"'),
     "geom.cube_0.fluid": ('<geom name="cube_0"', '<geom fluidshape="ellipsoid" name="cube_0"'),
