@@ -25,7 +25,7 @@ from simspec.language.engine_options import SettingsAtTimestep, merged_pairs
 from simspec.language.load import Spec
 from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.needs import Need, needs
 from simspec.support.negotiation import Decision, negotiate
 from simspec.world.canonical import canonical_json
 from simspec.world.types import EngineOptions, World
@@ -142,18 +142,23 @@ def needed_decisions(
     is emitted. Raises UnsupportedError, and EngineError as :func:`version_at_work`."""
     engine = find_engine(label)
     table = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
-    extra = () if plan is not None else (*pair_needs(world, engine.RULES), *impact_needs(world))
     version = version_at_work(label, pythons) if bounded(world, label) else None
+    extra = () if plan is not None else _engine_needs(world, engine)
     return negotiate(world, engine.NAME, table, locate, extra, engine.TITLE, version)
+
+
+def _engine_needs(world: World, engine: type[Engine]) -> tuple[Need, ...]:
+    """What a world needs beside what its spec says, since the engine combines numbers by rules of its own."""
+    return (*pair_needs(world, engine.RULES), *impact_needs(world))
 
 
 def bounded(world: World, label: str) -> bool:
     """Whether something that ``world`` needs is supported by some releases of an engine only: else nobody is asked for its
     version."""
     engine = find_engine(label)
-    table = combine(dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
-    needed = (*needs(world), *pair_needs(world, engine.RULES), *impact_needs(world))
-    return any(table[need.feature].since or table[need.feature].until for need in needed)
+    tables = (dialects()[engine.DIALECT].SUPPORT, engine.SUPPORT)
+    some = {feature for table in tables for feature, support in table.items() if support.since or support.until}
+    return bool(some) and any(need.feature in some for need in (*needs(world), *_engine_needs(world, engine)))
 
 
 def version_at_work(label: str, pythons: Mapping[str, str] | None = None) -> str | None:

@@ -30,7 +30,8 @@ WAY = 0.01
 MARGIN = 0.02
 """Share of their ranges by which joints stay away from their own limits."""
 TOLERANCE = 0.02
-"""Of the speed that the same force gives where there is no limit."""
+"""Of the speed that the same force gives where there is no limit: stops that give way reach 0.0072 of it (measured), one that
+is missing reaches all of it."""
 
 
 @dataclass(frozen=True)

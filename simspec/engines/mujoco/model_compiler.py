@@ -8,7 +8,6 @@ and the engine only when it runs: importers find it by an entry point and start 
 from __future__ import annotations
 
 import ctypes
-import importlib.metadata
 import json
 import os
 import resource
@@ -18,8 +17,6 @@ import sys
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar
 
-DISTRIBUTIONS = ("mujoco-core", "mujoco")
-"""Packages that bring the engine's module, in the order in which they are asked for their version."""
 PR_SET_PDEATHSIG = 1
 """Of Linux's prctl(2)."""
 
@@ -79,12 +76,9 @@ class ModelCompiler:
     @classmethod
     def version(cls) -> str | None:
         """The installed version of the engine; None where it is not installed."""
-        for name in DISTRIBUTIONS:
-            try:
-                return importlib.metadata.version(name)
-            except importlib.metadata.PackageNotFoundError:
-                continue
-        return None
+        from simspec.engines.mujoco.engine import MuJoCo  # not needed by the program itself
+
+        return MuJoCo.version()
 
 
 def read_request(stream: BinaryIO) -> tuple[dict[str, Any], dict[str, bytes]]:

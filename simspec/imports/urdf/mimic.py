@@ -8,10 +8,7 @@ from typing import Any, Final
 from simspec.imports.draft import Draft, plain
 from simspec.imports.urdf.joints import Joint
 from simspec.imports.urdf.table import INFORMATION, LOST, PHYSICS, attributes_unused
-from simspec.language.models import Model
 from simspec.language.vocabulary import SCALAR_JOINTS
-
-SUPPORTED: Final = "constraints" in Model.model_fields
 
 LEADERS: Final = "missing-leaders"
 RULES: Final = {LEADERS: "a joint that is to follow one that is not there moves on its own"}
@@ -42,9 +39,7 @@ def _follow(joint: Joint, by_name: Mapping[str, Joint], draft: Draft) -> dict[st
         ratio, offset = mimic.number("multiplier", 1.0) or 0.0, mimic.number("offset", 0.0) or 0.0
         leader = by_name.get(name)
         why = ""
-        if not SUPPORTED:
-            why = "simspec does not couple joints yet: this one moves on its own"
-        elif leader is None and draft.repairing(LEADERS):
+        if leader is None and draft.repairing(LEADERS):
             why = f"there is no joint {name[:80]}: this one moves on its own, by the rule {LEADERS}"
             draft.repaired(
                 LEADERS, mimic, f"{joint.name} moves on its own: there is no joint {name[:80]}", ("model", "bodies")

@@ -6,7 +6,6 @@ import re
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.urdf.mimic import SUPPORTED
 from simspec.imports.urdf.table import GAZEBO, rows
 from simspec.language.foreign import Fate, Severity
 from simspec.language.load import load
@@ -16,7 +15,7 @@ from tests.imports.urdf.robots import SOLID, SPECIMEN, read, refused, two_links
 from tests.meshes.solids import box, stl
 
 FOLLOW = {"joint": "shoulder", "leader": "wrist", "ratio": 2, "offset": 0.5}
-COUPLING = {"constraints": {"shoulder": {"follow": FOLLOW}}} if SUPPORTED else {}
+COUPLING = {"constraints": {"shoulder": {"follow": FOLLOW}}}
 
 
 def test_a_robot_is_a_short_model_file(tmp_path):
@@ -133,7 +132,7 @@ def test_the_table_says_of_everything_what_becomes_of_it(tmp_path):
     assert not {name for name, row in known.items() if not row.when and name not in gazebo} - fates.keys()
     for where, met in fates.items():
         row = known.get(where)
-        if row is None or row.when or ("mimic" in where and not SUPPORTED):
+        if row is None or row.when:
             continue
         for fate, severity in met:
             assert fate is row.fate, where
@@ -192,9 +191,6 @@ def test_what_follows_nothing_is_told(tmp_path, kind, mimic, reason):
 
 def test_a_follower_moves_with_its_leader(tmp_path):
     text = two_links(more=COUPLED.format(SOLID, "continuous", '<mimic joint="hinge" multiplier="-1"/>'))
-    if not SUPPORTED:
-        assert [account.what for account in of_physics(read(text, tmp_path))] == ["joint[second]/mimic[hinge]"]
-        return
     (tmp_path / "r.urdf").write_text(text)
     world = load(tmp_path / "r.urdf").resolve()
     assert len(world.constraints) == 1
