@@ -4,23 +4,16 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from simspec.contact.meeting import excluded_pairs, solid_shapes
-from simspec.contact.plan import ContactPlan
-from simspec.control.native import natives
-from simspec.dialects.drake.sidecar import DrakeSidecar
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
-from simspec.dialects.kit.target import Target, known
-from simspec.formats.kit.passes import recentre_free_roots
-from simspec.formats.world import tree
+from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.world_document import world_document
+from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.formats.world.format import WorldJson
+from simspec.formats.world.tree import Document
 from simspec.support.declarations import BETWEEN_JOINTS, GATHERED, Table
 from simspec.support.features import Feature
-from simspec.world.gathering import NOTHING
-from simspec.world.types import Body, Joint, ReadBack, Shape, Surface, World
-
-NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")
-"""Of a surface, in the order of :class:`simspec.formats.world.tree.Copy`."""
+from simspec.world.types import ReadBack, World
 
 
 class DrakeDialect(Dialect):
@@ -29,117 +22,15 @@ class DrakeDialect(Dialect):
     NAME: ClassVar[str] = "drake"
     FORMAT: ClassVar[str] = "world"
     SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **GATHERED, Feature.JOINT_SEVERAL: BETWEEN_JOINTS}
-    SIDECAR: ClassVar[type[Sidecar]] = DrakeSidecar
+    SIDECAR: ClassVar[type[Sidecar]] = WorldSidecar
 
     def lower(self, world: World, target: Target) -> Lowered:
         """The document of ``world`` with the copies of the target's plan, and its sidecar."""
-        moved, offsets = recentre_free_roots(world)
-        plan = target.plan
-        copies = {
-            (shape.material, layer)
-            for body in world.bodies
-            for shape in solid_shapes(body)
-            for layer in plan.layers(shape.material)
-        }
-        servos = {
-            name: tree.Servo(kp, kd, limit)
-            for one in natives(world)
-            for name, kp, kd, limit in zip(one.joints, one.kp, one.kd, one.effort_limits, strict=True)
-        }
-        used = {body.collision_group for body in world.bodies if solid_shapes(body)}
-        document = tree.Document(
-            gravity=world.physics.gravity,
-            timestep=world.physics.timestep,
-            friction_cone=world.contact.friction_cone,
-            bodies=tuple(_body(body, plan, servos.get(body.joint.name)) for body in moved.bodies),
-            meets=tuple(
-                (*pair, layer)
-                for pair, layer in sorted(plan.layer_of.items())
-                if {(material, layer) for material in pair} <= copies
-            ),
-            apart=tree.Apart(
-                excluded_pairs(world),
-                tuple(pair for pair in world.contact.ignored_groups if set(pair) <= used),
-            ),
-        )
-        return Lowered(document, DrakeSidecar(**common_fields(self.NAME, self.FORMAT, world, target, offsets)))
+        document, offsets = world_document(world, target)
+        return Lowered(document, WorldSidecar(**common_fields(self.NAME, self.FORMAT, world, target, offsets)))
 
-    def raise_(self, document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
-        """See ``dialects/drake/raising.py``."""
-        from simspec.dialects.drake.raising import raised
+    def raise_(self, document: Document, sidecar: WorldSidecar) -> ReadBack:
+        """See ``dialects/kit/world_model.py``."""
+        from simspec.dialects.kit.world_model import world_model
 
-        return raised(document, sidecar)
-
-
-def _body(body: Body, plan: ContactPlan, servo: tree.Servo | None) -> tree.Body:
-    # what cannot move may be written without mass and with moments, which Drake refuses
-    inertial = body.inertial if body.inertial.mass else NOTHING
-    return tree.Body(
-        body.name,
-        body.model,
-        body.collision_group,
-        inertial.mass,
-        inertial.centre_of_mass,
-        inertial.inertia,
-        _joint(body.joint, servo),
-        tuple(_shape(shape, plan) for shape in body.shapes),
-    )
-
-
-def _joint(joint: Joint, servo: tree.Servo | None) -> tree.Joint:
-    """Of a joint the fields that its kind has."""
-    name, parent, origin = joint.name, joint.parent, joint.origin
-    position, velocity = joint.position, joint.velocity
-    match joint.kind:
-        case "fixed":
-            return tree.FixedJoint(name=name, parent=parent, origin=origin)
-        case "free":
-            return tree.FreeJoint(name=name, position=position, velocity=velocity)  # type: ignore[arg-type]
-        case "ball":
-            return tree.BallJoint(
-                name=name,
-                parent=parent,
-                origin=origin,
-                damping=joint.damping,
-                spring_stiffness=joint.spring_stiffness,
-                position=position,  # type: ignore[arg-type]
-                velocity=velocity,  # type: ignore[arg-type]
-            )
-    return tree.AxisJoint(
-        name=name,
-        kind=joint.kind,  # type: ignore[arg-type]
-        parent=parent,
-        origin=origin,
-        axis=joint.axis,
-        position_limits=joint.position_limits,
-        velocity_limit=joint.velocity_limit,
-        effort_limit=joint.effort_limit,
-        damping=joint.damping,
-        spring_stiffness=joint.spring_stiffness,
-        spring_rest=joint.spring_rest,
-        dry_friction=joint.dry_friction,
-        armature=joint.armature,
-        position=position,  # type: ignore[arg-type]
-        velocity=velocity,  # type: ignore[arg-type]
-        servo=servo,
-    )
-
-
-def _shape(shape: Shape, plan: ContactPlan) -> tree.Shape:
-    """A shape; one that is not solid has no copies, one that cannot be seen no colour."""
-    layers = plan.layers(shape.material) if shape.collision else ()
-    return tree.Shape(
-        shape.name,
-        shape.kind,
-        shape.size,
-        shape.pose,
-        shape.material if shape.collision else "",
-        shape.colour if shape.visual else None,
-        tuple(_copy(layer, plan.numbers[shape.material, layer]) for layer in layers),
-    )
-
-
-def _copy(layer: int, numbers: Surface) -> tree.Copy:
-    """A copy's numbers."""
-    sliding, torsional, rolling, bounce = (known(numbers, name) for name in NUMBERS)
-    return tree.Copy(layer, sliding, torsional, rolling, bounce, numbers.hardness)
+        return world_model(document, sidecar)

@@ -1,66 +1,15 @@
-"""Additions to ``world.json``, and changes declared inert, for the complete self-test (see
-``dialects/kit/mutations.py``). The form is checked field by field, so that a field more or less is refused."""
+"""What is beyond the files of a world for the complete self-test: see ``dialects/kit/world_mutations.py``."""
 
 from __future__ import annotations
 
-from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
-from simspec.language.vocabulary import JOINT_KINDS
+from simspec.dialects.kit.mutations import Addition
+from simspec.dialects.kit.world_mutations import table
 
-WORLD = "world.json"
-COPY = '{"layer": 7, "friction": 0.3, "torsional_friction": 0, "rolling_friction": 0, "restitution": 0}'
-
-ADDITIONS = (
-    Addition("", "1.0", "strength"),
-    Addition("bodies.*", "0.1", "drag"),
-    Addition("bodies.*.joint", "0.1", "backlash"),
-    Addition("bodies.*.joint", '{"kp": 10.0, "kd": 1.0, "effort_limit": null}', "servo"),
-    Addition("bodies.*.joint.servo", "0.1", "ki"),
-    Addition("bodies.*.shapes.*", "0.01", "margin"),
-    Addition("bodies.*.shapes.*.copies", COPY),
-    Addition("bodies.*.shapes.*.copies.*", "0.1", "adhesion"),
-    Addition("meets", '["nothing", "nothing", 0]'),
-    Addition("apart.bodies", '["nobody", "nothing"]'),
-    Addition("apart.groups", '["nobody", "nothing"]'),
-)
-
-SEEN = "visual only"
-SYMMETRIC = "the order of elements that are found by name, or of the two names of a pair"
-
-TABLE = MutationTable(
-    words={
-        "bodies.*.joint.kind": (*JOINT_KINDS, "something-else"),
-        "bodies.*.kind": (*JOINT_KINDS, "something-else"),
-        "bodies.*.shapes.*.kind": (
-            "sphere",
-            "box",
-            "cylinder",
-            "capsule",
-            "ellipsoid",
-            "plane",
-            "mesh",
-            "something-else",
-        ),
-        "friction_cone": ("elliptic", "pyramid-circumscribed", "pyramid-inscribed", "something-else"),
-        "settings.contact_approximation": ("auto", "sap", "tamsi", "something-else"),
-    },
-    integers=frozenset({"schema", "meets.*.2", "bodies.*.shapes.*.copies.*.layer"}),
-    additions={
-        WORLD: ADDITIONS,
-        "sidecar.json": (
-            Addition("", "9.81", "strength"),
-            Addition("settings", "true", "sleeping"),
-            Addition("settings", "true", "hydroelastic_faces"),
-        ),
-    },
-    inert=(
-        Inert("bodies.*.group", "a group that no pair names, or of a body that touches nothing", ("word",), WORLD),
-        Inert("*quaternion*", "q and −q are the same rotation", ("sign",), WORLD),
-        Inert("bodies.*.joint.position.*", "q and −q are the same rotation", ("sign",), WORLD),
-        Inert("bodies.*.shapes.*.pose.quaternion.*", "a rotation within a shape's symmetry", (), WORLD),
-        Inert("bodies.*.shapes.*.pose.position.*", "a translation of a plane within itself", (), WORLD),
-        Inert("bodies.*.shapes.*", "the order of visual-only shapes among collision shapes", ("swapped",), WORLD),
-        Inert("apart.bodies.*", "engines never let welded bodies collide", ("element removed",), WORLD),
-        Inert("bodies.*.shapes.*.colour*", SEEN, (), WORLD),
-        *(Inert(site, SYMMETRIC, ("swapped",), WORLD) for site in ("meets.*", "meets.*.*", "apart.*.*", "apart.*.*.*")),
+TABLE = table(
+    {"contact_approximation": ("auto", "sap", "tamsi")},
+    (
+        Addition("", "9.81", "strength"),
+        Addition("settings", "true", "sleeping"),
+        Addition("settings", "true", "hydroelastic_faces"),
     ),
 )

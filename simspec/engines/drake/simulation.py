@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.drake.sidecar import DrakeSidecar
+from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.engines.drake.building import NAME, build, is_servo, warnings_into
 from simspec.engines.drake.coordinates import Coordinates
 from simspec.errors import EngineError
@@ -27,7 +27,7 @@ class Simulation:
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         try:
             self.document = WorldJson().read(folder)
-            told = DrakeSidecar.of(sidecar)
+            told = WorldSidecar.of(sidecar)
             told.check_document(self.document)
         except (ValueError, FileNotFoundError) as error:
             raise EngineError(NAME, str(error)) from error

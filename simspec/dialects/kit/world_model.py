@@ -1,21 +1,21 @@
 """From ``world.json`` and its sidecar back to the model they mean, in the world's frames (proof level L0).
 
-What is shared with ``dialect.py`` is the types of the document.
+What is shared with ``world_document.py``, which writes them, is the types of the document.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from simspec.dialects.drake.sidecar import DrakeSidecar
 from simspec.dialects.kit.passive import with_passive
+from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.world import tree
 from simspec.world import frames
 from simspec.world.types import Body, HeldServo, Inertial, Joint, ReadBack, Shape, Surface
 
 
-def raised(document: tree.Document, sidecar: DrakeSidecar) -> ReadBack:
+def world_model(document: tree.Document, sidecar: WorldSidecar) -> ReadBack:
     """The model of a document. Raises ValueError where document and sidecar are not of one world."""
     sidecar.check_document(document)
     return ReadBack(

@@ -1,4 +1,6 @@
-"""The sidecar of a ``world.json``: what every sidecar has; the file itself carries the rest."""
+"""The sidecar of a ``world.json``: what every sidecar has; the file itself carries the rest.
+
+A dialect with fields of its own has a subclass of it."""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from simspec.formats.world.tree import Document
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DrakeSidecar(Sidecar):
+class WorldSidecar(Sidecar):
     """Settings, and where the frames of free roots are."""
 
     def check(self) -> None:

@@ -1,0 +1,11 @@
+"""What is planted into ``world.json`` for any engine leaves out no defect but those that the file has no number for."""
+
+from __future__ import annotations
+
+from simspec.dialects.kit.defects import NAMES
+from simspec.dialects.kit.world_defects import DEFECTS, UNSAID
+
+
+def test_every_defect_is_planted_or_named_as_unsaid():
+    assert not set(DEFECTS) & set(UNSAID)
+    assert set(DEFECTS) | set(UNSAID) == set(NAMES)
