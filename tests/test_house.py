@@ -123,6 +123,7 @@ COMMON = {"replace", "remove", "copy", "link", "move", "truncate", "touch"}
 WRITERS = {
     "outputs": "the one part that writes what a user named",
     "scratch.py": "temporary folders of simspec's own",
+    "engines/kit/compiled.py": "a compiler's words, into the folder in the cache in which it works",
     "engines/kit/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
     "engines/kit/keeper.py": "what the engine's process took, into that process's own temporary folder",
     "engines/kit/warm.py": "an end of a pipe to an engine's keeper",

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from simspec.errors import SpecError
+from simspec.outputs.cache import cache_folder
 from simspec.outputs.reading import read_bytes
 from simspec.outputs.staging import locked
 from simspec.outputs.writing import write_file
@@ -38,13 +39,7 @@ class Entries:
 
     def folder(self) -> Path | None:
         """Where entries are kept; None where the user has no cache folder."""
-        base = os.environ.get("XDG_CACHE_HOME", "")
-        if os.path.isabs(base):  # the specification of that variable: a relative path is to be ignored
-            return Path(base) / "simspec" / self.name
-        try:
-            return Path.home() / ".cache" / "simspec" / self.name
-        except RuntimeError:
-            return None
+        return cache_folder(self.name)
 
     def read(self, key: str) -> bytes | None:
         """The entry of a key; None where there is none that can be read."""

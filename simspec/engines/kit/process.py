@@ -244,7 +244,10 @@ class Running:
         except BadAnswerError as error:
             raise EngineError(self.engine, f"{error}; the process {_ending(code)}{self._tail()}") from None
         if refused is not None:
-            message = clipped(refused.removeprefix(f"EngineError: {self.engine}: "), LOG_TAIL)
+            said = refused
+            for kind in ("EngineError", "CompileError"):  # the second is no answer of the engine to what it was given
+                said = said.removeprefix(f"{kind}: {self.engine}: ")
+            message = clipped(said, LOG_TAIL)
             raise EngineError(self.engine, message, refused=refused.startswith("EngineError: "))
         demand_version(self.engine, versions["engine_version"])
         return Reply(answers, versions, wall, self._log.text(), self._usage())

@@ -1,0 +1,256 @@
+"""What an engine needs in C or C++: a library or a program of a few sources, compiled on first use and kept in the cache.
+
+Compiler and libraries are the machine's own. The key of what is kept is a hash of the sources, the flags, the compiler with its
+version, and the versions of the libraries, so that a change of any of these compiles anew and nothing else does. Runs in an
+engine's process too, in whatever interpreter: no package but the standard library is imported.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import enum
+import functools
+import hashlib
+import json
+import os
+import platform
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from simspec.errors import EngineError
+from simspec.outputs.cache import built, cache_folder
+
+SCHEMA = 1
+"""Of the key."""
+DEADLINE = 300.0
+"""s that a compiler may take: a hundred times what the sources of an engine take, which are a few hundred lines."""
+ASKED = 20.0
+"""s that a compiler may take to say its version, or pkg-config to answer: a thousand times what they take."""
+MOST_SAID = 2000
+"""Characters of what a compiler says that an error quotes: its first error, and some of the next."""
+MOST_READ = 65536
+"""Bytes of it that are read."""
+COMPILERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "C": ("CC", ("cc", "gcc", "clang")),
+    "C++": ("CXX", ("c++", "g++", "clang++")),
+}
+"""By language the environment variable that names the compiler, as make knows it, and the names that are sought else."""
+HEADER = re.compile(r"fatal error: '?([^'\n]+?)'?(?:: No such file or directory| file not found)")
+"""GCC's and Clang's words, in the locale C."""
+LIBRARY = re.compile(r"cannot find -l(\S+?):?(?:\s|$)|library (?:not found for -l|'?-l)(\S+?)'?(?:\s|$)")
+"""The same of GNU's linker and others'."""
+
+
+class Missing(enum.Enum):
+    """Why something could not be compiled."""
+
+    COMPILER = "no compiler"
+    PKG_CONFIG = "no pkg-config"
+    PACKAGE = "no such library"
+    """pkg-config does not know it: its development files are not installed, or they are too old."""
+    HEADER = "no such header"
+    LIBRARY = "nothing to link with"
+    SOURCE = "compile error"
+    TIME = "no result in time"
+    PLACE = "no place to keep it"
+    LOADS = "does not load"
+
+
+class CompileError(EngineError):
+    """A part of an engine could not be compiled, or loaded, for the reason ``missing``."""
+
+    def __init__(self, engine: str, missing: Missing, message: str):
+        self.missing = missing
+        super().__init__(engine, message)
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A library, or a program, that an engine compiles for itself.
+
+    ``engine``: its name, for errors. ``name``: of its folder in the cache. ``sources``: files of the engine's package.
+    ``language``: "C" or "C++". ``headers``: further files that the sources include, and that the key depends on.
+    ``packages``: what pkg-config knows, with a bound where one is needed (``"NAME >= 0.16"``). ``flags``: for the compiler,
+    before the sources; ``links``: after them, for what pkg-config does not know. ``program``: an executable, and no library.
+    """
+
+    engine: str
+    name: str
+    sources: tuple[Path, ...]
+    language: str = "C"
+    headers: tuple[Path, ...] = ()
+    packages: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ("-O2",)
+    links: tuple[str, ...] = ()
+    program: bool = False
+
+    def file(self, deadline: float = DEADLINE) -> Path:
+        """The compiled file; it is compiled where the cache does not have it. Raises CompileError, whose message has the
+        compiler's words, where it cannot be, or takes longer than ``deadline`` (s)."""
+        return self._file(deadline)
+
+    def load(self, deadline: float = DEADLINE) -> ctypes.CDLL:
+        """The library, loaded into this process. One that does not load, since it was damaged or the library that it needs has
+        been replaced by another of the same version, is compiled once more. Raises CompileError."""
+        file = self._file(deadline)
+        try:
+            return ctypes.CDLL(str(file))
+        except OSError:
+            file = self._file(deadline, anew=True)
+        try:
+            return ctypes.CDLL(str(file))
+        except OSError as error:
+            raise self._error(Missing.LOADS, f"its library {file} does not load: {error}") from None
+
+    def _file(self, deadline: float, anew: bool = False) -> Path:
+        recipe = _recipe(self, tuple(sorted(os.environ.items())))
+        folder = cache_folder("compiled")
+        if folder is None:
+            raise self._error(Missing.PLACE, "there is no cache folder: set XDG_CACHE_HOME to one")
+        place = folder / self.name / (recipe.key if self.program else f"{recipe.key}.so")
+        try:
+            return built(place, lambda part: self._compile(recipe, part, deadline), 2.0 * deadline, anew)
+        except TimeoutError as error:
+            raise self._error(Missing.TIME, str(error)) from None
+        except OSError as error:
+            why = f"{place.parent}: {error.strerror}" if error.strerror else str(error)
+            raise self._error(
+                Missing.PLACE, f"what is compiled cannot be kept: {why} (XDG_CACHE_HOME names another folder)"
+            ) from None
+
+    def _compile(self, recipe: _Recipe, part: Path, deadline: float) -> None:
+        said = part.with_name("said.txt")
+        kind = () if self.program else ("-shared", "-fPIC")
+        words = [*recipe.compiler, *kind, *recipe.flags, "-o", str(part), *map(str, self.sources), *recipe.links]
+        # what the compiler leaves when it is killed is removed with the folder
+        code = _run(words, {"TMPDIR": str(part.parent)}, said, deadline)
+        if code is None:
+            raise self._error(Missing.TIME, f"{recipe.compiler[0]} gave no result within {deadline:g} s")
+        text = said.read_bytes()[:MOST_READ].decode(errors="replace").strip()
+        if code == 0 and part.is_file():
+            return
+        header, library = HEADER.search(text), LIBRARY.search(text)
+        if header:
+            missing, why = Missing.HEADER, f"the header {header[1]} is not installed"
+        elif library:
+            missing, why = Missing.LIBRARY, f"the library {library[1] or library[2]} is not installed"
+        else:
+            missing, why = Missing.SOURCE, f"{recipe.compiler[0]} ended with code {code}"
+        raise self._error(missing, f"{why}\n{text[:MOST_SAID]}")
+
+    def _error(self, missing: Missing, why: str) -> CompileError:
+        names = ", ".join(source.name for source in self.sources)
+        return CompileError(self.engine, missing, f"{self.name} ({names}) cannot be compiled: {why}")
+
+
+@dataclass(frozen=True)
+class _Recipe:
+    """How something is compiled on this machine: the words of the compiler, the flags before and after the sources."""
+
+    compiler: tuple[str, ...]
+    flags: tuple[str, ...]
+    links: tuple[str, ...]
+    key: str
+
+
+@functools.lru_cache(maxsize=64)
+def _recipe(what: Compiled, environment: tuple[tuple[str, str], ...]) -> _Recipe:
+    """The recipe, asked of the machine once for each environment. Raises CompileError."""
+    known = dict(environment)
+    variable, names = COMPILERS[what.language]
+    given = shlex.split(known.get(variable, ""))
+    found = [shutil.which(name) for name in (given[:1] or names)]
+    program = next((one for one in found if one is not None), None)
+    if program is None:
+        sought = f"{given[0]} (the environment variable {variable})" if given else " or ".join(names)
+        raise what._error(Missing.COMPILER, f"no {what.language} compiler: {sought} is not on the path")
+    compiler = (program, *given[1:])
+    flags, links = list(what.flags), list(what.links)
+    versions: dict[str, str | None] = {}
+    if what.packages:
+        answer = _pkg_config("--print-errors", "--exists", *what.packages)
+        if answer is None:
+            raise what._error(Missing.PKG_CONFIG, "pkg-config is not on the path")
+        if answer[0]:
+            why = f"pkg-config has no {', '.join(what.packages)}: its development files are not installed\n"
+            raise what._error(Missing.PACKAGE, why + answer[1][:MOST_SAID])
+        for option, words in (("--cflags", flags), ("--libs", links)):
+            answer = _pkg_config(option, *what.packages)
+            words += shlex.split(answer[1]) if answer else []
+        versions = {name: package_version(name) for name in what.packages}
+    try:
+        said = subprocess.run(
+            [*compiler, "--version"], capture_output=True, stdin=subprocess.DEVNULL, timeout=ASKED, check=False
+        ).stdout
+        texts = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in (*what.sources, *what.headers)}
+    except subprocess.TimeoutExpired:
+        raise what._error(Missing.TIME, f"{program} gave no version within {ASKED:g} s") from None
+    except FileNotFoundError as error:
+        raise what._error(Missing.SOURCE, f"{error.filename} is missing: simspec is not installed whole") from None
+    except OSError as error:
+        raise what._error(Missing.COMPILER, f"{program} cannot be started: {error.strerror}") from None
+    parts = [SCHEMA, what.language, what.program, texts, compiler, said.decode(errors="replace"), flags, links]
+    text = json.dumps([*parts, versions, sys.platform, platform.machine()])
+    return _Recipe(compiler, tuple(flags), tuple(links), hashlib.sha256(text.encode()).hexdigest())
+
+
+def package_version(package: str) -> str | None:
+    """The version of a library as pkg-config knows it (``"NAME"``, or with a bound, which must hold); None where it does not,
+    or is not there itself."""
+    return _package_version(package, tuple(sorted(os.environ.items())))
+
+
+@functools.lru_cache(maxsize=64)
+def _package_version(package: str, environment: tuple[tuple[str, str], ...]) -> str | None:
+    answer = _pkg_config("--modversion", package)
+    return answer[1].strip() if answer and answer[0] == 0 else None
+
+
+def _pkg_config(*words: str) -> tuple[int, str] | None:
+    """Exit code and words of pkg-config; None where there is none that can be started and ends in time."""
+    program = shutil.which("pkg-config") or shutil.which("pkgconf")
+    if program is None:
+        return None
+    try:
+        done = subprocess.run(
+            [program, *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            timeout=ASKED,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.returncode, done.stdout.decode(errors="replace")
+
+
+def _run(words: Sequence[str], more: Mapping[str, str], said: Path, deadline: float) -> int | None:
+    """The exit code of a program whose output goes to the file ``said``; None where it takes longer than ``deadline`` (s).
+    Nothing that it started is left, however this ends."""
+    with open(said, "xb") as output:
+        process = subprocess.Popen(
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "LC_ALL": "C", **more},
+            start_new_session=True,
+        )
+        try:
+            return process.wait(deadline)
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            if process.returncode is None:  # nobody holds the number of one that has ended
+                with contextlib.suppress(ProcessLookupError, PermissionError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()

@@ -1,0 +1,122 @@
+"""The user's cache folder, and files in it that a program makes: each whole or not at all, made by one process at a time.
+
+Imports the standard library alone: an engine's process asks for such files too, in whatever interpreter it lives.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import re
+import secrets
+import shutil
+import stat
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+
+LOCK: Final = "lock"
+STAGE: Final = re.compile(r"tmp-[0-9a-f]{16}")
+"""Names of folders in which a file is being made."""
+OURS: Final = re.compile(r"[0-9a-f]{64}(\.[a-z]+)?")
+"""Names of files: a SHA-256, and what says their kind."""
+KEPT: Final = 8
+"""Files that a folder keeps: those that were used last. Each is of another version of something."""
+LOOK_EVERY: Final = 0.05
+"""s between two tries for a lock."""
+
+
+def cache_folder(name: str) -> Path | None:
+    """The folder ``simspec/NAME`` of the user's cache folder (XDG_CACHE_HOME or ~/.cache); None where the user has none."""
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    if os.path.isabs(base):  # the specification of that variable: a relative path is to be ignored
+        return Path(base) / "simspec" / name
+    try:
+        return Path.home() / ".cache" / "simspec" / name
+    except RuntimeError:
+        return None
+
+
+def built(place: Path, build: Callable[[Path], None], patience: float, anew: bool = False) -> Path:
+    """``place``, a file in a folder of such files alone. Where it is not there, or ``anew``, ``build`` makes it: under
+    another name, in a folder of its own on the same disk, from where it is moved in one step.
+
+    One process makes files in the folder at a time; who comes second waits, up to ``patience`` (s), and finds what the first
+    made. What a killed process left is removed by the next that makes something. Raises TimeoutError where another process
+    takes longer, PermissionError where the file is another user's or others may write it, OSError, and what ``build`` raises.
+    """
+    if not OURS.fullmatch(place.name):
+        raise ValueError(f"{place.name} is no name of a file that is made here")
+    if not anew and _is_there(place):
+        return place
+    folder = place.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    with _locked(folder, patience):
+        _clean(folder, place)
+        if anew or not _is_there(place):
+            stage = folder / f"tmp-{secrets.token_hex(8)}"
+            os.mkdir(stage, 0o700)
+            try:
+                build(stage / place.name)
+                os.chmod(stage / place.name, 0o700)
+                _sync(stage / place.name)
+                os.replace(stage / place.name, place)
+            finally:
+                shutil.rmtree(stage)
+    return place
+
+
+def _is_there(place: Path) -> bool:
+    """Whether the file is there; it is then said to be used. Raises PermissionError where somebody else may have made it."""
+    try:
+        status = os.lstat(place)
+    except FileNotFoundError:
+        return False
+    if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o022:
+        raise PermissionError(f"{place} is not a file that this user alone can write: remove it")
+    with contextlib.suppress(OSError):  # a folder that is only read: its files leave by when they were made
+        os.utime(place, follow_symlinks=False)
+    return True
+
+
+@contextlib.contextmanager
+def _locked(folder: Path, patience: float) -> Iterator[None]:
+    """Hold the lock of a folder; the system lets it go when the process ends, however it ends."""
+    ends = time.monotonic() + patience
+    lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    try:
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() > ends:
+                    raise TimeoutError(
+                        f"another process has been making a file in {folder} for {patience:g} s"
+                    ) from None
+                time.sleep(LOOK_EVERY)
+        yield
+    finally:
+        os.close(lock)
+
+
+def _clean(folder: Path, place: Path) -> None:
+    """Remove what the dead left, and the files that were not used for the longest time. The folder must be locked."""
+    known: list[tuple[int, str]] = []
+    for entry in os.scandir(folder):
+        if STAGE.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False):
+            shutil.rmtree(entry.path)
+        elif OURS.fullmatch(entry.name) and entry.name != place.name and entry.is_file(follow_symlinks=False):
+            known.append((entry.stat(follow_symlinks=False).st_mtime_ns, entry.name))
+    for _, name in sorted(known)[: -(KEPT - 1)]:
+        os.unlink(folder / name)
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
