@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from simspec.compiler import Compiled, check_control, check_options, compile_world
-from simspec.engines.kit.installing import left_out
+from simspec.engines.kit.installing import left_out, not_installed
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.support.features import Feature
@@ -130,7 +130,7 @@ def available(pythons: Mapping[str, str]) -> Selection:
         elif name in impossible:
             not_taken[name] = NotTaken(f"{impossible[name]}; --python {name}=PATH runs it in another Python")
         else:
-            not_taken[name] = NotTaken(f"not installed: pip install 'simspec[{engine.EXTRA}]'")
+            not_taken[name] = NotTaken(not_installed(engine))
     return Selection(tuple(taken), False, not_taken, pythons=pythons)
 
 

@@ -24,3 +24,11 @@ def setting(value: Any, *path: Any) -> Callable[[Any], None]:
         content[path[-1]] = value
 
     return change
+
+
+def program(path: Path, text: str) -> Path:
+    """Write a program that can be started, in a folder that is made, and return it."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    path.chmod(0o755)
+    return path

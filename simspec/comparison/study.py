@@ -14,6 +14,7 @@ from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
 from simspec.comparison.runs import TOLERANCE, Diff, diff
 from simspec.compiler import Compiled, bounded, compile_world, output_files, version_at_work
 from simspec.engines.kit.identity import other_version
+from simspec.engines.kit.installing import not_installed
 from simspec.engines.kit.process import DEADLINE
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
@@ -95,7 +96,7 @@ def missing_engines(
             continue
         here = engine.version()
         if here is None:
-            reasons[name] = f"not installed: pip install 'simspec[{engine.EXTRA}]'"
+            reasons[name] = not_installed(engine)
         elif (why := other_version(name, here)) is not None:
             reasons[name] = why
     return reasons

@@ -8,6 +8,7 @@ from simspec.dialects.kit.contract import broken_dialects, dialects
 from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.installing import how_to_install
 from simspec.engines.kit.registry import broken_engines, engines, format_of
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import broken_formats
@@ -69,7 +70,7 @@ def engine_data() -> dict[str, Any]:
             "version": engine.version(),
             "capabilities": {capability.value: capability not in engine.LACKS for capability in Capability},
             "lacks": {capability.value: reason for capability, reason in engine.LACKS.items()},
-            "install": f"pip install 'simspec[{engine.EXTRA}]'",
+            "install": how_to_install(engine),
             "settings": {
                 key: {
                     "default": setting.default,

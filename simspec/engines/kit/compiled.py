@@ -110,6 +110,14 @@ class Compiled:
         except OSError as error:
             raise self._error(Missing.LOADS, f"its library {file} does not load: {error}") from None
 
+    def lacking(self) -> CompileError | None:
+        """Why it cannot be compiled here, as far as that is known without doing it; None where nothing is known to lack."""
+        try:
+            _recipe(self, tuple(sorted(os.environ.items())))
+        except CompileError as error:
+            return error
+        return None
+
     def _file(self, deadline: float, anew: bool = False) -> Path:
         recipe = _recipe(self, tuple(sorted(os.environ.items())))
         folder = cache_folder("compiled")

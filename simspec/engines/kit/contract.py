@@ -22,6 +22,7 @@ from simspec.engines.kit.capabilities import Capability, check_capabilities
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.native_law import NativeLaw
+from simspec.engines.kit.needs import Needs
 from simspec.engines.kit.settings import Setting, Value
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.features import Feature
@@ -41,11 +42,13 @@ class Engine:
     DIALECT: ClassVar[str]
     """The dialect (``simspec/dialects``) in which it is told a world."""
     DISTRIBUTION: ClassVar[str]
-    """The package whose version is the engine's version."""
+    """The package of Python whose version is the engine's version; "" where no package has it (``NEEDS.library``)."""
     OTHER_DISTRIBUTIONS: ClassVar[tuple[str, ...]] = ()
     """Other packages that bring the engine, and whose version counts where the first is not installed."""
     EXTRA: ClassVar[str]
-    """The extra of simspec that installs it."""
+    """The extra of simspec that installs it; "" where none does."""
+    NEEDS: ClassVar[Needs] = Needs()
+    """What it needs of the machine beside packages of Python."""
     SUPPORT: ClassVar[Table]
     SETTINGS: ClassVar[Mapping[str, Setting]]
     RULES: ClassVar[Rules]
@@ -95,10 +98,15 @@ class Engine:
     @classmethod
     def version(cls) -> str | None:
         """The installed version; None when the engine is not installed. Does not import the engine."""
-        for name in (cls.DISTRIBUTION, *cls.OTHER_DISTRIBUTIONS):
+        for name in cls.distributions():
             with contextlib.suppress(importlib.metadata.PackageNotFoundError):
                 return importlib.metadata.version(name)
-        return None
+        return cls.NEEDS.version()
+
+    @classmethod
+    def distributions(cls) -> tuple[str, ...]:
+        """The packages of Python that bring it, the one that counts first."""
+        return tuple(name for name in (cls.DISTRIBUTION, *cls.OTHER_DISTRIBUTIONS) if name)
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:

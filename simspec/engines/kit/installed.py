@@ -18,7 +18,7 @@ import numpy as np
 
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name, other_version, program_of
-from simspec.engines.kit.installing import left_out
+from simspec.engines.kit.installing import left_out, not_installed
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.errors import EngineError, clipped, visible
 
@@ -85,11 +85,13 @@ def _instance(label: str, python: str | None, asked: _Asked | None, ends: float)
     version, numpy, problem = None, None, None
     try:
         version, numpy = (engine.version(), np.__version__) if asked is None else _answer(asked, ends)
+        if not engine.distributions():
+            version = engine.version()  # the machine's, whatever the interpreter
     except NoVersionError as error:
         problem = f"{python} {error}"
     else:
         if version is None:
-            problem = _how_to_install(engine) if asked is None else f"{python} does not have {engine.DISTRIBUTION}"
+            problem = _how_to_install(engine) if asked is None else _not_there(python, engine)
         else:
             problem = other_version(label, version)
     return Instance(label, engine.NAME, version, python, engine.DIALECT, format_of(engine), problem, numpy)
@@ -107,8 +109,12 @@ def version_in(python: str, label: str) -> str:
     return instance.version
 
 
+def _not_there(python: str | None, engine: type[Engine]) -> str:
+    return f"{python} does not have {engine.DISTRIBUTION}" if engine.DISTRIBUTION else not_installed(engine)
+
+
 def _how_to_install(engine: type[Engine]) -> str:
-    return left_out().get(engine.NAME) or f"not installed: pip install 'simspec[{engine.EXTRA}]'"
+    return left_out().get(engine.NAME) or not_installed(engine)
 
 
 _Asked = subprocess.Popen[bytes] | NoVersionError
@@ -120,7 +126,7 @@ def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
     """The interpreter ``python``, started; nothing of it is left at the end of the block."""
     try:
         process = subprocess.Popen(
-            [program_of(python), "-c", _ASK, engine.DISTRIBUTION, *engine.OTHER_DISTRIBUTIONS],
+            [program_of(python), "-c", _ASK, *engine.distributions()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

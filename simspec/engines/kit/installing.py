@@ -9,13 +9,39 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.needs import Needs
 from simspec.engines.kit.registry import engines
+
+
+def how_to_install(engine: type[Engine]) -> str:
+    """The words that install an engine: of pip, of Debian's apt-get, or both."""
+    return " and ".join(command for command in (pip_words(engine), apt_words(engine.NEEDS)) if command)
+
+
+def not_installed(engine: type[Engine]) -> str:
+    """That an engine is not installed, what is missing where that is known, and how to install it."""
+    lacking = engine.NEEDS.lacking()
+    why = f" ({str(lacking[0]).splitlines()[0].removeprefix(f'{engine.NAME}: ')})" if lacking else ""
+    how = how_to_install(engine)
+    return f"not installed{why}" + (f": {how}" if how else "")
+
+
+def pip_words(engine: type[Engine]) -> str:
+    """The command that installs its packages of Python; empty where there are none."""
+    return f"pip install 'simspec[{engine.EXTRA}]'" if engine.EXTRA else ""
+
+
+def apt_words(needs: Needs) -> str:
+    """The command that installs its packages of Debian; empty where there are none."""
+    return f"apt-get install {' '.join(needs.packages)}" if needs.debian else ""
 
 
 def why_not(engine: type[Engine], environment: dict[str, str] | None = None) -> str | None:
     """Why ``engine`` cannot be installed here: the requirement of its extra whose marker rules this Python out. None when it
     can be, or when simspec's metadata say nothing of it (an engine of a third party). ``environment`` overrides markers."""
     found = None
+    if not engine.EXTRA:
+        return None
     for line in importlib.metadata.requires("simspec") or ():
         requirement = Requirement(line)
         marker = requirement.marker

@@ -27,6 +27,7 @@ from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
 from simspec.engines.kit.answers import read_answers
 from simspec.engines.kit.identity import demand_version, program_of
+from simspec.engines.kit.installing import not_installed
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.request import write_request
 from simspec.engines.kit.warm import Forked, WarmProcesses
@@ -149,7 +150,7 @@ def start(
         try:
             _installed(engine_class.version)
         except LookupError:
-            raise EngineError(engine, f"not installed: pip install 'simspec[{engine_class.EXTRA}]'") from None
+            raise EngineError(engine, not_installed(engine_class)) from None
     with scratch_folder(engine) as folder:
         try:
             write_request(folder, engine_class, artifacts, operations)

@@ -15,6 +15,7 @@ import pytest
 from simspec.engines.kit import compiled
 from simspec.engines.kit.compiled import Compiled, CompileError, Missing, package_version
 from simspec.errors import EXIT_ENGINE
+from tests.files import program
 
 SOUND = "double twice(double x) { return 2.0 * x; }\n"
 COUNTING = """#!/bin/sh
@@ -34,12 +35,6 @@ def place(tmp_path, monkeypatch):
     program(tmp_path / "bin" / "cc", COUNTING.format(log=tmp_path / "log", compiler=real))
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
     return tmp_path
-
-
-def program(path: Path, text: str) -> None:
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(text)
-    path.chmod(0o755)
 
 
 def of(place: Path, text: str = SOUND, **more) -> Compiled:
