@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Location, Problem, SpecError
+from simspec.imports import moments
 from simspec.imports.draft import plain
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
@@ -33,7 +34,7 @@ GRAVITY: Final = (0.0, 0.0, -9.8)
 ONLY_LINK: Final = "link"
 """What the only link of a model is called that has no name of its own."""
 STEP: Final = 0.001
-RULES: Final = {**RULES_OF_TREES, **RULES_OF_MESHES}
+RULES: Final = {**RULES_OF_TREES, **RULES_OF_MESHES, moments.RULE: moments.MEANING}
 """Rules of repair, with what they do."""
 TOO_LARGE: Final = "what follows from these numbers is beyond the largest double"
 MOST_PAIRS: Final = 20_000
@@ -258,6 +259,10 @@ class _Spec:
                 data["shapes"] = shapes
             if body.content.comment:
                 self.comments[".".join((*own, "mass"))] = body.content.comment
+            if body.content.repaired:
+                element = body.content.inertial or body.element
+                place = ".".join((*own, "inertia"))
+                self.repairs.append(Repair(moments.RULE, element.location, body.content.repaired, place))
             bodies[body.name] = data
         for body, what in model.repairs:
             place = ".".join((*path, body.name, "fixed"))

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from simspec.imports import moments
 from simspec.imports.elements import Element
 from simspec.imports.sdf.aside import IN_LINK, set_aside
 from simspec.imports.sdf.meshes import Meshes
 from simspec.imports.sdf.shapes import DENSITY, Around, ShapeRead, read_shapes
 from simspec.imports.sdf.surfaces import surface_of_link
 from simspec.imports.sdf.values import Placement, at, finite_of, flag, flag_of, lost, pose_of, unused
+from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
 from simspec.world.types import Vector3
 
@@ -27,6 +29,8 @@ class LinkRead:
     shapes: list[ShapeRead]
     comment: str = ""
     inertial: Element | None = None
+    repaired: str = ""
+    """What the rule of :mod:`simspec.imports.moments` changed."""
 
     @property
     def is_massless(self) -> bool:
@@ -50,7 +54,8 @@ def read_link(link: Element, offset: Vector3, meshes: Meshes, folder: Path, *, s
     if density is not None:
         return LinkRead(weight, shapes, inertial=inertial[0])
     if inertial:
-        return LinkRead({**_inertial(inertial[0].take(), move), **weight}, shapes, inertial=inertial[0])
+        mass, repaired = _inertial(inertial[0].take(), move, moments.RULE in meshes.repair)
+        return LinkRead({**mass, **weight}, shapes, inertial=inertial[0], repaired=repaired)
     if static:
         return LinkRead({}, shapes)
     return LinkRead(
@@ -69,7 +74,8 @@ def _computed(link: Element) -> float | None:
     return None
 
 
-def _inertial(inertial: Element, move: Placement) -> dict[str, Any]:
+def _inertial(inertial: Element, move: Placement, repairing: bool) -> tuple[dict[str, Any], str]:
+    """The words of the body, and what was repaired of them."""
     mass = finite_of(inertial, "mass", 1.0)
     pose = pose_of(inertial)
     if pose.relative_to:
@@ -82,8 +88,22 @@ def _inertial(inertial: Element, move: Placement) -> dict[str, Any]:
     lost(next(iter(inertial.look("fluid_added_mass")), None), "simspec has no air, wind or water")
     unused(next(iter(inertial.look("density")), None), "the file gives the mass")
     if not mass and not any(values.values()):
-        return {}
-    return {"mass": mass, **_centre(place), "inertia": inertia_data(tuple(values.values()), place)}
+        return {}, ""
+    six, repaired = _possible(inertial, tuple(values.values()), repairing)
+    return {"mass": mass, **_centre(place), "inertia": inertia_data(six, place)}, repaired
+
+
+def _possible(inertial: Element, tensor: tuple[float, ...], repairing: bool) -> tuple[tuple[float, ...], str]:
+    """A tensor that breaks the triangle inequality as the nearest one that a body can have, and what that changed. Raises
+    SpecError where the rule is not asked for; a tensor that is not positive is the language's to refuse."""
+    before = principal_moments(tensor)
+    why = impossible(before)
+    if why is None or min(before) < 0.0:
+        return tensor, ""
+    if not repairing:
+        raise inertial.error(why, hint=f"simspec import --repair {moments.RULE}: {moments.MEANING}")
+    after = moments.nearest(tensor)
+    return after, moments.became(before, principal_moments(after))
 
 
 def _centre(place: Placement) -> dict[str, Any]:

@@ -16,7 +16,8 @@ from simspec.imports.urdf.table import rows
 from simspec.language.foreign import Imported, ImportOptions
 
 _ROBOT: Final = re.compile(rb"<robot[\s>/]")
-_XACRO: Final = re.compile(rb"<xacro:[A-Za-z]|=\s*[\"'][^\"'<>]*\$\{")
+_XACRO: Final = re.compile(rb"<xacro:[A-Za-z]|=\s*[\"'][^\"'<>]*\$(?:\{|\((?:optenv|env|arg|eval|dirname|anon)\b)")
+"""What only xacro gives a meaning; ``$(find PACKAGE)`` stands in paths of plain URDF, too."""
 
 
 class Urdf:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
 from simspec.imports.draft import Draft, angle, numbers, plain
 from simspec.imports.elements import Element
+from simspec.imports.moments import MEANING, Six, became, nearest, shown
+from simspec.imports.moments import RULE as TRIANGLE
 from simspec.imports.urdf.table import INFORMATION, LOST, UNUSED
 from simspec.language.document import Path_
 from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
 from simspec.world.types import Pose, Vector3
-
-Six = tuple[float, float, float, float, float, float]
 
 MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 COPIES: Final = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
@@ -117,14 +117,13 @@ def check_mass(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None:
         return
     if "triangle" not in why:
         not_positive(mass, has_shapes, why, draft, path)
-    elif not draft.repairing("triangle-inequality"):
-        draft.defect(inertial, why, "triangle-inequality", RULES["triangle-inequality"])
+    elif not draft.repairing(TRIANGLE):
+        draft.defect(inertial, why, TRIANGLE, RULES[TRIANGLE])
     else:
         before = principal_moments(tensor)
         mass.tensor = nearest(tensor)
         after = principal_moments(mass.tensor)
-        what = f"the principal moments {_shown(before)} kg m² became {_shown(after)} kg m²"
-        draft.repaired("triangle-inequality", inertial, what, (*path, "inertia"))
+        draft.repaired(TRIANGLE, inertial, became(before, after), (*path, "inertia"))
 
 
 def _moments_of_nothing(mass: Mass, draft: Draft, path: Path_) -> None:
@@ -132,8 +131,8 @@ def _moments_of_nothing(mass: Mass, draft: Draft, path: Path_) -> None:
     to change how it turns."""
     inertial, rule = mass.element, "massless-moments"
     if not draft.repairing(rule):
-        shown = _shown((mass.tensor or (0.0,) * 6)[:3])
-        draft.defect(inertial, "moments of inertia of a link without mass", rule, RULES[rule], found=f"{shown} kg m²")
+        found = shown((mass.tensor or (0.0,) * 6)[:3])
+        draft.defect(inertial, "moments of inertia of a link without mass", rule, RULES[rule], found=f"{found} kg m²")
         return
     mass.tensor = None
     _left_out(inertial, LOST, f"left out by the rule {rule}")
@@ -194,19 +193,6 @@ def _without_moments(mass: Mass, has_shapes: bool, rule: str, draft: Draft, path
     draft.repaired(rule, inertial, what, (*path, "inertia"))
 
 
-def nearest(tensor: Sequence[float]) -> Six:
-    """The tensor nearest to a positive one (by the sum of squares) that obeys the triangle inequality. It has the same
-    principal axes: what the largest moment is too large by is shared by all three."""
-    import numpy as np
-
-    xx, yy, zz, xy, xz, yz = tensor
-    moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    excess = max(0.0, (moments[2] - moments[0] - moments[1]) / 3.0)
-    moved = moments + excess * np.array([1.0, 1.0, -1.0])
-    full = (axes * moved) @ axes.T
-    return tuple(float(full[index]) for index in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))  # type: ignore[return-value]
-
-
 def total(members: Iterable[tuple[Mass, Pose]]) -> tuple[float, Six]:
     """Mass, and tensor about the common centre of mass, of links that are fixed to each other; each with the pose of its frame
     in a common one."""
@@ -229,12 +215,8 @@ def total(members: Iterable[tuple[Mass, Pose]]) -> tuple[float, Six]:
     return whole, (sums[0], sums[1], sums[2], sums[3], sums[4], sums[5])
 
 
-def _shown(values: Sequence[float]) -> str:
-    return ", ".join(f"{value:.6g}" for value in values)
-
-
 RULES: Final = {
-    "triangle-inequality": "a tensor that no body has becomes the nearest one that a body can have",
+    TRIANGLE: MEANING,
     "not-positive": "moments that are not above 0 follow from the mass and the shapes, or are those of a ball",
     "massless-moments": "moments of inertia of a link whose mass is 0 are left out",
     "incomplete-inertial": "moments that are missing follow from the shapes; an inertial without mass is left out",

@@ -7,8 +7,9 @@ import math
 import pytest
 
 from simspec.errors import SpecError
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
+from simspec.language.moments import principal_moments
 from simspec.world.kinematics import trees
 from tests.imports.sdf.texts import imported, joint, link, lost, model, sdf
 
@@ -286,6 +287,27 @@ def test_a_root_without_mass_is_a_defect_with_a_rule(tmp_path):
     (repair,) = result.repairs
     assert (repair.rule, repair.path) == ("massless", "model.bodies.base.fixed")
     assert "no rule of repair" in refused(text, tmp_path, repair=("other",))
+
+
+FLAT = "<inertial>{}<mass>2</mass><inertia><ixx>1</ixx><iyy>2</iyy><izz>4</izz><ixy>{}</ixy></inertia></inertial>"
+
+
+@pytest.mark.parametrize(("turn", "product"), [("", 0), ("<pose>0 0 0 0.3 0.5 0.7</pose>", 0), ("", 0.25)])
+def test_a_tensor_that_no_body_has_is_a_defect_with_a_rule(turn, product, tmp_path):
+    text = model(link("base", inertial=FLAT.format(turn, product)))
+    assert "triangle inequality" in refused(text, tmp_path)
+    assert "--repair triangle-inequality" in refused(text, tmp_path)
+    result = imported(text, tmp_path, repair=("triangle-inequality",))
+    (repair,) = result.repairs
+    assert (repair.rule, repair.path) == ("triangle-inequality", "model.bodies.base.inertia")
+    assert repair.location.line == 4
+    (body,) = load(tmp_path / "robot.sdf", options=ImportOptions(repair=("triangle-inequality",))).resolve().bodies
+    low, middle, high = sorted(principal_moments(body.inertial.inertia))
+    assert high == pytest.approx(low + middle)
+    # the same axes and the same sum but for what all share: 4 > 1 + 2 by 1
+    assert (low + middle + high) == pytest.approx(7 + 1 / 3)
+    alright = text.replace("<izz>4</izz>", "<izz>2.5</izz>")
+    assert not imported(alright, tmp_path, repair=("triangle-inequality",)).repairs
 
 
 def test_an_empty_link_called_world_is_the_world_in_old_files(tmp_path):
