@@ -1,5 +1,5 @@
-"""How much a spec stands for, counted before anything of it is copied: bodies, shapes, pairs that models exclude, grasps, and
-constraints.
+"""How much a spec stands for, counted before anything of it is copied: bodies, shapes, pairs that models exclude, grasps, named
+frames, and constraints.
 
 A line of a spec can stand for many things: an array for many elements, each with all shapes of its tree; ``use:`` for all that
 a file holds, once for each model that names it.
@@ -28,6 +28,8 @@ MOST_GRASPS = 10_000
 """Grasps of all models, in all copies: each is held against the joints, which takes some 0.1 ms."""
 MOST_ACTUATORS = 10_000
 """Actuators of all models, in all copies: each is held against the entries of each controller."""
+MOST_FRAMES = 200_000
+"""Named frames of one scenario, in all copies; each is a name and a pose."""
 MOST_CONSTRAINTS = 10_000
 """Constraints of one scenario, in all copies. A step solves them together, in time that grows with the cube of how many act on
 one tree."""
@@ -37,6 +39,7 @@ MOST = {
     "excluded pairs": MOST_EXCLUDED,
     "grasps": MOST_GRASPS,
     "actuators": MOST_ACTUATORS,
+    "frames": MOST_FRAMES,
     "constraints": MOST_CONSTRAINTS,
 }
 
@@ -67,6 +70,10 @@ def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
     if number := _length(held):
         most = max((copies for _, copies, _ in loose), default=1)  # those within an array's tree are copied with it
         yield ("constraints",), most, Counter(constraints=number)
+    named = source.document.data.get("frames") if isinstance(source.document.data, Mapping) else None
+    if number := _length(named):
+        most = max((copies for _, copies, _ in loose), default=1)
+        yield ("frames",), most, Counter(frames=number)
     acting = source.document.data.get("actuators") if isinstance(source.document.data, Mapping) else None
     if number := _length(acting):
         yield ("actuators",), 1, Counter(actuators=number)
@@ -75,7 +82,7 @@ def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
     for name, raw in models.items() if isinstance(models, Mapping) else ():
         if not isinstance(raw, Mapping):
             continue
-        used_here = Counter({word: _length(raw.get(word)) for word in ("grasps", "actuators", "constraints")})
+        used_here = Counter({word: _length(raw.get(word)) for word in ("grasps", "actuators", "frames", "constraints")})
         text = raw.get("use")
         if not isinstance(text, str):
             own = raw.get("bodies")
@@ -109,9 +116,11 @@ def _model(bodies: Bodies) -> Counter[str]:
         excluded += math.comb(len(bodies.raw), 2)
     grasps = sum(len(file.model.grasps) for file in files if file.model is not None)
     actuators = sum(len(file.model.actuators) for file in files if file.model is not None)
+    named = sum(len(file.model.frames) for file in files if file.model is not None)
     held = sum(len(file.model.constraints) for file in files if file.model is not None)
     of_bodies = {"bodies": len(bodies.raw), "shapes": _shapes(bodies.raw)}
-    of_model = {"excluded pairs": excluded, "grasps": grasps, "actuators": actuators, "constraints": held}
+    of_model = {"excluded pairs": excluded, "grasps": grasps, "actuators": actuators}
+    of_model |= {"frames": named, "constraints": held}
     return Counter({**of_bodies, **of_model})
 
 

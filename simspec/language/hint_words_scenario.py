@@ -145,8 +145,15 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
     *same_hint("joint_velocities initial_velocities qvel", "velocities: {JOINT: ...}", "Use.velocities", at="Use"),
     *same_hint("count repeat copies instances replicate", "array: {...}", "Body.array", "Use.array", at="Body Use"),
     *same_hint(
-        "site sites frames", f"named frames are {NOT_YET}; write a tool's frame in the trajectory", "Trajectory.tool"
+        "site sites named_frames tcp tool_frames markers reference_frames",
+        "frames: {NAME: {body: BODY, pose: {...}}}",
+        "File.frames",
+        "Model.frames",
+        "Use.frames",
+        at="File Model Use",
     ),
+    *same_hint("link parent attached_to on", "body: the body that it is fixed to", "Frame.body", at="Frame"),
+    *same_hint("position pos xyz rpy quat rotation", "pose: {xyz: ..., rpy: ...}", "Frame.pose", at="Frame"),
     *same_hint(
         "sensor sensors camera cameras imu", f"sensors are {NOT_YET}; write recorded channels in record", "File.record"
     ),

@@ -21,6 +21,7 @@ BLOCK_FIELDS = frozenset(
     (
         *("contact", "materials", "pairs", "groups", "exclude", "bodies", "joint", "shapes", "poses"),
         "constraints",
+        "frames",
         "states",
         *("actuators", "commands"),
         "motion",

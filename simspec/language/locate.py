@@ -61,8 +61,8 @@ def _candidates(source: Source, steps: tuple[str, ...]) -> Iterator[Candidate]:
         yield from _of_body(source, steps[1], steps[2:])
         if steps[2:] == ("joint", "armature"):
             yield from _of_rotor(source, steps[1])
-    if steps[0] == "constraints" and len(steps) > 1:
-        yield from _of_constraint(source, steps[1], steps[2:])
+    if steps[0] in ("constraints", "frames") and len(steps) > 1:
+        yield from _of_named(source, steps[0], steps[1], steps[2:])
     if steps[:2] == ("contact", "pairs") and len(steps) > 4:
         yield from _of_pair(source, steps[2], steps[3], steps[4:])
     if steps[0] == "engines" and len(steps) == 4 and steps[2] == "settings":
@@ -147,21 +147,22 @@ def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candi
         yield source.document, ("models", model)
 
 
-def _of_constraint(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
-    """A constraint of the scenario, of a model placed in it, or of the model itself; in an array by its name in the spec."""
+def _of_named(source: Source, word: str, name: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
+    """A constraint or a frame (``word``) of the scenario, of a model placed in it, or of the model itself; in an array by its
+    name in the spec."""
     model, slash, short = name.partition("/")
     if not slash:
-        written = source.file.constraints if source.file is not None else {}
-        yield source.document, ("constraints", _base(name, written), *rest)
+        written: Mapping[str, Any] = getattr(source.file, word) if source.file is not None else {}
+        yield source.document, (word, _base(name, written), *rest)
         own = trees.model_of(source)
         for file in own.files if own is not None else ():
-            yield file.document, ("model", "constraints", name, *rest)
+            yield file.document, ("model", word, name, *rest)
         return
     placed = {placement: bodies for placement, _, bodies in trees.placed(source)}
     model = _base(model, placed)
-    yield source.document, ("models", model, "constraints", short, *rest)
+    yield source.document, ("models", model, word, short, *rest)
     for file in placed[model].files if model in placed else ():
-        yield file.document, ("model", "constraints", short, *rest)
+        yield file.document, ("model", word, short, *rest)
 
 
 def _of_rotor(source: Source, name: str) -> Iterator[Candidate]:

@@ -23,6 +23,7 @@ from simspec.language.forces import MOST_FORCES, Force
 from simspec.language.import_options import Import
 from simspec.language.joints import Joint
 from simspec.language.motions import Motion
+from simspec.language.named_frames import Frame
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
 from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
@@ -215,6 +216,7 @@ class Use(_WithImport):
     bodies: Maybe[dict[NameOf, Body]] = Field(
         ABSENT, description="The bodies of a model written here; exactly one root"
     )
+    frames: dict[NameOf, Frame] = Field({}, description="Named frames on bodies of the model, beside those of its file")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of a model written here, by name")
     actuators: dict[NameOf, Actuator] = Field(
         {}, description="Actuators of the model, by name, beside those of its file; `control` says which act"
@@ -273,6 +275,7 @@ class Model(Strict):
         ABSENT, description="Path of another model file, relative to this file"
     )
     bodies: Maybe[dict[NameOf, Body]] = Field(ABSENT, description="The bodies; exactly one root")
+    frames: dict[NameOf, Frame] = Field({}, description="Named frames on bodies of the model")
     grasps: dict[NameOf, Grasp] = Field({}, description="Grasps of the model's hand, by name")
     actuators: dict[NameOf, Actuator] = Field(
         {}, description="Actuators of the model, by name; `control` says which act"
@@ -359,6 +362,7 @@ class File(Strict):
     bodies: dict[NameOf, Body] = Field({}, description="Loose bodies and trees, by name")
     models: dict[NameOf, Use] = Field({}, description="Placed models, by name")
     model: Maybe[Model] = Field(ABSENT, description="The model of a model file; excludes `bodies` and `models`")
+    frames: dict[NameOf, Frame] = Field({}, description="Named frames on bodies: tool points, places of sensors")
     constraints: dict[NameOf, Constraint] = Field(
         {}, description="What holds joints and bodies together outside the tree, by name"
     )
@@ -386,7 +390,7 @@ class File(Strict):
             if "model" in data and key in data:
                 message = f"model and {key} exclude each other: a file is a model or a scenario"
                 yield Fault((key,), message, None, "model, or bodies and models")
-        for key in ("constraints", "actuators"):
+        for key in ("frames", "constraints", "actuators"):
             if "model" in data and key in data:
                 yield Fault((key,), f"{key} of a model stand in the model itself", hint=f"model: {{{key}: ...}}")
         if "model" in data and "sweep" in data:

@@ -172,6 +172,7 @@ class _Comparison:
             self.servos()
         self.constraints()
         self.sums()
+        self.frames()
         physics = self.world.physics
         strength = max(1.0, math.sqrt(sum(x * x for x in physics.gravity)))
         if self.readable("gravity"):
@@ -297,6 +298,26 @@ class _Comparison:
                 expected.position_limits or (None, None), actual.position_limits or (None, None), strict=True
             ):
                 self.number("joint", "sum, limits", expected_end, end, f"{where}.limits.position")
+
+    def frames(self) -> None:
+        """Named frames, of engines that are told them."""
+        if self.read_back.frames is None:
+            return
+        wanted = {frame.name: frame for frame in self.world.frames}
+        names = sorted(frame.name for frame in self.read_back.frames)
+        if wanted or names:
+            self.tally.equal(self.levels["mass"], "frames", sorted(wanted), names, "frames")
+        for actual in self.read_back.frames:
+            expected = wanted.get(actual.name)
+            if expected is None:
+                continue
+            where, level = f"frames.{actual.name}", self.levels["mass"]
+            if self.tally.equal(level, "frame of", expected.body, actual.body, f"{where}.body"):
+                at, held = expected.pose, actual.pose
+                scale = max(1.0, math.sqrt(sum(x * x for x in at.position)))
+                self.vector("mass", "frame, position", at.position, held.position, f"{where}.pose", scale)
+                turned = turn_between(at.quaternion, held.quaternion)
+                self.note("mass", "frame, orientation", turned, f"{where}.pose", f"{held.quaternion}")
 
     def place(self, expected: Sequence[float], actual: Sequence[float], where: str) -> None:
         """A point that is held, relative to the larger of 1 m and its distance from the body's origin."""
@@ -482,7 +503,11 @@ def _both(first: str, second: str) -> str:
     return first if first == second else f"{first} with {second}"
 
 
-def not_checked(world: World, unreadable: Mapping[str, str]) -> dict[str, str]:
-    """What a read-back could not tell, with the reasons, sorted; of engines' own controllers only where the world has some."""
+def not_checked(world: World, read_back: ReadBack) -> dict[str, str]:
+    """What a read-back could not tell, with the reasons, sorted; of engines' own controllers and of frames only where the world
+    has some."""
     own = natives(world)
-    return {field: why for field, why in sorted(unreadable.items()) if own or field != "control.native"}
+    left = {field: why for field, why in read_back.unreadable.items() if own or field != "control.native"}
+    if world.frames and read_back.frames is None:
+        left["frames"] = "the engine is told none"
+    return dict(sorted(left.items()))

@@ -20,6 +20,7 @@ from simspec.world.types import (
     Contact,
     EngineOptions,
     Follow,
+    Frame,
     Inertial,
     Joint,
     Material,
@@ -207,6 +208,15 @@ def lifted(engine: str) -> World:
     tail = Body("tail", "kite", Inertial(0.4, (0.0, 0.03, 0.1), TENSOR), _hinge("tail", "kite"), gravity_scale=0.0)
     contact = Contact(excluded_bodies=(("kite", "tail"),))
     return World("self-test-lifted", (kite, tail), contact, PHYSICS, engines=_options(engine))
+
+
+def framed(engine: str) -> World:
+    """Named frames on two bodies, of which one is told from its centre of mass."""
+    named = (
+        Frame("nose", "kite", Pose((0.0, 0.2, 0.1))),
+        Frame("tip", "tail", Pose((0.1, 0.0, 0.3), (0.8, 0.0, 0.6, 0.0))),
+    )
+    return dataclasses.replace(lifted(engine), name="self-test-frames", frames=named)
 
 
 def free_armature(engine: str) -> World:
@@ -432,6 +442,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "ball armature": ball_armature,
     "lifted": lifted,
     "free armature": free_armature,
+    "frames": framed,
     "bouncing": bouncing,
     "surfaces": surfaces,
     "rolling": rolling,

@@ -320,7 +320,7 @@ def engine_checks(
         checks += forces_checks(probes.pushed, arrays["pushed"])
     if probes.followed is not None and "prescribed" in arrays:
         checks += forces.motion_checks(probes.followed, arrays["prescribed"])
-    return checks, not_checked(world, read_back.unreadable)
+    return checks, not_checked(world, read_back)
 
 
 def _proof(

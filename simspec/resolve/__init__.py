@@ -16,6 +16,7 @@ from simspec.resolve.control import controllers, unstable
 from simspec.resolve.forces import forces
 from simspec.resolve.masses import dependent_joints, unlike_weights, without_inertia
 from simspec.resolve.motions import motions
+from simspec.resolve.named_frames import named_frames
 from simspec.resolve.scenario import (
     engines,
     expectations,
@@ -42,7 +43,8 @@ def resolve(spec: Spec) -> World:
     time = shortened(whole, None if spec.data.trajectory is None else spec.data.trajectory.until)
     recorded = record(spec.data.record, time)
     with bounded_suggestions():
-        held = constraints(spec.source, expansion)
+        named, misnamed = named_frames(spec.source, expansion.bodies, expansion.arrays)
+        held = constraints(spec.source, expansion, named)
         expansion.bodies = held.bodies
         expansion.held += held.joined
         moved = motions(spec.source, expansion.bodies, () if expansion.problems else expansion.kinematic)
@@ -51,7 +53,7 @@ def resolve(spec: Spec) -> World:
         laws, problems = contact(spec.source, expansion, time.timestep)
         driven = controllers(spec.source, expansion.bodies, held.followers)
         applied, pushed = (
-            ((), []) if expansion.problems else forces(spec.source, expansion.bodies, whole, expansion.kinematic)
+            ((), []) if expansion.problems else forces(spec.source, expansion.bodies, whole, expansion.kinematic, named)
         )
         expected, more = expectations(spec.source, expansion.bodies, whole, time, recorded)
     shown = unknown_shown(spec.source, expansion.bodies) if not expansion.problems else []
@@ -60,6 +62,7 @@ def resolve(spec: Spec) -> World:
     weightless += [] if expansion.problems else unlike_weights(spec.source, expansion.bodies, expansion.kinematic)
     problems = [
         *expansion.problems,
+        *misnamed,
         *held.problems,
         *moved.problems,
         *problems,
@@ -84,6 +87,7 @@ def resolve(spec: Spec) -> World:
         forces=applied,
         motions=moved.motions,
         sums=held.sums,
+        frames=named,
     )
     path, problems = trajectory(spec.source, world, driven.velocity_limits)
     if driven.aims and spec.data.trajectory is not None:

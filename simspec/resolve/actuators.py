@@ -22,7 +22,7 @@ from simspec.language.strict import Faults, near
 from simspec.language.trees import model_of, placed
 from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.resolve.bodies import elements
+from simspec.resolve.poses import elements
 from simspec.world.control import Controller, Trajectory
 from simspec.world.types import Body, Joint
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 from simspec.errors import Problem
 from simspec.language import trees
-from simspec.language.arrays import Array
 from simspec.language.document import Key
 from simspec.language.joints import read_position, read_velocity
 from simspec.language.models import Use
@@ -17,7 +16,8 @@ from simspec.language.states import State
 from simspec.language.strict import near, required
 from simspec.resolve.body_trees import Tree, resolved_trees
 from simspec.resolve.meshes import Meshes, read_meshes, too_many
-from simspec.resolve.poses import layout, orientation, pose
+from simspec.resolve.named_frames import Written, written_frames
+from simspec.resolve.poses import elements, orientation, pose
 from simspec.world import frames
 from simspec.world.carriers import owner_of
 from simspec.world.types import Body, Joint, Pose, Vector3
@@ -48,6 +48,8 @@ class Expansion:
     arrays: list[tuple[str, dict[str, str], dict[str, str]]] = field(default_factory=list)
     kinematic: list[str] = field(default_factory=list)
     """Full names of the roots that move as they are told."""
+    frames: Mapping[str, Written] = field(default_factory=dict)
+    """The named frames as they are written, by their full names."""
 
     def note(self, tree: Tree, copies: Sequence[Body]) -> None:
         """Remember what is stated of a tree's joints, for one copy of it."""
@@ -70,7 +72,7 @@ class _Instance:
 def expand(source: Source) -> Expansion:
     """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children. Raises
     SpecError where a mesh cannot be read."""
-    expansion = Expansion(meshes=read_meshes(source))
+    expansion = Expansion(meshes=read_meshes(source), frames=written_frames(source))
     only = _only_material(source)
     models = _carriers_first(list(_models(source, only, expansion)), expansion)
     instances = [*_loose(source, only, expansion), *models, *_own_model(source, only, expansion)]
@@ -94,9 +96,9 @@ def _carriers_first(models: list[_Instance], expansion: Expansion) -> list[_Inst
             if carrier is None:
                 link = None
             elif carrier not in owner:
-                hint = near(carrier, owner)
+                hint = near(carrier, [*owner, *expansion.frames])
                 place = (*link.path, "attach")
-                message = f"no model has a body {carrier!r}"
+                message = f"no model has a body or a frame {carrier!r}"
                 expansion.problems.append(link.source.document.problem(place, message, found=carrier, hint=hint))
                 _stand_alone(link)
                 link = None
@@ -168,15 +170,6 @@ def _root_joint(joint: Joint, place: Pose, velocity: tuple[Vector3, Vector3]) ->
     return replace(joint, origin=Pose(), position=position, velocity=(*velocity[0], *velocity[1]))
 
 
-def elements(array: Array | None) -> list[tuple[str, Pose]]:
-    """The suffix of the name, and the pose in the array's frame, of every element; one without suffix for no array."""
-    if array is None:
-        return [("", Pose())]
-    poses = layout(array)
-    digits = len(str(len(poses) - 1))
-    return [(f"_{index:0{digits}d}", place) for index, place in enumerate(poses)]
-
-
 def _loose(source: Source, only: str | None, expansion: Expansion) -> Iterator[_Instance]:
     bodies = trees.loose(source)
     if bodies is None:
@@ -215,7 +208,7 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
             expansion.note(tree, copied)
             expansion.kinematic += [copied[0].name] if bodies.is_kinematic(owner_of(tree.bodies[0].name)) else []
             if use.attach is not None:
-                copied[0] = replace(copied[0], joint=replace(copied[0].joint, parent=use.attach))
+                copied[0] = replace(copied[0], joint=_attached(copied[0].joint, use.attach, expansion.frames))
             yield _Instance(copied, source, bodies.placed)
             expansion.excluded += [
                 (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.content.contact.exclude
@@ -224,6 +217,14 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
             expansion.touching += [
                 (f"{model}/{a}", f"{model}/{b}") for file in bodies.files for a, b in file.content.contact.touch
             ]
+
+
+def _attached(joint: Joint, carrier: str, named: Mapping[str, Written]) -> Joint:
+    """The joint of a model's root that is fixed to a body of another, or to a frame on it."""
+    if carrier not in named:
+        return replace(joint, parent=carrier)
+    frame = named[carrier]
+    return replace(joint, parent=frame.body, origin=frames.compose(pose(frame.content.pose), joint.origin))
 
 
 def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterator[_Instance]:

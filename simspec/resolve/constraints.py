@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -23,12 +23,13 @@ from simspec.language.strict import Faults, near, required
 from simspec.language.trees import model_of, placed
 from simspec.language.units import article
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.resolve.bodies import Expansion, elements
-from simspec.resolve.poses import pose
+from simspec.resolve.bodies import Expansion
+from simspec.resolve.named_frames import places_of
+from simspec.resolve.poses import elements, pose
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, poses, rigid_groups
 from simspec.world.sums import JointSum
-from simspec.world.types import Body, Connect, Constraint, Follow, Pose, Weld, World
+from simspec.world.types import Body, Connect, Constraint, Follow, Frame, Pose, Weld, World
 from simspec.world.violation import ROWS, Violation
 
 AGREE = 1e-9
@@ -82,9 +83,10 @@ class _Written:
         return self.bodies.get(name, self.prefix + name)
 
 
-def constraints(source: Source, expansion: Expansion) -> Constrained:
-    """The constraints of a spec, and what they say of the bodies of ``expansion``."""
-    draft = _Draft(expansion)
+def constraints(source: Source, expansion: Expansion, named: Iterable[Frame] = ()) -> Constrained:
+    """The constraints of a spec, and what they say of the bodies of ``expansion``. ``named``: the frames that may be named in
+    place of a body."""
+    draft = _Draft(expansion, named)
     for written in _all(source, expansion):
         draft.add(written)
     if not draft.problems and not expansion.problems:
@@ -155,7 +157,8 @@ def _named(content: SpecConstraint) -> tuple[str, ...]:
 class _Draft:
     """Constraints while they are resolved: ``resolved`` and where each was ``written``, by name."""
 
-    def __init__(self, expansion: Expansion):
+    def __init__(self, expansion: Expansion, named: Iterable[Frame] = ()):
+        self.places = places_of(expansion.bodies, named)
         self.bodies = {body.name: body for body in expansion.bodies}
         self.owner = {body.joint.name: body.name for body in expansion.bodies}
         self.resolved: dict[str, Constraint] = {}
@@ -238,22 +241,28 @@ class _Draft:
         self.sums[written.name] = JointSum(written.name, ordered, *numbers, limits)
 
     def _held(self, written: _Written, kind: str, content: SpecConnect | SpecWeld) -> None:
-        first, second = (written.body(name) for name in content.bodies)
-        for index, name in enumerate((first, second)):
-            if name not in self.bodies:
-                hint = near(name, self.bodies)
+        ends = [written.body(name) for name in content.bodies]
+        for index, name in enumerate(ends):
+            if name not in self.places:
+                hint = near(name, self.places)
                 self.problem(written, (kind, "bodies", index), f"there is no body {name!r}", found=name, hint=hint)
                 return
+        (first, near_end), (second, far_end) = (self.places[name] for name in ends)
         if self._groups and self._groups[first] == self._groups[second]:
             message = f"{first} and {second} are joined rigidly already"
             self.problem(written, (kind, "bodies"), message, hint="remove the constraint")
             return
         # what is not said follows from the initial positions, in ``close``
         if isinstance(content, SpecConnect):
-            nowhere = (math.nan,) * 3
-            self.resolved[written.name] = Connect(written.name, first, second, content.at, content.second_at or nowhere)
+            at = frames.compose(near_end, Pose(content.at)).position
+            second_at = (math.nan,) * 3
+            if content.second_at is not None:
+                second_at = frames.compose(far_end, Pose(content.second_at)).position
+            self.resolved[written.name] = Connect(written.name, first, second, at, second_at)
         else:
-            place = Pose((math.nan,) * 3) if content.pose is None else pose(content.pose)
+            place = Pose((math.nan,) * 3)
+            if content.pose is not None:
+                place = frames.compose(frames.compose(near_end, pose(content.pose)), frames.inverse(far_end))
             self.resolved[written.name] = Weld(written.name, first, second, place)
 
     # --- initial state ------------------------------------------------------------------------------------------------

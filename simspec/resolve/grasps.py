@@ -15,7 +15,9 @@ from simspec.language.trajectory import BY_JOINT
 from simspec.language.trajectory import Grasp as SpecGrasp
 from simspec.language.trees import model_of, placed
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.resolve.bodies import elements
+from simspec.resolve.named_frames import Places, places_of
+from simspec.resolve.poses import elements
+from simspec.world import frames
 from simspec.world.types import Body, Pose, World
 
 
@@ -51,12 +53,13 @@ def grasps(source: Source, world: World) -> tuple[dict[str, Grasp], list[Problem
     problems: list[Problem] = []
     bodies = {body.name: body for body in world.bodies}
     joints = {body.joint.name: body for body in world.bodies}
+    places = places_of(world.bodies, world.frames)
     taken: set[str] = set()
     refused: set[tuple[int, tuple[Key, ...]]] = set()
     for prefix, file, path, name, written in _written(source):
         if (id(file), path) in refused:
             continue  # another copy of the same
-        grasp, wrong = _grasp(prefix, prefix + name, written, joints, bodies)
+        grasp, wrong = _grasp(prefix, prefix + name, written, joints, bodies, places)
         if prefix + name in taken:
             wrong.append(((), f"the model has a grasp {name!r} already", {"key": True, "hint": "another name"}))
         taken.add(prefix + name)
@@ -91,7 +94,12 @@ def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...]
 
 
 def _grasp(
-    prefix: str, name: str, written: SpecGrasp, joints: Mapping[str, Body], bodies: Mapping[str, Body]
+    prefix: str,
+    name: str,
+    written: SpecGrasp,
+    joints: Mapping[str, Body],
+    bodies: Mapping[str, Body],
+    places: Places,
 ) -> tuple[Grasp | None, list[tuple[tuple[Key, ...], str, Details]]]:
     wrong: list[tuple[tuple[Key, ...], str, Details]] = []
     postures: dict[str, list[float]] = {"open": [], "closed": []}
@@ -119,17 +127,18 @@ def _grasp(
                 wrong.append((place, f"outside the limits of {joint}", {"found": f"{value:g}", "allowed": allowed}))
     forces = []
     for index, force in enumerate(written.forces):
-        body_name = prefix + force.body
-        if body_name not in bodies:
-            hint = near(force.body, _within(prefix, bodies))
+        if prefix + force.body not in places:
+            hint = near(force.body, _within(prefix, places))
             message = f"the model has no body {force.body!r}"
             wrong.append((("forces", index, "body"), message, {"found": force.body, "hint": hint}))
             continue
+        body_name, held = places[prefix + force.body]
         if not any(above.joint.name.removeprefix(prefix) in written.open for above in _above(body_name, bodies)):
             message = f"no joint of the grasp moves {force.body}, so it cannot apply a force"
             wrong.append((("forces", index, "body"), message, {"found": force.body}))
             continue
-        forces.append((body_name, np.array(force.at), np.array(force.force)))
+        point = frames.compose(held, Pose(force.at)).position
+        forces.append((body_name, np.array(point), np.array(frames.rotate(held.quaternion, force.force))))
     if wrong:
         return None, wrong
     names = tuple(prefix + joint for joint in written.open)

@@ -20,6 +20,7 @@ from simspec.language.strict import near, required
 from simspec.language.trajectory import FAR, MOST_NUMBERS, MOST_POINTS, MOST_SOLVED, Step, ToolPlace
 from simspec.language.units import article
 from simspec.resolve.grasps import Grasp
+from simspec.resolve.named_frames import places_of
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, layout, layout_of
 from simspec.world.types import Body, Pose, Quaternion, World
@@ -174,13 +175,14 @@ class Program:
         if frame is None:
             self._problem(("program",), "move requires a tool frame", key=True, hint="tool: {body: MODEL/BODY}")
             return
-        names = {body.name for body in self._world.bodies}
-        if frame.body not in names:
-            hint = near(frame.body, names)
+        places = places_of(self._world.bodies, self._world.frames)
+        if frame.body not in places:
+            hint = near(frame.body, places)
             self._problem(("tool", "body"), f"there is no body {frame.body!r}", found=frame.body, hint=hint)
             return
-        bodies = tree_of(self._world, frame.body)
-        way = [body for body in joints_to(bodies, frame.body) if body.joint.kind != "fixed"]
+        carrier, place = places[frame.body]
+        bodies = tree_of(self._world, carrier)
+        way = [body for body in joints_to(bodies, carrier) if body.joint.kind != "fixed"]
         loose = next((body for body in way if body.joint.name not in self._driven), None)
         if loose is not None:
             message = f"the tool is attached to {loose.joint.name}, {article(loose.joint.kind)} joint that no controller drives"
@@ -203,8 +205,9 @@ class Program:
         if self.problems:
             return
         offset = frame.pose
-        place = Pose() if offset is None else Pose(offset.xyz, _turn(offset))
-        self._tool = Tool(self._world, frame.body, place, joints)
+        if offset is not None:
+            place = frames.compose(place, Pose(offset.xyz, _turn(offset)))
+        self._tool = Tool(self._world, carrier, place, joints)
 
     def _arm(self, way: Sequence[str], entries: Sequence[str]) -> list[str]:
         wanted: set[str] = set()

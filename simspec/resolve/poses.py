@@ -43,6 +43,15 @@ def direction(vector: Vector3) -> Vector3:
     return (x / length + 0.0, y / length + 0.0, z / length + 0.0)
 
 
+def elements(array: Array | None) -> list[tuple[str, Pose]]:
+    """The suffix of the name, and the pose in the array's frame, of every element; one without suffix for no array."""
+    if array is None:
+        return [("", Pose())]
+    poses = layout(array)
+    digits = len(str(len(poses) - 1))
+    return [(f"_{index:0{digits}d}", place) for index, place in enumerate(poses)]
+
+
 def layout(array: Array) -> list[Pose]:
     """The poses of an array's elements in the array's frame, jitter included."""
     elements = list(_layout(array))

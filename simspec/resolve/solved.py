@@ -67,6 +67,7 @@ def hash_of(source: Source, world: World, known: Mapping[str, Grasp]) -> str:
         trajectory.model_dump(include=set(OF_PROGRAMS)),
         [_kinematics(body) for body in world.bodies if body.name in names],
         to_plain(world.constraints),
+        [to_plain(frame) for frame in world.frames if frame.body in names],
         sorted(driven),
         [_grasp(grasp) for grasp in known.values()],
     ]

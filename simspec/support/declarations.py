@@ -213,6 +213,13 @@ AS_EFFORTS = "as efforts Jᵀ F on the joints before every step, J from the engi
 """How engines are given forces on bodies."""
 
 
+UNTOLD_FRAMES = Support(
+    Level.EXACT,
+    "beside the engine, which is told none: no motion depends on them, and their places follow from bodies'",
+)
+"""Of named frames, for dialects and engines that have none."""
+
+
 NO_CONSTRAINTS_YET: Mapping[Feature, Support] = alike(
     not_yet("simspec tells it no constraints outside the tree", Attempt.CONSTRAINED_MOTION),
     *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),

@@ -74,6 +74,7 @@ class Feature(StrEnum):
     CONSTRAINT_COUPLING = "constraint.coupling"
     SUM = "constraint.sum"
     SUM_LIMITS = "constraint.sum.limits"
+    FRAME = "frames"
     FORCES = "forces"
     CONTROL = "control"
     CONTROL_NATIVE = "control.native"
@@ -147,6 +148,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.CONSTRAINT_COUPLING: "a joint whose position follows another's",
     Feature.SUM: "springs and dampers along weighted sums of joint positions",
     Feature.SUM_LIMITS: "hard, inelastic stops of weighted sums of joint positions",
+    Feature.FRAME: "named frames on bodies",
     Feature.FORCES: "forces and torques on bodies during given times",
     Feature.CONTROL: "control laws, written once and given as efforts",
     Feature.CONTROL_NATIVE: "the engine's own position or velocity controller: a declared difference",

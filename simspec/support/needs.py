@@ -114,6 +114,13 @@ def needs(world: World) -> list[Need]:
     for root, bodies in trees(world).items():
         if len(bodies) > LARGE_TREE:
             note(Feature.TREE_SIZE, f"bodies.{root}")
+    _beside_bodies(world, note)
+    _contact_needs(world, note)
+    return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
+
+
+def _beside_bodies(world: World, note: Callable[[Feature, str], None]) -> None:
+    """What constraints, frames, motions, forces and controllers need."""
     for constraint in world.constraints:
         note(_CONSTRAINT_FEATURES[constraint.kind], f"constraints.{constraint.name}")
     for one in world.sums:
@@ -121,14 +128,14 @@ def needs(world: World) -> list[Need]:
             note(Feature.SUM, f"constraints.{one.name}")
         if one.position_limits is not None:
             note(Feature.SUM_LIMITS, f"constraints.{one.name}.sum.limits")
+    for frame in world.frames:
+        note(Feature.FRAME, f"frames.{frame.name}")
     for motion in world.motions:
         note(Feature.KINEMATIC, f"bodies.{motion.body}.kinematic")
     for index in range(len(world.forces)):
         note(Feature.FORCES, f"forces.{index}")
     for controller in world.controllers:
         note(Feature.CONTROL_NATIVE if controller.law == "native" else Feature.CONTROL, f"control.{controller.name}")
-    _contact_needs(world, note)
-    return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
 
 
 def _inertia_needs(inertial: Inertial) -> Iterator[tuple[Feature, str]]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from simspec.language.vocabulary import JOINT_KINDS
-from simspec.proof.selftest_worlds import sum_limits, sums
+from simspec.proof.selftest_worlds import framed, sum_limits, sums
 from simspec.support.features import Feature
 from simspec.testing.worlds import (
     CONTACT_GAPS,
@@ -76,6 +76,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     Feature.FREE_DAMPING: partial(jointed, "free", damping=0.1, angular_damping=0.1),
     Feature.FREE_ARMATURE: partial(jointed, "free", armature=0.1, angular_armature=0.1),
     Feature.BALL_SPRING: partial(jointed, "ball", spring_stiffness=0.1),
+    Feature.FRAME: lambda: dataclasses.replace(framed(""), engines=()),
     Feature.SUM: lambda: dataclasses.replace(sums(""), engines=()),
     Feature.SUM_LIMITS: lambda: dataclasses.replace(sum_limits(""), engines=()),
     Feature.COLLISION_GROUPS: gripper,

@@ -178,6 +178,15 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
+class Frame:
+    """A named place on a body: the frame at ``pose`` in the body's frame. Nothing of physics depends on it."""
+
+    name: str
+    body: str
+    pose: Pose = Pose()
+
+
+@dataclass(frozen=True, slots=True)
 class Connect:
     """A loop closed at a point: ``first_point`` of the body ``first`` is where ``second_point`` of ``second`` is; each in its
     body's frame (m)."""
@@ -347,6 +356,8 @@ class World:
     """Motions of the kinematic bodies, one each, in the order of the bodies."""
     sums: tuple[JointSum, ...] = field(default=(), metadata=LEFT_OUT)
     """Weighted sums of joint positions along which something acts, sorted by name."""
+    frames: tuple[Frame, ...] = field(default=(), metadata=LEFT_OUT)
+    """Named frames on bodies, sorted by name."""
 
     def __repr__(self) -> str:
         return f"<World {self.name!r}: {len(self.bodies)} bodies, {self.physics.steps} steps of {self.physics.timestep:g} s>"
@@ -408,6 +419,8 @@ class ReadBack:
     neutral: dict[str, HeldValue] = field(default_factory=dict)
     constraints: tuple[Constraint, ...] = field(default=(), metadata=LEFT_OUT)
     sums: tuple[JointSum, ...] = field(default=(), metadata=LEFT_OUT)
+    frames: tuple[Frame, ...] | None = field(default=None, metadata=LEFT_OUT)
+    """The named frames, sorted by name; None: it is told none."""
 
     def __repr__(self) -> str:
         return f"<ReadBack: {len(self.bodies)} bodies, {len(self.unreadable)} fields that cannot be asked for>"

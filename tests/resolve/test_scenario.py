@@ -743,7 +743,7 @@ def test_an_attached_model_is_one_tree_with_its_carrier(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("arm/fore", "arm/four", "no model has a body 'arm/four'"),
+        ("arm/fore", "arm/four", "no model has a body or a frame 'arm/four'"),
         ("arm/fore", "hand/finger", "attached to each other"),
         ("    attach: arm/fore\n", "    attach: arm/fore\n    fixed: true\n", "no fixed of its own"),
         (

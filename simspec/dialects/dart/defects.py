@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from simspec.dialects.kit.defects import (
     BELTS,
     CONSTRAINTS,
+    FRAMES,
     MARGINS,
     PASSIVE,
     SUMS,
@@ -131,6 +132,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
     **PASSIVE,
+    **dict.fromkeys(FRAMES, "DART is told no frames"),
     "free armature": "DART has no armature of free bodies",
     "mass": _text(f"{LOWER}/inertia/mass", scaled),
     "centre of mass": _text(f"{LOWER}/inertia/offset", nudged),

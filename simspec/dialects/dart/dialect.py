@@ -38,6 +38,7 @@ from simspec.support.declarations import (
     BETWEEN_JOINTS,
     EXACT,
     GATHERED,
+    UNTOLD_FRAMES,
     Level,
     Support,
     Table,
@@ -120,6 +121,7 @@ class DartDialect(Dialect):
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
         **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
+        Feature.FRAME: UNTOLD_FRAMES,
     }
 
     SIDECAR: ClassVar[type[Sidecar]] = DartSidecar

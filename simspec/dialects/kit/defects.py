@@ -24,6 +24,8 @@ MARGINS = ("margin", "margin of a pair", "margin dropped", "margin of two materi
 """Those of contact margins."""
 BELTS = ("surface velocity", "surface velocity, sign", "surface velocity dropped", "surface velocity, angular")
 """Those of surfaces that move."""
+FRAMES = ("frame, position", "frame, orientation", "frame on another body", "frame dropped")
+"""Those of named frames."""
 NAMES: Mapping[str, str] = {
     "mass": "model",
     "centre of mass": "model",
@@ -97,6 +99,7 @@ NAMES: Mapping[str, str] = {
     "sum dropped": "sums",
     "sum, limit": "sum limits",
     "sum, limits dropped": "sum limits",
+    **dict.fromkeys(FRAMES, "frames"),
     "gravity": "model",
     "timestep": "model",
 }

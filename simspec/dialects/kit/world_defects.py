@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from simspec.dialects.kit.defects import BELTS, CONSTRAINTS, MARGINS, PASSIVE, STEP, SUMS, Files, Plant
+from simspec.dialects.kit.defects import BELTS, CONSTRAINTS, FRAMES, MARGINS, PASSIVE, STEP, SUMS, Files, Plant
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.world import frames
@@ -170,6 +170,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
     **PASSIVE,
+    **dict.fromkeys(FRAMES, "world.json has no frames: engines that read it are told none"),
     "mass": number("lower", "mass", times=1.0 + STEP),
     "centre of mass": number("lower", "centre_of_mass", 0),
     "inertia, diagonal": number("lower", "inertia", 0, times=1.0 + STEP),

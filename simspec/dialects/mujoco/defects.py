@@ -16,6 +16,7 @@ BELT = ".//geom[@name='floor_0']"
 HINGE = ".//joint[@name='upper_joint']"
 SLIDE = ".//joint[@name='lower_joint']"
 KEY = "keyframe/key"
+TIP = ".//site[@name='tip']"
 
 
 def _attribute(path: str, name: str, change: Callable[[str], str]) -> Plant:
@@ -75,6 +76,12 @@ def _exclude_too_many(root: Element) -> None:
         if set(pair.attrib.values()) >= {"floor_0", "ball_0"}:
             contact.remove(pair)
     SubElement(contact, "exclude", {"body1": "ball", "body2": "floor"})
+
+
+def _moved_frame(root: Element) -> None:
+    site = one(root, TIP)
+    one(root, BODY.format("tail")).remove(site)
+    one(root, BODY.format("kite")).append(site)
 
 
 def _drop_linked(root: Element) -> None:
@@ -262,6 +269,10 @@ DEFECTS: Mapping[str, Plant | str] = {
     "passing pair": xml(MODEL, _ghost_touches),
     "torsional friction": _attribute("contact/pair", "friction", lambda text: scaled(text, 2, 0.5)),
     "rolling friction": _attribute("contact/pair", "friction", lambda text: scaled(scaled(text, 3, 0.5), 4, 0.5)),
+    "frame, position": _attribute(TIP, "pos", nudged),
+    "frame, orientation": _attribute(TIP, "quat", lambda text: nudged(text, 1)),
+    "frame on another body": xml(MODEL, _moved_frame),
+    "frame dropped": xml(MODEL, lambda root: one(root, BODY.format("tail")).remove(one(root, TIP))),
     "gravity": _attribute("option", "gravity", lambda text: nudged(text, 2)),
     "timestep": _attribute("option", "timestep", scaled),
 }

@@ -41,7 +41,7 @@ from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.mjcf.document import Document
-from simspec.formats.mjcf.equality import equalities, sites_of
+from simspec.formats.mjcf.equality import equalities, frame_sites, sites_of
 from simspec.formats.mjcf.filter import collision_masks
 from simspec.formats.mjcf.from_world import (
     CONES,
@@ -159,6 +159,7 @@ class MujocoDialect(Dialect):
         Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one MuJoCo body, which act one after the other"),
         Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "an equality of two joints"),
         Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "an equality of two sites"),
+        Feature.FRAME: Support(Level.EXACT, "a site"),
         **alike(Support(Level.EXACT, "a fixed tendon"), Feature.SUM, Feature.SUM_LIMITS),
     }
 
@@ -171,7 +172,7 @@ class MujocoDialect(Dialect):
         masks, group_excludes = collision_masks(moved)
         pairs, all_pairs = explicit_pairs(moved, target)
         restless = restless_bodies(world) if _sleeping(target) else frozenset()
-        sites = sites_apart(sites_of(world, offsets))
+        sites, named = sites_apart(sites_of(world, offsets)), frame_sites(world, offsets)
         model = Model(
             world.name,
             COMPILER,
@@ -186,7 +187,15 @@ class MujocoDialect(Dialect):
                 )
             ),
             classes(world, target),
-            tuple(lower_body(row, masks, row.body.name in restless, sites.get(row.body.name, ())) for row in order),
+            tuple(
+                lower_body(
+                    row,
+                    masks,
+                    row.body.name in restless,
+                    (*sites.get(row.body.name, ()), *named.get(row.body.name, ())),
+                )
+                for row in order
+            ),
             pairs,
             tuple(
                 Exclude(file_name(first), file_name(second))

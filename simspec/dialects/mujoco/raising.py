@@ -30,6 +30,7 @@ from simspec.world.types import (
     Connect,
     Constraint,
     Follow,
+    Frame,
     HeldPair,
     HeldServo,
     HeldValue,
@@ -94,6 +95,7 @@ def raise_document(document: Document, sidecar: MujocoSidecar) -> ReadBack:
         raising.settings(),
         constraints=raising.constraints(),
         sums=raising.sums(),
+        frames=raising.frames(),
     )
 
 
@@ -148,6 +150,7 @@ class _Raising:
             raise ValueError(f"{document.file}: {len(keys)} keyframes, not one")
         self._position, self._velocity = keys[0].numbers("qpos"), keys[0].numbers("qvel")
         self._nq = self._nv = 0
+        self._sites = self._read_sites()
         self._law = CommonLaw.of(self.timestep, sidecar.settings)
         self._meshes = self._read_meshes()
 
@@ -173,6 +176,16 @@ class _Raising:
         if unused := document.meshes.keys() - files:
             raise ValueError(f"{document.file}: no mesh has the files {sorted(unused)}")
         return meshes
+
+    def _read_sites(self) -> dict[str, tuple[str, Item]]:
+        """The sites by name, each with its body."""
+        sites: dict[str, tuple[str, Item]] = {}
+        for body in self._document.bodies:
+            for site in body.all("site"):
+                if (called := site.text("name")) in sites:
+                    raise site.refused(f"there is another site {called!r}")
+                sites[called] = (world_name(body.item.text("name")), site)
+        return sites
 
     def bodies(self) -> dict[str, Body]:
         """Every body by name, in the file's frames."""
@@ -372,14 +385,7 @@ class _Raising:
 
     def constraints(self) -> tuple[Constraint, ...]:
         """The equalities: of two joints, whose first follows the second, and of two sites."""
-        sites: dict[str, tuple[str, Item]] = {}
-        for body in self._document.bodies:
-            for site in body.all("site"):
-                if (called := site.text("name")) in sites:
-                    raise site.refused(f"there is another site {called!r}")
-                sites[called] = (world_name(body.item.text("name")), site)
         held: list[Constraint] = []
-        used: list[str] = []
         for item in self._document.section("equality"):
             name = item.text("name")
             if item.values.get("active", "true") != "true":
@@ -392,18 +398,29 @@ class _Raising:
                 continue
             if item.tag not in ("connect", "weld") or item.values.get("torquescale", "1") != "1":
                 raise item.refused("not a constraint that is read")
-            ends = [item.text("site1"), item.text("site2")]
-            if missing := [end for end in ends if end not in sites]:
+            ends = self._of_sites(item)
+            if missing := [end for end in ends if end not in self._sites]:
                 raise item.refused(f"there is no site {missing[0]!r}")
-            used += ends
-            (first, near), (second, far) = (self._end(*sites[end]) for end in ends)
+            (first, near), (second, far) = (self._end(*self._sites[end]) for end in ends)
             if item.tag == "connect":
                 held.append(Connect(name, first, second, near.position, far.position))
             else:
                 held.append(Weld(name, first, second, frames.compose(near, frames.inverse(far))))
-        if sorted(used) != sorted(sites):
-            raise ValueError(f"{self._document.file}: sites that no constraint is of: {sorted(set(sites) - set(used))}")
         return tuple(sorted(held, key=lambda constraint: constraint.name))
+
+    @staticmethod
+    def _of_sites(item: Item) -> tuple[str, str]:
+        """The names of the sites that an equality is of."""
+        return item.text("site1"), item.text("site2")
+
+    def frames(self) -> tuple[Frame, ...]:
+        """The sites that no constraint is of: named frames."""
+        equalities = [item for item in self._document.section("equality") if item.tag != "joint"]
+        used = [name for item in equalities for name in self._of_sites(item)]
+        if twice := sorted({name for name in used if used.count(name) > 1}):
+            raise ValueError(f"{self._document.file}: several constraints are of the site {twice[0]!r}")
+        free = self._sites.keys() - set(used)
+        return tuple(Frame(name, *self._end(*self._sites[name])) for name in sorted(free))
 
     def sums(self) -> tuple[JointSum, ...]:
         """The fixed tendons, whose lengths are sums of joint positions."""

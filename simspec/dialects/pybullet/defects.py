@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element
 from simspec.dialects.kit.defects import (
     BELTS,
     CONSTRAINTS,
+    FRAMES,
     MARGINS,
     PASSIVE,
     SUMS,
@@ -121,6 +122,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
     **PASSIVE,
+    **dict.fromkeys(FRAMES, "PyBullet is told no frames"),
     "free armature": "PyBullet has no armature of free bodies",
     **LANGUAGE,
     "inertia, sign of a product": xml(ARM, _flip),

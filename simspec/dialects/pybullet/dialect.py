@@ -34,6 +34,7 @@ from simspec.support.declarations import (
     BETWEEN_JOINTS,
     EXACT,
     GATHERED,
+    UNTOLD_FRAMES,
     Support,
     Table,
     alike,
@@ -131,6 +132,7 @@ class PybulletDialect(Dialect):
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
         **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
+        Feature.FRAME: UNTOLD_FRAMES,
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from simspec.dialects.kit.defects import (
     BELTS,
     CONSTRAINTS,
+    FRAMES,
     MARGINS,
     PASSIVE,
     SUMS,
@@ -184,6 +185,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
     **PASSIVE,
+    **dict.fromkeys(FRAMES, "an engine that reads URDF is told no frames"),
     "free armature": "plain URDF has no armature of free bodies",
     "inertia, sign of a product": attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),
     "position limit dropped": attribute(HINGE, "type", lambda _: "continuous"),

@@ -33,6 +33,7 @@ from simspec.formats.urdf.from_world import UNLIMITED, Files
 from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
 from simspec.support.declarations import (
     GATHERED,
+    UNTOLD_FRAMES,
     Table,
     alike,
     exactly,
@@ -89,6 +90,7 @@ class UrdfDialect(Dialect):
         **GATHERED,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
         **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
+        Feature.FRAME: UNTOLD_FRAMES,
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

@@ -51,6 +51,7 @@ from simspec.support.declarations import (
     AS_EFFORTS,
     EXACT,
     HEAVY,
+    UNTOLD_FRAMES,
     Level,
     Refinement,
     Support,
@@ -240,6 +241,7 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
         Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
         Feature.SUM: via_api(_COMPUTED, none_along_servos),
+        Feature.FRAME: UNTOLD_FRAMES,
         Feature.SUM_LIMITS: never("DART stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS

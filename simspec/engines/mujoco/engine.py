@@ -105,6 +105,7 @@ class MuJoCo(MujocoSimulation):
         **CONTACT_SUPPORT,
         Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, EQUALITIES),
         Feature.CONSTRAINT_LOOP: Support(Level.EXACT, EQUALITIES),
+        Feature.FRAME: Support(Level.EXACT, "a site"),
         Feature.SUM: Support(Level.EXACT, "a fixed tendon's spring and damper, explicit in time"),
         Feature.SUM_LIMITS: approximate(
             "as limits of joints: stops inelastically, but one step late: passes the limit by up to L̇ dt, and comes back by "

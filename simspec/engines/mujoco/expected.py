@@ -190,7 +190,8 @@ class _Expected:
             "neq": len(self.world.constraints),
             "ntendon": len(self.world.sums),
             "nwrap": sum(len(one.joints) for one in self.world.sums),
-            "nsite": 2 * sum(constraint.kind != "follow" for constraint in self.world.constraints),
+            "nsite": 2 * sum(constraint.kind != "follow" for constraint in self.world.constraints)
+            + len(self.world.frames),
             "nuser_jnt": 2,
             "flg_surfacevel": int(
                 any(any(shape.surface_velocity) for shapes in self.solid.values() for shape in shapes)

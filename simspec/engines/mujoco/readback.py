@@ -27,6 +27,7 @@ from simspec.world.types import (
     Connect,
     Constraint,
     Follow,
+    Frame,
     HeldPair,
     HeldServo,
     Inertial,
@@ -130,6 +131,7 @@ class _ReadBack:
             self._servos(),
             constraints=self._constraints(),
             sums=self._sums(),
+            frames=self._frames(),
         )
 
     def _constraints(self) -> tuple[Constraint, ...]:
@@ -185,6 +187,22 @@ class _ReadBack:
                 )
             )
         return tuple(sorted(held, key=lambda one: one.name))
+
+    def _frames(self) -> tuple[Frame, ...]:
+        """The sites that no equality is of."""
+        model, of_site = self._model, int(self._mujoco.mjtObj.mjOBJ_SITE)
+        held = {
+            int(site)
+            for row in range(model.neq)
+            if int(model.eq_objtype[row]) == of_site
+            for site in (model.eq_obj1id[row], model.eq_obj2id[row])
+        }
+        named = {
+            self._mujoco.mj_id2name(model, self._mujoco.mjtObj.mjOBJ_SITE, site) or f"site {site}": site
+            for site in range(model.nsite)
+            if site not in held
+        }
+        return tuple(Frame(name, *self._end(named[name])) for name in sorted(named))
 
     def _end(self, site: int) -> tuple[str, Pose]:
         """A site's body, and where it is in the world's frame of that."""

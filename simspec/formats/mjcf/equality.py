@@ -23,7 +23,8 @@ def ends(constraint: Constraint) -> tuple[Pose, Pose]:
 
 
 def sites_of(world: World, offsets: Mapping[str, Vector3]) -> dict[str, tuple[Site, ...]]:
-    """The sites of every body that has some; ``offsets``: where the file's frames of free roots stand in the world's."""
+    """The sites of constraints on every body that has some; ``offsets``: where the file's frames of free roots stand in the
+    world's."""
     sites: dict[str, tuple[Site, ...]] = {}
     for constraint in world.constraints:
         if isinstance(constraint, Follow):
@@ -33,6 +34,16 @@ def sites_of(world: World, offsets: Mapping[str, Vector3]) -> dict[str, tuple[Si
             place = frames.subtract(end.position, offsets.get(body, (0.0, 0.0, 0.0)))
             site = Site(f"{SITE}{constraint.name}/{number}", place, end.quaternion)
             sites[body] = (*sites.get(body, ()), site)
+    return sites
+
+
+def frame_sites(world: World, offsets: Mapping[str, Vector3]) -> dict[str, tuple[Site, ...]]:
+    """The named frames on every body that has some, as sites; ``offsets`` as of :func:`sites_of`."""
+    sites: dict[str, tuple[Site, ...]] = {}
+    for frame in world.frames:
+        place = frames.subtract(frame.pose.position, offsets.get(frame.body, (0.0, 0.0, 0.0)))
+        site = Site(frame.name, place, frame.pose.quaternion)
+        sites[frame.body] = (*sites.get(frame.body, ()), site)
     return sites
 
 

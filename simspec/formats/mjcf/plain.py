@@ -16,7 +16,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import gather
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.mjcf import tree
-from simspec.formats.mjcf.equality import equalities, sites_of
+from simspec.formats.mjcf.equality import equalities, frame_sites, sites_of
 from simspec.formats.mjcf.filter import Kind, collision_masks
 from simspec.formats.mjcf.from_world import (
     CONES,
@@ -115,6 +115,7 @@ SUPPORT: Final[Table] = {
     **GATHERED,
     Feature.CONSTRAINT_COUPLING: approximate("an equality of two joints: a spring-damper with the default solref"),
     Feature.CONSTRAINT_LOOP: approximate("an equality of two sites: a spring-damper with the default solref"),
+    Feature.FRAME: Support(Level.EXACT, "a site"),
     Feature.SUM: Support(Level.EXACT, "a fixed tendon"),
     Feature.SUM_LIMITS: approximate(
         "a fixed tendon's range; its stop is a spring-damper, with the default solreflimit"
@@ -132,7 +133,7 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
     unlike_rule = [pair for pair, law in laws.items() if not _by_rule(world, pair, law)]
     too_many = _upper_bound(world, unlike_rule) > MOST_PAIRS
     order = depth_first(world)
-    sites = sites_of(world, {})
+    sites, named = sites_of(world, {}), frame_sites(world, {})
     model = Model(
         world.name,
         COMPILER,
@@ -144,7 +145,9 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
         FLAGS,
         default=Default(),
         classes=tuple(_classes(world)),
-        bodies=tuple(_body(row, masks, sites.get(row.body.name, ())) for row in order),
+        bodies=tuple(
+            _body(row, masks, (*sites.get(row.body.name, ()), *named.get(row.body.name, ()))) for row in order
+        ),
         pairs=() if too_many else tuple(_pairs(world, laws, unlike_rule)),
         excludes=tuple(
             tree.Exclude(file_name(first), file_name(second))

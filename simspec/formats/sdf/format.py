@@ -56,6 +56,10 @@ class Sdf(Format):
                     "self_collide": _flag(model.self_collide),
                     "links": [_link(link) for link in model.links],
                     "joints": [_joint(joint) for joint in model.joints],
+                    "frames": [
+                        {"name": one.name, "attached_to": one.attached_to, "pose": _pose(one.pose)}
+                        for one in model.frames
+                    ],
                 }
                 for model in tree.models
             ],

@@ -120,6 +120,7 @@ SUPPORT: Final[Table] = {
         EXACT.level, "as a further joint of a link, which many readers do not support", refine=loops_in_trees
     ),
     Feature.CONSTRAINT_COUPLING: Support(EXACT.level, "as mimic of a joint, in SDF 1.11", refine=couplings_in_trees),
+    Feature.FRAME: Support(Level.EXACT, "<frame>"),
     **alike(never("SDF has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
 }
 """What plain SDF carries of each feature."""
@@ -230,13 +231,16 @@ def _local(body: Body, joint: bool) -> str:
 
 
 def _names(world: World) -> dict[tuple[str, str], str]:
-    """Names in the file: ``(body or joint, name of the body)``, and ``(constraint, its name)``; in a model all differ."""
+    """Names in the file: ``(body or joint, name of the body)``, ``(constraint, its name)``, ``(frame, its name)``; in a model
+    all differ."""
     names: dict[tuple[str, str], str] = {}
     for bodies in trees(world).values():
         taken: set[str] = set()
         prefix = f"{_model_name(bodies)}/"
         wanted = [("body", body.name, body.name) for body in bodies]
         wanted += [("joint", body.name, body.joint.name) for body in bodies]
+        own = {body.name for body in bodies}
+        wanted += [("frame", frame.name, frame.name) for frame in world.frames if frame.body in own]
         wanted += [("constraint", loop.name, loop.name) for loop in loops_within(world, bodies)]
         for what, key, text in wanted:
             clean = ODD.sub("_", text.removeprefix(prefix))
@@ -278,6 +282,11 @@ def _model(
                 if body.joint.kind != "free" and not (immovable and body is root and _is_default(body))
             ),
             *closing_joints(world, bodies, names),
+        ),
+        tuple(
+            tree.Frame(names["frame", frame.name], names["body", frame.body], frame.pose)
+            for frame in world.frames
+            if any(body.name == frame.body for body in bodies)
         ),
     )
 

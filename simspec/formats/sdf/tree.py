@@ -78,6 +78,15 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
+class Frame:
+    """A named frame on a link."""
+
+    name: str
+    attached_to: str
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
 class Model:
     """One tree of links, and the joints that close loops in it, after those of the tree. One that is ``static`` cannot move."""
 
@@ -87,6 +96,7 @@ class Model:
     self_collide: bool
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
+    frames: tuple[Frame, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,6 +67,7 @@ SUPPORT: Final[Table] = {
     Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
     Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
+    Feature.FRAME: Support(Level.EXACT, "a link without mass on a fixed joint, NAME_joint"),
     **alike(never("URDF has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
     Feature.BALL_ARMATURE: never("URDF has no armature"),
     Feature.MARGIN_PAIRS: never("URDF has no margins"),
@@ -110,7 +111,9 @@ def robots_and_placement(world: World) -> tuple[Robots, str]:
     for bodies in trees(world).values():
         joints = {body.joint.name for body in bodies}
         within = [held for held in _follows(world) if {held.joint, held.leader} <= joints]
-        file = files.add(standard_robot(bodies, follows=within))
+        own = {body.name for body in bodies}
+        named = [frame for frame in world.frames if frame.body in own]
+        file = files.add(standard_robot(bodies, follows=within, named=named))
         placed.append(_placed(file, first.setdefault(file, bodies), bodies))
     return files.robots, json_text({"schema": PLACEMENT_SCHEMA, "trees": placed})
 

@@ -26,7 +26,7 @@ from simspec.formats.urdf.from_world import (
 from simspec.formats.urdf.tree import Collision, Dynamics, Joint, Link, Mimic, Origin, Robot, Visual
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.world import frames
-from simspec.world.types import Body, Follow, Inertial, Pose, Shape, Vector3
+from simspec.world.types import Body, Follow, Frame, Inertial, Pose, Shape, Vector3
 
 PLANE_EDGE: Final = 200.0
 """Metres: length and width of the box that stands for a plane; its top is in the plane."""
@@ -43,9 +43,15 @@ AXES: Final[tuple[tuple[str, Vector3], ...]] = (
 """Of the three hinges of a ball joint, from the parent on."""
 
 
-def standard_robot(bodies: tuple[Body, ...], kinds: Collection[str] = (), follows: Iterable[Follow] = ()) -> Robot:
+def standard_robot(
+    bodies: tuple[Body, ...],
+    kinds: Collection[str] = (),
+    follows: Iterable[Follow] = (),
+    named: Iterable[Frame] = (),
+) -> Robot:
     """The robot that a tree is; of shapes only those of ``kinds``, where some are given. Links stand in the order of the
-    bodies, after the world's. ``follows``: the couplings within the tree that it is to say."""
+    bodies, after the world's, and behind them those of frames. ``follows``, ``named``: the couplings and the frames within the
+    tree that it is to say."""
     root = bodies[0]
     link_names = {body.name for body in bodies}
     joint_names = {body.joint.name for body in bodies}
@@ -68,6 +74,11 @@ def standard_robot(bodies: tuple[Body, ...], kinds: Collection[str] = (), follow
         elif body.joint.kind != "free":
             joints.append(_joint(body, body.joint.parent or world_link, mimics.get(body.joint.name)))
         links.append(Link(body.name, inertial, tuple(visuals), tuple(collisions)))
+    for frame in named:
+        joint_name = unlike(f"{frame.name}_joint", joint_names)
+        joint_names.add(joint_name)
+        links.append(Link(frame.name))
+        joints.append(Joint(joint_name, "fixed", frame.body, frame.name, origin_of(frame.pose)))
     return Robot(root.model, tuple(links), tuple(joints))
 
 

@@ -19,7 +19,7 @@ from simspec.world import frames
 from simspec.world.carriers import is_carrier, joined
 from simspec.world.kinematics import CollisionFilter, poses, rigid_groups, trees
 from simspec.world.tuples import ordered
-from simspec.world.types import Body, Connect, Inertial, Material, Pose, Vector3, Weld, World
+from simspec.world.types import Body, Connect, Frame, Inertial, Material, Pose, Vector3, Weld, World
 
 SMALLEST_MASS: Final = 1e-9
 """kg, of a body that has none: zero means that the file does not say it."""
@@ -46,6 +46,10 @@ class _Writer:
         """Prims of bodies, by the names of the bodies."""
         taken = Taken(path.rpartition("/")[2] for path in self.places.joints.values())
         self.loops = {one.name: f"/{ROOT}/{JOINTS}/{taken.give(one.name)}" for one in world.constraints}
+        self.frames: dict[str, list[Frame]] = {}
+        """By the names of their bodies."""
+        for frame in world.frames:
+            self.frames.setdefault(frame.body, []).append(frame)
         self.shapes: dict[str, list[str]] = {}
         """Paths of shapes that collide, by their body."""
 
@@ -165,6 +169,14 @@ class _Writer:
             prim.children.append(made)
             if shape.collision:
                 paths.append(f"{self.places.bodies[body.name]}/{made.name}")
+        for frame in self.frames.get(body.name, ()):
+            plain = frame.name.removeprefix(base)
+            made = Prim(taken.give(plain), "Xform")
+            if made.name != plain:
+                made.own("string", "name", plain)
+            made.own("bool", "frame", True)
+            place(made, frame.pose, [])
+            prim.children.append(made)
 
     def _joint(self, body: Body, model: str | None) -> Prim:
         joint, chain = body.joint, self.several.get(body.name)

@@ -89,10 +89,12 @@ ASIDE: Final = {
     "sensor": (_INFORMATION, "runs record all bodies and joints; sensors are not in the language"),
     "custom": (_INFORMATION, "data of a program"),
     "size": (_INFORMATION, "sizes of one engine's memory"),
-    "site": (_INFORMATION, "a named place without mass; the language has no frames yet"),
+    "site": (_INFORMATION, "a place without a name, or in the world itself"),
     "user": (_INFORMATION, "data of a program"),
 }
 """Elements that are set aside with all that is in them."""
+LOOKS: Final = frozenset(("type", "size", "group", "material", "rgba", "user"))
+"""Attributes of a site that say how it is drawn."""
 KEYFRAME: Final = "keyframe"
 """The section of named states, whose elements the compiler does not name the lines of."""
 SECTIONS: Final = {"equality": "equality", "tendon": "tendon", "actuator": "actuator", "keyframe": "key"}
@@ -197,6 +199,14 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
     what it is in, includes aside."""
     tag = element.tag
     in_default = around == "default"
+    if tag == "site" and (in_default or id(element) in features.framed):
+        element.take()
+        for name in element.attributes:
+            if name in LOOKS:
+                element.set_aside(name, Fate.LOST, "how a frame is drawn", _APPEARANCE)
+            else:
+                element.word(name)
+        return False
     if tag in ASIDE or (in_default and tag not in COMPILED):
         severity, reason = ASIDE.get(tag, (_INFORMATION, "what it gives is told where it is used"))
         element.set_aside(None, Fate.LOST if tag in ASIDE else Fate.UNUSED, reason, severity)

@@ -175,6 +175,8 @@ class Features:
     """Names of the keys that the spec has as states."""
     actuators: set[int] = field(default_factory=set)
     """Numbers of the actuators that the spec has."""
+    framed: set[int] = field(default_factory=set)
+    """The ``id`` of the elements of sites that the spec has as frames."""
     hints: dict[tuple[str, int], str] = field(default_factory=dict)
     """Ways out for single elements, by the feature and the ``id`` of the element."""
 

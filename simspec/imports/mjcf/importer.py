@@ -15,6 +15,7 @@ from simspec.imports.mjcf.compiled import Compiled, compile_model
 from simspec.imports.mjcf.equalities import add_constraints
 from simspec.imports.mjcf.fates import account, every_loss
 from simspec.imports.mjcf.features import Features
+from simspec.imports.mjcf.named_frames import add_frames
 from simspec.imports.mjcf.outside import outside_the_tree
 from simspec.imports.mjcf.shapes import add_shapes
 from simspec.imports.mjcf.states import add_states
@@ -68,6 +69,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
     for number, group in surfaces.groups.items():
         bodies.data[names[number]]["collision_group"] = group
     actuators = add_actuators(bodies, constraints)
+    named, renamed = add_frames(bodies)
     outside_the_tree(bodies, constraints)
     data: dict[str, Any] = {"simspec": VERSION, "name": _name(assembly, files)}
     data["physics"] = _physics(model, features)
@@ -79,18 +81,25 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         at = ("model", "bodies")
     else:
         data["bodies"] = bodies.data
+    around = data["model"] if alone else data
+    if named:
+        around["frames"] = named
     if constraints:
-        (data["model"] if alone else data)["constraints"] = constraints
+        around["constraints"] = constraints
     if alone and (states := add_states(bodies, constraints)):
         data["model"]["states"] = states
     if actuators:
-        (data["model"] if alone else data)["actuators"] = actuators
+        around["actuators"] = actuators
     places: dict[Path_, Location] = {(): assembly.root.location}
     places |= {(*at, *path): place for path, place in bodies.places.items()}
     places |= {(*at[:-1], "constraints", name): place for name, place in bodies.constraint_places.items()}
     comments = {
         ".".join(map(str, (*at, given))): f"named {name!r} in the file"
         for name, given in bodies.renamed.changed.items()
+    }
+    comments |= {
+        ".".join(map(str, (*at[:-1], "frames", given))): f"named {name!r} in the file"
+        for name, given in renamed.changed.items()
     }
     if actuators:
         comments["model.actuators" if alone else "actuators"] = NOTE

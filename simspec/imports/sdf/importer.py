@@ -21,7 +21,16 @@ from simspec.imports.sdf.meshes import RULES as RULES_OF_MESHES
 from simspec.imports.sdf.meshes import Meshes
 from simspec.imports.sdf.models import Reader, Scope, version_of
 from simspec.imports.sdf.shapes import ShapeRead, judge_meshes
-from simspec.imports.sdf.trees import MASSLESS, BodyRead, ModelRead, Names, body_data, constraints, read_model
+from simspec.imports.sdf.trees import (
+    MASSLESS,
+    BodyRead,
+    ModelRead,
+    Names,
+    body_data,
+    constraints,
+    named_frames,
+    read_model,
+)
 from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
 from simspec.imports.surfaces import Materials
@@ -232,7 +241,11 @@ class _Spec:
             self._keep_apart(model, "", group=names.give(model.scope.name))
 
     def _constrain(self, model: ModelRead, around: dict[str, Any], path: Path_) -> None:
-        """What holds the bodies of a model together outside its trees."""
+        """The named frames of a model, and what holds its bodies together outside its trees."""
+        if said := named_frames(model):
+            taken = Names([*around.get("frames", ()), *around.get("bodies", ())])
+            given = {taken.give(name): frame for name, frame in said.items()}
+            around.setdefault("frames", {}).update(given)
         said = constraints(model)
         if not said:
             return

@@ -260,6 +260,24 @@ def _parents_first(bodies: list[BodyRead]) -> list[BodyRead]:
     return order
 
 
+def named_frames(read: ModelRead) -> dict[str, dict[str, Any]]:
+    """The frames of a model that are attached to its links, as the language has them, by name; bodies have theirs already."""
+    names = Names(body.name for body in read.bodies)
+    of_link = {(id(body.link[0]), body.link[1]): body for body in read.bodies}
+    made: dict[str, dict[str, Any]] = {}
+    for scope in read.scope.within():
+        for name, element in scope.frames.items():
+            link = read.graph.link(scope, name, element)
+            body = None if link is None else of_link.get((id(link[0]), link[1]))
+            if body is None:
+                continue
+            place = read.graph.in_scope(read.scope, scope).then(read.graph.pose(scope, name, element))
+            own = body.frame.inverse().then(place).data()
+            given = names.give(_long_name(read.scope, scope, name), element)
+            made[given] = {"body": body.name, **({"pose": own} if own else {})}
+    return made
+
+
 def body_data(model: ModelRead, body: BodyRead, around: Placement) -> dict[str, Any]:
     """A body as the language has it; ``around``: the pose of the model's frame in that of the placement."""
     data: dict[str, Any] = {}

@@ -14,6 +14,7 @@ from simspec.imports.usd.joints import TYPES, Joint, JointReader, start_of, star
 from simspec.imports.usd.loops import loop_data
 from simspec.imports.usd.masses import MassReader
 from simspec.imports.usd.meshes import name_meshes
+from simspec.imports.usd.named_frames import add_frames
 from simspec.imports.usd.places import UPRIGHT, Places
 from simspec.imports.usd.scene import contact_data, physics_data, tidy
 from simspec.imports.usd.shapes import GEOMETRY, Shape, ShapeReader, pose_data
@@ -261,6 +262,7 @@ class Assembly:
                 for step in base:
                     holder = holder.setdefault(step, {})
                 holder[body.name] = words
+        add_frames(self.stage, self.places, self.body_of, self.bodies, self.data, alone)
         for joint in loops:
             made = loop_data(joint, self.bodies, self.places)
             if made is None:
