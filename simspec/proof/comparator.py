@@ -8,7 +8,7 @@ cylinder or a capsule about its axis, half a turn of a box or an ellipsoid, shif
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 
 from simspec.contact.meeting import meeting_laws, shape_pairs
@@ -16,21 +16,18 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules, combined
 from simspec.control.native import natives
 from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, SCALAR_JOINTS, TREE_JOINTS
+from simspec.proof.beside_bodies import LEVELS, BesideBodies
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
-from simspec.proof.distances import distance, held_apart, pose_difference, relative, turn_between, unlikeness
+from simspec.proof.distances import held_apart, pose_difference, turn_between, unlikeness
 from simspec.proof.hulls import hull_distance
 from simspec.world.gathering import gathered, rigid_members, summed, told_gravity_scale
 from simspec.world.hull import HullError
 from simspec.world.inset import inset
-from simspec.world.kinematics import members as ends_of
 from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.tuples import ordered, quaternion
 from simspec.world.types import (
     Body,
-    Connect,
-    Constraint,
-    Follow,
     Hardness,
     HeldValue,
     Inertial,
@@ -39,7 +36,6 @@ from simspec.world.types import (
     ReadBack,
     Shape,
     Surface,
-    Weld,
     World,
 )
 
@@ -53,7 +49,6 @@ JOINT_NUMBERS = (
     "effort_limit",
 )
 FREE_NUMBERS = ("damping", "angular_damping", "armature", "angular_armature")
-LEVELS = {"mass": "L1", "joint": "L2", "geometry": "L4"}
 INVENTORY_LEVEL, INVENTORY = "L4", "everything else held"
 """Level and name of the check of ``ReadBack.inventory``."""
 HULL = "shape hull"
@@ -98,7 +93,7 @@ def inventory_checks(expected: Mapping[str, HeldValue], actual: Mapping[str, Hel
     return tally.checks()
 
 
-class _Comparison:
+class _Comparison(BesideBodies):
     def __init__(
         self,
         world: World,
@@ -117,30 +112,6 @@ class _Comparison:
         self.levels = dict.fromkeys(LEVELS, "L0") if text else LEVELS
         self.surfaces: dict[tuple[str, int], dict[Surface, str]] = {}
         """Of each material in each layer the different numbers that shapes hold, each with one place."""
-
-    def readable(self, field: str) -> bool:
-        return field not in self.read_back.unreadable
-
-    def note(self, part: str, name: str, deviation: float | None, where: str, detail: str = "") -> None:
-        self.tally.add(self.levels[part], name, self.tolerance, deviation, where, detail)
-
-    def number(self, part: str, name: str, expected: float | None, actual: float | None, where: str) -> None:
-        if (expected is None) != (actual is None):
-            self.note(part, name, None, where, f"{actual}, should be {expected}")
-        elif expected is not None and actual is not None:
-            self.note(part, name, relative(expected, actual), where, f"{actual!r}, should be {expected!r}")
-        else:
-            self.note(part, name, 0.0, where)
-
-    def vector(
-        self, part: str, name: str, expected: Sequence[float], actual: Sequence[float], where: str, scale: float = 1.0
-    ) -> None:
-        if len(expected) != len(actual):
-            self.note(part, name, None, where, f"{len(actual)} numbers, should be {len(expected)}")
-        else:
-            self.note(
-                part, name, distance(expected, actual, scale), where, f"{tuple(actual)}, should be {tuple(expected)}"
-            )
 
     def run(self) -> list[Check]:
         expected = {body.name: body for body in self.world.bodies}
@@ -247,82 +218,6 @@ class _Comparison:
         if self.readable("joint.velocity"):
             speed = max(1.0, math.sqrt(sum(x * x for x in wanted.velocity)))
             self.vector("joint", "initial velocity", wanted.velocity, actual.velocity, f"{where}.velocity", speed)
-
-    def constraints(self) -> None:
-        """What holds joints and bodies together outside the tree, by name."""
-        wanted = {constraint.name: constraint for constraint in self.world.constraints}
-        names = sorted(
-            constraint.name for constraint in self.read_back.constraints
-        )  # one that is held twice counts twice
-        if wanted or names:
-            self.tally.equal(self.levels["joint"], "constraints", sorted(wanted), names, "constraints")
-        for actual in self.read_back.constraints:
-            expected = wanted.get(actual.name)
-            if expected is not None:
-                self.constraint(expected, actual, f"constraints.{actual.name}")
-
-    def constraint(self, expected: Constraint, actual: Constraint, where: str) -> None:
-        level = self.levels["joint"]
-        if not self.tally.equal(level, "constraint type", expected.kind, actual.kind, where):
-            return
-        self.tally.equal(level, "constraint of", ends_of(expected), ends_of(actual), where)
-        if isinstance(expected, Follow) and isinstance(actual, Follow):
-            self.number("joint", "ratio", expected.ratio, actual.ratio, f"{where}.ratio")
-            self.number("joint", "offset", expected.offset, actual.offset, f"{where}.offset")
-        elif isinstance(expected, Connect) and isinstance(actual, Connect):
-            for name in ("first_point", "second_point"):
-                self.place(getattr(expected, name), getattr(actual, name), f"{where}.{name}")
-        elif isinstance(expected, Weld) and isinstance(actual, Weld):
-            self.place(expected.pose.position, actual.pose.position, f"{where}.pose")
-            turned = turn_between(expected.pose.quaternion, actual.pose.quaternion)
-            self.note("joint", "weld, orientation", turned, f"{where}.pose", f"{actual.pose.quaternion}")
-
-    def sums(self) -> None:
-        """What acts along sums of joint positions, by name."""
-        wanted = {one.name: one for one in self.world.sums}
-        names = sorted(one.name for one in self.read_back.sums)
-        if wanted or names:
-            self.tally.equal(self.levels["joint"], "sums", sorted(wanted), names, "constraints")
-        for actual in self.read_back.sums:
-            expected = wanted.get(actual.name)
-            if expected is None:
-                continue
-            where = f"constraints.{actual.name}.sum"
-            joints = [[joint for joint, _ in one.joints] for one in (expected, actual)]
-            if self.tally.equal(self.levels["joint"], "sum of", joints[0], joints[1], f"{where}.joints"):
-                for (joint, weight), (_, held) in zip(expected.joints, actual.joints, strict=True):
-                    self.number("joint", "coefficient", weight, held, f"{where}.joints.{joint}")
-            for name in ("stiffness", "rest", "damping"):
-                self.number("joint", f"sum, {name}", getattr(expected, name), getattr(actual, name), f"{where}.{name}")
-            for expected_end, end in zip(
-                expected.position_limits or (None, None), actual.position_limits or (None, None), strict=True
-            ):
-                self.number("joint", "sum, limits", expected_end, end, f"{where}.limits.position")
-
-    def frames(self) -> None:
-        """Named frames, of engines that are told them."""
-        if self.read_back.frames is None:
-            return
-        wanted = {frame.name: frame for frame in self.world.frames}
-        names = sorted(frame.name for frame in self.read_back.frames)
-        if wanted or names:
-            self.tally.equal(self.levels["mass"], "frames", sorted(wanted), names, "frames")
-        for actual in self.read_back.frames:
-            expected = wanted.get(actual.name)
-            if expected is None:
-                continue
-            where, level = f"frames.{actual.name}", self.levels["mass"]
-            if self.tally.equal(level, "frame of", expected.body, actual.body, f"{where}.body"):
-                at, held = expected.pose, actual.pose
-                scale = max(1.0, math.sqrt(sum(x * x for x in at.position)))
-                self.vector("mass", "frame, position", at.position, held.position, f"{where}.pose", scale)
-                turned = turn_between(at.quaternion, held.quaternion)
-                self.note("mass", "frame, orientation", turned, f"{where}.pose", f"{held.quaternion}")
-
-    def place(self, expected: Sequence[float], actual: Sequence[float], where: str) -> None:
-        """A point that is held, relative to the larger of 1 m and its distance from the body's origin."""
-        scale = max(1.0, math.sqrt(sum(x * x for x in expected)))
-        self.vector("joint", "held point", expected, actual, where, scale)
 
     def servos(self) -> None:
         """The engine's own controllers: one for each natively driven joint, with its gains and limit."""

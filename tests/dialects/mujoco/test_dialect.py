@@ -82,7 +82,7 @@ def test_damaged_files_are_refused(tmp_path):
     cases = (
         ('<body name="bar"', '<body name="rod"', "missing"),
         ('qvel="0 ', 'qvel="', "velocities"),
-        ('<joint name="bar_joint"', '<site name="x"/><joint name="bar_joint"', "no constraint"),
+        ('<joint name="bar_joint"', '<site name="x"/><joint name="bar_joint"', "no attribute 'pos'"),
         ('<joint name="bar_joint"', '<site name="x"/><site name="x"/><joint name="bar_joint"', "another site 'x'"),
         ('<joint name="bar_joint"', '<camera name="x"/><joint name="bar_joint"', "not read"),
         ('angle="radian"', 'angle="degree"', "radian"),
