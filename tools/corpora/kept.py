@@ -22,7 +22,12 @@ def keep(models: Sequence[Model], results: Path) -> None:
     for model in sorted(models, key=lambda model: (model.package, model.name)):
         answers = {stage: answer for stage in STAGES if (answer := stored(results, stage, model)) is not None}
         if answers:
-            entry = {"package": model.package, "name": model.name, "key": model.key, **_clipped(answers, model.root.parent)}
+            entry = {
+                "package": model.package,
+                "name": model.name,
+                "key": model.key,
+                **_clipped(answers, model.root.parent),
+            }
             lines.append(json.dumps(entry, ensure_ascii=False, separators=(",", ":")))
     KEPT.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
 
