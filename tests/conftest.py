@@ -11,9 +11,16 @@ from hypothesis import settings
 
 from simspec.engines.kit import process
 from simspec.engines.kit.warm import WarmProcesses
+from tests.installed import LEFT_OUT
 
 settings.register_profile("simspec", deadline=None)
 settings.load_profile("simspec")
+
+
+def pytest_report_header() -> list[str]:
+    """Nothing is left out in silence: neither here nor in the list of skipped tests at the end."""
+    return [f"engine left out: {name}: {why}" for name, why in LEFT_OUT.items()]
+
 
 RUNNER_OWN = {"PYTEST_CURRENT_TEST"}
 """Variables that pytest itself changes from test to test."""

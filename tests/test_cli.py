@@ -17,6 +17,7 @@ from simspec import cli
 from simspec.engines.kit.registry import engines
 from simspec.resources import resource_folder
 from simspec.runner.store import load_run
+from tests.installed import INSTALLED
 
 PACKAGE = Path(cli.__file__).resolve().parent
 COMMANDS = (
@@ -512,7 +513,7 @@ def test_two_labels_of_the_project_file_at_work(project, folder):
     assert set(study["runs"]) == {"dart", project}
     assert len(study["diffs"]) == 1
     assert set(data("verify", "../fall.yaml", "--engine", "mujoco")["certificate"]["engines"]) == {"mujoco"}
-    assert set(data("run", "../fall.yaml", "--no-repeats", "--no-verify", "--all-engines")["runs"]) == set(engines())
+    assert set(data("run", "../fall.yaml", "--no-repeats", "--no-verify", "--all-engines")["runs"]) == set(INSTALLED)
 
 
 def test_the_command_line_comes_before_the_project_file(project, folder):

@@ -10,17 +10,17 @@ from pathlib import Path
 import pytest
 
 import simspec
-from simspec.engines.kit.registry import engines
 from simspec.proof.verify import LEVELS
 from simspec.support.features import Feature
 from simspec.support.needs import needs
+from tests.installed import INSTALLED
 from tests.random_specs import spec
 from tests.random_words import with_words
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ROOT = Path(__file__).resolve().parent.parent
-ENGINES = sorted(engines())
+ENGINES = sorted(INSTALLED)
 RARE = {
     Feature.IMPACT_FRICTION,
     Feature.TREE_SIZE,

@@ -15,6 +15,8 @@ sys.path.insert(0, str(ROOT / "tools"))
 
 import selftest  # noqa: E402 - a script beside the package
 
+from tests.installed import INSTALLED  # noqa: E402
+
 ROW = dict(zip(selftest.COLUMNS, (5, 3, 1, 1, 0), strict=True))
 RESULTS = {
     "one": {
@@ -47,7 +49,8 @@ def test_the_page_has_what_was_measured_and_nothing_was_missed():
     assert selftest.page_table(results) in selftest.PAGE.read_text(encoding="utf-8")
     assert set(results) == set(engines())
     for name, one in results.items():
-        assert one["version"] == find_engine(name).version(), f"{name} has another version: make selftest"
+        if name in INSTALLED:
+            assert one["version"] == find_engine(name).version(), f"{name} has another version: make selftest"
         (total,) = (row for row in one["rows"] if row["kind"] == "all")
         assert total["missed"] == 0
         assert total["planted"] > 1000

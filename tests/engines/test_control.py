@@ -17,7 +17,7 @@ from simspec.testing.driving import driven, wheel, with_targets
 from simspec.world.control import Controller
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Body, Inertial, Joint
-from tests.engines.installed import INSTALLED
+from tests.installed import INSTALLED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 

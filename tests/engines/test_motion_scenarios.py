@@ -10,7 +10,7 @@ import simspec
 from simspec.runner.execution import run
 from simspec.runner.expectations import evaluate
 from simspec.selection import supporting
-from tests.engines.installed import INSTALLED
+from tests.installed import INSTALLED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 ROOT = Path(__file__).resolve().parent.parent.parent

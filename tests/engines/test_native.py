@@ -28,8 +28,8 @@ from simspec.testing.servos import Servo, closed_form
 from simspec.world.control import Controller, Trajectory
 from simspec.world.types import Record, World
 from tests import worlds
-from tests.engines.installed import having
 from tests.engines.natively import at_work
+from tests.installed import having
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 

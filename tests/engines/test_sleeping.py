@@ -11,7 +11,7 @@ from simspec.testing import worlds
 from simspec.testing.sleeping_suite import LENGTH, MASS, ON, SETTING, SETTLED, cylinder, scene
 from simspec.world.kinematics import free_rigid
 from simspec.world.types import World
-from tests.engines.installed import having
+from tests.installed import having
 
 HAVING = having(lambda engine: SETTING in engine.SETTINGS)
 

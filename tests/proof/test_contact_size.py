@@ -9,7 +9,6 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Operation, call
-from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
 from simspec.proof.contact import size
 from simspec.proof.contact.size import GAPS, size_error, size_figures, size_trial, surface_points
@@ -26,11 +25,12 @@ from simspec.world.types import (
     Shape,
     World,
 )
+from tests.installed import INSTALLED
 from tests.proof.contact_probing import ACCEPT
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ENGINES = sorted(engines())
+ENGINES = sorted(INSTALLED)
 SIZES = {
     "sphere": (0.05,),
     "box": (0.1, 0.2, 0.3),

@@ -7,14 +7,14 @@ import dataclasses
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.registry import engines
 from simspec.proof.verify import prepare, verify
 from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests import filters, worlds
+from tests.installed import INSTALLED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ENGINES = sorted(engines())
+ENGINES = sorted(INSTALLED)
 
 
 @pytest.fixture(scope="module", params=ENGINES)

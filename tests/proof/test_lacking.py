@@ -18,7 +18,7 @@ from simspec.proof.lacking import not_checked_parts, unchecked
 from simspec.proof.probes import dynamics_checks
 from simspec.proof.verify import prepare, verify
 from simspec.testing import worlds
-from tests.engines.installed import INSTALLED
+from tests.installed import INSTALLED
 
 WORLD = worlds.hinges()
 NAME = INSTALLED[0]

@@ -7,7 +7,6 @@ import json
 
 import pytest
 
-from simspec.engines.kit.registry import engines
 from simspec.errors import SpecError, UnsupportedError
 from simspec.proof.certificate import Certificate
 from simspec.proof.judge import judge
@@ -15,11 +14,12 @@ from simspec.proof.selftest import defects_of, self_test
 from simspec.proof.verify import LEVELS, verify
 from simspec.world.canonical import sha256
 from tests import worlds
+from tests.installed import INSTALLED
 from tests.proof.wild import WILD, at_4_ms
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ENGINES = sorted(engines())
+ENGINES = sorted(INSTALLED)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_what_cannot_be_compiled_is_refused_for_all_engines_at_once():
     assert len(caught.value.problems) >= 2
 
 
-DEFECTS = dict.fromkeys(engines()) | {
+DEFECTS = dict.fromkeys(INSTALLED) | {
     "drake": ("armature", "ball damping", "ball spring", "restitution", "rolling friction", "dry friction", "hardness"),
 }
 """Which are planted (None: all). Drake's contact probes take minutes: ``verify --self-test --engine drake`` plants all 40."""

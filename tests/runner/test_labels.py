@@ -14,7 +14,7 @@ from simspec.runner.store import load_run
 from simspec.testing.bench import Bench
 from simspec.testing.contact_suite import two_materials_on_one_body
 from simspec.world.types import Record, Shape
-from tests.engines.installed import INSTALLED
+from tests.installed import INSTALLED
 from tests.runner import synthetic
 
 BALL = tuple(Shape(f"ball_{number}", "sphere", (0.1,)) for number in range(3))

@@ -32,7 +32,7 @@ from simspec.runner import execution as runner
 from simspec.runner.case import Case
 from simspec.runner.execution import run_all
 from tests import worlds
-from tests.engines.installed import INSTALLED
+from tests.installed import INSTALLED
 
 ENGINES = tuple(INSTALLED)
 QUICK = 0.7

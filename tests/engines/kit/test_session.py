@@ -18,13 +18,13 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.operations import OPERATIONS
 from simspec.engines.kit.process import Operation, call
-from simspec.engines.kit.registry import engines
 from simspec.engines.kit.session import Condition, Session
 from simspec.errors import EngineError
 from simspec.proof.probes import dynamics_operation
 from simspec.support.declarations import EXACT
 from simspec.support.features import Feature
 from tests import worlds
+from tests.installed import INSTALLED
 
 HAS: dict[str, Any] = {
     name: lambda self, *arguments, name=name: self.note(name)
@@ -177,7 +177,7 @@ def test_every_operation_says_what_it_needs():
     assert OPERATIONS["read_back"].needs is Condition.ASKED, "it reads the initial state, too"
 
 
-@pytest.mark.parametrize("name", engines())
+@pytest.mark.parametrize("name", INSTALLED)
 def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_path):
     world = worlds.with_options(
         worlds.gripper(), name, accept=("contact.cone.elliptic", "contact.friction.impact", "joint.limits.position")

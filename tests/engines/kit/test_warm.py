@@ -18,7 +18,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError
 from simspec.testing.bench import run_operation
 from tests import worlds
-from tests.engines.installed import INSTALLED
+from tests.installed import INSTALLED
 
 STUB = """
 import os, time, threading
