@@ -101,6 +101,10 @@ def _masses(bodies: Bodies) -> Iterator[Problem]:
             if shape.plane is not None and name not in still:
                 message = "a plane requires a body fixed to the world, and this body moves"
                 yield document.problem((*bodies.path, name, "shapes", index, "plane"), message, hint="a large flat box")
+            if shape.heightfield is not None and name not in still:
+                message = "a height field requires a body fixed to the world, and this body moves"
+                hint = "a mesh as pieces, or several boxes"
+                yield document.problem((*bodies.path, name, "shapes", index, "heightfield"), message, hint=hint)
     for top, members in bodies.moving_groups().items():
         if bodies.is_kinematic(top):
             continue  # whose mass counts for nothing
@@ -129,7 +133,7 @@ def group_faults(bodies: Bodies, members: Sequence[str]) -> Iterator[tuple[str, 
 
 
 def _weighs(body: Body) -> bool:
-    return bool(body.mass) or any(shape.density for shape in body.shapes if shape.plane is None)
+    return bool(body.mass) or any(shape.density for shape in body.shapes if shape.has_volume)
 
 
 def member_faults(body: Body) -> Iterator[Fault]:
@@ -144,7 +148,7 @@ def member_faults(body: Body) -> Iterator[Fault]:
 
 def mass_faults(body: Body) -> Iterator[Fault]:
     """What a moving body lacks to move: a positive mass and three positive principal moments."""
-    solid = [shape for shape in body.shapes if shape.plane is None]
+    solid = [shape for shape in body.shapes if shape.has_volume]
     dense = [shape for shape in solid if shape.density is not None]
     if dense:
         if not any(shape.density for shape in dense):

@@ -22,6 +22,8 @@ UNITS = ("m", "dm", "cm", "mm", "um", "in", "ft")
 """Units that a file's lengths may be in."""
 FEWEST_VERTICES, MOST_VERTICES = 4, 20_000
 """Vertices of a hull. Engines' times grow with them: bodies of 1,800 run a hundred times slower in some than bodies of 128."""
+FROM_FILES = ("mesh", "heightfield")
+"""Kinds of shapes that may name a file."""
 HULL, PIECES = "hull", "pieces"
 SURFACE = "surface"
 
@@ -128,7 +130,8 @@ def named_files(data: Any) -> Iterator[tuple[tuple[Key, ...], str]]:
         for name, body in bodies.items() if isinstance(bodies, Mapping) else ():
             shapes = body.get("shapes") if isinstance(body, Mapping) else None
             for index, shape in enumerate(shapes if isinstance(shapes, (list, tuple)) else ()):
-                mesh = shape.get("mesh") if isinstance(shape, Mapping) else None
-                text = mesh.get("file") if isinstance(mesh, Mapping) else None
-                if isinstance(text, str):
-                    yield (*path, name, "shapes", index, "mesh", "file"), text
+                for kind in FROM_FILES:
+                    said = shape.get(kind) if isinstance(shape, Mapping) else None
+                    text = said.get("file") if isinstance(said, Mapping) else None
+                    if isinstance(text, str):
+                        yield (*path, name, "shapes", index, kind, "file"), text

@@ -7,11 +7,12 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, Field
 
+from simspec.language.heightfield import Heightfield
 from simspec.language.mesh import Mesh
 from simspec.language.moments import impossible, principal_moments
 from simspec.language.quantities import Number, UnitQuaternion, Vector
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict
-from simspec.language.vocabulary import SHAPE_KINDS
+from simspec.language.vocabulary import SHAPE_KINDS, STILL_SHAPES
 from simspec.language.words import Flag, Name
 
 Length = Annotated[float, Number("length", 0, above=True)]
@@ -129,6 +130,7 @@ class Shape(Strict):
     ellipsoid: Maybe[Ellipsoid] = Field(ABSENT, description="An ellipsoid")
     plane: Maybe[Plane] = Field(ABSENT, description="An infinite plane, written `plane: {}`")
     mesh: Maybe[Mesh] = Field(ABSENT, description="A solid from a file of triangles")
+    heightfield: Maybe[Heightfield] = Field(ABSENT, description="Ground of uneven height")
     pose: Maybe[Pose] = Field(
         ABSENT, description="Pose of the shape's frame in the body frame; default: the body frame"
     )
@@ -152,6 +154,8 @@ class Shape(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "plane" in data and "density" in data:
             yield Fault(("density",), "a plane has no volume, so no density")
+        if "heightfield" in data and "density" in data:
+            yield Fault(("density",), "a height field cannot move, so it has no density")
         if data.get("collision") is False and "margin" in data:
             yield Fault(("margin",), "a margin belongs to contact, and the shape has none", hint="remove it")
         if data.get("collision") is False and "surface_velocity" in data:
@@ -159,6 +163,11 @@ class Shape(Strict):
             yield Fault(("surface_velocity",), message, hint="remove it")
         if data.get("collision") is False and data.get("visual") is False:
             yield Fault(("visual",), "neither collision nor visual: the shape would have no effect", hint="remove it")
+
+    @property
+    def has_volume(self) -> bool:
+        """Whether it can be filled with mass."""
+        return all(getattr(self, kind) is None for kind in STILL_SHAPES)
 
 
 class Tensor(Strict):

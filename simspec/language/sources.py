@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.language.document import Document, Key, read
 from simspec.language.foreign import Imported, ImportOptions, import_file, is_foreign, suffixes
+from simspec.language.heightfield import SUFFIXES as GRIDS
 from simspec.language.import_options import Import
 from simspec.language.mesh import SUFFIXES as MESHES
 from simspec.language.mesh import named_files
@@ -42,7 +43,7 @@ class Source:
     table: Path | None = None
     """The file of `trajectory.file`, found and allowed."""
     meshes: dict[str, Path] = field(default_factory=dict)
-    """The files of `mesh.file`, found and allowed, by the texts that name them."""
+    """The files of shapes (`mesh.file`, `heightfield.file`), found and allowed, by the texts that name them."""
     imported: Imported | None = None
     """What an importer made of a file of another language; None for a spec."""
 
@@ -258,7 +259,7 @@ def _near_file(target: Path) -> str | None:
     from simspec.language.strict import near
 
     try:
-        ends = (*NAMEABLE, *MESHES, *suffixes())
+        ends = (*NAMEABLE, *MESHES, *GRIDS, *suffixes())
         names = sorted(entry.name for entry in os.scandir(target.parent) if entry.name.lower().endswith(ends))
     except OSError:
         return None

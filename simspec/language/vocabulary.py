@@ -14,8 +14,10 @@ QUATERNION_JOINTS = ("ball", "free")
 """Kinds of joints whose position ends with a quaternion w x y z."""
 PRIMITIVE_SHAPES = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane")
 """Kinds of shapes that a few lengths define."""
-SHAPE_KINDS = (*PRIMITIVE_SHAPES, "mesh")
+SHAPE_KINDS = (*PRIMITIVE_SHAPES, "mesh", "heightfield")
 """Each has a row in ``world/shapes.py``."""
+STILL_SHAPES = ("plane", "heightfield")
+"""Kinds that only bodies which cannot move have; they have no mass."""
 
 FRICTION_CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")
 HARDNESS_WORDS = ("common", "native")

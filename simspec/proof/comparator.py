@@ -19,6 +19,7 @@ from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, 
 from simspec.proof.beside_bodies import LEVELS, BesideBodies
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.proof.distances import held_apart, pose_difference, turn_between, unlikeness
+from simspec.proof.heightfields import field_distance
 from simspec.proof.hulls import hull_distance
 from simspec.world.gathering import gathered, rigid_members, summed, told_gravity_scale
 from simspec.world.hull import HullError
@@ -53,6 +54,8 @@ INVENTORY_LEVEL, INVENTORY = "L4", "everything else held"
 """Level and name of the check of ``ReadBack.inventory``."""
 HULL = "shape hull"
 """Name of the check of meshes, whose tolerance an engine may declare."""
+FIELD = "height field"
+"""Name of the check of height fields; engines that keep meshes in single precision keep heights so."""
 
 
 def compare(
@@ -285,8 +288,8 @@ class _Comparison(BesideBodies):
             self.note("geometry", "shape type", None, where, f"{len(extra)} more than the world has ({extra[0].kind})")
 
     def shape(self, shape: Shape, other: Shape, at: str) -> None:
-        if SHAPES[shape.kind].points:
-            self.hull(shape, other, f"{at}.size")
+        if SHAPES[shape.kind].points or SHAPES[shape.kind].grid:
+            self.surface(shape, other, f"{at}.size")
         else:
             largest = max(shape.size, default=1.0)
             self.vector("geometry", "shape size", shape.size, other.size, f"{at}.size", largest)
@@ -312,17 +315,19 @@ class _Comparison(BesideBodies):
             for layer, surface in zip(layers, other.surfaces, strict=True):
                 self.surfaces.setdefault((shape.material, layer), {}).setdefault(surface, at)
 
-    def hull(self, shape: Shape, other: Shape, at: str) -> None:
-        """Two hulls as solids: engines order and drop vertices as they like."""
+    def surface(self, shape: Shape, other: Shape, at: str) -> None:
+        """Two hulls as solids, since engines order and drop vertices as they like; two height fields as surfaces."""
+        name = HULL if SHAPES[shape.kind].points else FIELD
         wrong = SHAPES[other.kind].wrong_size(other.size)
         deviation = None
         if wrong is None:
             try:
-                deviation = hull_distance(inset(shape.size, other.rounding), other.size)
+                own = inset(shape.size, other.rounding) if name == HULL else shape.size
+                deviation = (hull_distance if name == HULL else field_distance)(own, other.size)
             except HullError as error:
                 wrong = f"with {other.rounding} m around it: {error}"
-        detail = wrong or f"{len(other.size) // 3} vertices, should be the hull of {len(shape.size) // 3}"
-        self.tally.add(self.levels["geometry"], HULL, self.hull_tolerance, deviation, at, detail)
+        detail = wrong or f"{len(other.size)} numbers, should be as the {len(shape.size)} of the {shape.kind}"
+        self.tally.add(self.levels["geometry"], name, self.hull_tolerance, deviation, at, detail)
 
     def pairs(self) -> None:
         """Each pair of materials that can meet: the shapes' numbers, combined by the engine's rules, against the world's;

@@ -14,7 +14,7 @@ from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import engines
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE
-from simspec.proof.comparator import HULL
+from simspec.proof.comparator import FIELD, HULL
 from simspec.proof.contact.run import PROBES, contact_checks, laws
 from simspec.proof.expected import judge as judge_checks
 from simspec.proof.expected import title
@@ -68,7 +68,7 @@ def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
     ]
     for check in proof.checks:
         coarsest = COARSEST.get(check.level)
-        if coarsest is not None and known is not None and (check.level, check.name) == ("L4", HULL):
+        if coarsest is not None and known is not None and (check.level, check.name) in (("L4", HULL), ("L4", FIELD)):
             coarsest = max(coarsest, known.HULL_PRECISION)
         if coarsest is None:
             faults.append(f"unknown level {check.level!r}")
@@ -90,8 +90,9 @@ def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Ite
     least |= {(level, name): moving for level in ("L0", "L1") for name in ("mass", "centre of mass", "inertia tensor")}
     least |= {(level, name): len(world.bodies) for level in ("L0", "L2") for name in ("joint type", "parent")}
     least |= {("L2", name): states for name in ("pose, position", "pose, orientation", "body velocity")}
-    solid_hulls = sum(shape.collision for body in world.bodies for shape in body.shapes if SHAPES[shape.kind].points)
-    least |= {(level, HULL): solid_hulls for level in ("L0", "L4")}
+    solid = [SHAPES[shape.kind] for body in world.bodies for shape in body.shapes if shape.collision]
+    least |= {(level, HULL): sum(kind.points for kind in solid) for level in ("L0", "L4")}
+    least |= {(level, FIELD): sum(kind.grid for kind in solid) for level in ("L0", "L4")}
     if moving:
         least |= {("L3", name): states for name in ("mass matrix", "bias force", "gravity force")}
     counts = {(check.level, check.name): check.count for check in proof.checks}

@@ -15,9 +15,11 @@ from simspec.language.sources import Source
 from simspec.language.states import State
 from simspec.language.strict import near, required
 from simspec.resolve.body_trees import Tree, resolved_trees
-from simspec.resolve.meshes import Meshes, read_meshes, too_many
+from simspec.resolve.heightfields import read_grids, too_many_heights
+from simspec.resolve.meshes import read_meshes, too_many
 from simspec.resolve.named_frames import Written, written_frames
 from simspec.resolve.poses import elements, orientation, pose
+from simspec.resolve.shapes import ShapeFiles
 from simspec.world import frames
 from simspec.world.carriers import owner_of
 from simspec.world.types import Body, Joint, Pose, Vector3
@@ -28,7 +30,7 @@ DEFAULT_MATERIAL = "default"
 
 @dataclass
 class Expansion:
-    """The bodies of the world, what was wrong, and the meshes of the spec.
+    """The bodies of the world, what was wrong, and the files of the shapes.
 
     excluded, touching     the pairs that model files exclude, and those that they let touch (full names)
     held                   the pairs that loops join
@@ -42,7 +44,7 @@ class Expansion:
     touching: list[tuple[str, str]] = field(default_factory=list)
     held: list[tuple[str, str]] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
-    meshes: Meshes = field(default_factory=dict)
+    files: ShapeFiles = field(default_factory=ShapeFiles)
     positions: set[str] = field(default_factory=set)
     velocities: set[str] = field(default_factory=set)
     arrays: list[tuple[str, dict[str, str], dict[str, str]]] = field(default_factory=list)
@@ -71,12 +73,13 @@ class _Instance:
 
 def expand(source: Source) -> Expansion:
     """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children. Raises
-    SpecError where a mesh cannot be read."""
-    expansion = Expansion(meshes=read_meshes(source), frames=written_frames(source))
+    SpecError where a file of a shape cannot be read."""
+    expansion = Expansion(files=ShapeFiles(read_meshes(source), read_grids(source)), frames=written_frames(source))
     only = _only_material(source)
     models = _carriers_first(list(_models(source, only, expansion)), expansion)
     instances = [*_loose(source, only, expansion), *models, *_own_model(source, only, expansion)]
-    expansion.problems += too_many(source, tuple(body for instance in instances for body in instance.bodies))
+    made = tuple(body for instance in instances for body in instance.bodies)
+    expansion.problems += [*too_many(source, made), *too_many_heights(source, made)]
     if not expansion.problems:
         _check_names(instances, expansion)
     expansion.bodies = tuple(body for instance in instances for body in instance.bodies)
@@ -174,7 +177,7 @@ def _loose(source: Source, only: str | None, expansion: Expansion) -> Iterator[_
     bodies = trees.loose(source)
     if bodies is None:
         return
-    for tree in resolved_trees(bodies, only, expansion.meshes):
+    for tree in resolved_trees(bodies, only, expansion.files):
         root = owner_of(tree.bodies[0].name)
         array, path = bodies.content(root).array, (*bodies.path, root)
         for suffix, element in elements(array):
@@ -193,7 +196,7 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
     for name, use, bodies in trees.placed(source):
         if use is None:
             raise ValueError(f"{name} has errors, so it is not resolved")
-        tree = _positioned(_begun(next(resolved_trees(bodies, only, expansion.meshes)), source, bodies), use)
+        tree = _positioned(_begun(next(resolved_trees(bodies, only, expansion.files)), source, bodies), use)
         frame = pose(use.pose)
         for suffix, element in elements(use.array):
             model = f"{name}{suffix}"
@@ -231,7 +234,7 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
     bodies = trees.model_of(source)
     if bodies is None:
         return
-    tree = _begun(next(resolved_trees(bodies, only, expansion.meshes)), source, bodies)
+    tree = _begun(next(resolved_trees(bodies, only, expansion.files)), source, bodies)
     path = (*bodies.path, owner_of(tree.bodies[0].name))
     copied = _copy(tree, "", "", source.content.name, tree.placement, tree.velocity)
     expansion.note(tree, copied)

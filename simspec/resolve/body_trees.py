@@ -10,9 +10,9 @@ from simspec.language.joints import Joint as SpecJoint
 from simspec.language.models import Body as SpecBody
 from simspec.language.strict import required
 from simspec.language.trees import Bodies
-from simspec.resolve.meshes import Meshes, fills
+from simspec.resolve.meshes import fills
 from simspec.resolve.poses import direction, orientation, pose
-from simspec.resolve.shapes import PIECE, Resolved, resolved_shape
+from simspec.resolve.shapes import PIECE, Resolved, ShapeFiles, resolved_shape
 from simspec.world import frames, mass
 from simspec.world.carriers import carrier_name, owner_of
 from simspec.world.types import Body, Inertial, Joint, Pose, Vector3
@@ -31,7 +31,7 @@ class Tree:
     velocities: frozenset[str] = frozenset()
 
 
-def resolved_trees(bodies: Bodies, only: str | None, meshes: Meshes) -> Iterator[Tree]:
+def resolved_trees(bodies: Bodies, only: str | None, files: ShapeFiles) -> Iterator[Tree]:
     """The trees of ``bodies`` in the order of the file; ``only``: the material of shapes that name none."""
     own = bodies.source.file.contact.materials if bodies.source.file is not None else {}
     only = next(iter(own)) if len(own) == 1 else only
@@ -50,7 +50,7 @@ def resolved_trees(bodies: Bodies, only: str | None, meshes: Meshes) -> Iterator
             named.add(spec.joint.name)
         if spec.joints:  # an implied name is that of the body with an index: it is copied as a given one
             named.update(bodies.joint_names(name))
-        moved = _bodies(name, spec, bodies, only, shape_names, meshes)
+        moved = _bodies(name, spec, bodies, only, shape_names, files)
         given = {shape.name for shape in spec.shapes if shape.name is not None}
         named.update(shape.name for shape in moved[-1].shapes if shape.name.partition(PIECE)[0] in given)
         current += moved
@@ -90,11 +90,11 @@ def _written_joints(spec: SpecBody) -> Sequence[SpecJoint | None]:
 
 
 def _bodies(
-    name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str], meshes: Meshes
+    name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str], files: ShapeFiles
 ) -> list[Body]:
     """A body of the spec: itself, and before it one without mass and shapes for each of several joints but the last."""
     resolved = [
-        resolved_shape(trees.unused(f"{name}_{index}", taken), shape, only, bodies.source, meshes)
+        resolved_shape(trees.unused(f"{name}_{index}", taken), shape, only, bodies.source, files)
         for index, shape in enumerate(spec.shapes)
     ]
     # further pieces of a mesh stand behind, so that the shapes before them have the indices that they have in the file

@@ -95,7 +95,7 @@ def fills(body: SpecBody, shape: SpecShape) -> bool:
         return bool(shape.density)
     if body.inertia is not None or not body.mass:
         return False
-    colliding = any(other.collision and other.plane is None for other in body.shapes)
+    colliding = any(other.collision and other.has_volume for other in body.shapes)
     return shape.collision or not colliding
 
 

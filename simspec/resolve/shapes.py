@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from simspec.language.mesh import HULL
 from simspec.language.shapes import Shape as SpecShape
@@ -11,6 +11,7 @@ from simspec.language.sources import Source
 from simspec.language.strict import required
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.meshes.made import MadeMesh
+from simspec.resolve.heightfields import Grids, placed_field
 from simspec.resolve.meshes import Meshes, options_of
 from simspec.resolve.poses import pose
 from simspec.world import frames, mass
@@ -19,6 +20,14 @@ from simspec.world.types import Pose, Shape, Vector3, Velocity6
 
 PIECE = "_piece_"
 """Between the name of a shape and the number of a further piece of it."""
+
+
+@dataclass(frozen=True)
+class ShapeFiles:
+    """What the files that shapes name hold."""
+
+    meshes: Meshes = field(default_factory=dict)
+    grids: Grids = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -32,14 +41,14 @@ class Fill:
 @dataclass(frozen=True)
 class Resolved:
     """A shape of the spec as shapes of the world (several where a mesh is taken as pieces), and what it fills: nothing for a
-    plane. ``fill`` is asked only of what has mass, since a mesh need not be closed where it has none."""
+    plane or a height field. ``fill`` is asked only of what has mass, since a mesh need not be closed where it has none."""
 
     written: SpecShape
     shapes: tuple[Shape, ...]
     fill: Callable[[], list[Fill]]
 
 
-def resolved_shape(name: str, spec: SpecShape, only: str | None, source: Source, meshes: Meshes) -> Resolved:
+def resolved_shape(name: str, spec: SpecShape, only: str | None, source: Source, files: ShapeFiles) -> Resolved:
     """A shape by its own ``name``, or the one given; ``only``: the material of a shape that names none."""
     kind = next(kind for kind in SHAPE_KINDS if getattr(spec, kind) is not None)
     material = spec.material or (only if spec.collision else None) or ""
@@ -58,13 +67,16 @@ def resolved_shape(name: str, spec: SpecShape, only: str | None, source: Source,
 
     if kind == "mesh":
         written = required(spec.mesh)
-        mesh = meshes[source.meshes[written.file], options_of(written)]
+        mesh = files.meshes[source.meshes[written.file], options_of(written)]
         shapes = tuple(
             shape(f"{PIECE}{index}" if index else "", part.size, frames.compose(place, part.pose), part.pose)
             for index, part in enumerate(mesh.parts)
         )
         enclosed = mesh.enclosed if written.mass_from != HULL else None
         return Resolved(spec, shapes, lambda: [_solid(mesh, place)] if enclosed is not None else _all(shapes))
+    if kind == "heightfield":
+        size, frame = placed_field(required(spec.heightfield), source, files.grids)
+        return Resolved(spec, (shape("", size, frames.compose(place, frame), frame),), lambda: [])
     values = getattr(spec, kind).__dict__.values()
     size = tuple(number for value in values for number in (value if isinstance(value, tuple) else (value,)))
     return Resolved(spec, (only_one := (shape("", size, place, Pose()),)), lambda: _all(only_one))
@@ -78,7 +90,7 @@ def _seen_from(frame: Pose, linear: Vector3, angular: Vector3) -> Velocity6:
 
 
 def _all(shapes: tuple[Shape, ...]) -> list[Fill]:
-    return [_fill(shape) for shape in shapes if not SHAPES[shape.kind].endless]
+    return [_fill(shape) for shape in shapes if not SHAPES[shape.kind].still]
 
 
 def _fill(shape: Shape) -> Fill:

@@ -201,6 +201,7 @@ def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
     known = frozenset(known)
     lacking = {kind: never(f"{owner} has no {kind}") for kind in PRIMITIVE_SHAPES}
     lacking["mesh"] = never(f"simspec gives {owner} no meshes")
+    lacking["heightfield"] = never(f"simspec gives {owner} no height fields")
     return {Feature(f"shape.{kind}"): EXACT if kind in known else lacking[kind] for kind in SHAPE_KINDS}
 
 

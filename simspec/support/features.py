@@ -44,6 +44,7 @@ class Feature(StrEnum):
     SHAPE_ELLIPSOID = "shape.ellipsoid"
     SHAPE_PLANE = "shape.plane"
     SHAPE_MESH = "shape.mesh"
+    SHAPE_HEIGHTFIELD = "shape.heightfield"
     SHAPE_VISUAL = "shape.visual"
     SHAPE_MARGIN = "shape.margin"
     SURFACE_VELOCITY = "shape.surface_velocity"
@@ -118,6 +119,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.SHAPE_ELLIPSOID: "ellipsoid",
     Feature.SHAPE_PLANE: "infinite plane",
     Feature.SHAPE_MESH: "convex hull of a mesh",
+    Feature.SHAPE_HEIGHTFIELD: "ground of uneven height, over a grid of points",
     Feature.SHAPE_VISUAL: "visual shapes apart from collision shapes",
     Feature.SHAPE_MARGIN: "contact that begins at a distance from the surface",
     Feature.SURFACE_VELOCITY: "a surface that moves while its shape stays: a conveyor belt, a turntable",

@@ -14,6 +14,7 @@ from simspec.testing.worlds import (
     damped_springs,
     every_joint,
     gripper,
+    ground,
     jointed,
     lifted,
     limits_and_armature,
@@ -56,6 +57,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
         Feature(f"shape.{kind}"): partial(shapes_world, (kind,))
         for kind in ("mesh", "ellipsoid", "capsule", "cylinder", "box", "sphere")
     },
+    Feature.SHAPE_HEIGHTFIELD: ground,
     **{Feature(f"joint.{kind}"): partial(jointed, kind) for kind in JOINT_KINDS},
     **{
         feature: partial(with_cone, feature.value.removeprefix("contact.cone."))

@@ -11,11 +11,14 @@ import random
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from simspec.compiler import missing_options
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.carriers import carrier_name
+from simspec.world.heightfield import size_of
 from simspec.world.tuples import ordered, quaternion, vector3
 from simspec.world.types import (
     Body,
@@ -274,6 +277,18 @@ def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule
         )
     contact = Contact(materials=(material,), pairs=(PairContact("default", "default", friction, 0.0),))
     return world(tuple(bodies), "shapes", contact=contact)
+
+
+GROUND = size_of(0.8, 0.6, 0.2, np.array([[0.1, 0.0, 0.05, 0.02], [0.02, 0.12, 0.0, 0.06], [0.06, 0.03, 0.09, 0.0]]))
+"""Rough ground."""
+
+
+def ground(kinds: tuple[str, ...] = ("sphere",)) -> World:
+    """One free body of each shape kind above rough ground."""
+    base = shapes_world(kinds)
+    floor, *others = base.bodies
+    field = Shape("floor_0", "heightfield", GROUND, Pose((0.1, 0.0, -0.1)), "default")
+    return dataclasses.replace(base, name="ground", bodies=(dataclasses.replace(floor, shapes=(field,)), *others))
 
 
 def meshes() -> World:

@@ -1,6 +1,7 @@
 """Which solid shapes overlap deeply at the start: geometry of the world alone, no engine and no collision library.
 
-All solid shapes but planes are convex. Two such shapes, their centres d apart, overlap along a direction n by
+All solid shapes but planes and height fields are convex, and a height field is looked at as the convex solids below its
+triangles. Two such shapes, their centres d apart, overlap along a direction n by
 h₁(n) + h₂(−n) − d·n, with h the support function (how far a shape reaches along n from its centre); the depth is the least of
 that over all n. A direction along which it is small proves that they do not overlap deeply, which most pairs
 show at once; for the others the least is sought from many directions, and then around the best.
@@ -8,6 +9,7 @@ show at once; for the others the least is sought from many directions, and then 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.world import frames
+from simspec.world.heightfield import field_of
 from simspec.world.kinematics import CollisionFilter, poses
 from simspec.world.shapes import SHAPES, Round, ShapeKind
 from simspec.world.tuples import ordered
@@ -95,7 +98,7 @@ def deep_overlaps(world: World) -> list[Overlap]:
     for solid, other in _near(solids, widest):
         if not may_touch(solid, other):
             continue
-        depth = _depth(solid, other, beyond(solid, other))
+        depth = _deepest(solid, other, beyond(solid, other))
         if len(overlaps) == MOST_OVERLAPS:
             break
         if depth > 0.0:
@@ -189,14 +192,41 @@ def _sphere_of_directions() -> np.ndarray:
 SPREAD = _sphere_of_directions()
 
 
-def _depth(solid: _Solid, other: _Solid, beyond: float) -> float:
-    """The depth (m) of a deep overlap; 0 when there is none. ``beyond``: see :func:`_beyond`."""
+MOST_PRISMS = 64
+"""Triangles of a height field below which a shape is looked at, those nearest its centre first."""
+
+
+def _deepest(solid: _Solid, other: _Solid, beyond: float) -> float:
+    """As :func:`_depth`, of any two shapes: of a height field the most that one of its prisms is overlapped by."""
+    if solid.kind.grid and other.kind.grid:
+        return 0.0
+    if not (solid.kind.grid or other.kind.grid):
+        return _depth(solid, other, beyond, DEEP * min(solid.inner, other.inner))
+    ground, other = (solid, other) if solid.kind.grid else (other, solid)
+    field = field_of(ground.shape.size)
+    centre = ground.axes @ (other.centre - ground.centre)
+    corners = field.points[field.triangles]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    low[:, 2] = -field.base
+    apart = np.linalg.norm(np.maximum(np.maximum(low - centre, centre - high), 0.0), axis=1)
+    near = np.argsort(apart, kind="stable")[:MOST_PRISMS]
+    limit, deepest = DEEP * min(ground.inner, other.inner), 0.0
+    for triangle in near[apart[near] < other.outer + beyond + ground.shape.margin].tolist():
+        prism = field.prism(triangle)
+        middle = prism.mean(axis=0)  # a direction from a point within it tells more
+        size = tuple((prism - middle).ravel().tolist())
+        at = ground.centre + middle @ ground.axes
+        part = _Solid(ground.body, dataclasses.replace(ground.shape, kind="mesh", size=size), at, ground.axes)
+        deepest = max(deepest, _depth(part, other, beyond, limit))
+    return deepest
+
+
+def _depth(solid: _Solid, other: _Solid, beyond: float, limit: float) -> float:
+    """The depth (m) of an overlap that is deeper than ``limit``; 0 when there is none. ``beyond``: see :func:`_beyond`."""
     apart = other.centre - solid.centre
     if solid.kind.endless:
-        limit = DEEP * other.inner
         depth = float(other.reach(-solid.axes[2][None])[0] + solid.shape.margin + beyond - apart @ solid.axes[2])
         return depth if depth > limit else 0.0
-    limit = DEEP * min(solid.inner, other.inner)
     if solid.kind.round is other.kind.round is Round.EVERY:
         depth = solid.outer + other.outer + beyond - float(np.linalg.norm(apart))
         return depth if depth > limit else 0.0

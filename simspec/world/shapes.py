@@ -1,9 +1,9 @@
 """The kinds of shapes: one row for each, with all that follows from a kind and its size alone.
 
-Sizes are those of ``Shape.size``, in metres, named by ``sizes``. Every kind but the plane is convex; its frame's origin is its
-centre of mass. Volume and moments are plain floats, the same bits on every machine. Formulas: any table of moments of inertia
-of homogeneous solids; the capsule is a cylinder and two half balls, whose own centres are 3/8 of the radius beyond the
-cylinder's ends.
+Sizes are those of ``Shape.size``, in metres, named by ``sizes``. Every kind but plane and height field is convex; its frame's
+origin is its centre of mass. Volume and moments are plain floats, the same bits on every machine. Formulas: any table of
+moments of inertia of homogeneous solids; the capsule is a cylinder and two half balls, whose own centres are 3/8 of the radius
+beyond the cylinder's ends.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-from simspec.world import hull
+from simspec.world import heightfield, hull
 
 Array = npt.NDArray[np.float64]
 Size = Sequence[float]
@@ -45,6 +45,8 @@ class ShapeKind:
     upside_down   whether turning it upside down (z to −z) changes nothing
     endless       whether it has no end: an infinite plane, solid below
     points        whether a size is the vertices of a convex hull, x y z of one after the other
+    grid          whether a size is a grid of heights (``world/heightfield.py``), which is not convex; ``support`` is that of
+                  its hull, ``inner_radius`` that of a ball with room below each of its triangles
     """
 
     sizes: tuple[str, ...]
@@ -57,9 +59,17 @@ class ShapeKind:
     upside_down: bool = True
     endless: bool = False
     points: bool = False
+    grid: bool = False
+
+    @property
+    def still(self) -> bool:
+        """Whether only bodies that cannot move have it; it has no mass."""
+        return self.endless or self.grid
 
     def wrong_size(self, size: Size) -> str | None:
         """What is wrong with the count of a size's numbers; None where it is right."""
+        if self.grid:
+            return heightfield.fault_of(size)
         if not self.points:
             count = len(self.sizes)
             return None if len(size) == count else f"has {len(size)} entries, should have {count}"
@@ -109,7 +119,7 @@ def _mesh_moments(size: Size, mass: float) -> Moments:
 
 
 def _no_moments(size: Size, mass: float) -> Moments:
-    raise ValueError("a plane has no moments")
+    raise ValueError("a plane has no moments, nor has a height field")
 
 
 # --- support functions ----------------------------------------------------------------------------------------
@@ -214,6 +224,16 @@ SHAPES: Mapping[str, ShapeKind] = {
         support=_mesh_support,
         upside_down=False,
         points=True,
+    ),
+    "heightfield": ShapeKind(
+        (),
+        volume=heightfield.volume,
+        moments=_no_moments,
+        inner_radius=heightfield.inner_radius,
+        outer_radius=heightfield.outer_radius,
+        support=heightfield.support,
+        upside_down=False,
+        grid=True,
     ),
 }
 """By the words of ``SHAPE_KINDS``. Of a box the sizes are full edge lengths, of an ellipsoid semi-axes; cylinder and capsule

@@ -47,6 +47,7 @@ from simspec.formats.mjcf.from_world import (
     CONES,
     KINDS,
     ONE_NUMBER,
+    heightfields_of,
     keyframe,
     meshes_of,
     no_more_than_its_weight,
@@ -204,6 +205,7 @@ class MujocoDialect(Dialect):
             tuple(actuators(world)),
             (keyframe(KEYFRAME, order),),
             meshes_of(world),
+            heightfields_of(world),
             equalities(world, equality_reference(world)),
             tendons(world, limit_reference(world, target)),
         )

@@ -61,6 +61,10 @@ GROUP_IS_VISUAL: Final = {"0": True, "2": True, "3": False, "4": False}
 FLAG_WORDS: Final = {"true": True, "false": False, "enable": True, "disable": False}
 IN_MESH: Final = {"name", "file", "inertia"}
 """The attributes of a mesh. Others would scale, move or cut it."""
+IN_FIELD: Final = {"name", "nrow", "ncol", "size", "elevation"}
+"""The attributes of a height field."""
+MOST_IN_FIELD: Final = 1_000_000
+"""Points of one height field that are read."""
 MESH_FOLDERS: Final = {"meshdir", "assetdir", "strippath"}
 """Attributes of the compiler that change which file a name means."""
 OF_SUM: Final = {
@@ -152,6 +156,7 @@ class _Raising:
         self._nq = self._nv = 0
         self._sites = self._read_sites()
         self._law = CommonLaw.of(self.timestep, sidecar.settings)
+        self._fields: dict[str, tuple[float, ...]] = {}
         self._meshes = self._read_meshes()
 
     def _read_meshes(self) -> dict[str, tuple[float, ...]]:
@@ -162,6 +167,9 @@ class _Raising:
         meshes: dict[str, tuple[float, ...]] = {}
         files = set()
         for item in document.section("asset"):
+            if item.tag == "hfield":
+                self._read_field(item)
+                continue
             if item.tag != "mesh" or item.values.keys() != IN_MESH or item.element.children:
                 raise item.refused(
                     f"is not read, but for meshes that have {', '.join(sorted(IN_MESH))} and nothing else"
@@ -186,6 +194,23 @@ class _Raising:
                     raise site.refused(f"there is another site {called!r}")
                 sites[called] = (world_name(body.item.text("name")), site)
         return sites
+
+    def _read_field(self, item: Item) -> None:
+        """A height field, whose elevations must be what no reader changes: shares from 0 to 1, or 0 throughout."""
+        if item.values.keys() != IN_FIELD or item.element.children:
+            raise item.refused(f"is not read, but with {', '.join(sorted(IN_FIELD))} and nothing else")
+        name, rows, columns = item.text("name"), _whole(item, "nrow"), _whole(item, "ncol")
+        if name in self._fields:
+            raise item.refused("a second height field of its name")
+        if rows < 2 or columns < 2 or rows * columns > MOST_IN_FIELD:
+            raise item.refused(f"{rows} rows and {columns} columns")
+        half_x, half_y, top, base = item.numbers("size", 4)
+        shares = item.numbers("elevation", rows * columns)
+        if min(shares) != 0.0 or max(shares) not in (0.0, 1.0):
+            raise item.refused(f"its elevations are from {min(shares):g} to {max(shares):g}, should be from 0 to 1")
+        northward = [shares[columns * row : columns * (row + 1)] for row in reversed(range(rows))]
+        heights = (top * share for row in northward for share in row)
+        self._fields[name] = (float(rows), float(columns), 2.0 * half_x, 2.0 * half_y, base, *heights)
 
     def bodies(self) -> dict[str, Body]:
         """Every body by name, in the file's frames."""
@@ -296,8 +321,12 @@ class _Raising:
         size: tuple[float, ...] = ()
         if ("mesh" in geom.values) != (kind == "mesh"):
             raise geom.refused("a mesh is named by what is none, or not named")
+        if ("hfield" in geom.values) != (kind == "hfield"):
+            raise geom.refused("a height field is named by what is none, or not named")
         if kind == "mesh":
             size = self._hull(geom)
+        elif kind == "hfield":
+            kind, size = "heightfield", self._field(geom)
         elif kind != "plane":
             if kind not in HALVED:
                 raise geom.refused(f"type is {kind[:60]!r}, which is not read")
@@ -328,6 +357,12 @@ class _Raising:
         if name not in self._meshes:
             raise geom.refused(f"there is no mesh {name[:60]!r}")
         return self._meshes[name]
+
+    def _field(self, geom: Item) -> tuple[float, ...]:
+        name = geom.text("hfield")
+        if name not in self._fields:
+            raise geom.refused(f"there is no height field {name[:60]!r}")
+        return self._fields[name]
 
     @staticmethod
     def _surface(item: Item, friction: tuple[float, ...], law: CommonLaw, inverse_mass: float = 1.0) -> Surface:

@@ -17,6 +17,7 @@ from simspec.engines.mujoco.actuation import explicit_servos_hold
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_OWN, load
+from simspec.engines.mujoco.ground import HEIGHT_FIELDS
 from simspec.engines.mujoco.readback import UNREADABLE
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
@@ -84,6 +85,7 @@ class MuJoCo(MujocoSimulation):
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("MuJoCo", KINDS),
+        Feature.SHAPE_HEIGHTFIELD: HEIGHT_FIELDS,
         Feature.LIMIT_POSITION: approximate(
             "stops inelastically, but one step late: passes the limit by up to v dt, comes back by limit_error_reduction of it "
             "per step, and rests 1e-7 m deep per m/s² pressed on it (at 1 ms)",

@@ -187,6 +187,7 @@ class _Expected:
             "nout": servos,
             "nkey": 1,
             "nmesh": len(self._hulls),
+            "nhfield": len(self._fields),
             "neq": len(self.world.constraints),
             "ntendon": len(self.world.sums),
             "nwrap": sum(len(one.joints) for one in self.world.sums),
@@ -269,11 +270,20 @@ class _Expected:
     @functools.cached_property
     def _hulls(self) -> list[tuple[float, ...]]:
         """The distinct meshes, in the order in which the file has them."""
+        return self._distinct("mesh")
+
+    @functools.cached_property
+    def _fields(self) -> list[tuple[float, ...]]:
+        """The distinct height fields, in the order in which the file has them."""
+        return self._distinct("heightfield")
+
+    def _distinct(self, kind: str) -> list[tuple[float, ...]]:
         shapes = (shape for body in self.world.bodies for shape in body.shapes)
-        return list(dict.fromkeys(shape.size for shape in shapes if shape.kind == "mesh"))
+        return list(dict.fromkeys(shape.size for shape in shapes if shape.kind == kind))
 
     def _geom(self, shape: Any) -> dict[str, Any]:
-        mesh = {f"geom.{shape.name}.dataid": self._hulls.index(shape.size)} if shape.kind == "mesh" else {}
+        assets = {"mesh": self._hulls, "heightfield": self._fields}.get(shape.kind)
+        mesh = {f"geom.{shape.name}.dataid": assets.index(shape.size)} if assets is not None else {}
         held = self.plan.numbers[shape.material, 0] if shape.collision else Surface()
         solref, solimp = self._reference(held, 1.0, False, self.settings)
         margin = {f"geom.{shape.name}.margin": shape.margin} if shape.collision and shape.margin else {}

@@ -128,6 +128,9 @@ COVERED: Mapping[str, str] = {
         ),
         "L2, controllers",
     ),
+    **dict.fromkeys(
+        ("hfield_size", "hfield_nrow", "hfield_ncol", "hfield_adr", "hfield_data", "nhfielddata"), "L4, height field"
+    ),
     "key_qpos": "L2, initial position",
     "key_qvel": "L2, initial velocity",
     **dict.fromkeys(
@@ -186,7 +189,11 @@ DERIVED: Mapping[str, str] = {
 }
 
 INERT: Mapping[str, str] = {
-    **dict.fromkeys(("names", "names_map", "name_*", "nnames", "nnames_map", "paths", "npaths", "text_data"), "names"),
+    **dict.fromkeys(
+        ("names", "names_map", "name_*", "nnames", "nnames_map", "paths", "npaths", "text_data"),
+        "names",
+    ),
+    "hfield_pathadr": "names",
     **dict.fromkeys(("nbuffer", "narena", "signature"), "sizes of memory, and the compiler's checksum"),
     **dict.fromkeys(
         ("nbvh", "nbvhstatic", "nbvhdynamic", "bvh_*", "body_bvhadr", "body_bvhnum", "noct"),
@@ -210,12 +217,8 @@ INERT: Mapping[str, str] = {
 
 EMPTY: Mapping[str, str] = {
     **dict.fromkeys(("cam_*", "light_*", "mat_*", "tex_*", "skin_*"), "count.ncam, ..."),
-    **dict.fromkeys(
-        ("mesh_*", "hfield_*", "flex_*", "flexedge_*", "oct_*", "nflex?*", "nmesh?*", "nskin?*"), "count.nmesh, ..."
-    ),
-    **dict.fromkeys(
-        ("ntexdata", "nhfielddata", "ntextdata", "nnumericdata", "ntupledata", "nsensordata"), "no such things"
-    ),
+    **dict.fromkeys(("mesh_*", "flex_*", "flexedge_*", "oct_*", "nflex?*", "nmesh?*", "nskin?*"), "count.nmesh, ..."),
+    **dict.fromkeys(("ntexdata", "ntextdata", "nnumericdata", "ntupledata", "nsensordata"), "no such things"),
     **dict.fromkeys(("sensor_*",), "count.nsensor"),
     **dict.fromkeys(
         ("numeric_*", "text_adr", "text_size", "tuple_*", "plugin*", "npluginattr", "npluginstate"),

@@ -48,7 +48,16 @@ UNREADABLE = {
 
 JOINT_KINDS = {0: "free", 1: "ball", 2: "slide", 3: "hinge"}
 """MuJoCo's mjtJoint numbers."""
-SHAPE_KINDS = {0: "plane", 2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box", 7: "mesh"}
+SHAPE_KINDS = {
+    0: "plane",
+    1: "heightfield",
+    2: "sphere",
+    3: "capsule",
+    4: "ellipsoid",
+    5: "cylinder",
+    6: "box",
+    7: "mesh",
+}
 """MuJoCo's mjtGeom numbers."""
 HALVED = {
     "sphere": (False,),
@@ -297,6 +306,8 @@ class _ReadBack:
         if kind == "mesh":
             size, place = self._hull(int(model.geom_dataid[geom]))
             pose = frames.compose(pose, frames.inverse(place))
+        elif kind == "heightfield":
+            size = self._field(int(model.geom_dataid[geom]))
         else:
             size = tuple(
                 2.0 * value if halved else value
@@ -344,6 +355,15 @@ class _ReadBack:
         place = _pose(model.mesh_pos[mesh], model.mesh_quat[mesh])
         in_file = vertices @ np.array(frames.matrix(place.quaternion)).T + place.position
         return tuple(in_file.ravel().tolist()), place
+
+    def _field(self, field: int) -> tuple[float, ...]:
+        """A height field as the world has it; elevations are shares, in single precision."""
+        model = self._model
+        rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+        first = int(model.hfield_adr[field])
+        shares = np.asarray(model.hfield_data[first : first + rows * columns], dtype=float)
+        half_x, half_y, top, base = model.hfield_size[field].tolist()
+        return (float(rows), float(columns), 2.0 * half_x, 2.0 * half_y, base, *(top * shares).tolist())
 
     def _servos(self) -> tuple[HeldServo, ...]:
         """The actuators, of which each must be a position or velocity controller of one joint."""

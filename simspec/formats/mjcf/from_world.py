@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from simspec.formats.kit.meshes import hulls_of, mesh_file, mesh_name
+from simspec.formats.kit.meshes import DIGITS, hulls_of, mesh_file, mesh_name
 from simspec.formats.kit.passes import principal_axes
+from simspec.formats.kit.text import numbers
 from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.rows import Row
-from simspec.formats.mjcf.tree import Attributes, Inertial, Key, Mesh, Value
+from simspec.formats.mjcf.tree import Attributes, HeightField, Inertial, Key, Mesh, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Refinement, not_here
 from simspec.world import frames
+from simspec.world.heightfield import field_of
 from simspec.world.types import Body, Joint, PairContact, Pose, Shape, Surface, World
 
 DEFAULT_COLOUR: Final = (0.7, 0.7, 0.7, 1.0)
@@ -32,7 +36,10 @@ SIZES: Final[Mapping[str, tuple[float, ...]]] = {
     "ellipsoid": (1.0, 1.0, 1.0),
 }
 """What each number of ``Shape.size`` is multiplied with: MJCF has half lengths."""
-KINDS: Final = ("plane", *SIZES, "mesh")
+HEIGHTFIELD: Final = "heightfield"
+TYPES: Final = {HEIGHTFIELD: "hfield"}
+"""The language's words for kinds of shapes that it calls otherwise."""
+KINDS: Final = ("plane", *SIZES, "mesh", HEIGHTFIELD)
 """The kinds of shapes that the language has."""
 MESH: Final[Attributes] = (("inertia", "convex"),)
 """Of every mesh. Masses are stated of bodies: this gives the frame that the vertices are moved to, by the one method that does
@@ -57,11 +64,39 @@ def meshes_of(world: World) -> tuple[Mesh, ...]:
     return tuple(Mesh(mesh_name(hull), mesh_file(hull), hull, MESH) for hull in hulls_of(world))
 
 
+def heightfields_of(world: World) -> tuple[HeightField, ...]:
+    """The height fields of a world, each distinct one once. Their elevations are shares of 1 from 0 to 1, so that what readers
+    do to them (the least is taken away, all are divided by what the greatest then is) changes nothing."""
+    sizes = dict.fromkeys(shape.size for body in world.bodies for shape in body.shapes if shape.kind == HEIGHTFIELD)
+    made = []
+    for size in sizes:
+        field = field_of(size)
+        rows, columns = field.shape
+        shares = field.heights[::-1] / (field.span or 1.0)
+        top = field.span or field.base  # a height of 0 is refused; of flat ground all elevations are 0
+        made.append(
+            HeightField(
+                field_name(size),
+                rows,
+                columns,
+                (0.5 * field.x, 0.5 * field.y, top, field.base),
+                tuple(shares.ravel().tolist()),
+            )
+        )
+    return tuple(made)
+
+
+@functools.lru_cache(maxsize=256)
+def field_name(size: tuple[float, ...]) -> str:
+    """The name of a height field, by its numbers."""
+    return f"field_{hashlib.sha256(numbers(size).encode()).hexdigest()[:DIGITS]}"
+
+
 def size_of(shape: Shape) -> tuple[float, ...]:
-    """The numbers of ``size``; none of a mesh."""
+    """The numbers of ``size``; none of a mesh or a height field."""
     if shape.kind == "plane":
         return PLANE_SIZE
-    if shape.kind == "mesh":
+    if shape.kind in ("mesh", HEIGHTFIELD):
         return ()
     return tuple(value * factor for value, factor in zip(shape.size, SIZES[shape.kind], strict=True))
 
@@ -91,7 +126,15 @@ def geom_of(shape: Shape, class_name: str, more: tree.Attributes) -> tree.Geom:
     """A shape of the class ``class_name``, with further attributes."""
     mesh = mesh_name(shape.size) if shape.kind == "mesh" else ""
     return tree.Geom(
-        shape.name, shape.kind, size_of(shape), shape.pose.position, shape.pose.quaternion, class_name, more, mesh
+        shape.name,
+        TYPES.get(shape.kind, shape.kind),
+        size_of(shape),
+        shape.pose.position,
+        shape.pose.quaternion,
+        class_name,
+        more,
+        mesh,
+        field_name(shape.size) if shape.kind == HEIGHTFIELD else "",
     )
 
 
@@ -147,14 +190,14 @@ def joint_attributes(joint: Joint, frame: Pose) -> list[tuple[str, Value]]:
         more.append(("axis", frames.rotate(frame.quaternion, joint.axis)))
     if joint.position_limits is not None:
         more += [("limited", True), ("range", joint.position_limits)]
-    numbers = {
+    values = {
         "damping": joint.damping,
         "frictionloss": joint.dry_friction,
         "armature": joint.armature,
         "stiffness": joint.spring_stiffness,
         "springref": joint.spring_rest,
     }
-    more.extend((name, value) for name, value in numbers.items() if value)
+    more.extend((name, value) for name, value in values.items() if value)
     return more
 
 

@@ -26,6 +26,7 @@ from simspec.formats.mjcf.from_world import (
     body_of,
     dimensions,
     geom_of,
+    heightfields_of,
     joint_attributes,
     keyframe,
     margins_of,
@@ -156,6 +157,7 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
         actuators=tuple(_actuators(world)),
         keys=(keyframe(KEYFRAME, order),),
         meshes=meshes_of(world),
+        heightfields=heightfields_of(world),
         equalities=equalities(world),
         tendons=tendons(world),
     )

@@ -45,9 +45,21 @@ class Mesh:
 
 
 @dataclass(frozen=True, slots=True)
+class HeightField:
+    """A height field: its name, rows and columns, ``size`` (half lengths along x and y, height of the highest point over the
+    lowest, base; m), and the ``elevation`` of its points as shares of that height, the row of the greatest y first."""
+
+    name: str
+    rows: int
+    columns: int
+    size: tuple[float, ...]
+    elevation: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Geom:
-    """A shape. ``class_name``: the class of defaults that it takes; empty: its body's. ``mesh``: the mesh that it is, which has
-    no ``size``."""
+    """A shape. ``class_name``: the class of defaults that it takes; empty: its body's. ``mesh``, ``hfield``: the mesh or the
+    height field that it is, which has no ``size``."""
 
     name: str
     type: str
@@ -57,6 +69,7 @@ class Geom:
     class_name: str = ""
     more: Attributes = ()
     mesh: str = ""
+    hfield: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,5 +175,6 @@ class Model:
     actuators: tuple[Actuator, ...] = ()
     keys: tuple[Key, ...] = ()
     meshes: tuple[Mesh, ...] = ()
+    heightfields: tuple[HeightField, ...] = ()
     equalities: tuple[Equality, ...] = ()
     tendons: tuple[Tendon, ...] = ()

@@ -15,6 +15,7 @@ import numpy as np
 from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.proof.contact.probe import Figure
 from simspec.world import frames, shapes
+from simspec.world.heightfield import Field, field_of
 from simspec.world.hull import hull_of
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.tuples import ordered, vector3
@@ -144,6 +145,59 @@ def _mesh(size: Sequence[float]) -> Iterator[SurfacePoint]:
         yield SurfacePoint(where, vector3(corners[face].mean(axis=0).tolist()), vector3(solid.normals[face].tolist()))
 
 
+CLEAR = 1e-3
+"""m by which a ball at its widest gap must be further from all other triangles of a field than from the one that it probes."""
+MOST_LOOKED_AT = 200
+"""Cells of a height field among which places for the ball are sought."""
+MOST_TRIANGLES = 12
+"""Triangles of a height field that are probed: both of a cell, so that the other diagonal would be felt."""
+
+
+def _heightfield(size: Sequence[float]) -> Iterator[SurfacePoint]:
+    """Middles of triangles beside which no other is nearer to the ball: the highest, the lowest, and cells that are bent most,
+    in which the other diagonal is furthest off."""
+    field = field_of(size)
+    corners = field.points[field.triangles]
+    middles = corners.mean(axis=1)
+    z = field.heights
+    bent = np.abs(z[1:, 1:] + z[:-1, :-1] - z[1:, :-1] - z[:-1, 1:]).ravel()
+    cells = np.argsort(-bent, kind="stable")[:MOST_LOOKED_AT]
+    ends = [int(middles[:, 2].argmax()), int(middles[:, 2].argmin())]
+    found = 0
+    for number in dict.fromkeys([*ends, *np.stack([2 * cells, 2 * cells + 1], axis=1).ravel().tolist()]):
+        normal = field.normals[number]
+        if _alone(field, number, middles[number] + (BALL + GAPS[-1]) * normal):
+            row, rest = divmod(number, 2 * (z.shape[1] - 1))
+            where = f"{'upper' if rest % 2 else 'lower'} triangle of row {row}, column {rest // 2}"
+            yield SurfacePoint(where, vector3(middles[number].tolist()), vector3(normal.tolist()))
+            found += 1
+            if found == MOST_TRIANGLES:
+                return
+
+
+def _alone(field: Field, number: int, centre: np.ndarray) -> bool:
+    """Whether the ball, at its widest gap over a triangle, is clearly further from every other, and from its walls."""
+    reach = BALL + GAPS[-1] + CLEAR
+    corners = field.points[field.triangles]
+    low, high = corners.min(axis=1) - reach, corners.max(axis=1) + reach
+    near = np.flatnonzero(((low < centre) & (centre < high)).all(axis=1))
+    others = corners[near[near != number]]
+    return all(_from_triangle(centre, triangle) > reach for triangle in others)
+
+
+def _from_triangle(point: np.ndarray, corners: np.ndarray) -> float:
+    """How far (m) a point is from a triangle (3, 3)."""
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    normal /= np.linalg.norm(normal)
+    after = np.roll(corners, -1, axis=0)
+    inwards = np.cross(normal, after - corners)
+    if (((point - corners) * inwards).sum(axis=1) >= 0.0).all():
+        return abs(float((point - corners[0]) @ normal))
+    along = ((point - corners) * (after - corners)).sum(axis=1) / ((after - corners) ** 2).sum(axis=1)
+    nearest = corners + np.clip(along, 0.0, 1.0)[:, None] * (after - corners)
+    return float(np.linalg.norm(nearest - point, axis=1).min())
+
+
 _POINTS = {
     "sphere": _sphere,
     "box": _box,
@@ -152,6 +206,7 @@ _POINTS = {
     "ellipsoid": _ellipsoid,
     "plane": _plane,
     "mesh": _mesh,
+    "heightfield": _heightfield,
 }
 
 
@@ -205,12 +260,17 @@ def size_trial(world: World) -> SizeTrial | None:
     bodies: list[Body] = []
     probed: list[_Probed] = []
     excluded = []
-    at = 0.0
+    at, unprobed = 0.0, 0
     chosen = list(distinct.items())[:MOST_SHAPES]
     for index, ((*_, stated, _, weighs), (shape, role, partner)) in enumerate(chosen):
         margin = shape.margin if stated is None else stated
+        points = surface_points(shape, margin)
+        if not points:  # ground so fine that the ball would touch several triangles at once
+            unprobed += 1
+            continue
         kind = shapes.SHAPES[shape.kind]
-        reach = (2.0 * kind.outer_radius(shape.size) if kind.points else sum(shape.size)) + margin + 1.0
+        wide = kind.points or kind.grid
+        reach = (2.0 * kind.outer_radius(shape.size) if wide else sum(shape.size)) + margin + 1.0
         at += reach
         # a plane is solid below itself, without end: it lies under all other shapes
         place = Pose((at, 0.0, 0.0), TILT) if shape.kind != "plane" else Pose((at, 0.0, -1000.0 - 10.0 * index))
@@ -220,7 +280,7 @@ def size_trial(world: World) -> SizeTrial | None:
         excluded += [ordered(body.name, body.joint.parent) for body in made if body.joint.parent is not None]
         bodies += [*made, _ball(ball, partner, (at, 50.0, 0.0))]
         subject = f"{_told(shape, margin)}, {role}"
-        probed.append((subject, name, ball, surface_points(shape, margin), place))
+        probed.append((subject, name, ball, points, place))
     contact = Contact(
         world.contact.friction_cone,
         world.contact.materials,
@@ -229,7 +289,9 @@ def size_trial(world: World) -> SizeTrial | None:
         tuple(sorted(excluded)),
     )
     trial_world = World(f"{world.name}-sizes", tuple(bodies), contact, world.physics, engines=world.engines)
-    return _states(trial_world, probed, len(distinct) - len(chosen))
+    if not probed:
+        return None
+    return _states(trial_world, probed, len(distinct) - len(chosen) + unprobed)
 
 
 def _last(margin: float | None) -> float:
@@ -261,6 +323,9 @@ def _told(shape: Shape, margin: float) -> str:
     if shapes.SHAPES[shape.kind].points:
         radius = shapes.SHAPES[shape.kind].outer_radius(shape.size)
         return f"{shape.kind} of {len(shape.size) // 3} vertices within {radius:g} m"
+    if shapes.SHAPES[shape.kind].grid:
+        rows, columns, x, y, *_ = shape.size
+        return f"{shape.kind} of {rows:g} × {columns:g} heights on {x:g} × {y:g} m"
     text = " × ".join(f"{value:g}" for value in shape.size)
     felt = f", margin {margin:g} m" if margin else ""
     return f"{shape.kind}{' ' if text else ''}{text}{' m' if text else ''}{felt}"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from simspec.world import frames
+from simspec.world.heightfield import field_of
 from simspec.world.hull import faces, vertices_of
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose, Shape, World
@@ -45,6 +46,21 @@ class Solid:
     def endless(self) -> bool:
         """Whether it is a plane."""
         return SHAPES[self.shape.kind].endless
+
+    @property
+    def grid(self) -> bool:
+        """Whether it is a height field."""
+        return SHAPES[self.shape.kind].grid
+
+    @property
+    def still(self) -> bool:
+        """Whether only bodies that cannot move have shapes of its kind."""
+        return SHAPES[self.shape.kind].still
+
+    @functools.cached_property
+    def parts(self) -> Prisms:
+        """Of a height field what is solid below each triangle."""
+        return Prisms(self.shape.size)
 
     @functools.cached_property
     def thing(self) -> Any:
@@ -125,12 +141,40 @@ def _thing(kind: str, size: tuple[float, ...]) -> Any:
 
 
 def _convex(coal: Any, size: tuple[float, ...]) -> Any:
+    return _closed(coal, vertices_of(size), faces(size).tolist())
+
+
+def _closed(coal: Any, points: np.ndarray, sides: Iterable[Sequence[int]]) -> Any:
     vertices, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for vertex in vertices_of(size):
+    for vertex in points:
         vertices.append(vertex)
-    for corners in faces(size).tolist():
+    for corners in sides:
         triangles.append(coal.Triangle(*corners))
     return coal.Convex(vertices, triangles)
+
+
+PRISM = ((0, 1, 2), (3, 5, 4), (0, 3, 4), (0, 4, 1), (1, 4, 5), (1, 5, 2), (2, 5, 3), (2, 3, 0))
+"""The triangles of what is solid below a triangle, anticlockwise as seen from outside."""
+
+
+class Prisms:
+    """A height field as convex solids, one below each of its triangles; coal's geometries, each made when it is asked for."""
+
+    def __init__(self, size: tuple[float, ...]):
+        self._field = field_of(size)
+        corners = self._field.points[self._field.triangles]
+        self._low, self._high = corners.min(axis=1), corners.max(axis=1)
+        self._low[:, 2] = -self._field.base
+        self._made: dict[int, Any] = {}
+
+    def near(self, centre: np.ndarray, radius: float) -> Iterator[tuple[float, Any]]:
+        """Every one, nearest first, with a bound (m): what is within a sphere (its frame's) is no nearer to it than this."""
+        beside = np.maximum(np.maximum(self._low - centre, centre - self._high), 0.0)
+        bounds = np.linalg.norm(beside, axis=1) - radius
+        for index in np.argsort(bounds, kind="stable").tolist():
+            if index not in self._made:
+                self._made[index] = _closed(_coal(), self._field.prism(index), PRISM)
+            yield float(bounds[index]), self._made[index]
 
 
 @functools.cache
@@ -151,21 +195,47 @@ class Gap:
     second: np.ndarray
 
 
+NOWHERE = Gap(math.inf, np.zeros(3), np.zeros(3), np.zeros(3))
+"""The gap of what is endlessly far apart."""
+
+
 def gap(solid: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> Gap:
-    """The gap between two shapes at poses (4, 4). Two planes are endlessly far apart: nothing can bring them together.
+    """The gap between two shapes at poses (4, 4). Two planes, or two of what only bodies that cannot move have, are endlessly
+    far apart: nothing can bring them together.
 
     What coal cannot tell (a distance that is no number) counts as apart: only an overlap that was seen is one.
     """
-    nowhere = np.zeros(3)
-    if solid.endless and other.endless:
-        return Gap(math.inf, nowhere, nowhere, nowhere)
+    if solid.still and other.still:
+        return NOWHERE
+    if solid.grid:
+        return _to_field(solid, at, other, other_at)
+    if other.grid:
+        found = _to_field(other, other_at, solid, at)
+        return Gap(found.distance, -found.normal, found.second, found.first)
+    return _between(solid.thing, at, other.thing, other_at)
+
+
+def _between(thing: Any, at: np.ndarray, other: Any, other_at: np.ndarray) -> Gap:
     coal = _coal()
     result = coal.DistanceResult()
     first, second = (coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (at, other_at))
-    separation = coal.distance(solid.thing, first, other.thing, second, _request(), result)
+    separation = coal.distance(thing, first, other, second, _request(), result)
     if not math.isfinite(separation):
-        return Gap(math.inf, nowhere, nowhere, nowhere)
+        return NOWHERE
     return Gap(separation, result.normal, result.getNearestPoint1(), result.getNearestPoint2())
+
+
+def _to_field(field: Solid, at: np.ndarray, other: Solid, other_at: np.ndarray) -> Gap:
+    """The gap from a height field, which is that of the nearest of its prisms, or of the one that is overlapped most."""
+    centre = at[:3, :3].T @ (other_at[:3, 3] - at[:3, 3])
+    best = NOWHERE
+    for bound, prism in field.parts.near(centre, other.outer):
+        if bound >= best.distance:
+            break
+        found = _between(prism, at, other.thing, other_at)
+        if found.distance < best.distance:
+            best = found
+    return best
 
 
 def wanted_depth(solid: Solid, other: Solid) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simspec.proof.touch.geometry import Solid, gap, wanted_depth
+from simspec.world.heightfield import field_of
 from simspec.world.hull import hull_of
 from simspec.world.rotations import matrices
 
@@ -149,12 +150,22 @@ def _on_hull(size: Sequence[float], place: int, pose: int) -> tuple[np.ndarray, 
     return corners[chosen].mean(axis=0), faces.normals[chosen]
 
 
+def _on_field(size: Sequence[float], place: int, pose: int) -> tuple[np.ndarray, np.ndarray]:
+    """The middle of one triangle, spread over the field: of two places that follow each other one is in the upper triangle of
+    its cell, one in the lower."""
+    field = field_of(size)
+    cells = len(field.triangles) // 2
+    chosen = 2 * int(((place + 3 * pose + 1) * 0.381966 % 1.0) * cells) + (place + pose) % 2
+    return field.points[field.triangles[chosen]].mean(axis=0), field.normals[chosen]
+
+
 _SURFACE: Mapping[str, Callable[[Sequence[float], int, int], tuple[np.ndarray, np.ndarray]]] = {
     "sphere": _on_ball,
     "cylinder": _on_cylinder,
     "capsule": _on_side,
     "ellipsoid": _on_ellipsoid,
     "mesh": _on_hull,
+    "heightfield": _on_field,
 }
 """For each kind without a grid of places a point of the surface and its normal, by the place's number and the pose."""
 
