@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final, TypeVar
 
 from simspec.dialects.mujoco.chains import Chain, chains, origins
+from simspec.dialects.mujoco.heightfields import height_field
 from simspec.dialects.mujoco.names import NO_RATING
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
@@ -61,10 +62,6 @@ GROUP_IS_VISUAL: Final = {"0": True, "2": True, "3": False, "4": False}
 FLAG_WORDS: Final = {"true": True, "false": False, "enable": True, "disable": False}
 IN_MESH: Final = {"name", "file", "inertia"}
 """The attributes of a mesh. Others would scale, move or cut it."""
-IN_FIELD: Final = {"name", "nrow", "ncol", "size", "elevation"}
-"""The attributes of a height field."""
-MOST_IN_FIELD: Final = 1_000_000
-"""Points of one height field that are read."""
 MESH_FOLDERS: Final = {"meshdir", "assetdir", "strippath"}
 """Attributes of the compiler that change which file a name means."""
 OF_SUM: Final = {
@@ -168,7 +165,9 @@ class _Raising:
         files = set()
         for item in document.section("asset"):
             if item.tag == "hfield":
-                self._read_field(item)
+                name, size = height_field(item)
+                if self._fields.setdefault(name, size) is not size:
+                    raise item.refused("a second height field of its name")
                 continue
             if item.tag != "mesh" or item.values.keys() != IN_MESH or item.element.children:
                 raise item.refused(
@@ -194,23 +193,6 @@ class _Raising:
                     raise site.refused(f"there is another site {called!r}")
                 sites[called] = (world_name(body.item.text("name")), site)
         return sites
-
-    def _read_field(self, item: Item) -> None:
-        """A height field, whose elevations must be what no reader changes: shares from 0 to 1, or 0 throughout."""
-        if item.values.keys() != IN_FIELD or item.element.children:
-            raise item.refused(f"is not read, but with {', '.join(sorted(IN_FIELD))} and nothing else")
-        name, rows, columns = item.text("name"), _whole(item, "nrow"), _whole(item, "ncol")
-        if name in self._fields:
-            raise item.refused("a second height field of its name")
-        if rows < 2 or columns < 2 or rows * columns > MOST_IN_FIELD:
-            raise item.refused(f"{rows} rows and {columns} columns")
-        half_x, half_y, top, base = item.numbers("size", 4)
-        shares = item.numbers("elevation", rows * columns)
-        if min(shares) != 0.0 or max(shares) not in (0.0, 1.0):
-            raise item.refused(f"its elevations are from {min(shares):g} to {max(shares):g}, should be from 0 to 1")
-        northward = [shares[columns * row : columns * (row + 1)] for row in reversed(range(rows))]
-        heights = (top * share for row in northward for share in row)
-        self._fields[name] = (float(rows), float(columns), 2.0 * half_x, 2.0 * half_y, base, *heights)
 
     def bodies(self) -> dict[str, Body]:
         """Every body by name, in the file's frames."""
