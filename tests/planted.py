@@ -7,6 +7,7 @@ from simspec.proof.selftest_worlds import WORLDS
 MUJOCO_ALONE = {
     "ball armature": "joint.ball.armature",
     "free armature": "joint.free.armature",
+    "ball limit": "joint.limits.angle",
     "belts": "shape.surface_velocity",
     "margins": "shape.margin",
     "sum limits": "constraint.sum.limits",

@@ -42,6 +42,7 @@ RARE = {
     Feature.MARGIN_PAIRS,
     Feature.SURFACE_VELOCITY,
     Feature.BALL_ARMATURE,
+    Feature.BALL_LIMIT,
     Feature.FRAME,
     Feature.FREE_ARMATURE,
     Feature.FREE_DAMPING,

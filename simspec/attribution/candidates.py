@@ -395,7 +395,9 @@ def _unlimited(world: World) -> World:
     sums = tuple(dataclasses.replace(one, position_limits=None) for one in world.sums)
     return _with_bodies(
         dataclasses.replace(world, sums=sums),
-        lambda body: dataclasses.replace(body, joint=dataclasses.replace(body.joint, position_limits=None)),
+        lambda body: dataclasses.replace(
+            body, joint=dataclasses.replace(body.joint, position_limits=None, angle_limit=None)
+        ),
     )
 
 

@@ -60,6 +60,7 @@ GROUPS: Mapping[Keys, str] = {
     ("bodies", "*", "joint", "spring_stiffness"): "joint spring",
     ("bodies", "*", "joint", "spring_rest"): "joint spring",
     ("bodies", "*", "joint", "position_limits"): "joint limits",
+    ("bodies", "*", "joint", "angle_limit"): "joint limits",
     ("sums",): "sums of joint positions",
     ("bodies", "*", "joint", "effort_limit"): "joint ratings",
     ("bodies", "*", "joint", "velocity_limit"): "joint ratings",

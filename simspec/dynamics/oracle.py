@@ -117,6 +117,8 @@ class Oracle:
             names.append("joint.dry_friction")
         if any(body.joint.position_limits for body in self.world.bodies):
             names.append("joint.limits.position")
+        if any(body.joint.angle_limit for body in self.world.bodies):
+            names.append("joint.limits.angle")
         if any(one.position_limits for one in self.world.sums):
             names.append("constraint.sum.limits")
         return names

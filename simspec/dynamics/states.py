@@ -13,9 +13,24 @@ from simspec.world.types import World
 SEED = 20211
 
 
+def angles_of(turns: np.ndarray) -> np.ndarray:
+    """The angles (n,), 0 to π, of unit quaternions (n, 4)."""
+    angles: np.ndarray = 2.0 * np.arctan2(np.linalg.norm(turns[:, 1:], axis=1), np.abs(turns[:, 0]))
+    return angles
+
+
+def shortened(turn: np.ndarray, share: float) -> np.ndarray:
+    """The rotation (4,) about the same axis by a share of the angle."""
+    w, axis = abs(float(turn[0])), turn[1:] * (1.0 if turn[0] >= 0.0 else -1.0)
+    length = float(np.linalg.norm(axis))
+    half = share * math.atan2(length, w)
+    return np.array([math.cos(half), *(axis * (math.sin(half) / length if length else 0.0))])
+
+
 def random_states(world: World, count: int, seed: int = SEED, speed: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """``count`` seeded states (count, nq), (count, nv): hinges anywhere within their limits (else ±π), slides within
-    theirs (else ±0.5 m), any orientation, free roots within 1 m of where they are, velocities within ±``speed``."""
+    theirs (else ±0.5 m), any orientation that limits allow, free roots within 1 m of where they are, velocities within
+    ±``speed``."""
     generator = np.random.default_rng(seed)
     start, _ = initial_state(world)
     states, velocities = [], []
@@ -34,7 +49,8 @@ def random_states(world: World, count: int, seed: int = SEED, speed: float = 1.0
                 if joint.kind == "free":
                     q.extend(start[at : at + 3] + generator.uniform(-1, 1, 3))
                 turn = generator.normal(size=4)
-                q.extend(turn / np.linalg.norm(turn) * (1.0 if turn[0] >= 0 else -1.0))
+                turn = turn / np.linalg.norm(turn) * (1.0 if turn[0] >= 0 else -1.0)
+                q.extend(turn if joint.angle_limit is None else shortened(turn, joint.angle_limit / math.pi))
             at += len(joint.position)
             v.extend(generator.uniform(-speed, speed, len(joint.velocity)))
         states.append(q)

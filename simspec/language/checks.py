@@ -8,7 +8,7 @@ from typing import Any
 from simspec.errors import Problem
 from simspec.language import trees
 from simspec.language.document import INVALID, Document, Key
-from simspec.language.joints import outside, read_position, read_velocity
+from simspec.language.joints import angle_of, beyond_cone, outside, read_position, read_velocity
 from simspec.language.models import Body
 from simspec.language.sources import Source
 from simspec.language.strict import Fault, Faults, near, required
@@ -257,6 +257,14 @@ def _starts(document: Document, path: tuple[Key, ...], raw: Mapping[str, Any], b
                 if not lower <= read <= upper:
                     wrong = outside(read, limits.position, ())
                     yield document.problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed)
+            if (
+                key == "positions"
+                and limits is not None
+                and limits.angle is not None
+                and beyond_cone(read, limits.angle)
+            ):
+                wrong = outside(angle_of(read), (0.0, limits.angle), ())
+                yield document.problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed)
 
 
 def _part(source: Source, name: str) -> Mapping[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any
 
@@ -50,7 +51,7 @@ _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
     "slide": {},
     "ball": {
         "axis": "a ball joint turns about every axis",
-        **dict.fromkeys(("limits", "dry_friction"), "only for hinge and slide joints"),
+        "dry_friction": "only for hinge and slide joints",
     },
     "free": {
         "origin": "a free body's initial pose is the body's `pose`",
@@ -96,10 +97,15 @@ def read_by_joint(
 
 
 class Limits(Strict):
-    """Limits of a hinge or a slide: a hard stop, and two ratings that control and expectations obey."""
+    """Limits of a hinge or a slide: a hard stop, and two ratings that control and expectations obey. Of a ball: the largest
+    angle."""
 
     position: Maybe[Annotated[Any, ByJointType("rad or m", 2)]] = Field(
         ABSENT, description="[lower, upper]: lower ≤ q ≤ upper, hard, inelastic stops"
+    )
+    angle: Maybe[Annotated[Any, ByJointType("rad")]] = Field(
+        ABSENT,
+        description="Ball: the largest angle |log R| by which it is turned, at most 180 deg; a hard, inelastic stop",
     )
     velocity: Maybe[Annotated[Any, ByJointType("rad/s or m/s")]] = Field(
         ABSENT, description="Velocity rating > 0; stored in the model, not enforced by the engine"
@@ -137,7 +143,7 @@ class Joint(Strict):
     axis: Maybe[Annotated[tuple[float, float, float], Direction()]] = Field(
         ABSENT, description="Axis in the joint's frame, of any length but zero; required for hinge and slide"
     )
-    limits: Maybe[Limits] = Field(ABSENT, description="Limits; hinge and slide")
+    limits: Maybe[Limits] = Field(ABSENT, description="Limits; hinge, slide and ball")
     damping: Maybe[Annotated[Any, ByJointType("N m s/rad or N s/m", parts=True)]] = Field(
         ABSENT,
         description="d ≥ 0: an effort −d × velocity, explicit in time; default 0; not of fixed joints; of a free joint two "
@@ -195,14 +201,35 @@ class Joint(Strict):
                     data[key] = read
         start = data.get("position")
         limits = data["limits"].get("position") if isinstance(data.get("limits"), dict) else None
+        largest = data["limits"].get("angle") if isinstance(data.get("limits"), dict) else None
+        if isinstance(start, Orientation) and largest is not None and beyond_cone(start, largest):
+            faults.append(outside(angle_of(start), (0.0, largest), ("position",)))
         if isinstance(start, float) and limits is not None and not limits[0] <= start <= limits[1]:
             faults.append(outside(start, limits, ("position",)))
         return data, faults
 
 
+ROUND_OFF = 1e-7
+"""rad: an angle is known from its cosine, near 0 to the root of the last bit."""
 PARTS = ("linear", "angular")
 _NESTED = ("limits", "spring")
 _TYPED = (*_NESTED, "damping", "dry_friction", "armature", "position", "velocity")
+
+
+def angle_of(turn: Orientation) -> float:
+    """The angle (rad, 0 to π) of a rotation."""
+    w, length = 1.0, 1.0
+    if turn.quat is not None:
+        w, length = turn.quat[0], math.hypot(*turn.quat)
+    elif turn.rpy is not None:
+        sines, cosines = ([function(angle / 2.0) for angle in turn.rpy] for function in (math.sin, math.cos))
+        w = math.prod(cosines) + math.prod(sines)
+    return 2.0 * math.acos(min(1.0, abs(w) / length))
+
+
+def beyond_cone(turn: Orientation, largest: float) -> bool:
+    """Whether a rotation is by more than the largest angle (rad) of a ball joint, beside round-off of the angle."""
+    return angle_of(turn) > largest + ROUND_OFF
 
 
 def outside(start: float, limits: tuple[float, float], loc: tuple[str | int, ...]) -> Fault:
@@ -282,6 +309,7 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
     readers: dict[str, dict[str, Any]] = {
         "limits": {
             "position": lambda item: Vector(Number(dimension["position"]), 2).read(item),
+            "angle": lambda item: Number("angle", 0, math.pi, above=True).read(item),
             "velocity": lambda item: Number(dimension["velocity"], 0, above=True).read(item),
             "effort": lambda item: Number(dimension["effort"], 0, above=True).read(item),
         },
@@ -297,6 +325,11 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
         del data["rest"]
     for name, reader in readers[key].items():
         if name not in data:
+            continue
+        if key == "limits" and (name == "angle") != (kind == "ball"):
+            own = "limits: {angle: 60 deg}" if kind == "ball" else "limits: {position: [lower, upper]}"
+            faults.append(Fault((key, name), f"the limits of a {kind} joint have no {name}", None, None, own))
+            del data[name]
             continue
         item = data.pop(name)
         read, more = _attempt(reader, item, (key, name))

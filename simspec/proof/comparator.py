@@ -210,6 +210,8 @@ class _Comparison(BesideBodies):
             self.vector("joint", "axis", wanted.axis, actual.axis, f"{where}.axis")
             if self.readable("joint.position_limits"):
                 self.limits(wanted, actual, where)
+        if wanted.kind == "ball" and (wanted.angle_limit is not None or actual.angle_limit is not None):
+            self.number("joint", "angle limit", wanted.angle_limit, actual.angle_limit, f"{where}.limits.angle")
         numbers = JOINT_NUMBERS if wanted.kind in TREE_JOINTS else FREE_NUMBERS if wanted.kind == "free" else ()
         for name in numbers:
             if self.readable(f"joint.{name}"):

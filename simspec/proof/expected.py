@@ -14,7 +14,7 @@ from simspec.proof.checks import NOTHING, Check, failed
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
 from simspec.proof.motionless import motionless
-from simspec.proof.sum_limits import STOPS_CHECK, nothing_stops
+from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK, no_ball_stops, nothing_stops
 from simspec.proof.touch.plan import nothing_to_try
 from simspec.world.kinematics import rubbing
 from simspec.world.types import VELOCITY_SIZE, World
@@ -82,6 +82,7 @@ PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
     ("L6", SLIDING_CHECK): _rubs,
     ("L6", REST_CHECK): _rubs,
     ("L6", STOPS_CHECK): nothing_stops,
+    ("L6", BALLS_CHECK): no_ball_stops,
     ("L7", ""): _acts,
     ("L7", "step response"): _driven,
     ("L7", FORCES_CHECK): _pushed,
@@ -90,7 +91,7 @@ PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
 """Level, and name of a check ("" any), to the function that says "" where a world has it, or why a world has none."""
 
 
-UNMENTIONED = (("L6", STOPS_CHECK), ("L7", FORCES_CHECK), ("L7", PRESCRIBED_CHECK))
+UNMENTIONED = (("L6", STOPS_CHECK), ("L6", BALLS_CHECK), ("L7", FORCES_CHECK), ("L7", PRESCRIBED_CHECK))
 """Parts of which a certificate says nothing where a world has none."""
 
 

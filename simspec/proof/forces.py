@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simspec.control.forces import brought_forward, forces_to_request, in_steps
 from simspec.control.motions import curve, motions_to_request
 from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import SEED
+from simspec.dynamics.states import SEED, angles_of, shortened
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
 from simspec.proof.inside import inside
@@ -72,6 +72,9 @@ def plan(world: World, oracle: Oracle) -> Pushed | None:
         if (limits := body.joint.position_limits) is not None:
             margin = INSIDE * (limits[1] - limits[0])
             q[at] = np.clip(q[at], limits[0] + margin, limits[1] - margin)
+        if (most := body.joint.angle_limit) is not None:
+            angle = float(angles_of(q[None, at])[0])
+            q[at] = shortened(q[at], min(1.0, (1.0 - INSIDE) * most / angle) if angle else 1.0)
     q = oracle.inwards(oracle.settled(inside(world, q, INSIDE), start))
     effort = oracle.bias_force(q, v) - oracle.joint_effort(q, v)
     forces = brought_forward(world.forces, world.physics.timestep, FIRST, LONGEST)

@@ -16,7 +16,7 @@ from simspec.proof.contact.size import size_trial
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
 from simspec.proof.expected import PARTS, expected, title
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
-from simspec.proof.sum_limits import STOPS_CHECK
+from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK
 from simspec.world.kinematics import rubbing
 from simspec.world.types import World
 
@@ -32,13 +32,21 @@ NEEDS: Mapping[tuple[str, str], tuple[Capability, ...]] = {
     ("L6", SLIDING_CHECK): (Capability.CONTACT_OFF,),
     ("L6", REST_CHECK): (Capability.CONTACT_OFF,),
     ("L6", STOPS_CHECK): (Capability.CONTACT_OFF,),
+    ("L6", BALLS_CHECK): (Capability.CONTACT_OFF,),
     ("L7", "step response"): (Capability.CONTACT_OFF,),
     ("L7", FORCES_CHECK): (Capability.CONTACT_OFF,),
     ("L7", PRESCRIBED_CHECK): (Capability.CONTACT_OFF,),
 }
 """What each part of a proof takes beside an engine's core."""
 WITHOUT_FRICTION = (
-    *(("L6", "motion"), ("L6", STOPS_CHECK), ("L7", "step response"), ("L7", FORCES_CHECK), ("L7", PRESCRIBED_CHECK)),
+    *(
+        ("L6", "motion"),
+        ("L6", STOPS_CHECK),
+        ("L6", BALLS_CHECK),
+        ("L7", "step response"),
+        ("L7", FORCES_CHECK),
+        ("L7", PRESCRIBED_CHECK),
+    ),
 )
 """The parts in which joints' dry friction is switched off, where a world has any."""
 TITLES = frozenset({title(*part) for part in NEEDS} | {level for level, _ in NEEDS})

@@ -14,7 +14,7 @@ import numpy as np
 
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.stability import unstable
-from simspec.dynamics.states import SEED, random_states
+from simspec.dynamics.states import SEED, angles_of, random_states, shortened
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check
 from simspec.proof.inside import CALM, MIDDLE, Stops, calmed, inside
@@ -166,13 +166,17 @@ def _near_limits(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray
         if body.joint.position_limits is not None
     ]
     stops = Stops(world)
+    turned = stops.near(states, 0.05)
+    for body, at in zip(world.bodies, oracle.layout.position, strict=True):
+        if body.joint.angle_limit is not None:
+            turned = turned | (angles_of(states[:, at]) > 0.95 * body.joint.angle_limit)
     if not rows:
-        return stops.near(states, 0.05)
+        return turned
     index = np.array([row[0] for row in rows])
     low, high = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
     margin = 0.05 * (high - low)
     near: np.ndarray = ((states[:, index] < low + margin) | (states[:, index] > high - margin)).any(axis=1)
-    return near | stops.near(states, 0.05)
+    return near | turned
 
 
 def comes_near_limits(world: World, oracle: Oracle, states: np.ndarray) -> bool:
@@ -212,6 +216,9 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
     start, _ = initial_state(world)
     for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
         limits = body.joint.position_limits
+        if body.joint.angle_limit is not None:
+            q[at_q] = shortened(q[at_q], 0.5)
+            v[at_v] *= min(1.0, 0.2 * body.joint.angle_limit)
         if limits is not None:
             # the world's own start where it is well inside, since that is where its motion is meant to happen
             low, high = limits

@@ -195,6 +195,15 @@ def ball_armature(engine: str) -> World:
     return dataclasses.replace(world, name="self-test-ball-armature", bodies=(bob,))
 
 
+def ball_limit(engine: str) -> World:
+    """A body on a ball joint with a largest angle."""
+    world = ball_joint(engine)
+    (bob,) = world.bodies
+    bob = dataclasses.replace(bob, joint=dataclasses.replace(bob.joint, angle_limit=2.2))
+    options = _options(engine, "joint.limits.angle")
+    return dataclasses.replace(world, name="self-test-ball-limit", bodies=(bob,), engines=options)
+
+
 def lifted(engine: str) -> World:
     """A free body with damping and a part of its weight, and on it an arm without any."""
     place = (0.1, 0.2, 1.0, 0.8, 0.0, 0.6, 0.0)
@@ -440,6 +449,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "dry friction": dry_friction,
     "ball joint": ball_joint,
     "ball armature": ball_armature,
+    "ball limit": ball_limit,
     "lifted": lifted,
     "free armature": free_armature,
     "frames": framed,

@@ -1,4 +1,4 @@
-"""Limits of sums of joint positions, pressed on (level L6, beside the motion, which stays away from them).
+"""Limits of sums of joint positions and of ball joints, pressed on (level L6, beside the motion, which stays away from them).
 
 A force along a sum that stands at its limit is what the stop gives back, to the last bit: c F − c λ = 0, so that nothing moves
 at all. A sum that arrives there, with the velocity that such a force gives, stops with all that it moves: the stop is
@@ -7,22 +7,23 @@ inelastic. So what must come is known without a law of impacts beside the engine
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import SEED
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
-from simspec.proof.inside import Stops
+from simspec.proof.inside import MIDDLE, Stops, inside
 from simspec.world.derived import derived
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.types import Follow, World
 
 Floats = NDArray[np.float64]
-LEVEL, STOPS_CHECK = "L6", "limits of sums"
+LEVEL, STOPS_CHECK, BALLS_CHECK = "L6", "limits of sums", "limits of balls"
 STEPS = 20
 """Steps of one trial."""
 WAY = 0.01
@@ -44,6 +45,7 @@ class Trial:
     v: Floats
     effort: Floats
     free: Floats
+    check: str = STOPS_CHECK
 
 
 @dataclass(frozen=True)
@@ -69,10 +71,60 @@ def nothing_stops(world: World) -> str:
     return "" if _reached(world) else "the joints' own limits keep every sum off its limits"
 
 
+def no_ball_stops(world: World) -> str:
+    """Why no limit of a ball joint of this world is pressed on; "" where one is."""
+    if not any(body.joint.angle_limit for body in world.bodies):
+        return "no ball joint has a limit"
+    return "balls are not brought to their limits where joints are held together" if world.constraints else ""
+
+
 def plan(world: World, oracle: Oracle) -> SumLimits | None:
-    """The trials; None where no limit of a sum can be pressed on."""
-    if nothing_stops(world):
-        return None
+    """The trials; None where no limit of a sum and of a ball can be pressed on."""
+    sums = None if nothing_stops(world) else _of_sums(world, oracle)
+    if no_ball_stops(world):
+        return sums
+    balls = tuple(_of_balls(world, oracle))
+    return SumLimits(balls, ()) if sums is None else SumLimits((*sums.trials, *balls), sums.out_of_reach)
+
+
+def _of_balls(world: World, oracle: Oracle) -> Iterator[Trial]:
+    """A ball at its largest angle is turned further about the axis of that angle, whose rate is the ball's velocity about it,
+    in either frame: what is pressed is what the stop gives back, as of a sum."""
+    q, still = initial_state(world)[0], np.zeros(oracle.nv)
+    parts = list(zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True))
+    for body, at, _ in parts:
+        if (limits := body.joint.position_limits) is not None:
+            q[at] = min(max(q[at.start], 0.9 * limits[0] + 0.1 * limits[1]), 0.1 * limits[0] + 0.9 * limits[1])
+        elif body.joint.angle_limit is not None:
+            q[at] = (1.0, 0.0, 0.0, 0.0)
+    q = inside(world, q, MIDDLE)
+    generator, seconds = np.random.default_rng(SEED + 400), STEPS * oracle.timestep
+    for body, at, at_v in parts:
+        if (most := body.joint.angle_limit) is None or most >= np.pi:
+            continue
+        axis = generator.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        weights, there = still.copy(), q.copy()
+        weights[at_v], there[at] = axis, _turned(most, axis)
+        balance = oracle.bias_force(there, still) - oracle.joint_effort(there, still)
+        _, unit = oracle.step(there, still, balance + weights)
+        gain = float(weights @ unit) / oracle.timestep
+        force = 2.0 * WAY * most / (seconds**2 * gain)
+        fast = unit * (WAY * most / seconds / float(weights @ unit))
+        free = oracle.motion(there, still, balance + force * weights, STEPS, STEPS)[1][-1]
+        where = f"bodies.{body.name}.joint.limits.angle"
+        pressed = balance + force * weights
+        yield Trial("pressed on its largest angle", where, there, still, pressed, free, BALLS_CHECK)
+        before = there.copy()
+        before[at] = _turned(most - 0.5 * oracle.timestep * WAY * most / seconds, axis)
+        yield Trial("arrives at its largest angle", where, before, fast, balance, fast, BALLS_CHECK)
+
+
+def _turned(angle: float, axis: Floats) -> Floats:
+    return np.array([np.cos(angle / 2.0), *(np.sin(angle / 2.0) * axis)])
+
+
+def _of_sums(world: World, oracle: Oracle) -> SumLimits:
     trials: list[Trial] = []
     reached = _reached(world)
     stops = Stops(world)
@@ -120,14 +172,15 @@ def _reached(world: World) -> dict[tuple[int, int], Floats]:
 
 
 def stops_checks(world: World, plan: SumLimits, answer: Mapping[str, Floats]) -> list[Check]:
-    """One check: the largest velocity that is left, as a share of what there would be without the limits."""
+    """A check of sums and one of balls: the largest velocity that is left, as a share of what the same force gives without the
+    limits."""
     tally = Tally()
     names = [body.joint.name for body in world.bodies for _ in body.joint.velocity]
     for trial, left in zip(plan.trials, answer["v"], strict=True):
         share = np.abs(left) / float(np.abs(trial.free).max())
         worst = int(np.argmax(share)) if np.isfinite(share).all() else int(np.argmin(np.isfinite(share)))
         detail = f"{trial.name}: {names[worst]} moves at {left[worst]:.6g} after {STEPS} steps, should be at rest"
-        if plan.out_of_reach:
+        if plan.out_of_reach and trial.check == STOPS_CHECK:
             detail += f"; out of the joints' reach: {', '.join(plan.out_of_reach[:3])}"
-        tally.add(LEVEL, STOPS_CHECK, TOLERANCE, float(share[worst]), trial.where, detail)
+        tally.add(LEVEL, trial.check, TOLERANCE, float(share[worst]), trial.where, detail)
     return tally.checks()

@@ -44,7 +44,7 @@ from simspec.proof.probes import (
     dynamics_operation,
     kinematics_checks,
 )
-from simspec.proof.sum_limits import STOPS_CHECK, SumLimits, stops_checks
+from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK, SumLimits, stops_checks
 from simspec.proof.touch import plan as touch
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
@@ -96,7 +96,7 @@ class Probes:
             asked.append(Operation("motion", {"steps": motion.steps, "every": motion.every}, arrays, world))
         if self.rubbing is not None and ("L6", SLIDING_CHECK) not in lacking:
             asked.append(self.rubbing.operation(world))
-        if self.stops is not None and ("L6", STOPS_CHECK) not in lacking:
+        if self.stops is not None and ("L6", STOPS_CHECK) not in lacking and ("L6", BALLS_CHECK) not in lacking:
             asked.append(self.stops.operation(world))
         if self.response is not None and ("L7", "step response") not in lacking:
             asked.append(self.response.operation())

@@ -170,6 +170,7 @@ def _joint(name: str, kind: str, written: SpecJoint | None, parent: str | None) 
         spring_rest=0.0 if spring is None else spring.rest or 0.0,
         position=position,
         velocity=velocity,
+        angle_limit=None if limits is None else limits.angle,
     )
 
 

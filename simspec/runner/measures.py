@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.dynamics.states import angles_of
 from simspec.mapped import parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run
@@ -216,6 +217,10 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
             if limits is not None and (states[:, place].min() < limits[0] or states[:, place].max() > limits[1]):
                 raise Unmeasurable(
                     f"the oracle does not support joint limits, and {body.joint.name} exceeds its limits: set until"
+                )
+            if (most := body.joint.angle_limit) is not None and (angles_of(states[:, place]) > most).any():
+                raise Unmeasurable(
+                    f"the oracle does not support limits of balls, and {body.joint.name} exceeds its own: set until"
                 )
         if (beyond := beyond_limits(world, states)) is not None:
             raise Unmeasurable(f"the oracle does not support limits of sums, and {beyond} exceeds its own: set until")

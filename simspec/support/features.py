@@ -16,6 +16,7 @@ class Feature(StrEnum):
     JOINT_FREE = "joint.free"
     JOINT_SEVERAL = "joint.several"
     LIMIT_POSITION = "joint.limits.position"
+    BALL_LIMIT = "joint.limits.angle"
     LIMIT_VELOCITY = "joint.limits.velocity"
     LIMIT_EFFORT = "joint.limits.effort"
     DAMPING = "joint.damping"
@@ -91,6 +92,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.JOINT_FREE: "a root body that moves freely",
     Feature.JOINT_SEVERAL: "several joints of one body: universal, planar, of up to six degrees of freedom",
     Feature.LIMIT_POSITION: "a hard, inelastic stop at the position limits",
+    Feature.BALL_LIMIT: "a hard, inelastic stop at the largest angle of a ball joint",
     Feature.LIMIT_VELOCITY: "the velocity rating, held but not enforced",
     Feature.LIMIT_EFFORT: "the effort rating, held but not enforced",
     Feature.DAMPING: "effort −d v, explicit in time",

@@ -32,6 +32,7 @@ _FREE_FEATURES = (("damping", Feature.FREE_DAMPING), ("armature", Feature.FREE_A
 
 _LIMIT_FEATURES = (
     ("position_limits", Feature.LIMIT_POSITION),
+    ("angle_limit", Feature.BALL_LIMIT),
     ("velocity_limit", Feature.LIMIT_VELOCITY),
     ("effort_limit", Feature.LIMIT_EFFORT),
 )

@@ -74,6 +74,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     **dict.fromkeys((Feature.DAMPING, Feature.SPRING), damped_springs),
     Feature.BALL_DAMPING: partial(jointed, "ball", damping=0.1),
     Feature.BALL_ARMATURE: partial(jointed, "ball", armature=0.1),
+    Feature.BALL_LIMIT: partial(jointed, "ball", angle_limit=1.0),
     Feature.GRAVITY_SCALE: lifted,
     Feature.FREE_DAMPING: partial(jointed, "free", damping=0.1, angular_damping=0.1),
     Feature.FREE_ARMATURE: partial(jointed, "free", armature=0.1, angular_armature=0.1),

@@ -135,6 +135,7 @@ class Joint:
                     of translation (kg)
     angular_armature of free: added to the three of rotation (kg m²)
     spring_stiffness k ≥ 0: effort −k (q − spring_rest); for a ball −k log R in the child's axes (N m/rad, N/m)
+    angle_limit     ball: the largest angle |log R| (rad, up to π), a hard stop as position_limits; None = unlimited
     position        initial position: hinge/slide (q,), ball quaternion, free x y z w x y z of the *body frame*
     velocity        initial velocity: hinge/slide (v,), ball angular velocity of the child relative to the parent in the
                     child's axes, free linear velocity of the body frame's origin then angular velocity, both in
@@ -158,6 +159,7 @@ class Joint:
     velocity: tuple[float, ...] = ()
     angular_damping: float = field(default=0.0, metadata=LEFT_OUT)
     angular_armature: float = field(default=0.0, metadata=LEFT_OUT)
+    angle_limit: float | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)

@@ -132,6 +132,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
     **PASSIVE,
+    **dict.fromkeys(("ball limit", "ball limit dropped"), "DART has no limits of balls"),
     **dict.fromkeys(FRAMES, "DART is told no frames"),
     "free armature": "DART has no armature of free bodies",
     "mass": _text(f"{LOWER}/inertia/mass", scaled),

@@ -121,6 +121,7 @@ class DartDialect(Dialect):
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
         **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
+        Feature.BALL_LIMIT: never(".skel has no limits of ball joints that DART would stop at their angle"),
         Feature.FRAME: UNTOLD_FRAMES,
     }
 

@@ -49,6 +49,8 @@ NAMES: Mapping[str, str] = {
     "ball damping": "ball joint",
     "ball armature": "ball armature",
     "ball spring": "ball joint",
+    "ball limit": "ball limit",
+    "ball limit dropped": "ball limit",
     "gravity scale": "lifted",
     "gravity scale dropped": "lifted",
     "free damping": "lifted",

@@ -170,6 +170,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
     **PASSIVE,
+    **dict.fromkeys(("ball limit", "ball limit dropped"), "world.json has no limits of balls"),
     **dict.fromkeys(FRAMES, "world.json has no frames: engines that read it are told none"),
     "mass": number("lower", "mass", times=1.0 + STEP),
     "centre of mass": number("lower", "centre_of_mass", 0),

@@ -269,6 +269,8 @@ DEFECTS: Mapping[str, Plant | str] = {
     "passing pair": xml(MODEL, _ghost_touches),
     "torsional friction": _attribute("contact/pair", "friction", lambda text: scaled(text, 2, 0.5)),
     "rolling friction": _attribute("contact/pair", "friction", lambda text: scaled(scaled(text, 3, 0.5), 4, 0.5)),
+    "ball limit": _attribute(".//joint[@name='bob_joint']", "range", lambda text: nudged(text, 1)),
+    "ball limit dropped": _attribute(".//joint[@name='bob_joint']", "limited", lambda _: "false"),
     "frame, position": _attribute(TIP, "pos", nudged),
     "frame, orientation": _attribute(TIP, "quat", lambda text: nudged(text, 1)),
     "frame on another body": xml(MODEL, _moved_frame),

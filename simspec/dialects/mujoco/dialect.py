@@ -110,7 +110,7 @@ class MujocoDialect(Dialect):
     SUPPORT: ClassVar[Table] = {
         **exactly(
             *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            Feature.LIMIT_POSITION,
+            *(Feature.LIMIT_POSITION, Feature.BALL_LIMIT),
             *(
                 Feature.DAMPING,
                 Feature.BALL_DAMPING,

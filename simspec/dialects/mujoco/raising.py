@@ -260,13 +260,15 @@ class _Raising:
         if _word(item, "limited", FLAG_WORDS):
             lower, upper = item.numbers("range", 2)
             limits = (lower, upper)
+            if kind == "ball" and lower:
+                raise item.refused("the range of a ball joint begins at 0")
         return Joint(
             item.text("name"),
             kind,
             parent,
             Pose() if kind == "free" else origin,
             frames.rotate(frames.conjugate(turn), _vector(item, "axis")) if kind in SCALAR_JOINTS else (0.0, 0.0, 0.0),
-            limits,
+            limits if kind != "ball" else None,
             velocity_limit,
             effort_limit,
             damping=item.number("damping"),
@@ -278,6 +280,7 @@ class _Raising:
             velocity=velocity,
             angular_damping=item.number("damping") if kind == "free" else 0.0,
             angular_armature=item.number("armature") if kind == "free" else 0.0,
+            angle_limit=limits[1] if limits is not None and kind == "ball" else None,
         )
 
     def _state(self, kind: str) -> tuple[tuple[float, ...], tuple[float, ...]]:

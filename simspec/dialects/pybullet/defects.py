@@ -122,6 +122,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
     **PASSIVE,
+    **dict.fromkeys(("ball limit", "ball limit dropped"), "PyBullet has no limits of balls"),
     **dict.fromkeys(FRAMES, "PyBullet is told no frames"),
     "free armature": "PyBullet has no armature of free bodies",
     **LANGUAGE,

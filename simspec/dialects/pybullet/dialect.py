@@ -132,6 +132,7 @@ class PybulletDialect(Dialect):
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
         **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
+        Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
         Feature.FRAME: UNTOLD_FRAMES,
     }
 

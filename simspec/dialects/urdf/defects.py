@@ -185,6 +185,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **CONSTRAINTS,
     **SUMS,
     **PASSIVE,
+    **dict.fromkeys(("ball limit", "ball limit dropped"), "plain URDF has no limits of balls"),
     **dict.fromkeys(FRAMES, "an engine that reads URDF is told no frames"),
     "free armature": "plain URDF has no armature of free bodies",
     "inertia, sign of a product": attribute(f"{INERTIAL}/inertia", "ixy", lambda text: text_of(-float(text))),

@@ -90,6 +90,7 @@ class UrdfDialect(Dialect):
         **GATHERED,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
         **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
+        Feature.BALL_LIMIT: never("URDF has no ball joints"),
         Feature.FRAME: UNTOLD_FRAMES,
     }
 

@@ -241,6 +241,7 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
         Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
         Feature.SUM: via_api(_COMPUTED, none_along_servos),
+        Feature.BALL_LIMIT: never("DART limits the components of the rotation vector, and no angle"),
         Feature.FRAME: UNTOLD_FRAMES,
         Feature.SUM_LIMITS: never("DART stops joints one by one, and no sum of their positions"),
     }

@@ -236,6 +236,7 @@ class Drake(SimulatedEngine[Simulation]):
         Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
         Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
         Feature.SUM: via_api(_COMPUTED),
+        Feature.BALL_LIMIT: never("Drake has no limits of ball joints"),
         Feature.FRAME: UNTOLD_FRAMES,
         Feature.SUM_LIMITS: never("Drake stops joints one by one, and no sum of their positions"),
     }

@@ -91,6 +91,11 @@ class MuJoCo(MujocoSimulation):
             "per step, and rests 1e-7 m deep per m/s² pressed on it (at 1 ms)",
             short="a joint passes its limit by up to one step's way before it stops",
         ),
+        Feature.BALL_LIMIT: approximate(
+            "as limits of hinges: stops inelastically, but one step late: passes the limit by up to ω dt, and comes back by "
+            "limit_error_reduction of it per step",
+            short="a joint passes its limit by up to one step's way before it stops",
+        ),
         Feature.DRY_FRICTION: approximate(
             "sticks softly: creeps at up to 1e-4 dt times the acceleration it holds back (1e-7 m/s at 1 ms and 1 m/s²)",
             short="a joint held by dry friction creeps: by 1e-7 m/s at 1 ms and 1 m/s²",

@@ -221,7 +221,7 @@ class _Expected:
             "jnt.{}.solref": (-float(self.settings["limit_error_reduction"]) / dt**2, -1.0 / dt),
             "jnt.{}.solimp": _flat_impedance(limit),
             "jnt.{}.stiffness": joint.spring_stiffness,
-            "jnt.{}.range": joint.position_limits or (0.0, 0.0),
+            "jnt.{}.range": joint.position_limits or (0.0, joint.angle_limit or 0.0),
             "jnt.{}.qpos0": (0.0,) if straight else position,
             "jnt.{}.qpos_spring": (joint.spring_rest,) if straight else position,
             "dof.{}.solref": (0.0, -1.0 / dt) * dofs,

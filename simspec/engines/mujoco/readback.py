@@ -275,13 +275,15 @@ class _ReadBack:
             None if rating == NO_RATING else float(rating) for rating in model.jnt_user[joint][:2]
         )
         lower, upper = model.jnt_range[joint].tolist()
+        if kind == "ball" and lower:
+            raise EngineError("mujoco", f"the range of {self._names['JOINT'][joint]!r} begins at {lower}, not at 0")
         return Joint(
             self._names["JOINT"][joint],
             kind,
             parent,
             origin,
             axis,
-            (lower, upper) if model.jnt_limited[joint] else None,
+            (lower, upper) if model.jnt_limited[joint] and kind != "ball" else None,
             velocity_limit,
             effort_limit,
             damping=float(model.dof_damping[first]),
@@ -293,6 +295,7 @@ class _ReadBack:
             velocity=velocity,
             angular_damping=float(model.dof_damping[first + 3]) if kind == "free" else 0.0,
             angular_armature=float(model.dof_armature[first + 3]) if kind == "free" else 0.0,
+            angle_limit=upper if model.jnt_limited[joint] and kind == "ball" else None,
         )
 
     def _check_zero(self, joint: int, start: int) -> None:

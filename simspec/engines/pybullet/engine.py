@@ -258,6 +258,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", loops_held),
         Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR", within_one_tree),
         Feature.SUM: via_api(_COMPUTED),
+        Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
         Feature.FRAME: UNTOLD_FRAMES,
         Feature.SUM_LIMITS: never("PyBullet stops joints one by one, and no sum of their positions"),
     }

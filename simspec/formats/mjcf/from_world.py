@@ -190,6 +190,8 @@ def joint_attributes(joint: Joint, frame: Pose) -> list[tuple[str, Value]]:
         more.append(("axis", frames.rotate(frame.quaternion, joint.axis)))
     if joint.position_limits is not None:
         more += [("limited", True), ("range", joint.position_limits)]
+    if joint.angle_limit is not None:
+        more += [("limited", True), ("range", (0.0, joint.angle_limit))]
     values = {
         "damping": joint.damping,
         "frictionloss": joint.dry_friction,

@@ -90,6 +90,7 @@ SUPPORT: Final[Table] = {
     Feature.INITIAL_POSITION: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
     Feature.INITIAL_VELOCITY: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
     Feature.LIMIT_POSITION: approximate("the range; its stop is a spring-damper, with the default solreflimit"),
+    Feature.BALL_LIMIT: approximate("the range; its stop is a spring-damper, with the default solreflimit"),
     Feature.LIMIT_EFFORT: Support(Level.EXACT, "as actuatorfrcrange, which holds for actuators only"),
     Feature.LIMIT_VELOCITY: never("MJCF has no velocity ratings"),
     Feature.DRY_FRICTION: approximate("frictionloss, which creeps; with the default solreffriction"),

@@ -120,6 +120,7 @@ SUPPORT: Final[Table] = {
         EXACT.level, "as a further joint of a link, which many readers do not support", refine=loops_in_trees
     ),
     Feature.CONSTRAINT_COUPLING: Support(EXACT.level, "as mimic of a joint, in SDF 1.11", refine=couplings_in_trees),
+    Feature.BALL_LIMIT: never("SDF has limits along axes only"),
     Feature.FRAME: Support(Level.EXACT, "<frame>"),
     **alike(never("SDF has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
 }

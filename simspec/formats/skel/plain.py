@@ -64,6 +64,7 @@ SUPPORT: Final[Table] = {
     Feature.TOUCHING_PAIRS: never(_FILTER),
     Feature.CONSTRAINT_LOOP: never(".skel has no constraints between bodies"),
     Feature.CONSTRAINT_COUPLING: never(".skel has no couplings of joints"),
+    Feature.BALL_LIMIT: never(".skel has no limits of ball joints"),
     Feature.FRAME: never(".skel has no frames but those of bodies"),
     **alike(never(".skel has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
     Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),

@@ -67,6 +67,7 @@ SUPPORT: Final[Table] = {
     Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
     Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
+    Feature.BALL_LIMIT: never("URDF has no ball joints"),
     Feature.FRAME: Support(Level.EXACT, "a link without mass on a fixed joint, NAME_joint"),
     **alike(never("URDF has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
     Feature.BALL_ARMATURE: never("URDF has no armature"),

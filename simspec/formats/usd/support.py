@@ -92,6 +92,7 @@ SUPPORT: Final[Table] = {
     Feature.CONTROL_NATIVE: never("a drive of a file is a spring and a damper of the model"),
     Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "as joints that are excluded from the articulation"),
     Feature.CONSTRAINT_COUPLING: never("UsdPhysics has no couplings of joints"),
+    Feature.BALL_LIMIT: never("a cone of UsdPhysics limits where an axis points, and lets the body turn about it"),
     Feature.FRAME: Support(Level.EXACT, "an Xform in that of its body"),
     **alike(never("UsdPhysics has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
 }

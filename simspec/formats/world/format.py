@@ -67,6 +67,7 @@ class WorldJson(Format):
             *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM, Feature.SUM_LIMITS),
             *(Feature.GRAVITY, Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.TIMESTEP),
         ),
+        Feature.BALL_LIMIT: never("world.json has no limits of balls: no engine that reads it has any"),
         Feature.FRAME: UNTOLD_FRAMES,
         Feature.FREE_ARMATURE: never("world.json has no armature of free bodies: no engine that reads it has any"),
         Feature.BALL_ARMATURE: never("world.json has no armature of balls: no engine that reads it has any"),

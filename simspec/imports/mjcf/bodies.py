@@ -6,6 +6,7 @@ configuration: q = qpos − ref, so that ranges, springs and all else are given 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -285,6 +286,8 @@ class Bodies:
             self._along(number, joint)
             values = {"damping": damping, "dry_friction": dry, "armature": armature}
         else:
+            if kind == "ball":
+                self._cone(number, joint)
             values = self._others(number, kind, part.element, damping, dry, armature)
         joint |= {key: value for key, value in values.items() if value}
         if stiffness:
@@ -313,6 +316,19 @@ class Bodies:
         if limits:
             joint["limits"] = limits
 
+    def _cone(self, number: int, joint: dict[str, Any]) -> None:
+        """The largest angle of a ball."""
+        model, element = self.model, self.model.part("joint", number).element
+        if not bool(model["jnt_limited"][number]) or model.disabled("limit", "constraint"):
+            return
+        largest = float(model["jnt_range"][number][1])
+        if 0.0 < largest < math.pi:  # an angle is never larger
+            joint["limits"] = {"angle": largest}
+        elif not largest > 0.0:
+            self.features.add("joint.ball_limit", element)
+        if float(model["jnt_margin"][number]):
+            self.features.add("joint.margin", element)
+
     def _others(
         self, number: int, kind: str, element: Element, damping: float, dry: float, armature: float
     ) -> dict[str, Any]:
@@ -330,8 +346,6 @@ class Bodies:
                 values = {key: {"linear": value, "angular": value} for key, value in both.items() if value}
         if dry:
             self.features.add("joint.dry_friction", element)
-        if kind == "ball" and bool(self.model["jnt_limited"][number]):
-            self.features.add("joint.ball_limit", element)
         return values
 
     def _spring(self, number: int, kind: str, stiffness: float, joint: dict[str, Any], element: Element) -> None:

@@ -60,7 +60,7 @@ FEATURES: Final = {
     "joint.free_spring": Feature("joint/stiffness freejoint/*", _PHYSICS, "free bodies have no springs"),
     "joint.dry_friction": Feature("joint/frictionloss", _PHYSICS, "only hinges and slides have dry friction"),
     "joint.armature": Feature("joint/armature freejoint/*", _PHYSICS, _AT_CENTRE),
-    "joint.ball_limit": Feature("joint/range joint/limited", _PHYSICS, "ball joints have no limits in the language"),
+    "joint.ball_limit": Feature("joint/range joint/limited", _PHYSICS, "a ball whose largest angle is 0 is fixed"),
     "joint.polynomial": Feature(
         "joint/stiffness joint/damping", _PHYSICS, "springs and dampers are linear in the language"
     ),

@@ -178,7 +178,11 @@ class JointReader:
             prim.token("physics:axis", "X")
             for name in ("physics:coneAngle0Limit", "physics:coneAngle1Limit"):
                 if prim.real(name, -1.0, infinite=True) >= 0.0 and not math.isinf(prim.real(name, -1.0, infinite=True)):
-                    prim.set_aside(name, Fate.LOST, "ball joints have no limits")
+                    prim.set_aside(
+                        name,
+                        Fate.LOST,
+                        "a ball is limited by its whole angle, not by a cone",
+                    )
             for drive in prim.instances("PhysicsDriveAPI"):
                 self._no_drive(prim, drive)
             ball = Freedom("ball", (0.0, 0.0, 0.0), "ball")
