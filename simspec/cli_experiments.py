@@ -9,6 +9,7 @@ import typer
 
 from simspec.arguments import (
     DEADLINE,
+    Accepts,
     Annotations,
     AsJson,
     Deadline,
@@ -35,7 +36,7 @@ def add_experiments(app: typer.Typer) -> None:
     app.command("sweep")(command(reads_robot_files(sweep_command)))
     app.command("study")(command(study_command))
     app.command("pages")(command(pages_command))
-    app.command("explain")(command(explain_command))
+    app.command("explain")(command(reads_robot_files(explain_command)))
 
 
 def add_reports(app: typer.Typer) -> None:
@@ -130,6 +131,8 @@ def explain_command(
         bool, typer.Option("--verify", help="First prove that both engines hold their models (L0 to L7 without L5).")
     ] = False,
     sets: Sets = None,
+    accept: Accepts = None,
+    robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     python: Pythons = None,
     deadline: Deadline = DEADLINE,
@@ -145,6 +148,7 @@ def explain_command(
     simspec explain arm.yaml --engine ENGINE1 --engine ENGINE2
     simspec explain arm.yaml --engine ENGINE --with physics.timestep=2ms
     simspec explain arm.yaml arm-heavier.yaml --engine ENGINE
+    simspec explain robot.SUFFIX --engine ENGINE1 --engine ENGINE2 --accept all
     """
     from simspec.commands.explain import explain
 
@@ -156,7 +160,9 @@ def explain_command(
         windows=windows,
         verify=verify,
         sets=sets,
+        accept=accept,
         allow_outside=allow_outside,
+        robot_files=robot_files,
         python=python,
         deadline=deadline,
         as_json=as_json,

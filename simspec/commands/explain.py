@@ -10,11 +10,14 @@ from simspec.attribution.configuration import Configuration
 from simspec.attribution.models import ModelProof, proof_of
 from simspec.attribution.sides import explain as explain_them
 from simspec.attribution.sides import side_of_run
+from simspec.commands.accept import accepted_sets
+from simspec.commands.run import OF_A_MODEL
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.generated import CERTIFICATE_FILE, GENERATED, read_certificate
 from simspec.report.attribution import explanation_data, show_explanation
 from simspec.report.progress import progress
+from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.runner.run import Run
 from simspec.runner.store import load_run
 
@@ -28,7 +31,9 @@ def explain(
     windows: int,
     verify: bool,
     sets: list[str] | None,
+    accept: list[str] | None = None,
     allow_outside: bool,
+    robot_files: RobotFiles = NO_WORDS,
     python: list[str] | None,
     deadline: float,
     as_json: bool,
@@ -44,9 +49,10 @@ def explain(
             raise SpecError(
                 [Problem(message, found=", ".join(filter(None, (a, b))), allowed="two run folders, or specs")]
             )
-        if engine or others or sets:
-            message = "--engine, --set and --with are for specs: runs have their own"
+        if engine or others or sets or accept:
+            message = "--engine, --set, --accept and --with are for specs: runs have their own"
             raise SpecError([Problem(message, found=f"{a}, {b}")])
+        robot_files.check_effect()
         runs = [load_run(name) for name in (a, b)]
         sides = [side_of_run(run, pythons, name) for run, name in zip(runs, (a, b), strict=True)]
         names = [f"{name} ({run.label})" for run, name in zip(runs, (a, b), strict=True)]
@@ -55,7 +61,7 @@ def explain(
         versions = [run.provenance.get("engine_version") for run in runs]
         demand_installed(list(dict.fromkeys(side.engine for side in sides)), pythons)
     else:
-        sides, names = _of_specs(a, b, engine, others, sets, allow_outside, pythons)
+        sides, names = _of_specs(a, b, engine, others, sets, accept, allow_outside, robot_files, pythons)
         folders_of_proof = [GENERATED / side.world.name for side in sides]
         versions = [None, None]
     proofs = [_stored_proof(*facts) for facts in zip(sides, folders_of_proof, versions, strict=True)]
@@ -94,7 +100,9 @@ def _of_specs(
     engine: list[str] | None,
     others: list[str] | None,
     sets: list[str] | None,
+    accept: list[str] | None,
     allow_outside: bool,
+    robot_files: RobotFiles,
     pythons: dict[str, str],
 ) -> tuple[list[Configuration], list[str]]:
     words = engine or []
@@ -109,16 +117,51 @@ def _of_specs(
     labels = [engine_names([word])[0] for word in words]
     demand_installed(labels, pythons)
     labels = [labels[0], labels[-1]]
-    worlds = [
-        load_spec(a, sets, allow_outside, warn=False).world,
-        load_spec(b or a, [*(sets or ()), *(others or ())], allow_outside, warn=False).world,
+    loaded = [
+        load_spec(
+            name,
+            said,
+            allow_outside,
+            robot_files=robot_files,
+            check_effect=False,
+            warn=False,
+            duration_of_model=OF_A_MODEL,
+        )
+        for name, said in _accepting(a, b or a, sets, others, accept, allow_outside, robot_files)
     ]
+    robot_files.check_effect(*(one.spec for one in loaded))
+    worlds = [one.world for one in loaded]
     sides = [Configuration(world, label, pythons.get(label)) for world, label in zip(worlds, labels, strict=True)]
     names = [
         f"{a} in {labels[0]}",
         " ".join([f"{b or a} in {labels[1]}", *(f"--with {word}" for word in others or ())]),
     ]
     return sides, names
+
+
+def _accepting(
+    a: str,
+    b: str,
+    sets: list[str] | None,
+    others: list[str] | None,
+    accept: list[str] | None,
+    allow_outside: bool,
+    robot_files: RobotFiles,
+) -> list[tuple[str, list[str]]]:
+    """The spec of each side, with its overrides, those of ``accept`` included. Raises SpecError for a word of it that neither
+    needs."""
+    sides = [(a, list(sets or ())), (b, [*(sets or ()), *(others or ())])]
+    said: list[tuple[str, list[str]]] = []
+    failed: list[SpecError] = []
+    for name, own in sides:
+        try:
+            said.append((name, accepted_sets(name, own, accept, allow_outside, robot_files) or []))
+        except SpecError as error:  # what is wrong with a spec itself is told when it is read
+            said.append((name, own))
+            failed.append(error)
+    if len(failed) == len(sides):
+        raise failed[0]
+    return said
 
 
 def _other_versions(runs: Sequence[Run], names: Sequence[str], pythons: dict[str, str]) -> list[str]:
