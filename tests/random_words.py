@@ -151,6 +151,15 @@ class Words:
                 if joint.get("type") == "ball" and self.chance(0.7):
                     joint["armature"] = self.number(0.01, 0.1)
 
+    def fluid(self) -> None:
+        if not self.chance(0.25):
+            return
+        self.data["physics"]["fluid"] = {
+            "density": self.number(0.5, 40.0),
+            "viscosity": self.number(0.0, 0.05),
+            **({"velocity": self.vector(2.0)} if self.chance(0.6) else {}),
+        }
+
     def follow(self) -> Data:
         joints = self.joints()
         if len(joints) < 2 or not self.chance(0.35):
@@ -307,6 +316,7 @@ def with_words(seed: int, data: Data) -> tuple[Data, dict[str, str]]:
     words.every()
     words.states()
     words.files_of_models()
+    words.fluid()
     return data, words.files
 
 

@@ -47,6 +47,7 @@ RARE = {
     Feature.FREE_ARMATURE,
     Feature.FREE_DAMPING,
     Feature.GRAVITY_SCALE,
+    Feature.FLUID,
     Feature.TOUCHING_PAIRS,
 }
 """What is an engine's matter (pairs), refused in most worlds or by most engines (margins, armature of balls), not drawn
@@ -75,7 +76,20 @@ def test_two_hundred_of_them_use_the_whole_language():
 def test_two_hundred_of_them_use_the_words_that_are_put_in():
     drawn = [with_words(seed, spec(seed)) for seed in range(200)]
     text = "".join(f"{data} {files}" for data, files in drawn)
-    words = ("mesh", "margin", "follow", "connect", "weld", "kinematic", "motion", "forces", "touch", "every", "states")
+    words = (
+        "mesh",
+        "margin",
+        "follow",
+        "connect",
+        "weld",
+        "kinematic",
+        "motion",
+        "forces",
+        "touch",
+        "every",
+        "states",
+        "fluid",
+    )
     assert [word for word in (*words, "self_collision", "max_vertices", "mass_from") if word not in text] == []
     assert any("armature" in joint for data, _ in drawn for joint in balls(data))
 

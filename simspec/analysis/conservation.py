@@ -112,6 +112,7 @@ def _always_acting(world: World) -> list[str]:
         or any(one.damping for one in world.sums),
         "dry friction": any(joint.dry_friction for joint in joints),
         "constraints": bool(world.constraints),
+        "a fluid": world.physics.fluid is not None,
     }
     return [name for name, acts in named.items() if acts]
 
@@ -183,6 +184,7 @@ def free_trees(world: World) -> dict[str, list[int]]:
         name: rows
         for name, rows in trees.items()
         if joints[name].kind == "free"
+        and world.physics.fluid is None
         and not (joints[name].damping or joints[name].angular_damping)
         and not (joints[name].armature or joints[name].angular_armature)
         and not any(world.bodies[row].name in pushed for row in rows)

@@ -29,6 +29,8 @@ IGNORED: tuple[Keys, ...] = (
 GROUPS: Mapping[Keys, str] = {
     ("physics", "gravity"): "gravity",
     ("physics", "timestep"): "timestep",
+    ("physics", "fluid"): "fluid",
+    ("bodies", "*", "box"): "fluid",
     ("contact", "friction_cone"): "friction cone",
     ("contact", "materials", "*", "friction"): "friction",
     ("contact", "pairs", "*", "friction"): "friction",

@@ -8,8 +8,8 @@ q ⊕ dt v, with rotations advanced by the exponential of the angular velocity.
 Constraints act on each step by their law, J v⁺ = −φ/dt, on all trees that they join at once: after v* = v + dt a the velocity
 is v* − M⁻¹ Jᵀ λ (``world/violation.py``).
 
-The oracle knows damping, springs (those along sums of joint positions too), armature and constraints. It leaves out contact,
-position limits and dry friction: motion probes stay away from limits, and have dry friction switched off (see
+The oracle knows damping, springs (those along sums of joint positions too), armature, constraints and the fluid. It leaves out
+contact, position limits and dry friction: motion probes stay away from limits, and have dry friction switched off (see
 ``proof/dry_friction.py`` for its own).
 """
 
@@ -59,6 +59,7 @@ def alike(bodies: Sequence[Body], constraints: Sequence[Constraint] = (), sums: 
         (
             body.inertial,
             body.gravity_scale,
+            body.box,
             index.get(body.joint.parent or "", -1),
             dataclasses.replace(body.joint, name="", parent=None, position=(), velocity=()),
         )
@@ -193,7 +194,7 @@ class Oracle:
         return self._by_tree("bias_force", q, v)
 
     def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
+        """Damping, springs and the fluid (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes."""
         return self._by_tree("joint_effort", q, v)
 
     def effort_of(self, q: np.ndarray, force: Force) -> np.ndarray:

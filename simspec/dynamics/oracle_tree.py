@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.dynamics.resistance import Resisted
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
 from simspec.world.along import Along
@@ -55,6 +56,8 @@ class Tree:
         self._held: dict[str, tuple[int, Any]] = {}  # body -> (joint it moves with, placement of its frame there)
         self._lifted: list[tuple[int, np.ndarray, np.ndarray]] = []
         """By which force weights differ from mass × gravity: the joint, the centre of mass in its frame, the force."""
+        self._resisted: list[Resisted] = []
+        """What the fluid acts on."""
         added = {body.name: self._add(body) for body in _depth_first(world.bodies)}
         joints = [added[body.name] for body in world.bodies]
         self.model.armature = np.zeros(self.model.nv)
@@ -95,6 +98,10 @@ class Tree:
         if index and body.inertial.mass and body.gravity_scale != 1.0:
             weight = (body.gravity_scale - 1.0) * body.inertial.mass * np.array(self.world.physics.gravity)
             self._lifted.append((index, own.act(centre), weight))
+        if index and body.box is not None and self.world.physics.fluid is not None:
+            told = np.array(told_inertial(self.world, body).centre_of_mass)
+            turn = own.rotation @ np.array(frames.matrix(body.box.quaternion))
+            self._resisted.append(Resisted(index, own.act(told), turn, body.box.edges, self.world.physics.fluid))
         xx, yy, zz, xy, xz, yz = body.inertial.inertia
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if index and body.inertial.mass:
@@ -228,7 +235,7 @@ class Tree:
 
     def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Damping and springs (nv,), explicit: −d v − k (q − rest), for a ball −k log R in the child's axes; with those along
-        sums."""
+        sums, and the forces of the fluid."""
         effort: np.ndarray = -self._damping * v
         if len(self._hinge_v):
             effort[self._hinge_v] -= self._stiffness[self._hinge_v] * (q[self._hinge_q] - self._rest[self._hinge_v])
@@ -236,7 +243,32 @@ class Tree:
             effort[at_v] -= stiffness * logarithm(q[at_q])
         if self._along.acts:
             effort += self._along.effort(q, v)
+        if self._resisted:
+            effort += self._resistance(q, v)
         return effort
+
+    def _resistance(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """What the fluid does (nv,), body by body, by the Jacobians of their joints in these joints' own axes."""
+        pin, (own_q, own_v) = self.pin, self.spread(q, v)
+        total = np.zeros(self.model.nv)
+        pin.computeJointJacobians(self.model, self.data, own_q)
+        for body in self._resisted:
+            jacobian = pin.getJointJacobian(self.model, self.data, body.joint, pin.ReferenceFrame.LOCAL)
+            total += jacobian.T @ body.wrench(jacobian @ own_v, self.data.oMi[body.joint].rotation)
+        resistance: np.ndarray = total[self.v_index]
+        return resistance
+
+    def viscous(self, q: np.ndarray) -> np.ndarray:
+        """D (nv, nv) of the fluid's resistance −D v that is linear in velocity, at ``q``."""
+        pin, total = self.pin, np.zeros((self.model.nv, self.model.nv))
+        pin.computeJointJacobians(self.model, self.data, self.spread(q)[0])
+        for body in self._resisted:
+            own = pin.getJointJacobian(self.model, self.data, body.joint, pin.ReferenceFrame.LOCAL)
+            linear, angular = body.viscous
+            through = own[:3] - pin.skew(body.centre) @ own[3:]
+            total += linear * through.T @ through + angular * own[3:].T @ own[3:]
+        damping: np.ndarray = total[np.ix_(self.v_index, self.v_index)]
+        return damping
 
     def energy(self, q: np.ndarray, v: np.ndarray) -> tuple[float, float]:
         """Kinetic energy (armature included) and potential energy (J): gravity zero at the origin, springs at rest.

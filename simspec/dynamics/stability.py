@@ -1,10 +1,11 @@
-"""Whether joints' own damping and springs, and those along sums of joint positions, are stable at a world's timestep, told
-before anything runs.
+"""Whether joints' own damping and springs, those along sums of joint positions, and the viscosity of a fluid are stable at a
+world's timestep, told before anything runs.
 
-Both are explicit in time in every engine. About a posture, M v' = M v − dt (K q + D v), q' = q + dt v', with M at that posture
-and K, D the diagonals of stiffness and damping, and k c cᵀ, d c cᵀ of each sum c. By Jury's criterion no deviation x grows
-while xᵀ(4 M − 2 dt D − dt² K) x > 0: one joint alone is stable while 2 d dt + k dt² < 4 m, m its generalised inertia,
-1 / (M⁻¹)ᵢᵢ. Gravity's and the Coriolis force's change with the state is left out.
+All are explicit in time in every engine. About a posture, M v' = M v − dt (K q + D v), q' = q + dt v', with M at that posture
+and K, D the diagonals of stiffness and damping, k c cᵀ, d c cᵀ of each sum c, and what is linear in velocity of a fluid's
+forces. By Jury's criterion no deviation x grows while xᵀ(4 M − 2 dt D − dt² K) x > 0: one joint alone is stable while
+2 d dt + k dt² < 4 m, m its generalised inertia, 1 / (M⁻¹)ᵢᵢ. Changes of gravity, the
+Coriolis force and drag with the state are left out.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Instability:
     """Bodies whose joints' damping or springs diverge, the strongest first: at the world's timestep (s) the fastest growing
     deviation grows by ``growth`` in a step; up to ``largest_stable_step`` (s) none does. ``initially``: at the initial posture
     already, or only at others within the limits. ``damping``: whether damping is more of the cause than springs. ``along``: the
-    name of the sum of joint positions that is more of it than the joints' own; "": none is."""
+    name of the sum of joint positions that is more of it than the joints' own; "": none is. ``fluid``: whether the fluid is."""
 
     bodies: tuple[str, ...]
     timestep: float
@@ -46,6 +47,7 @@ class Instability:
     initially: bool
     damping: bool
     along: str = ""
+    fluid: bool = False
 
     def __str__(self) -> str:
         what = "damping" if self.damping else "spring"
@@ -55,6 +57,8 @@ class Instability:
         )
         if self.along:
             who = f"the sum {self.along!r} of joint positions"
+        if self.fluid:
+            what, who = "viscosity", f"{self.bodies[0]!r} in the fluid"
         where = "" if self.initially else ", at some postures within its limits"
         growth = f"deviations grow by a factor of {self.growth:.4g} in every step"
         return f"explicit {what} at {who} is unstable at this timestep{where}: {growth}"
@@ -76,7 +80,8 @@ def unstable(world: World) -> list[Instability]:
     for bodies in sprung_trees(world):
         part = within(world, bodies)
         sprung = any(body.joint.damping or body.joint.angular_damping or body.joint.spring_stiffness for body in bodies)
-        if not sprung and not any(one.damping or one.stiffness for one in part.sums):
+        viscous = world.physics.fluid is not None and world.physics.fluid.viscosity > 0.0
+        if not sprung and not viscous and not any(one.damping or one.stiffness for one in part.sums):
             continue
         positions = tuple(body.joint.position for body in bodies if body.joint.kind != "free")
         key = alike(bodies, (), part.sums), positions
@@ -104,25 +109,29 @@ def _unstable(world: World) -> tuple[tuple[int, ...], int | None, Instability] |
         if body.joint.kind == "free":
             damping[part.start + 3 : part.stop] = body.joint.angular_damping
     along = Along(world.bodies, world.sums)
+    postures = (initial_state(world)[0], *random_states(world, POSTURES if tree.nv <= LARGE else FEW)[0])
+    resisted = [tree.viscous(posture) for posture in postures]
     acting = np.flatnonzero(
-        stiffness + damping + np.abs(along.weights[along.stiffness + along.damping > 0.0]).sum(axis=0)
+        stiffness
+        + damping
+        + np.abs(along.weights[along.stiffness + along.damping > 0.0]).sum(axis=0)
+        + sum(np.diag(matrix) for matrix in resisted)
     )
+    if not len(acting):
+        return None
     more_k, more_d = (matrix[np.ix_(acting, acting)] for matrix in along.matrices())
-    k, d = np.diag(stiffness[acting]) + more_k, np.diag(damping[acting]) + more_d
-    seeded = random_states(world, POSTURES if tree.nv <= LARGE else FEW)[0]
-    mobilities = [
-        np.linalg.inv(tree.mass_matrix(posture))[np.ix_(acting, acting)]
-        for posture in (initial_state(world)[0], *seeded)
-    ]
-    sizes = [_size(inverse_mass, k, d, step) for inverse_mass in mobilities]
+    k, own = np.diag(stiffness[acting]) + more_k, np.diag(damping[acting]) + more_d
+    dampings = [own + matrix[np.ix_(acting, acting)] for matrix in resisted]
+    mobilities = [np.linalg.inv(tree.mass_matrix(posture))[np.ix_(acting, acting)] for posture in postures]
+    sizes = [_size(inverse_mass, k, d, step) for inverse_mass, d in zip(mobilities, dampings, strict=True)]
     worst = int(np.argmax(sizes))
     if sizes[worst] < BOUND * (1.0 - SLACK):
         return None
-    mobility = mobilities[worst]
+    mobility, d = mobilities[worst], dampings[worst]
     largest = step
-    for inverse_mass, size in zip(mobilities, sizes, strict=True):
+    for inverse_mass, damped_by, size in zip(mobilities, dampings, sizes, strict=True):
         if size >= BOUND * (1.0 - SLACK):
-            largest = min(largest, _largest(inverse_mass, k, d, step))
+            largest = min(largest, _largest(inverse_mass, k, damped_by, step))
     acts = step**2 * k + 2.0 * step * d
     root = _root(acts)
     values, vectors = np.linalg.eigh(root.T @ mobility @ root)
@@ -139,7 +148,9 @@ def _unstable(world: World) -> tuple[tuple[int, ...], int | None, Instability] |
     rows = tuple(dict.fromkeys(strongest))
     blame = (step**2 * along.stiffness + 2.0 * step * along.damping) * (along.weights[:, acting] @ motion) ** 2
     summed = int(np.argmax(blame)) if len(blame) and blame.sum() > values[-1] / 2.0 else None
-    return rows, summed, Instability((), step, largest, growth, initially, bool(2.0 * damped >= sprung))
+    fluid = step * float(motion @ (d - own) @ motion) / values[-1] > (sprung + 2.0 * damped) / 4.0
+    found = Instability((), step, largest, growth, initially, bool(2.0 * damped >= sprung), fluid=fluid)
+    return rows, None if fluid else summed, found
 
 
 def _size(mobility: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, step: float) -> float:

@@ -186,6 +186,21 @@ SCENARIO_WORDS: tuple[tuple[str, Hint], ...] = (
         "Physics.gravity",
         at="File",
     ),
+    *same_hint(
+        "fluid medium air water wind viscosity drag current",
+        "physics: {fluid: {density: ..., viscosity: ..., velocity: [...]}}",
+        "Physics.fluid",
+        at="File",
+    ),
+    *same_hint(
+        "medium air water drag wind density viscosity current",
+        "fluid: {density: ..., viscosity: ..., velocity: [...]}",
+        "Physics.fluid",
+        at="Physics",
+    ),
+    *same_hint("wind current flow", "velocity", "Fluid.velocity", at="Fluid"),
+    *same_hint("rho", "density", "Fluid.density", at="Fluid"),
+    *same_hint("mu eta dynamic_viscosity", "viscosity", "Fluid.viscosity", at="Fluid"),
     *same_hint("g", "gravity: [0, 0, -9.81]", "Physics.gravity", at="Physics File"),
     *same_hint(
         "steps num_steps iterations", "duration: the steps times the timestep", "Physics.duration", at="Physics"

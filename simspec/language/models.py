@@ -26,7 +26,7 @@ from simspec.language.motions import Motion
 from simspec.language.named_frames import Frame
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
-from simspec.language.shapes import Inertia, NameOf, Point, Pose, Shape, Switch, Velocity
+from simspec.language.shapes import Inertia, LinearVelocity, NameOf, Point, Pose, Shape, Switch, Velocity
 from simspec.language.states import State
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, misspelt, show
 from simspec.language.sweep import Sweep
@@ -303,8 +303,29 @@ def not_whole(name: str, time: float, timestep: float, loc: tuple[str | int, ...
     return Fault(loc, f"{name} must be a whole number of timesteps", found, f"the nearest: {near_ones}")
 
 
+class Fluid(Strict):
+    """A fluid that fills the world, at rest or moving as a whole: drag and viscous resistance of every body that moves, as of
+    the box that has its mass and principal moments of inertia."""
+
+    density: Annotated[float, Number("density", 0)] = Field(0.0, description="Density ρ: drag, quadratic in velocity")
+    viscosity: Annotated[float, Number("viscosity", 0)] = Field(
+        0.0, description="Dynamic viscosity μ: resistance, linear in velocity"
+    )
+    velocity: LinearVelocity = Field(
+        (0.0, 0.0, 0.0), description="Velocity of the fluid, in world axes: wind, a current"
+    )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "density" not in data and "viscosity" not in data:
+            yield Fault(
+                (), "a fluid needs a density or a viscosity", None, None, "fluid: {density: 1.2, viscosity: 1.8e-5}"
+            )
+
+
 class Physics(Strict):
-    """Gravity and time. The integrator of all engines is semi-implicit Euler: v ← v + dt a, then q ← q ⊕ dt v."""
+    """Gravity, time, and what is around the bodies. The integrator of all engines is semi-implicit Euler: v ← v + dt a, then
+    q ← q ⊕ dt v."""
 
     gravity: Annotated[tuple[float, float, float], Vector(Number("acceleration"))] = Field(
         (0.0, 0.0, -9.81), description="Gravity in world axes"
@@ -313,6 +334,7 @@ class Physics(Strict):
     duration: Annotated[float, Number("time", 0)] = Field(
         0.0, description="Simulated time of a run; a whole number of steps"
     )
+    fluid: Maybe[Fluid] = Field(ABSENT, description="The fluid around the bodies; none: a vacuum")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

@@ -87,6 +87,7 @@ def _dimensions() -> Mapping[str, Dimension]:
         ("angular velocity", "rad/s", ((0, 0, -1, 1),)),
         ("acceleration", "m/s²", ((1, 0, -2, 0),)),
         ("density", "kg/m³", ((-3, 1, 0, 0),)),
+        ("viscosity", "Pa s", ((-1, 1, -1, 0),)),
         ("moment of inertia", "kg m²", ((2, 1, 0, 0), (2, 1, 0, -2))),
         ("force", "N", ((1, 1, -2, 0),)),
         ("torque", "N m", (torque, (2, 1, -2, -1))),

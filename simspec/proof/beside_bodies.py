@@ -1,5 +1,5 @@
-"""What holds joints and bodies together outside the tree, what acts along sums, and named frames: the part of the comparator
-(``comparator.py``) that is not about single bodies."""
+"""What holds joints and bodies together outside the tree, what acts along sums, named frames, and the fluid with the boxes
+that feel it: the part of the comparator (``comparator.py``) that is not about single bodies alone."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from simspec.proof.checks import Tally
 from simspec.proof.distances import distance, relative, turn_between
+from simspec.world.fluid import Box
 from simspec.world.kinematics import members as ends_of
 from simspec.world.types import Connect, Constraint, Follow, ReadBack, Weld, World
 
@@ -117,6 +118,36 @@ class BesideBodies:
                 self.vector("mass", "frame, position", at.position, held.position, f"{where}.pose", scale)
                 turned = turn_between(at.quaternion, held.quaternion)
                 self.note("mass", "frame, orientation", turned, f"{where}.pose", f"{held.quaternion}")
+
+    def box(self, wanted: Box | None, actual: Box | None, where: str) -> None:
+        """By which a body feels the fluid: the squares of its edges, which are sums of moments over a mass, relative to that of
+        the longest; how its axes stand."""
+        if wanted is None or actual is None:
+            if wanted is not actual:
+                self.note("mass", "box in the fluid", None, where, "one that is not there, or is not to be")
+            return
+        longest = max(wanted.edges) ** 2
+        squares, held = ([edge * edge for edge in one.edges] for one in (wanted, actual))
+        self.note(
+            "mass", "box in the fluid", distance(squares, held, longest), where, f"{actual.edges}, not {wanted.edges}"
+        )
+        turned = turn_between(wanted.quaternion, actual.quaternion)
+        self.note("mass", "box in the fluid, axes", turned, where, f"{actual.quaternion}")
+
+    def fluid(self) -> None:
+        """The fluid that bodies feel."""
+        boxes = any(body.box is not None for body in self.world.bodies)
+        wanted, actual = self.world.physics.fluid if boxes else None, self.read_back.fluid
+        place = "physics.fluid"
+        if wanted is None or actual is None:
+            if wanted is not actual:
+                self.note("geometry", "fluid", None, place, "one that is not there, or is not to be")
+            return
+        self.number("geometry", "density of the fluid", wanted.density, actual.density, f"{place}.density")
+        self.number("geometry", "viscosity of the fluid", wanted.viscosity, actual.viscosity, f"{place}.viscosity")
+        fast = max(1.0, math.sqrt(sum(x * x for x in wanted.velocity)))
+        where = f"{place}.velocity"
+        self.vector("geometry", "velocity of the fluid", wanted.velocity, actual.velocity, where, fast)
 
     def place(self, expected: Sequence[float], actual: Sequence[float], where: str) -> None:
         """A point that is held, relative to the larger of 1 m and its distance from the body's origin."""

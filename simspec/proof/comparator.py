@@ -132,6 +132,7 @@ class _Comparison(BesideBodies):
                 scale, at = told_gravity_scale(self.world, body), f"bodies.{name}.gravity_scale"
                 if scale != 1.0 or actual[name].gravity_scale != 1.0:
                     self.note("mass", "weight", abs(actual[name].gravity_scale - scale), at, f"{scale:g}")
+                self.box(body.box, actual[name].box, f"bodies.{name}")
                 self.shapes(body, actual[name])
                 if self.readable("collision_group"):
                     self.tally.equal(
@@ -151,6 +152,7 @@ class _Comparison(BesideBodies):
         strength = max(1.0, math.sqrt(sum(x * x for x in physics.gravity)))
         if self.readable("gravity"):
             self.vector("geometry", "gravity", physics.gravity, self.read_back.gravity, "physics.gravity", strength)
+        self.fluid()
         if self.readable("timestep"):
             self.number("geometry", "timestep", physics.timestep, self.read_back.timestep, "physics.timestep")
         if self.readable("friction_cone") and any(

@@ -11,6 +11,8 @@ import numpy as np
 
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
+from simspec.world.boxes import boxed
+from simspec.world.fluid import Fluid
 from simspec.world.hull import centred, size_of
 from simspec.world.kinematics import poses
 from simspec.world.sums import JointSum
@@ -226,6 +228,20 @@ def framed(engine: str) -> World:
         Frame("tip", "tail", Pose((0.1, 0.0, 0.3), (0.8, 0.0, 0.6, 0.0))),
     )
     return dataclasses.replace(lifted(engine), name="self-test-frames", frames=named)
+
+
+def immersed(engine: str) -> World:
+    """A free body and an arm on it in a current, of water that is as thick as oil."""
+    bodies = boxed([dataclasses.replace(body, gravity_scale=1.0) for body in lifted(engine).bodies], ())
+    kite = dataclasses.replace(bodies[0].joint, damping=0.0, angular_damping=0.0)
+    fluid = Fluid(1000.0, 0.4, (0.3, -0.2, 0.1))
+    return World(
+        "self-test-immersed",
+        (dataclasses.replace(bodies[0], joint=kite), *bodies[1:]),
+        Contact(excluded_bodies=(("kite", "tail"),)),
+        dataclasses.replace(PHYSICS, fluid=fluid),
+        engines=_options(engine),
+    )
 
 
 def free_armature(engine: str) -> World:
@@ -451,6 +467,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "ball armature": ball_armature,
     "ball limit": ball_limit,
     "lifted": lifted,
+    "immersed": immersed,
     "free armature": free_armature,
     "frames": framed,
     "bouncing": bouncing,

@@ -29,6 +29,7 @@ from simspec.resolve.scenario import (
 )
 from simspec.resolve.stability import unstable_joints
 from simspec.resolve.trajectory import trajectory
+from simspec.world.boxes import boxed
 from simspec.world.types import World
 
 __all__ = ["resolve"]
@@ -38,8 +39,8 @@ def resolve(spec: Spec) -> World:
     """The world of a spec. Raises SpecError with every problem that shows only when things are expanded: names that are
     taken twice, references to bodies and joints that do not exist, times that are not recorded; and, where all else is
     right, joints and controllers that are unstable at the timestep."""
-    expansion = expand(spec.source)
     whole = physics(spec.data.physics)
+    expansion = expand(spec.source, boxes=whole.fluid is not None)
     time = shortened(whole, None if spec.data.trajectory is None else spec.data.trajectory.until)
     recorded = record(spec.data.record, time)
     with bounded_suggestions():
@@ -74,9 +75,12 @@ def resolve(spec: Spec) -> World:
     ]
     if problems:
         raise SpecError(in_order(problems))
+    bodies = driven.bodies
+    if whole.fluid is not None:
+        bodies = boxed(bodies, expansion.kinematic)
     world = World(
         name=spec.name,
-        bodies=driven.bodies,
+        bodies=bodies,
         contact=laws,
         physics=time,
         record=recorded,

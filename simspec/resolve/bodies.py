@@ -48,6 +48,8 @@ class Expansion:
     positions: set[str] = field(default_factory=set)
     velocities: set[str] = field(default_factory=set)
     arrays: list[tuple[str, dict[str, str], dict[str, str]]] = field(default_factory=list)
+    boxes: bool = False
+    """Whether bodies get the boxes by which they feel a fluid."""
     kinematic: list[str] = field(default_factory=list)
     """Full names of the roots that move as they are told."""
     frames: Mapping[str, Written] = field(default_factory=dict)
@@ -71,10 +73,12 @@ class _Instance:
     path: tuple[Key, ...]
 
 
-def expand(source: Source) -> Expansion:
-    """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children. Raises
-    SpecError where a file of a shape cannot be read."""
-    expansion = Expansion(files=ShapeFiles(read_meshes(source), read_grids(source)), frames=written_frames(source))
+def expand(source: Source, boxes: bool = False) -> Expansion:
+    """All bodies of a spec: loose trees, then models, in the order of the file, every parent before its children; ``boxes``:
+    with those by which they feel a fluid. Raises SpecError where a file of a shape cannot be read."""
+    expansion = Expansion(
+        files=ShapeFiles(read_meshes(source), read_grids(source)), boxes=boxes, frames=written_frames(source)
+    )
     only = _only_material(source)
     models = _carriers_first(list(_models(source, only, expansion)), expansion)
     instances = [*_loose(source, only, expansion), *models, *_own_model(source, only, expansion)]
@@ -177,7 +181,7 @@ def _loose(source: Source, only: str | None, expansion: Expansion) -> Iterator[_
     bodies = trees.loose(source)
     if bodies is None:
         return
-    for tree in resolved_trees(bodies, only, expansion.files):
+    for tree in resolved_trees(bodies, only, expansion.files, expansion.boxes):
         root = owner_of(tree.bodies[0].name)
         array, path = bodies.content(root).array, (*bodies.path, root)
         for suffix, element in elements(array):
@@ -196,7 +200,9 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
     for name, use, bodies in trees.placed(source):
         if use is None:
             raise ValueError(f"{name} has errors, so it is not resolved")
-        tree = _positioned(_begun(next(resolved_trees(bodies, only, expansion.files)), source, bodies), use)
+        tree = _positioned(
+            _begun(next(resolved_trees(bodies, only, expansion.files, expansion.boxes)), source, bodies), use
+        )
         frame = pose(use.pose)
         for suffix, element in elements(use.array):
             model = f"{name}{suffix}"
@@ -234,7 +240,7 @@ def _own_model(source: Source, only: str | None, expansion: Expansion) -> Iterat
     bodies = trees.model_of(source)
     if bodies is None:
         return
-    tree = _begun(next(resolved_trees(bodies, only, expansion.files)), source, bodies)
+    tree = _begun(next(resolved_trees(bodies, only, expansion.files, expansion.boxes)), source, bodies)
     path = (*bodies.path, owner_of(tree.bodies[0].name))
     copied = _copy(tree, "", "", source.content.name, tree.placement, tree.velocity)
     expansion.note(tree, copied)

@@ -14,8 +14,9 @@ from simspec.resolve.meshes import fills
 from simspec.resolve.poses import direction, orientation, pose
 from simspec.resolve.shapes import PIECE, Resolved, ShapeFiles, resolved_shape
 from simspec.world import frames, mass
+from simspec.world.boxes import box_of
 from simspec.world.carriers import carrier_name, owner_of
-from simspec.world.types import Body, Inertial, Joint, Pose, Vector3
+from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Vector3
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,9 @@ class Tree:
     velocities: frozenset[str] = frozenset()
 
 
-def resolved_trees(bodies: Bodies, only: str | None, files: ShapeFiles) -> Iterator[Tree]:
-    """The trees of ``bodies`` in the order of the file; ``only``: the material of shapes that name none."""
+def resolved_trees(bodies: Bodies, only: str | None, files: ShapeFiles, boxes: bool = False) -> Iterator[Tree]:
+    """The trees of ``bodies`` in the order of the file; ``only``: the material of shapes that name none; ``boxes``: whether
+    bodies with mass get the box by which they would feel a fluid."""
     own = bodies.source.file.contact.materials if bodies.source.file is not None else {}
     only = next(iter(own)) if len(own) == 1 else only
     shapes = (shape for spec in bodies.typed.values() if spec is not None for shape in spec.shapes)
@@ -50,7 +52,7 @@ def resolved_trees(bodies: Bodies, only: str | None, files: ShapeFiles) -> Itera
             named.add(spec.joint.name)
         if spec.joints:  # an implied name is that of the body with an index: it is copied as a given one
             named.update(bodies.joint_names(name))
-        moved = _bodies(name, spec, bodies, only, shape_names, files)
+        moved = _bodies(name, spec, bodies, only, shape_names, files, boxes)
         given = {shape.name for shape in spec.shapes if shape.name is not None}
         named.update(shape.name for shape in moved[-1].shapes if shape.name.partition(PIECE)[0] in given)
         current += moved
@@ -90,7 +92,13 @@ def _written_joints(spec: SpecBody) -> Sequence[SpecJoint | None]:
 
 
 def _bodies(
-    name: str, spec: SpecBody, bodies: Bodies, only: str | None, taken: Container[str], files: ShapeFiles
+    name: str,
+    spec: SpecBody,
+    bodies: Bodies,
+    only: str | None,
+    taken: Container[str],
+    files: ShapeFiles,
+    boxes: bool,
 ) -> list[Body]:
     """A body of the spec: itself, and before it one without mass and shapes for each of several joints but the last."""
     resolved = [
@@ -107,31 +115,37 @@ def _bodies(
         between.append(Body(carrier, "", Inertial(0.0), _joint(joint_name, kind, joint, parent)))
         parent = carrier
     last = _joint(names[-1], kinds[-1], written[-1], parent)
-    return [*between, Body(name, "", _inertial(spec, resolved), last, shapes, spec.collision_group, spec.gravity_scale)]
+    inertial, axes = _inertial(spec, resolved)
+    box = box_of(inertial, axes) if boxes and inertial.mass else None
+    return [*between, Body(name, "", inertial, last, shapes, spec.collision_group, spec.gravity_scale, box)]
 
 
-def _inertial(spec: SpecBody, shapes: Sequence[Resolved]) -> Inertial:
+def _inertial(spec: SpecBody, shapes: Sequence[Resolved]) -> tuple[Inertial, Quaternion | None]:
+    """Mass properties, and the principal axes in the body's frame where the spec says them, or one solid alone has them."""
     dense = [(shape.written.density, shape) for shape in shapes if shape.written.density]
     if dense:
-        return mass.combined([fill.part(density * fill.volume) for density, shape in dense for fill in shape.fill()])
+        return _of_parts([fill.part(density * fill.volume) for density, shape in dense for fill in shape.fill()])
     if spec.inertia is not None:
         centre = spec.centre_of_mass or (0.0, 0.0, 0.0)
         if spec.inertia.tensor is not None:
             tensor = spec.inertia.tensor
-            return Inertial(
-                required(spec.mass), centre, (tensor.xx, tensor.yy, tensor.zz, tensor.xy, tensor.xz, tensor.yz)
-            )
-        principal = required(spec.inertia.principal)
-        return Inertial(required(spec.mass), centre, mass.turned(principal, orientation(spec.inertia)))
+            moments = (tensor.xx, tensor.yy, tensor.zz, tensor.xy, tensor.xz, tensor.yz)
+            return Inertial(required(spec.mass), centre, moments), None
+        axes = orientation(spec.inertia)
+        return Inertial(required(spec.mass), centre, mass.turned(required(spec.inertia.principal), axes)), axes
     if not spec.mass:
-        return Inertial(0.0)
+        return Inertial(0.0), None
     filled = [fill for shape in shapes if fills(spec, shape.written) for fill in shape.fill()]
     if not filled:
-        return Inertial(spec.mass)
+        return Inertial(spec.mass), None
     total = 0.0
     for fill in filled:
         total += fill.volume
-    return mass.combined([fill.part(spec.mass * (fill.volume / total)) for fill in filled], spec.mass)
+    return _of_parts([fill.part(spec.mass * (fill.volume / total)) for fill in filled], spec.mass)
+
+
+def _of_parts(parts: Sequence[mass.Part], total: float | None = None) -> tuple[Inertial, Quaternion | None]:
+    return mass.combined(parts, total), parts[0].pose.quaternion if len(parts) == 1 else None
 
 
 def _joint(name: str, kind: str, written: SpecJoint | None, parent: str | None) -> Joint:

@@ -19,16 +19,21 @@ from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.mapped import RECORDED_BYTES
+from simspec.world.fluid import Fluid
 from simspec.world.kinematics import layout_of, poses, rigid_groups
 from simspec.world.types import Body, EngineOptions, Expectation, PairSettings, Physics, Record, World
 
 
 def physics(written: SpecPhysics) -> Physics:
-    """Gravity and time, in steps."""
+    """Gravity, time in steps, and the fluid: one without density and viscosity is a vacuum."""
     steps = whole_steps(written.duration, written.timestep)
     if steps is None:
         raise ValueError("a validated duration is a whole number of steps")
-    return Physics(written.gravity, written.timestep, steps)
+    around = written.fluid
+    fluid = None
+    if around is not None and (around.density or around.viscosity):
+        fluid = Fluid(around.density, around.viscosity, around.velocity)
+    return Physics(written.gravity, written.timestep, steps, fluid)
 
 
 def shortened(time: Physics, until: float | None) -> Physics:

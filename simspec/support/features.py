@@ -82,6 +82,7 @@ class Feature(StrEnum):
     CONTROL_NATIVE = "control.native"
     GRAVITY = "physics.gravity"
     TIMESTEP = "physics.timestep"
+    FLUID = "physics.fluid"
 
 
 MEANING: Mapping[Feature, str] = {
@@ -158,4 +159,5 @@ MEANING: Mapping[Feature, str] = {
     Feature.CONTROL_NATIVE: "the engine's own position or velocity controller: a declared difference",
     Feature.GRAVITY: "gravity, any direction",
     Feature.TIMESTEP: "the length of one step",
+    Feature.FLUID: "drag and viscous resistance of a fluid around the bodies, by the box of each one's inertia",
 }

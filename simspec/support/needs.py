@@ -121,7 +121,9 @@ def needs(world: World) -> list[Need]:
 
 
 def _beside_bodies(world: World, note: Callable[[Feature, str], None]) -> None:
-    """What constraints, frames, motions, forces and controllers need."""
+    """What a fluid, constraints, frames, motions, forces and controllers need."""
+    if world.physics.fluid is not None and any(body.box is not None for body in world.bodies):
+        note(Feature.FLUID, "physics.fluid")
     for constraint in world.constraints:
         note(_CONSTRAINT_FEATURES[constraint.kind], f"constraints.{constraint.name}")
     for one in world.sums:

@@ -50,6 +50,7 @@ WORLDS: Mapping[str, Callable[[], World]] = {
     "every joint": worlds.every_joint,
     "damped springs": worlds.damped_springs,
     "lifted": worlds.lifted,
+    "immersed": worlds.immersed,
     "limits": worlds.limits_and_armature,
     "shapes": worlds.shapes_world,
     "meshes": worlds.meshes,

@@ -17,7 +17,9 @@ from simspec.compiler import missing_options
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.support.features import Feature
 from simspec.world import frames
+from simspec.world.boxes import boxed
 from simspec.world.carriers import carrier_name
+from simspec.world.fluid import Fluid
 from simspec.world.heightfield import size_of
 from simspec.world.tuples import ordered, quaternion, vector3
 from simspec.world.types import (
@@ -132,6 +134,15 @@ def lifted() -> World:
     first = bodies[0]
     joint = dataclasses.replace(first.joint, damping=0.3, angular_damping=0.3)
     return world((dataclasses.replace(first, joint=joint), *bodies[1:]), "lifted")
+
+
+def immersed() -> World:
+    """A free body with an arm, and an arm on a fixed base, in a current of oil."""
+    bodies = boxed(
+        tree(["free", "hinge", "ball", "slide"], 17) + tree(["fixed", "hinge", "fixed"], 18, prefix="fixed-"), ()
+    )
+    fluid = Fluid(900.0, 0.3, (0.4, -0.3, 0.2))
+    return world(bodies, "immersed", physics=Physics(timestep=0.001, steps=2000, fluid=fluid))
 
 
 def damped_springs() -> World:

@@ -16,6 +16,7 @@ from typing import Literal
 
 from simspec.language.vocabulary import CHANNELS
 from simspec.world.control import Controller, Trajectory
+from simspec.world.fluid import Box, Fluid
 from simspec.world.forces import Force
 from simspec.world.motions import Motion
 from simspec.world.sums import JointSum
@@ -167,7 +168,7 @@ class Body:
     """A rigid body. ``model`` is the name of the tree it belongs to (the tree's root body, or the model's name).
 
     A body that cannot move (fixed to the world through fixed joints only) may have mass 0. ``gravity_scale``: its weight is so
-    many times mass × gravity, at its centre of mass.
+    many times mass × gravity, at its centre of mass. ``box``: by which it feels the fluid of the world; None: it feels none.
     """
 
     name: str
@@ -177,6 +178,7 @@ class Body:
     shapes: tuple[Shape, ...] = ()
     collision_group: str = "default"
     gravity_scale: float = field(default=1.0, metadata=LEFT_OUT)
+    box: Box | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,11 +292,13 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class Physics:
-    """Gravity (m/s², world axes), timestep (s) and duration (s, a whole number of steps: ``steps``)."""
+    """Gravity (m/s², world axes), timestep (s) and duration (s, a whole number of steps: ``steps``); the fluid around all
+    bodies that have a box, None: a vacuum."""
 
     gravity: Vector3 = (0.0, 0.0, -9.81)
     timestep: float = 0.001
     steps: int = 0
+    fluid: Fluid | None = field(default=None, metadata=LEFT_OUT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -423,6 +427,7 @@ class ReadBack:
     sums: tuple[JointSum, ...] = field(default=(), metadata=LEFT_OUT)
     frames: tuple[Frame, ...] | None = field(default=None, metadata=LEFT_OUT)
     """The named frames, sorted by name; None: it is told none."""
+    fluid: Fluid | None = field(default=None, metadata=LEFT_OUT)
 
     def __repr__(self) -> str:
         return f"<ReadBack: {len(self.bodies)} bodies, {len(self.unreadable)} fields that cannot be asked for>"

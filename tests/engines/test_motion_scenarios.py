@@ -15,7 +15,13 @@ from tests.installed import INSTALLED
 pytestmark = pytest.mark.usefixtures("warm_engines")
 ROOT = Path(__file__).resolve().parent.parent.parent
 SPECS = sorted((ROOT / "specs" / "motion").glob("*.yaml"))
-ENGINES = {"pushed-box": INSTALLED, "slow-control": INSTALLED, "moving-platform": INSTALLED, "conveyor": ("mujoco",)}
+ENGINES = {
+    "pushed-box": INSTALLED,
+    "slow-control": INSTALLED,
+    "moving-platform": INSTALLED,
+    "conveyor": ("mujoco",),
+    "falling-in-air": INSTALLED,
+}
 """The engines that support each: a scenario that an engine no longer supports is not left out in silence."""
 
 

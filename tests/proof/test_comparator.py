@@ -14,6 +14,7 @@ from simspec.contact.rules import Rules
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.distances import held_apart
 from simspec.world import frames
+from simspec.world.fluid import Box, Fluid
 from simspec.world.inset import inset
 from simspec.world.sums import JointSum
 from simspec.world.types import (
@@ -326,7 +327,7 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
     """A field added to the types must be added here, and to the comparator."""
     left_out = {"Body.model", "Shape.name", "Shape.material", "Shape.colour"}
     named = {
-        Body: {"name", "inertial", "joint", "shapes", "collision_group", "model", "gravity_scale"},
+        Body: {"name", "inertial", "joint", "shapes", "collision_group", "model", "gravity_scale", "box"},
         Inertial: {"mass", "centre_of_mass", "inertia"},
         Shape: {
             *(
@@ -365,7 +366,10 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             "constraints",
             "sums",
             "frames",
+            "fluid",
         },
+        Fluid: {"density", "viscosity", "velocity"},
+        Box: {"edges", "quaternion"},
         Frame: {"name", "body", "pose"},
         JointSum: {"name", "joints", "stiffness", "rest", "damping", "position_limits"},
         Follow: {"name", "joint", "leader", "ratio", "offset", "kind"},

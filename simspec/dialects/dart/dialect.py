@@ -93,7 +93,7 @@ class DartDialect(Dialect):
         Feature.BALL_ARMATURE: never("DART has no armature: what stands for it is of one axis"),
         Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
-        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING),
+        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
         Feature.FREE_ARMATURE: never("DART has no armature of free bodies"),
         Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from simspec.dialects.dart.filter import check_filter
 from simspec.dialects.dart.sidecar import DartSidecar, ShapeEntry
 from simspec.dialects.kit.joints import UNREADABLE, add_springs
-from simspec.dialects.kit.passive import with_passive
+from simspec.dialects.kit.passive import fluid_of, with_passive
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.skel import document as skel
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -85,6 +85,7 @@ def raised(document: skel.Document, sidecar: DartSidecar) -> ReadBack:
         dict(UNREADABLE),
         constraints=sidecar.constraints or (),
         sums=sidecar.sums or (),
+        fluid=fluid_of(sidecar.passive),
     )
 
 

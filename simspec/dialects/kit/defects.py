@@ -56,6 +56,12 @@ NAMES: Mapping[str, str] = {
     "free damping": "lifted",
     "free damping, of rotation": "lifted",
     "free armature": "free armature",
+    "fluid, density": "immersed",
+    "fluid, viscosity": "immersed",
+    "fluid, velocity reversed": "immersed",
+    "fluid, a box": "immersed",
+    "fluid, axes of a box": "immersed",
+    "fluid dropped": "immersed",
     "initial position": "model",
     "initial velocity": "model",
     "shape type": "model",
@@ -215,11 +221,25 @@ def _free_damping(key: str) -> Plant:
     return sidecar(edit)
 
 
+def _around(change: Callable[[dict[str, Any]], None]) -> Plant:
+    return sidecar(lambda content: change(content["passive"]["around"]))
+
+
 PASSIVE: Mapping[str, Plant] = {
     "gravity scale": sidecar(_scale),
     "gravity scale dropped": sidecar(_no_scale),
     "free damping": _free_damping("linear"),
     "free damping, of rotation": _free_damping("angular"),
+    "fluid, density": _around(lambda around: around["fluid"].update(density=around["fluid"]["density"] * (1.0 + STEP))),
+    "fluid, viscosity": _around(
+        lambda around: around["fluid"].update(viscosity=around["fluid"]["viscosity"] * (1.0 + STEP))
+    ),
+    "fluid, velocity reversed": _around(
+        lambda around: around["fluid"].update(velocity=[-value for value in around["fluid"]["velocity"]])
+    ),
+    "fluid, a box": _around(lambda around: around["boxes"][1]["box"].update(edges=around["boxes"][0]["box"]["edges"])),
+    "fluid, axes of a box": _around(lambda around: around["boxes"][0]["box"].update(quaternion=[1.0, 0.0, 0.0, 0.0])),
+    "fluid dropped": sidecar(lambda content: content.pop("passive")),
 }
 """For dialects whose sidecar has what acts on bodies at all times."""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from simspec.dialects.kit.passive import with_passive
+from simspec.dialects.kit.passive import fluid_of, with_passive
 from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.world import tree
@@ -26,6 +26,7 @@ def world_model(document: tree.Document, sidecar: WorldSidecar) -> ReadBack:
         servos=_servos(document),
         constraints=sidecar.constraints or (),
         sums=sidecar.sums or (),
+        fluid=fluid_of(sidecar.passive),
     )
 
 

@@ -194,6 +194,12 @@ def _no_equality(name: str) -> Plant:
     return xml(MODEL, edit)
 
 
+def _vacuum(root: Element) -> None:
+    option = one(root, "option")
+    for name in ("density", "viscosity", "wind"):
+        del option.attrib[name]
+
+
 DEFECTS: Mapping[str, Plant | str] = {
     "coupling, ratio": _equality("mirror", "polycoef", lambda text: scaled(text, 1)),
     "coupling, offset": _equality("mirror", "polycoef", nudged),
@@ -233,6 +239,12 @@ DEFECTS: Mapping[str, Plant | str] = {
     "gravity scale dropped": xml(MODEL, _whole_weight),
     "free damping": _attribute(".//joint[@name='kite_joint']", "damping", scaled),
     "free damping, of rotation": "MJCF has one number for translation and rotation",
+    "fluid, density": _attribute("option", "density", scaled),
+    "fluid, viscosity": _attribute("option", "viscosity", scaled),
+    "fluid, velocity reversed": _attribute("option", "wind", lambda text: numbers(-x for x in floats(text))),
+    "fluid, a box": "MuJoCo's boxes are those of the inertia in the file",
+    "fluid, axes of a box": "MuJoCo's boxes are those of the inertia in the file",
+    "fluid dropped": xml(MODEL, _vacuum),
     "free armature": _attribute(".//joint[@name='kite_joint']", "armature", scaled),
     "ball armature": _attribute(".//joint[@name='bob_joint']", "armature", scaled),
     "ball spring": _attribute(".//joint[@name='bob_joint']", "stiffness", scaled),

@@ -47,6 +47,7 @@ from simspec.formats.mjcf.from_world import (
     CONES,
     KINDS,
     ONE_NUMBER,
+    fluid_options,
     heightfields_of,
     keyframe,
     meshes_of,
@@ -136,7 +137,7 @@ class MujocoDialect(Dialect):
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
+            *(Feature.GRAVITY, Feature.TIMESTEP, Feature.FLUID),
         ),
         **shape_kinds("MuJoCo", KINDS),
         Feature.INERTIA: Support(
@@ -267,7 +268,7 @@ def _option(world: World, target: Target) -> Attributes:
         *((name, float(settings[name])) for name in ("tolerance", "ls_tolerance")),
         ("impratio", friction_hardness(world, target)),
         *((("sleep_tolerance", float(settings["sleep_tolerance"])),) if _sleeping(target) else ()),
-        *OPTION,
+        *({**dict(OPTION), **dict(fluid_options(world))}.items()),
         ("ccd_tolerance", float(settings["ccd_tolerance"])),
     )
 

@@ -7,6 +7,7 @@ at most one inertial for each body, primitive geoms, explicit pairs, one keyfram
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from typing import Final, TypeVar
 
@@ -22,6 +23,7 @@ from simspec.formats.mjcf.document import Document, Item
 from simspec.formats.mjcf.names import world_name
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world import frames
+from simspec.world.fluid import Box, Fluid
 from simspec.world.sums import JointSum
 from simspec.world.tuples import six
 from simspec.world.types import (
@@ -69,6 +71,8 @@ OF_SUM: Final = {
     *("solreflimit", "solimplimit"),
 }
 """The attributes of a fixed tendon. Others would be efforts or inertia along it."""
+SMALLEST_MOMENT: Final = 1e-15
+"""kg m²: of two principal moments less the third, what a fluid's forces are computed with at least."""
 IN_BODIES: Final = {"inertial", "joint", "geom", "site", "body"}
 NO_OFFSET: Final = (0.0, 0.0, 0.0)
 Meaning = TypeVar("Meaning")
@@ -97,6 +101,7 @@ def raise_document(document: Document, sidecar: MujocoSidecar) -> ReadBack:
         constraints=raising.constraints(),
         sums=raising.sums(),
         frames=raising.frames(),
+        fluid=raising.fluid,
     )
 
 
@@ -155,6 +160,10 @@ class _Raising:
         self._law = CommonLaw.of(self.timestep, sidecar.settings)
         self._fields: dict[str, tuple[float, ...]] = {}
         self._meshes = self._read_meshes()
+        density, viscosity = (document.option.number(name) for name in ("density", "viscosity"))
+        fluid = Fluid(density, viscosity, _vector(document.option, "wind"))
+        self.fluid = None if fluid == Fluid() else fluid
+        self._moving: set[str] = set()
 
     def _read_meshes(self) -> dict[str, tuple[float, ...]]:
         """The vertices of every mesh by its name."""
@@ -226,12 +235,15 @@ class _Raising:
             moments = tensor(_vector(item, "diaginertia"), _turn(item, "quat"))
             inertial = Inertial(item.number("mass"), _vector(item, "pos"), moments)
         name, items = chain[-1][0], body.all("joint")
+        box = self._box(inertials[0]) if inertial.mass and (items or parent in self._moving) else None
+        if items or parent in self._moving:
+            self._moving.update(called for called, _ in chain)
         shapes, weight = tuple(self._shape(geom) for geom in body.all("geom")), _weight(body.item)
         if not items and len(chain) == 1:
             if name not in self._sidecar.fixed_joints:
                 raise body.item.refused("no joint, and the sidecar has no rigid joint of that body")
             weld = Joint(self._sidecar.fixed_joints[name], "fixed", parent, place)
-            yield Body(name, "", inertial, weld, shapes, gravity_scale=weight)
+            yield Body(name, "", inertial, weld, shapes, gravity_scale=weight, box=box)
             return
         if len(items) != len(chain):
             raise body.item.refused(f"{len(items)} joints, by the sidecar {len(chain)}")
@@ -243,9 +255,18 @@ class _Raising:
             last = called == name
             moved = Body(called, "", Inertial(0.0), joint)
             if last:
-                moved = dataclasses.replace(moved, inertial=inertial, shapes=shapes, gravity_scale=weight)
+                moved = dataclasses.replace(moved, inertial=inertial, shapes=shapes, gravity_scale=weight, box=box)
             yield moved
             parent = called
+
+    def _box(self, item: Item) -> Box | None:
+        """What a fluid pushes of a body with this inertial: the cuboid of its mass and moments."""
+        if self.fluid is None:
+            return None
+        moments, mass = _vector(item, "diaginertia"), item.number("mass")
+        squares = (6.0 / mass * max(sum(moments) - 2.0 * moment, SMALLEST_MOMENT) for moment in moments)
+        a, b, c = (math.sqrt(square) for square in squares)
+        return Box((a, b, c), _turn(item, "quat"))
 
     def _joint(self, item: Item, parent: str | None, origin: Pose, turn: Quaternion) -> Joint:
         """A joint; ``origin``: of its frame in what it moves against, ``turn``: the orientation of that in the body's."""

@@ -96,7 +96,7 @@ class PybulletDialect(Dialect):
         Feature.BALL_ARMATURE: never("PyBullet has no armature: what stands for it is of one axis"),
         Feature.MARGIN_PAIRS: never("PyBullet's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
-        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING),
+        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
         Feature.FREE_ARMATURE: never("PyBullet has no armature of free bodies"),
         Feature.SHAPE_MARGIN: never("PyBullet's contact begins where shapes touch"),
         Feature.SHAPE_VISUAL: EXACT,

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
-from simspec.dialects.kit.passive import with_passive
+from simspec.dialects.kit.passive import fluid_of, with_passive
 from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, PybulletSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Link, Node, Robot, strangers
@@ -99,6 +99,7 @@ def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
         dict(UNREADABLE),
         constraints=sidecar.constraints or (),
         sums=sidecar.sums or (),
+        fluid=fluid_of(sidecar.passive),
     )
 
 

@@ -85,7 +85,7 @@ class UrdfDialect(Dialect):
         Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
         Feature.SHAPE_MARGIN: never("simspec writes no margins beside URDF"),
         **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING),
-        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING),
+        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
         Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies beside URDF"),
         **GATHERED,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),

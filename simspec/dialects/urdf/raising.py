@@ -8,7 +8,7 @@ from functools import partial
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
-from simspec.dialects.kit.passive import with_passive
+from simspec.dialects.kit.passive import fluid_of, with_passive
 from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.urdf.document import WRITTEN, Document, Limit, Link, Robot, strangers
@@ -79,6 +79,7 @@ def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
         dict(UNREADABLE),
         constraints=sidecar.constraints or (),
         sums=sidecar.sums or (),
+        fluid=fluid_of(sidecar.passive),
         pairs=tuple(HeldPair(pair.first, pair.second, _surface(pair)) for pair in sidecar.pairs),
     )
 

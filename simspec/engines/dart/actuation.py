@@ -42,6 +42,11 @@ def no_weights_on_servos(world: World) -> Refinement | None:
     return _alone_on_servos(world, {body.name for body in world.bodies if body.gravity_scale != 1.0})
 
 
+def no_fluid_on_servos(world: World) -> Refinement | None:
+    """Not supported where a body of a tree with natively driven joints feels a fluid."""
+    return _alone_on_servos(world, {body.name for body in world.bodies if body.box is not None})
+
+
 def _alone_on_servos(world: World, pushed: Container[str]) -> Refinement | None:
     for bodies in trees(world).values():
         served = natively_driven(bodies, world)

@@ -23,6 +23,7 @@ from simspec.engines.dart.actuation import (
     NATIVE,
     JointArrays,
     JointServos,
+    no_fluid_on_servos,
     no_springs,
     no_weights_on_servos,
     none_along_servos,
@@ -43,7 +44,7 @@ from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.outside import computed, constraints_felt
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.errors import EngineError
@@ -232,6 +233,7 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.FORCES: via_api(AS_EFFORTS, none_on_servos),
         Feature.GRAVITY_SCALE: dataclasses.replace(GIVEN_GRAVITY_SCALE, refine=no_weights_on_servos),
         Feature.FREE_DAMPING: GIVEN_DAMPING,
+        Feature.FLUID: dataclasses.replace(GIVEN_FLUID, refine=no_fluid_on_servos),
         Feature.FREE_ARMATURE: never("DART has no armature of free bodies, and contact would ignore a computed one"),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),

@@ -31,7 +31,7 @@ from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.outside import computed, constraints_felt
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.support.declarations import (
@@ -230,6 +230,7 @@ class Drake(SimulatedEngine[Simulation]):
         Feature.FORCES: via_api(AS_EFFORTS),
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
         Feature.FREE_DAMPING: GIVEN_DAMPING,
+        Feature.FLUID: GIVEN_FLUID,
         Feature.FREE_ARMATURE: never("Drake has no armature of free bodies, and contact would ignore a computed one"),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),

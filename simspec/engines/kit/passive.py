@@ -1,8 +1,9 @@
 """Forces that act on bodies at all times and that an engine does not have: it is given them as an effort before every step.
 
 A weight that is not mass × gravity differs from it by the force (s − 1) m g at the centre of mass, s ``gravity_scale``; damping
-of a free body is −d v, −d ω of its own coordinates. Both follow from the engine's own masses, poses and velocities before the
-step, and act in it as a constant effort, as its own gravity and explicit damping would: exact, also in contact.
+of a free body is −d v, −d ω of its own coordinates; what a fluid does says ``world/fluid.py``. All follow from the engine's own
+masses, poses and velocities before the step, and act in it as a constant effort, as its own gravity and explicit damping would:
+exact, also in contact.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.dialects.kit.passive import Passive, with_passive
+from simspec.dialects.kit.passive import Around, Passive, fluid_of, with_passive
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.outside import Outside
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -26,6 +27,7 @@ from simspec.world.types import Constraint, ReadBack, World
 
 GIVEN_GRAVITY_SCALE = via_api("the difference as a force at the centre of mass before every step")
 GIVEN_DAMPING = via_api("as an effort before every step, from the engine's own velocities")
+GIVEN_FLUID = via_api("its forces on each body as an effort before every step, from the engine's own velocities")
 
 Array = NDArray[np.float64]
 
@@ -58,6 +60,7 @@ class GivenForces:
             for body in world.bodies
         ]
         self._axes = [np.array(body.joint.axis) for body in world.bodies]
+        self._drag = None if passive.around is None else _Drag(world, passive.around)
 
     def weight(self) -> Array:
         """The effort (nv,) by which weights differ from mass × gravity, at the present state."""
@@ -89,9 +92,13 @@ class GivenForces:
 
     def loss(self) -> Array:
         """The effort (nv,) of what takes energy, at the present state."""
-        if not self._damping.any():
-            return np.zeros(self._nv)
-        effort: Array = -self._damping * self._engine.get_state()[1]
+        effort = np.zeros(self._nv)
+        if self._damping.any():
+            effort -= self._damping * self._engine.get_state()[1]
+        if self._drag is not None:
+            poses, velocities = self._engine.body_states()
+            turns = matrices(poses[:, 3:])
+            effort += self._efforts(poses[:, :3], turns, *self._drag.wrenches(poses[:, :3], turns, velocities))
         return effort
 
     def potential(self) -> float:
@@ -101,6 +108,45 @@ class GivenForces:
         poses, _ = self._engine.body_states()
         turns = matrices(poses[:, 3:])
         return -sum(float(force @ (poses[row, :3] + turns[row] @ centre)) for row, force, centre in self._lifted)
+
+
+class _Drag:
+    """What a fluid does to bodies that move in it, all at once. Rows of boxes have the bodies of ``rows``."""
+
+    def __init__(self, world: World, around: Around):
+        at = {body.name: row for row, body in enumerate(world.bodies)}
+        self._rows = np.array([at[entry.body] for entry in around.boxes], dtype=np.intp)
+        told = (told_inertial(world, world.bodies[row]) for row in self._rows)
+        self._centres = np.array([inertial.centre_of_mass for inertial in told])
+        self._turns = matrices(np.array([entry.box.quaternion for entry in around.boxes]))
+        edges = np.array([entry.box.edges for entry in around.boxes])
+        second, third = np.roll(edges, -1, axis=1), np.roll(edges, -2, axis=1)
+        size = edges.mean(axis=1, keepdims=True)
+        fluid = around.fluid
+        self._flow = np.array(fluid.velocity)
+        self._linear = 3.0 * np.pi * fluid.viscosity * size, np.pi * fluid.viscosity * size**3
+        self._quadratic = (
+            0.5 * fluid.density * second * third,
+            fluid.density / 64.0 * edges * (second**4 + third**4),
+        )
+
+    def wrenches(self, at: Array, turns: Array, velocities: Array) -> tuple[Array, Array]:
+        """Forces, and moments about the world's origin, on all bodies (n, 3), for the places, orientations and velocities of
+        their frames in world axes."""
+        rows = self._rows
+        arms = np.einsum("nij,nj->ni", turns[rows], self._centres)
+        axes = turns[rows] @ self._turns
+        spin = velocities[rows, 3:]
+        flow = velocities[rows, :3] + np.cross(spin, arms) - self._flow
+        kinds = zip((flow, spin), self._linear, self._quadratic, strict=True)
+        pushes = []
+        for moving, linear, quadratic in kinds:
+            own = np.einsum("nji,nj->ni", axes, moving)
+            pushes.append(np.einsum("nij,nj->ni", axes, -(linear + quadratic * np.abs(own)) * own))
+        forces, moments = np.zeros((2, len(at), 3))
+        forces[rows] = pushes[0]
+        moments[rows] = pushes[1] + np.cross(at[rows] + arms, pushes[0])
+        return forces, moments
 
 
 class BeforeSteps:
@@ -144,5 +190,5 @@ class BeforeSteps:
 
     def told(self, held: ReadBack) -> ReadBack:
         """A read-back of what the engine itself holds, completed by what it is given."""
-        held = dataclasses.replace(held, bodies=with_passive(held.bodies, self.passive))
+        held = dataclasses.replace(held, bodies=with_passive(held.bodies, self.passive), fluid=fluid_of(self.passive))
         return held if self.held is None else self.held.told(held)

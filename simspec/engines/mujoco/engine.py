@@ -107,6 +107,7 @@ class MuJoCo(MujocoSimulation):
         Feature.FORCES: via_api(AS_EFFORTS),
         Feature.GRAVITY_SCALE: Support(Level.EXACT, "gravcomp = 1 − scale, up to 1"),
         **exactly(Feature.FREE_DAMPING, Feature.FREE_ARMATURE),
+        Feature.FLUID: Support(Level.EXACT, "density, viscosity and wind: MuJoCo's forces on boxes of equal inertia"),
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, refine=explicit_servos_hold),
         **CONTACT_SUPPORT,

@@ -141,9 +141,7 @@ class _Expected:
             "impratio": self._impratio(),
             "integrator": EULER,
             "jacobian": AUTO,
-            "density": 0.0,
-            "viscosity": 0.0,
-            "wind": (0.0, 0.0, 0.0),
+            **self._fluid(),
             "magnetic": (0.0, 0.0, 0.0),
             "noslip_tolerance": 1e-6,
             "ccd_iterations": 50,
@@ -154,6 +152,12 @@ class _Expected:
             said["sleep_tolerance"] = float(settings["sleep_tolerance"])
         own = {name: value for name, value in self.neutral.items() if name.startswith("opt.")}
         return {name: said.get(name.removeprefix("opt."), value) for name, value in own.items()}
+
+    def _fluid(self) -> dict[str, Any]:
+        around = self.world.physics.fluid
+        if around is None or all(body.box is None for body in self.world.bodies):
+            return {"density": 0.0, "viscosity": 0.0, "wind": (0.0, 0.0, 0.0)}
+        return {"density": around.density, "viscosity": around.viscosity, "wind": around.velocity}
 
     def _flags(self) -> dict[str, bool]:
         on = set(SET_FLAGS)

@@ -190,8 +190,9 @@ def _mesh(mesh: Any, model: Any) -> dict[str, Any]:
 
 
 def stable_step(model: Any) -> float | None:
-    """The longest timestep (s) at which dampers and springs of joints and fixed tendons that are explicit in time do not
-    diverge, at the reference configuration and some others; None where there are none, or more coordinates than is looked at.
+    """The longest timestep (s) at which dampers and springs of joints and fixed tendons, and a viscous fluid, that are explicit
+    in time do not diverge, at the reference configuration and some others; None where there are none, or more coordinates than
+    is looked at.
 
     While 2 dt D + dt² K < 4 M no deviation grows; the largest eigenvalues of M⁻¹ D and M⁻¹ K bound it from the safe side.
     """
@@ -210,7 +211,7 @@ def stable_step(model: Any) -> float | None:
     own = np.diag(damping), np.diag(stiffness)
     damping = own[0] + along.T @ (np.array(model.tendon_damping)[:, None] * along)
     stiffness = own[1] + along.T @ (np.array(model.tendon_stiffness)[:, None] * along)
-    if not (damping.any() or stiffness.any()) or model.nv > MOST_COORDINATES:
+    if not (damping.any() or stiffness.any() or model.opt.viscosity) or model.nv > MOST_COORDINATES:
         return None
     data, generator, shortest = mujoco.MjData(model), np.random.default_rng(0), np.inf
     for posture in range(POSTURES):
@@ -222,17 +223,35 @@ def stable_step(model: Any) -> float | None:
         mujoco.mj_fwdPosition(model, data)
         mass = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, mass)
+        damped = damping + _viscous(model, data)
         try:
             inverse = np.linalg.inv(np.linalg.cholesky(mass))
         except np.linalg.LinAlgError:
             return None  # round-off of masses that are far apart: resolving the spec looks at it
         by_damping, by_stiffness = (
-            max(0.0, float(np.linalg.eigvalsh(inverse @ values @ inverse.T).max())) for values in (damping, stiffness)
+            max(0.0, float(np.linalg.eigvalsh(inverse @ values @ inverse.T).max())) for values in (damped, stiffness)
         )
         # 2 dt d + dt² k = 4
         step = 4.0 / (by_damping + np.sqrt(by_damping**2 + 4.0 * by_stiffness))
         shortest = min(shortest, float(step))
     return shortest
+
+
+def _viscous(model: Any, data: Any) -> Any:
+    """D (nv, nv) of what is linear in velocity of the forces of a fluid on boxes of the bodies' inertia."""
+    import mujoco
+    import numpy as np
+
+    total = np.zeros((model.nv, model.nv))
+    for body in range(1, model.nbody if model.opt.viscosity else 0):
+        mass, moments = model.body_mass[body], model.body_inertia[body]
+        if mass <= 0.0 or not model.body_weldid[body]:
+            continue
+        size = np.sqrt(6.0 * np.maximum(moments.sum() - 2.0 * moments, 0.0) / mass).mean()
+        moving, turning = np.zeros((2, 3, model.nv))
+        mujoco.mj_jacBodyCom(model, data, moving, turning, body)
+        total += np.pi * size * model.opt.viscosity * (3.0 * moving.T @ moving + size**2 * turning.T @ turning)
+    return total
 
 
 def dynamics(model: Any, count: int, seed: int, spread: float) -> list[dict[str, Any]]:

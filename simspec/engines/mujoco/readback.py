@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,6 +19,7 @@ from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.formats.mjcf.format import MODEL
 from simspec.formats.mjcf.names import file_name, world_name
 from simspec.world import frames
+from simspec.world.fluid import LEAST, Box, Fluid
 from simspec.world.sums import JointSum
 from simspec.world.tuples import vector3
 from simspec.world.types import (
@@ -141,7 +143,22 @@ class _ReadBack:
             constraints=self._constraints(),
             sums=self._sums(),
             frames=self._frames(),
+            fluid=self._fluid(),
         )
+
+    def _fluid(self) -> Fluid | None:
+        option = self._model.opt
+        fluid = Fluid(float(option.density), float(option.viscosity), _vector(option.wind))
+        return None if fluid == Fluid() else fluid
+
+    def _box(self, index: int) -> Box | None:
+        """The box by which the fluid acts on a body: MuJoCo's own, of a moving body with mass."""
+        model, mass = self._model, float(self._model.body_mass[index])
+        if self._fluid() is None or model.body_weldid[index] == 0 or mass < LEAST:
+            return None
+        x, y, z = model.body_inertia[index].tolist()
+        edges = [math.sqrt(max(LEAST, moment) / mass * 6.0) for moment in (y + z - x, x + z - y, x + y - z)]
+        return Box((edges[0], edges[1], edges[2]), frames.normalise(tuple(model.body_iquat[index].tolist())))
 
     def _constraints(self) -> tuple[Constraint, ...]:
         """The equalities as simspec writes them, of two joints and of two sites; others are counted (``count.neq``)."""
@@ -229,14 +246,14 @@ class _ReadBack:
         inertial = Inertial(float(model.body_mass[index]), principal.position, tensor(moments, principal.quaternion))
         geoms = range(model.body_geomadr[index], model.body_geomadr[index] + model.body_geomnum[index])
         weight = 1.0 - float(model.body_gravcomp[index])
-        shapes = tuple(map(self._shape, geoms))
+        shapes, box = tuple(map(self._shape, geoms)), self._box(index)
         above = int(model.body_parentid[index])
         parent = world_name(self._names["BODY"][above]) if above else None
         place = _pose(model.body_pos[index], model.body_quat[index])
         count = int(model.body_jntnum[index])
         if count == 0 and len(chain) == 1:
             fixed = Joint(self._sidecar.fixed_joints.get(name, ""), "fixed", parent, place)
-            yield Body(name, "", inertial, fixed, shapes, gravity_scale=weight)
+            yield Body(name, "", inertial, fixed, shapes, gravity_scale=weight, box=box)
             return
         if count != len(chain):
             raise EngineError("mujoco", f"body {name!r} holds {count} joints, not {len(chain)}")
@@ -249,7 +266,7 @@ class _ReadBack:
             moved = self._joint(joint, parent, origin, turn)
             body = Body(called, "", Inertial(0.0), moved)
             if last:
-                body = dataclasses.replace(body, inertial=inertial, shapes=shapes, gravity_scale=weight)
+                body = dataclasses.replace(body, inertial=inertial, shapes=shapes, gravity_scale=weight, box=box)
             yield body
             parent = called
 

@@ -31,7 +31,7 @@ from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
@@ -245,6 +245,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.FORCES: via_api(AS_EFFORTS),
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
         Feature.FREE_DAMPING: GIVEN_DAMPING,
+        Feature.FLUID: GIVEN_FLUID,
         Feature.FREE_ARMATURE: never(
             "PyBullet has no armature of free bodies, and contact would ignore a computed one"
         ),

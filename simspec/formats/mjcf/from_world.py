@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from simspec.formats.kit.meshes import DIGITS, hulls_of, mesh_file, mesh_name
-from simspec.formats.kit.passes import principal_axes
 from simspec.formats.kit.text import numbers
 from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.names import file_name
@@ -17,7 +16,9 @@ from simspec.formats.mjcf.tree import Attributes, HeightField, Inertial, Key, Me
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Refinement, not_here
 from simspec.world import frames
+from simspec.world.boxes import moments_along
 from simspec.world.heightfield import field_of
+from simspec.world.principal import principal_axes
 from simspec.world.types import Body, Joint, PairContact, Pose, Shape, Surface, World
 
 DEFAULT_COLOUR: Final = (0.7, 0.7, 0.7, 1.0)
@@ -56,6 +57,8 @@ def inertial_of(body: Body) -> Inertial | None:
     if not body.inertial.mass:
         return None
     moments, turn = principal_axes(body.inertial.inertia)
+    if body.box is not None and (along := moments_along(body.inertial.inertia, body.box.quaternion)) is not None:
+        moments, turn = along, body.box.quaternion  # of equal moments any axes would do, but for what a fluid does
     return Inertial(body.inertial.centre_of_mass, turn, body.inertial.mass, moments)
 
 
@@ -201,6 +204,14 @@ def joint_attributes(joint: Joint, frame: Pose) -> list[tuple[str, Value]]:
     }
     more.extend((name, value) for name, value in values.items() if value)
     return more
+
+
+def fluid_options(world: World) -> Attributes:
+    """Density, viscosity and velocity of a fluid that some body feels; nothing where there is none."""
+    fluid = world.physics.fluid
+    if fluid is None or all(body.box is None for body in world.bodies):
+        return ()
+    return (("density", fluid.density), ("viscosity", fluid.viscosity), ("wind", fluid.velocity))
 
 
 def keyframe(name: str, rows: Sequence[Row]) -> Key:

@@ -80,6 +80,7 @@ SUPPORT: Final[Table] = {
     Feature.BALL_ARMATURE: never("SDF has no armature"),
     Feature.MARGIN_PAIRS: never("simspec writes no margins into SDF"),
     Feature.SURFACE_VELOCITY: never("SDF says it by plug-ins of a simulator, which simspec does not write"),
+    Feature.FLUID: never("simspec writes no drag into SDF, whose worlds have a wind and leave what it does to plugins"),
     Feature.GRAVITY_SCALE: Support(Level.EXACT, "<gravity> of a link, on or off", refine=on_or_off),
     Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into SDF"),
     Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into SDF"),

@@ -33,6 +33,7 @@ SUPPORT: Final[Table] = {
     Feature.BALL_ARMATURE: never(".skel has no armature"),
     Feature.MARGIN_PAIRS: never(".skel has no margins"),
     Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
+    Feature.FLUID: never(".skel has no fluids"),
     Feature.GRAVITY_SCALE: never("simspec writes no weights of single bodies into .skel"),
     Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into .skel"),
     Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into .skel"),

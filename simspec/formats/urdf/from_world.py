@@ -7,7 +7,6 @@ from collections.abc import Hashable, Mapping
 from typing import Final
 
 from simspec.formats.kit.meshes import mesh_file
-from simspec.formats.kit.passes import principal_axes
 from simspec.formats.urdf.tree import (
     Attributes,
     Collision,
@@ -20,6 +19,7 @@ from simspec.formats.urdf.tree import (
     nameless,
 )
 from simspec.world import frames
+from simspec.world.principal import principal_axes
 from simspec.world.types import Body, Pose, Shape
 from simspec.world.types import Inertial as WorldInertial
 

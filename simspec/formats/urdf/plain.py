@@ -73,6 +73,7 @@ SUPPORT: Final[Table] = {
     Feature.BALL_ARMATURE: never("URDF has no armature"),
     Feature.MARGIN_PAIRS: never("URDF has no margins"),
     Feature.SURFACE_VELOCITY: never("URDF has no surfaces that move by themselves"),
+    Feature.FLUID: never("URDF has nothing around a robot"),
     Feature.GRAVITY_SCALE: never("URDF has no weights of single bodies"),
     Feature.FREE_DAMPING: never("URDF has no damping of free bodies"),
     Feature.FREE_ARMATURE: never("URDF has no armature of free bodies"),

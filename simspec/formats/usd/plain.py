@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from simspec.formats.kit.passes import principal_axes
 from simspec.formats.usd.joints import DEGREES, KINDS, Joined, axes, single, stand
 from simspec.formats.usd.names import GROUPS, JOINTS, MATERIALS, ROOT, SCENE, Places, Taken, local, model_of, places
 from simspec.formats.usd.several import carriers, several
@@ -18,6 +17,7 @@ from simspec.formats.usd.tree import Prim, Stage
 from simspec.world import frames
 from simspec.world.carriers import is_carrier, joined
 from simspec.world.kinematics import CollisionFilter, poses, rigid_groups, trees
+from simspec.world.principal import principal_axes
 from simspec.world.tuples import ordered
 from simspec.world.types import Body, Connect, Frame, Inertial, Material, Pose, Vector3, Weld, World
 

@@ -65,6 +65,7 @@ SUPPORT: Final[Table] = {
     Feature.SHAPE_MARGIN: never("simspec writes no margins into USD: UsdPhysics has none"),
     Feature.BALL_DAMPING: via_api(_OWN),
     Feature.BALL_ARMATURE: never("simspec writes no armature of balls into USD"),
+    Feature.FLUID: never("UsdPhysics has no fluids"),
     Feature.GRAVITY_SCALE: never("simspec writes no weights of single bodies into USD"),
     Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into USD"),
     Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into USD"),

@@ -120,6 +120,12 @@ class Compiled:
         """Whether one of the flags is switched on that are off by default."""
         return name in self.options["enabled"]
 
+    @property
+    def has_fluid(self) -> bool:
+        """Whether a fluid acts on bodies: without springs and dampers no passive force does (measured)."""
+        present = self.options["density"] or self.options["viscosity"]
+        return bool(present) and not (self.disabled("spring") and self.disabled("damper"))
+
     def joints_of(self, body: int) -> range:
         """The numbers of a body's joints."""
         first = int(self["body_jntadr"][body])

@@ -93,7 +93,11 @@ FEATURES: Final = {
     ),
     "geom.gap": Feature("geom/gap", _INFORMATION, _LISTED),
     "pair.gap": Feature("pair/gap", _INFORMATION, _LISTED),
-    "geom.fluid": Feature("geom/fluidshape geom/fluidcoef", _PHYSICS, "forces of a fluid are not in the language"),
+    "geom.fluid": Feature(
+        "geom/fluidshape geom/fluidcoef",
+        _PHYSICS,
+        "forces of a fluid on single shapes, with added mass and lift: the language has those on boxes of the bodies' inertia",
+    ),
     "geom.adhesion": Feature("geom/adhesion pair/adhesion", _PHYSICS, "adhesion is not in the language"),
     "contact.softness": Feature(
         "geom/solref geom/solimp geom/solmix pair/solref pair/solimp pair/solreffriction",
@@ -122,7 +126,9 @@ FEATURES: Final = {
         "one law for all contacts, instead of their own",
     ),
     "option.fluid": Feature(
-        "option/density option/viscosity option/wind", _PHYSICS, "a fluid around the bodies is not in the language"
+        "option/density option/viscosity option/wind",
+        _PHYSICS,
+        "of bodies that are welded, one of them without inertia of its own, the fluid acts on the box of all together",
     ),
     "equality": Feature(
         "equality/*",

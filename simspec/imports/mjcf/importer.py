@@ -26,6 +26,7 @@ from simspec.language.foreign import Imported, ImportOptions, Severity
 from simspec.language.models import VERSION
 from simspec.language.words import clean_name
 
+FLUID: Final = ("density", "viscosity")
 BEGINNING: Final = b"<" + ROOT.encode()
 
 
@@ -133,4 +134,9 @@ def _physics(model: Compiled, features: Features) -> dict[str, Any]:
     if model.stable_step is not None and timestep > SHARE * model.stable_step:
         features.add("option.timestep", model.root)
         timestep = round_step(SHARE * model.stable_step)
-    return {"gravity": gravity, "timestep": timestep}
+    physics: dict[str, Any] = {"gravity": gravity, "timestep": timestep}
+    if model.has_fluid:
+        physics["fluid"] = {name: float(model.options[name]) for name in FLUID if float(model.options[name])}
+        if any(wind := numbers(model.options["wind"])):
+            physics["fluid"]["velocity"] = wind
+    return physics

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+import numpy as np
+
 from simspec.imports.mjcf.bodies import Bodies
+from simspec.imports.mjcf.compiled import Compiled
 from simspec.imports.mjcf.tendons import add_tendons
+from simspec.world.gathering import SINGULAR
 
 JOINT: Final = 0
 """The type of transmission that is a joint."""
@@ -16,8 +20,8 @@ NONE, FIXED, AFFINE = 0, 0, 1
 def outside_the_tree(bodies: Bodies, constraints: dict[str, Any]) -> None:
     """Add sums of joint positions to ``constraints``, and say as features what the spec does not have of the rest."""
     model, features = bodies.model, bodies.features
-    if model.options["density"] or model.options["viscosity"]:
-        features.add("option.fluid", model.root)
+    if model.has_fluid:
+        _say_fluid(bodies)
     add_tendons(bodies, bodies.held_tendons, constraints)
     for number, part in model.parts["actuator"].items():
         if _has_inertia(bodies, number):
@@ -26,6 +30,25 @@ def outside_the_tree(bodies: Bodies, constraints: dict[str, Any]) -> None:
             features.add("actuator", part.element, _controller(bodies, number))
     if model.numbers["nplugin"]:
         features.add("plugin", model.root)
+
+
+def _say_fluid(bodies: Bodies) -> None:
+    """The bodies on which a fluid acts by another law, or by another box, than in the spec."""
+    model, features = bodies.model, bodies.features
+    for number in np.flatnonzero(model["geom_fluid"][:, 0]).tolist():
+        features.add("geom.fluid", model.part("geom", number).element)
+    groups: dict[int, list[int]] = {}
+    for number in bodies.names:
+        groups.setdefault(int(model["body_weldid"][number]), []).append(number)
+    for top, members in groups.items():
+        heavy = [number for number in members if float(model["body_mass"][number]) > 0.0]
+        if top and len(heavy) > 1 and any(_singular(model, number) for number in {top, *heavy}):
+            features.add("option.fluid", model.part("body", top).element)
+
+
+def _singular(model: Compiled, number: int) -> bool:
+    moments = model["body_inertia"][number]
+    return float(model["body_mass"][number]) <= 0.0 or float(min(moments)) <= SINGULAR * float(max(moments))
 
 
 def _has_inertia(bodies: Bodies, number: int) -> bool:

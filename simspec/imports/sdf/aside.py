@@ -20,7 +20,11 @@ _PLUGIN: Final[Said] = (
 _SCENERY: Final[Said] = (Fate.LOST, Severity.APPEARANCE, "simspec has no scenery")
 _NO_LIGHT: Final[Said] = (Fate.LOST, Severity.APPEARANCE, "simspec has no lights")
 _NO_SOUND: Final[Said] = (Fate.LOST, Severity.INFORMATION, "simspec has no sound")
-_NO_AIR: Final[Said] = (Fate.LOST, Severity.PHYSICS, "simspec has no air, wind or water")
+_NO_AIR: Final[Said] = (
+    Fate.LOST,
+    Severity.PHYSICS,
+    "what a wind does is left to plugins; physics.fluid of a spec has a law of its own",
+)
 
 IN_LINK: Final[Mapping[str, Said]] = {
     "sensor": _NO_SENSOR,

@@ -85,7 +85,10 @@ def _inertial(inertial: Element, move: Placement, repairing: bool) -> tuple[dict
     values = {
         key: UNIT_INERTIA[key] if tensor is None else finite_of(tensor, key, UNIT_INERTIA[key]) for key in UNIT_INERTIA
     }
-    lost(next(iter(inertial.look("fluid_added_mass")), None), "simspec has no air, wind or water")
+    lost(
+        next(iter(inertial.look("fluid_added_mass")), None),
+        "simspec has no added mass: physics.fluid is drag and viscous resistance",
+    )
     unused(next(iter(inertial.look("density")), None), "the file gives the mass")
     if not mass and not any(values.values()):
         return {}, ""

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from simspec.dialects.kit.sidecar import sidecar_text
 from simspec.formats.kit import passes
 from simspec.formats.kit.text import number
-from simspec.world import frames, kinematics
+from simspec.world import frames, kinematics, principal
 from tests import worlds
 
 unit = st.floats(-1, 1).filter(lambda x: x == 0 or abs(x) > 1e-3)
@@ -22,14 +22,14 @@ def test_principal_axes_rebuild_the_tensor(parts, raw, exponent):
     scale = 10.0**exponent
     a, b, c = parts
     inertia = frames.turn_inertia(frames.normalise(raw), tuple(scale * x for x in (b + c, a + c, a + b)) + (0.0,) * 3)
-    moments, turn = passes.principal_axes(inertia)
+    moments, turn = principal.principal_axes(inertia)
     # 2⁻⁴⁰ ≈ 9e-13 may be clipped from a flat body's largest moment; the rest is round-off
     np.testing.assert_allclose(passes.tensor(moments, turn), inertia, rtol=0, atol=2e-12 * max(inertia[:3]))
     assert max(moments) < sum(moments) - max(moments)
 
 
 def test_a_flat_body_stays_inside_the_triangle_inequality():
-    moments, _ = passes.principal_axes((1.0, 2.0, 3.0000000000000004, 0.0, 0.0, 0.0))
+    moments, _ = principal.principal_axes((1.0, 2.0, 3.0000000000000004, 0.0, 0.0, 0.0))
     assert moments[2] < moments[0] + moments[1]
 
 
@@ -39,14 +39,14 @@ def test_a_flat_body_of_any_size_and_turn_keeps_the_margin(parts, raw, exponent)
     """The largest moment of a plate is the sum of the others: engines that sum them in another order must not find it above."""
     a, b = (10.0**exponent * part for part in parts)
     inertia = frames.turn_inertia(frames.normalise(raw), (a, b, a + b, 0.0, 0.0, 0.0))
-    moments, _ = passes.principal_axes(inertia)
+    moments, _ = principal.principal_axes(inertia)
     smaller, middle, largest = sorted(moments)
     assert largest <= (smaller + middle) * (1.0 - 2.0**-41)
     assert largest >= (smaller + middle) * (1.0 - 2.0**-39)
 
 
 def test_a_diagonal_tensor_is_left_as_it_is():
-    assert passes.principal_axes((3.0, 1.5, 2.0, 0.0, 0.0, 0.0)) == ((3.0, 1.5, 2.0), frames.IDENTITY)
+    assert principal.principal_axes((3.0, 1.5, 2.0, 0.0, 0.0, 0.0)) == ((3.0, 1.5, 2.0), frames.IDENTITY)
 
 
 def test_recentring_changes_no_physics_and_can_be_undone():
