@@ -94,10 +94,8 @@ def resolve(spec: Spec) -> World:
         frames=named,
     )
     path, problems = trajectory(spec.source, world, driven.velocity_limits)
-    if driven.aims and spec.data.trajectory is not None:
-        message, hint = "simspec does not support a trajectory beside actuators", "control: {NAME: {joints: [...]}}"
-        problems.append(spec.source.document.problem(("trajectory",), message, key=True, hint=hint))
-    path = path or commanded(driven.aims, world.bodies)
+    path, more = commanded(spec.source, path, driven.aims, world.bodies)
+    problems = [*problems, *more]
     if problems:
         raise SpecError(in_order(problems))
     world = dataclasses.replace(world, trajectory=path)

@@ -6,7 +6,7 @@ g² kp, the damping g² kd and the rest, which is constant: as the target u/g of
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -266,16 +266,45 @@ class ActuatorsDraft:
         self.problems.append(self._source.document.problem((*self._path, *below), message, **more))
 
 
-def commanded(aims: Mapping[str, tuple[float, float]], bodies: Sequence[Body]) -> Trajectory | None:
-    """The trajectory that holds constant targets and efforts; None without any."""
-    rows: Iterator[str] = (body.joint.name for body in bodies if body.joint.name in aims)
-    joints = tuple(rows)
-    if not joints:
-        return None
-    return Trajectory(
-        joints=joints,
-        times=(0.0,),
-        positions=(tuple(aims[joint][0] for joint in joints),),
-        efforts=(tuple(aims[joint][1] for joint in joints),) if any(aims[joint][1] for joint in joints) else (),
-        interpolation="hold",
+def commanded(
+    source: Source, path: Trajectory | None, aims: Mapping[str, tuple[float, float]], bodies: Sequence[Body]
+) -> tuple[Trajectory | None, list[Problem]]:
+    """The trajectory of a spec, completed by the constant targets and efforts of joints that actuators act on: columns that
+    stay what they are at all times. An error where it moves such a joint itself."""
+    problems = [
+        source.document.problem(
+            ("trajectory",),
+            f"{joint} moves here, and an actuator with a constant command acts on it",
+            key=True,
+            found=joint,
+            hint="leave it out of the trajectory, or its actuator out of control",
+        )
+        for joint in (path.joints if path is not None else ())
+        if joint in aims
+    ]
+    if not aims or problems:
+        return path, problems
+    moved = {} if path is None else {joint: column for column, joint in enumerate(path.joints)}
+    path = path or Trajectory((), (0.0,), ((),), interpolation="hold")
+    joints = tuple(body.joint.name for body in bodies if body.joint.name in moved or body.joint.name in aims)
+
+    def completed(rows: tuple[tuple[float, ...], ...], held: Mapping[str, float]) -> tuple[tuple[float, ...], ...]:
+        return tuple(tuple(held[joint] if joint in held else row[moved[joint]] for joint in joints) for row in rows)
+
+    targets, feeds = ({joint: aim[index] for joint, aim in aims.items()} for index in (0, 1))
+    efforts = path.efforts
+    if any(feeds.values()) and not efforts:
+        efforts = ((0.0,) * len(moved),) * len(path.times)
+    still = dict.fromkeys(aims, 0.0)
+    return (
+        Trajectory(
+            joints=joints,
+            times=path.times,
+            positions=completed(path.positions, targets),
+            velocities=completed(path.velocities, still),
+            accelerations=completed(path.accelerations, still),
+            efforts=completed(efforts, feeds),
+            interpolation=path.interpolation,
+        ),
+        [],
     )

@@ -5,8 +5,10 @@ from __future__ import annotations
 import copy
 import math
 
+import numpy as np
 import pytest
 
+from simspec.control.reference import efforts, positions
 from simspec.errors import SpecError
 from simspec.language.actuators import LAWS
 from simspec.language.amounts import MOST_ACTUATORS
@@ -227,14 +229,58 @@ def test_a_controller_has_joints_or_actuators():
     assert any(path == "control.robot.commands" for path, _ in problems(data))
 
 
-def test_a_joint_has_one_controller_and_no_trajectory_beside_actuators():
+def test_a_joint_has_one_controller():
     data = scenario({"a": SERVO})
     data["control"]["other"] = {"joints": ["arm/elbow"], "kp": 1, "kd": 1}
     assert any("has a controller already" in message for _, message in problems(data))
-    data = scenario({"a": SERVO})
+
+
+def beside(actuator, trajectory):
+    data = scenario({"a": actuator})
     data["control"]["other"] = {"joints": ["arm/rail"], "kp": 1, "kd": 1}
-    data["trajectory"] = {"points": [{"at": 0, "positions": {"arm/rail": 0.1}}]}
-    assert problems(data) == [("trajectory", "simspec does not support a trajectory beside actuators")]
+    return {**data, "trajectory": trajectory}
+
+
+WAYS = {
+    "points": {"points": [{"at": 0, "positions": {"arm/rail": 0.0}}, {"at": "50 ms", "positions": {"arm/rail": 0.1}}]},
+    "with velocities": {
+        "points": [
+            {"at": 0, "positions": {"arm/rail": 0.0}, "velocities": {"arm/rail": 0.0}},
+            {"at": "50 ms", "positions": {"arm/rail": 0.1}, "velocities": {"arm/rail": 0.2}},
+        ]
+    },
+    "held": {"points": [{"at": "20 ms", "positions": {"arm/rail": 0.1}}], "interpolation": "hold"},
+    "linear": {
+        "points": [{"at": 0, "positions": {"arm/rail": 0.0}}, {"at": "50 ms", "positions": {"arm/rail": 0.1}}],
+        "interpolation": "linear",
+    },
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("law", ["position", "effort"])
+def test_a_trajectory_moves_other_joints_beside_actuators(way, law):
+    """What an actuator holds stays what it is at all times, and the trajectory what it is without the actuator."""
+    actuator = {**SERVO, "command": 0.3} if law == "position" else {"joint": "elbow", "law": "effort", "command": 0.3}
+    data = beside(actuator, WAYS[way])
+    both = Spec.from_data(data).resolve().trajectory
+    data["control"].pop("robot")
+    alone = Spec.from_data(data).resolve().trajectory
+    assert both.joints == ("arm/elbow", "arm/rail")
+    times = np.array([0.0, 0.013, 0.04, 0.05, 0.2])
+    for found, expected in zip(positions(both).at(times, 2), positions(alone).at(times, 2), strict=True):
+        np.testing.assert_array_equal(found[:, 1], expected[:, 0])
+    target, speed, acceleration = (values[:, 0] for values in positions(both).at(times, 2))
+    held, fed = (0.3, 0.0) if law == "position" else (0.0, 0.3)
+    np.testing.assert_allclose(target, np.full(5, held), atol=1e-15)  # a polynomial's last digit
+    np.testing.assert_allclose([speed, acceleration], np.zeros((2, 5)), atol=1e-12)
+    np.testing.assert_array_equal(efforts(both).at(times)[0], np.tile([fed, 0.0], (5, 1)))
+
+
+def test_a_trajectory_does_not_move_what_an_actuator_acts_on():
+    wrong = {"points": [{"at": 0, "positions": {"arm/rail": 0.1, "arm/elbow": 0.2}}]}
+    message = "arm/elbow moves here, and an actuator with a constant command acts on it"
+    assert problems(beside(SERVO, wrong)) == [("trajectory", message)]
 
 
 def test_too_many_are_refused_before_they_are_copied():
