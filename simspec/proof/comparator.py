@@ -55,7 +55,10 @@ INVENTORY_LEVEL, INVENTORY = "L4", "everything else held"
 HULL = "shape hull"
 """Name of the check of meshes, whose tolerance an engine may declare."""
 FIELD = "height field"
-"""Name of the check of height fields; engines that keep meshes in single precision keep heights so."""
+"""Name of the check of height fields."""
+SINGLE = 2.0**-22
+"""Share of its extent by which a height field in an engine may be off: both that have some keep numbers of 24 bits, each off by
+2⁻²⁵ of itself at most, and a share of a range, or a place, is made of a few of them (1e-8 measured)."""
 
 
 def compare(
@@ -110,6 +113,7 @@ class _Comparison(BesideBodies):
         self.world, self.read_back, self.rules, self.accepted_cone = world, read_back, rules, accepted_cone
         self.plan = contact_plan(world, rules, layers)
         self.tally = Tally()
+        self.text = text
         self.tolerance = TEXT_TOLERANCE if text else MODEL_TOLERANCE
         self.hull_tolerance = self.tolerance if text else max(self.tolerance, hull_precision)
         self.levels = dict.fromkeys(LEVELS, "L0") if text else LEVELS
@@ -331,7 +335,8 @@ class _Comparison(BesideBodies):
             except HullError as error:
                 wrong = f"with {other.rounding} m around it: {error}"
         detail = wrong or f"{len(other.size)} numbers, should be as the {len(shape.size)} of the {shape.kind}"
-        self.tally.add(self.levels["geometry"], name, self.hull_tolerance, deviation, at, detail)
+        tolerance = self.hull_tolerance if name == HULL else max(self.tolerance, 0.0 if self.text else SINGLE)
+        self.tally.add(self.levels["geometry"], name, tolerance, deviation, at, detail)
 
     def pairs(self) -> None:
         """Each pair of materials that can meet: the shapes' numbers, combined by the engine's rules, against the world's;

@@ -14,7 +14,7 @@ from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import engines
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE
-from simspec.proof.comparator import FIELD, HULL
+from simspec.proof.comparator import FIELD, HULL, SINGLE
 from simspec.proof.contact.run import PROBES, contact_checks, laws
 from simspec.proof.expected import judge as judge_checks
 from simspec.proof.expected import title
@@ -68,8 +68,10 @@ def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
     ]
     for check in proof.checks:
         coarsest = COARSEST.get(check.level)
-        if coarsest is not None and known is not None and (check.level, check.name) in (("L4", HULL), ("L4", FIELD)):
+        if coarsest is not None and known is not None and (check.level, check.name) == ("L4", HULL):
             coarsest = max(coarsest, known.HULL_PRECISION)
+        if coarsest is not None and (check.level, check.name) == ("L4", FIELD):
+            coarsest = max(coarsest, SINGLE)
         if coarsest is None:
             faults.append(f"unknown level {check.level!r}")
         elif check.tolerance > coarsest:

@@ -90,7 +90,7 @@ class PybulletDialect(Dialect):
         Feature.INERTIA_FULL: Support(EXACT.level, "as principal moments with an orientation"),
         Feature.TREE_SIZE: never("PyBullet supports at most 127 links besides the base in one tree"),
         Feature.TREE_DEPTH: never("PyBullet supports at most 127 links besides the base in one tree"),
-        **shape_kinds("PyBullet", (*KINDS, *OWN_GEOMETRIES)),
+        **shape_kinds("PyBullet", (*KINDS, *OWN_GEOMETRIES, "heightfield")),
         Feature.SHAPE_CAPSULE: Support(EXACT.level, "PyBullet's extension"),
         Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
         Feature.BALL_ARMATURE: never("PyBullet has no armature: what stands for it is of one axis"),

@@ -118,6 +118,8 @@ class _File:
     def of(robot: Robot, meshes: Mapping[str, tuple[float, ...]], base_margin: float) -> _File:
         """Raises ValueError for what PyBullet's dialect does not have."""
         for stranger in strangers(robot, WRITTEN):
+            if stranger.name == "concave" and stranger.path == "robot/link/collision":
+                continue  # looked at with its geometry
             if stranger.name is not None or not _is_own(stranger.node, stranger.path):
                 what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
                 raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or that is repeated")
@@ -169,6 +171,10 @@ def _geometry(geometry: Node, meshes: Mapping[str, tuple[float, ...]]) -> tuple[
 def _shapes(file: _File, link: Link, names: Sequence[str], copied: bool = False) -> tuple[Shape, ...]:
     """The shapes of a link, in the order of ``names``."""
     surface = file.surface[link.name]
+    for collision in link.collisions:
+        kind, _ = _geometry(collision.geometry, file.meshes)
+        if collision.node.attributes.get("concave") != ("yes" if kind == "heightfield" else None):
+            raise collision.node.error(f"concave of a {kind}: only height fields are so, and all of them")
     shapes = shapes_of(link, partial(_geometry, meshes=file.meshes), lambda size: size[1] == NOTHING)
     if set(shapes) != set(names) and not copied:
         raise ValueError(f"link {link.name!r} has the shapes {sorted(shapes)}, the sidecar names {sorted(names)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Final
 
@@ -52,6 +53,9 @@ PLANE: Final = Geometry("plane", (("normal", (0.0, 0.0, 1.0)),))
 
 UNSEEN: Final = Visual("unseen", Geometry("sphere", (("radius", 0.0),)))
 """A visual of no size: PyBullet shows the collision shapes of a link that has no visual at all (measured)."""
+
+CONCAVE: Final = (("concave", "yes"),)
+"""Of a collision: its mesh is taken as the triangles that it is, not as their hull."""
 
 NO_AXIS: Final = (1.0, 0.0, 0.0)
 """Of joints that have none: without one PyBullet warns and takes x."""
@@ -144,8 +148,13 @@ def _contact(surface: Surface) -> Element:
 def _shown(shapes: tuple[Shape, ...], solid: tuple[Shape, ...]) -> tuple[tuple[Visual, ...], tuple[Collision, ...]]:
     """The visuals of ``shapes`` and the collisions of ``solid``."""
     visuals = tuple(visual_of(shape, _geometry(shape), f"{shape.name}_colour") for shape in shapes if shape.visual)
-    collisions = tuple(collision_of(shape, _geometry(shape)) for shape in solid)
+    collisions = tuple(_collision(shape) for shape in solid)
     return visuals or ((UNSEEN,) if collisions else ()), collisions
+
+
+def _collision(shape: Shape) -> Collision:
+    made = collision_of(shape, _geometry(shape))
+    return dataclasses.replace(made, more=CONCAVE) if shape.kind == "heightfield" else made
 
 
 def _geometry(shape: Shape) -> Geometry:

@@ -39,6 +39,8 @@ from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATION
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
+from simspec.engines.pybullet.ground import HOW as GROUND
+from simspec.engines.pybullet.ground import ground_held
 from simspec.engines.pybullet.holding import loops_held, within_one_tree
 from simspec.engines.pybullet.inventory import inventory, neutral
 from simspec.engines.pybullet.meshes import KEPT
@@ -126,6 +128,11 @@ def _meshes_held(world: World) -> Refinement | None:
     return LANDING if lands else None
 
 
+def _ground_held(world: World) -> Refinement | None:
+    base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
+    return ground_held(world, contact_plan(world, PyBullet.RULES, PyBullet.LAYERS), base_margin)
+
+
 def _thick_enough(kind: str, halves: Callable[[Sequence[float]], float], world: World) -> Refinement | None:
     """Not supported where a shape is thinner than the margin that PyBullet keeps within it; ``halves``: the least half of its
     size (m)."""
@@ -209,6 +216,7 @@ class PyBullet(SimulatedEngine[Simulation]):
             refine=_meshes_held,
             cases=(LANDING,),
         ),
+        Feature.SHAPE_HEIGHTFIELD: Support(Level.EXACT, GROUND, refine=_ground_held),
         Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),
         Feature.MARGIN_PAIRS: never("PyBullet's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("PyBullet's surfaces move with their bodies alone"),

@@ -138,6 +138,9 @@ def _world(
 ) -> dict[str, HeldValue]:
     """The world's own numbers, and what its parameters were set to."""
     found = {name: value for name, value in neutral.items() if name.startswith(("world.", "count.", "parameter."))}
+    solid = (shape for body in world.bodies for part in parts(body, plan) for shape in part.shapes)
+    if fields := sum(shape.kind == "heightfield" for shape in solid):
+        found["count.QBVH"] = fields  # the tree of boxes around the triangles of each
     laws = meeting_laws(world).values()
     rubs = any(part.surface.friction for body in world.bodies for part in parts(body, plan))
     elliptic = rubs and world.contact.friction_cone == "elliptic"

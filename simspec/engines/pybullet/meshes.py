@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,7 +20,9 @@ from numpy.typing import NDArray
 from simspec.artifacts import Artifacts
 from simspec.engines.pybullet.bullet_file import Block
 from simspec.errors import EngineError
+from simspec.formats.kit.heightfield_reading import field_of_triangles
 from simspec.formats.kit.mesh_reading import SUFFIX, read_triangles
+from simspec.formats.kit.meshes import FIELDS
 from simspec.outputs.reading import files_below
 from simspec.scratch import scratch_folder
 
@@ -42,12 +45,14 @@ def with_stl(folder: Path) -> Iterator[Path]:
     Raises EngineError where a mesh is missing or is no convex hull.
     """
     try:
-        names = [name for name in files_below(folder) if name.endswith(SUFFIX)]
+        names = [name for name in files_below(folder) if name.endswith(SUFFIX) and not _is_field(name)]
         if not names:
             yield folder
             return
         files: dict[str, str | bytes] = {_stl(name): stl_of(*read_triangles(folder, name)) for name in names}
         for name in files_below(folder):
+            if _is_field(name):
+                files[name] = (folder / name).read_text(encoding="utf-8")
             if name.endswith(".urdf"):
                 files[name] = MESH.sub(_renamed, (folder / name).read_text(encoding="utf-8"))
         with scratch_folder("stl") as place:
@@ -69,9 +74,16 @@ def faces_told(folder: Path, base_margin: float) -> bool:
             except ElementTree.ParseError as error:
                 raise EngineError("pybullet", f"{name} is not XML: {error}") from error
             for number, link in enumerate(root.iter("link")):
-                if link.find("collision/geometry/mesh") is not None:
+                if any(
+                    each.find("geometry/mesh") is not None for each in link.iter("collision") if not each.get("concave")
+                ):
                     margins.add(base_margin if number == 0 else None)
     return margins == {0.0}
+
+
+def _is_field(name: str) -> bool:
+    """Whether a file is the surface of a height field, which PyBullet takes as the triangles that it is."""
+    return name.startswith(f"{FIELDS}/")
 
 
 def _stl(name: str) -> str:
@@ -79,7 +91,8 @@ def _stl(name: str) -> str:
 
 
 def _renamed(found: re.Match[str]) -> str:
-    return f'{found.group(1)}{_stl(found.group(2))}"' if found.group(2).endswith(SUFFIX) else found.group(0)
+    name = found.group(2)
+    return f'{found.group(1)}{_stl(name)}"' if name.endswith(SUFFIX) and not _is_field(name) else found.group(0)
 
 
 def stl_of(vertices: Points, faces: NDArray[np.int64]) -> bytes:
@@ -91,15 +104,24 @@ def stl_of(vertices: Points, faces: NDArray[np.int64]) -> bytes:
     return b"convex hull".ljust(HEADER) + len(faces).to_bytes(4, "little") + rows.tobytes()
 
 
+@dataclass(frozen=True, slots=True)
+class HeldMesh:
+    """A mesh that PyBullet holds: the size of a hull, or of a ``field``, and the margin (m) that Bullet keeps around it."""
+
+    size: tuple[float, ...]
+    margin: float
+    field: bool = False
+
+
 class Hulls:
-    """The convex hulls in a dump of PyBullet's memory, by the address of the shape that they are part of."""
+    """The convex hulls, and the height fields, in a dump of PyBullet's memory, by the address of the shape that they are part
+    of."""
 
     def __init__(self, blocks: Iterable[Block]):
         self._at = {block.address: block for block in blocks}
 
-    def of(self, address: int) -> list[tuple[Points, float]]:
-        """The vertices (n, 3) of the hulls of a shape, or of all parts of a compound one, in their order, each with the margin
-        (m) that Bullet keeps around it."""
+    def of(self, address: int) -> list[HeldMesh]:
+        """The meshes of a shape, or of all parts of a compound one, in their order."""
         block = self._at.get(address)
         if block is None:
             return []
@@ -109,6 +131,8 @@ class Hulls:
             parts = self._at.get(int(row["m_childShapePtr"]))
             children = () if parts is None else parts.rows
             return [hull for part in children for hull in self.of(int(part["m_childShape"]))]
+        if "m_meshInterface" in names:
+            return [HeldMesh(self._field(row), float(row["m_collisionMargin"]), True)]
         if "m_unscaledPointsDoublePtr" not in names:
             return []
         scale = _floats(row["m_convexInternalShapeData"]["m_localScaling"])
@@ -119,7 +143,25 @@ class Hulls:
         if points is None:
             raise EngineError("pybullet", "holds a hull without points")
         margin = float(row["m_convexInternalShapeData"]["m_collisionMargin"])
-        return [(np.array([_floats(point) for point in points.rows]) * scale, margin)]
+        vertices = np.array([_floats(point) for point in points.rows]) * scale
+        return [HeldMesh(tuple(vertices.ravel().tolist()), margin)]
+
+    def _field(self, row: np.void) -> tuple[float, ...]:
+        """The height field that the triangles of a shape are the boundary of."""
+        interface = row["m_meshInterface"]
+        parts = self._at.get(int(interface["m_meshPartsPtr"]))
+        if parts is None or len(parts.rows) != 1 or _floats(interface["m_scaling"]).tolist() != [1.0, 1.0, 1.0]:
+            raise EngineError("pybullet", "holds a mesh of triangles in several parts, or scaled")
+        part = parts.rows[0]
+        points, indices = (self._at.get(int(part[name])) for name in ("m_vertices3d", "m_indices32"))
+        if points is None or indices is None:
+            raise EngineError("pybullet", "holds a mesh without triangles")
+        try:
+            return field_of_triangles(
+                points.rows["m_floats"][:, :3][indices.rows["m_value"]].astype(float).reshape(-1, 3, 3)
+            )
+        except (ValueError, IndexError) as error:
+            raise EngineError("pybullet", f"holds triangles that are no height field: {error}") from error
 
 
 POINTERS = ("m_unscaledPointsDoublePtr", "m_unscaledPointsFloatPtr")

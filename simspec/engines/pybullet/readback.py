@@ -14,12 +14,13 @@ from simspec.engines.pybullet.carriers import own_solid
 from simspec.engines.pybullet.dump import colliders, dump
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.holding import read_held
-from simspec.engines.pybullet.meshes import Hulls, Points, alike
+from simspec.engines.pybullet.meshes import HeldMesh, Hulls, alike
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree
 from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
-from simspec.formats.kit.mesh_reading import SUFFIX, read_triangles
+from simspec.formats.kit.mesh_reading import SUFFIX, read_field, read_triangles
+from simspec.formats.kit.meshes import FIELDS
 from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -31,7 +32,9 @@ SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "
 UP = (0.0, 0.0, 1.0)
 """Normal of a plane in its own frame; the world has no other, and turns the frame."""
 
-HeldHulls = Mapping[tuple[int, int], Sequence[tuple[Points, float]]]
+HeldHulls = Mapping[tuple[int, int], Sequence[HeldMesh]]
+SINGLE = 2.0**-23
+"""Relative precision of PyBullet's triangles."""
 SAME_SHAPE = 1e-9
 """Relative and absolute: a visual shape of the same kind, size and pose as a collision shape is the same shape. Both were
 printed from one, so that only round-off (1e-15) can stand between them."""
@@ -222,8 +225,8 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Sha
             raise EngineError("pybullet", f"holds a mesh of link {link} without a hull")
         size, margin = _size(kind, entry[3]) if kind != "mesh" else (), 0.0
         if kind == "mesh":
-            points, margin = left.pop(0)
-            size = tuple(points.ravel().tolist())
+            held = left.pop(0)
+            kind, size, margin = "heightfield" if held.field else "mesh", held.size, 0.0 if held.field else held.margin
         if kind == "plane" and tuple(entry[3]) != UP:
             raise EngineError("pybullet", f"holds a plane of link {link} with the normal {tuple(entry[3])}, not {UP}")
         pose = frames.compose(inertial, Pose(tuple(entry[5]), told_turn(entry[6])))
@@ -308,7 +311,10 @@ def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
     for entry in sim.bullet.getVisualShapeData(tree.uid, physicsClientId=sim.client):
         kind = _kind(entry[2])
         pose = Pose(tuple(entry[5]), told_turn(entry[6]))
-        size = _seen_mesh(sim, entry) if kind == "mesh" else _size(kind, entry[3])
+        if kind == "mesh":
+            kind, size = _seen_mesh(sim, entry)
+        else:
+            size = _size(kind, entry[3])
         if kind != "plane" and not any(size):
             continue  # nothing to be seen: it keeps PyBullet from showing the collision shapes
         shape = Shape("", kind, size, pose, collision=False, colour=tuple(entry[7]))
@@ -316,20 +322,25 @@ def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
     return found
 
 
-def _seen_mesh(sim: Simulation, entry: Any) -> tuple[float, ...]:
-    """The vertices in the file that PyBullet names, as it scales them: of what is only seen it tells nothing else."""
+def _seen_mesh(sim: Simulation, entry: Any) -> tuple[str, tuple[float, ...]]:
+    """The kind of a mesh, and the vertices in the file that PyBullet names, as it scales them: of what is only seen it tells
+    nothing else."""
     try:
         told = Path(entry[4].decode()).relative_to(sim.loaded_from)
+        if told.parts[0] == FIELDS and tuple(entry[3]) == (1.0, 1.0, 1.0):
+            return "heightfield", read_field(sim.folder, told.as_posix())
         vertices, _ = read_triangles(sim.folder, told.with_suffix(SUFFIX).as_posix())
     except (ValueError, FileNotFoundError) as error:
         raise EngineError("pybullet", f"shows the mesh {entry[4]!r}: {error}") from error
-    return tuple((vertices * np.array(entry[3])).ravel().tolist())
+    return "mesh", tuple((vertices * np.array(entry[3])).ravel().tolist())
 
 
 def _same(one: Shape, other: Shape) -> bool:
     if one.kind != other.kind or (one.kind == "mesh" and not alike(one.size, other.size)):
         return False
-    sizes = ((), ()) if one.kind == "mesh" else (one.size, other.size)
+    if one.kind == "heightfield" and not _same_field(one.size, other.size):
+        return False
+    sizes = ((), ()) if one.kind in ("mesh", "heightfield") else (one.size, other.size)
     return bool(
         np.allclose(
             (*sizes[0], *one.pose.position, *np.abs(one.pose.quaternion)),
@@ -338,3 +349,8 @@ def _same(one: Shape, other: Shape) -> bool:
             atol=SAME_SHAPE,
         )
     )
+
+
+def _same_field(one: Sequence[float], other: Sequence[float]) -> bool:
+    """Whether two height fields are the same, within single precision, in which those that touch are held."""
+    return len(one) == len(other) and bool(np.allclose(one, other, rtol=0.0, atol=SINGLE * max(*one, *other)))

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simspec.errors import SpecError
+from simspec.formats.kit.heightfield_reading import field_of_triangles
 from simspec.outputs.reading import files_below, read_bytes
 
 Array = npt.NDArray[np.float64]
@@ -21,6 +22,8 @@ Indices = npt.NDArray[np.int64]
 SUFFIX: Final = ".obj"
 LARGEST_FILE: Final = 16 * 2**20
 """Bytes of one file; that of 100,000 vertices has 12 million."""
+LARGEST_FIELD: Final = 64 * 2**20
+"""Bytes of the file of a height field; that of 262,144 heights has 35 million."""
 MOST_VERTICES: Final = 80_000
 """Of one hull: four times as many as a spec's may have, since that of the same faces moved inwards has so many corners where no
 four planes meet in a point."""
@@ -30,8 +33,9 @@ ROUND_OFF: Final = 1e-14
 """Of a product of two edges, relative to the extent squared: it decides over the plane of a sliver."""
 
 
-def read_meshes(folder: Path) -> dict[str, tuple[float, ...]]:
-    """The vertices (flat, m) of every OBJ file below a folder, by its path relative to it.
+def read_meshes(folder: Path, fields: str = "") -> dict[str, tuple[float, ...]]:
+    """The vertices (flat, m) of every OBJ file below a folder, by its path relative to it; of those below ``fields`` the sizes
+    of the height fields that they are.
 
     Raises ValueError, which names file and line, where one is no closed convex surface with its faces counterclockwise from
     outside.
@@ -40,7 +44,26 @@ def read_meshes(folder: Path) -> dict[str, tuple[float, ...]]:
         names = [name for name in files_below(folder) if name.endswith(SUFFIX)]
     except SpecError as error:
         raise ValueError(str(error)) from None
-    return {name: tuple(read_triangles(folder, name)[0].ravel().tolist()) for name in names}
+    return {
+        name: read_field(folder, name)
+        if fields and name.startswith(f"{fields}/")
+        else tuple(read_triangles(folder, name)[0].ravel().tolist())
+        for name in names
+    }
+
+
+def read_field(folder: Path, name: str) -> tuple[float, ...]:
+    """The size of the height field that is the surface in one OBJ file of a folder. Raises as :func:`read_triangles`."""
+    try:
+        vertices, faces = _parsed(read_bytes(folder / name, LARGEST_FIELD, folder), name)
+    except SpecError as error:
+        raise ValueError(str(error)) from None
+    if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
+        raise ValueError(f"{name}: a triangle has a vertex that does not exist")
+    try:
+        return field_of_triangles(vertices[faces])
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
 
 
 def read_triangles(folder: Path, name: str) -> tuple[Array, Indices]:

@@ -1,4 +1,5 @@
-"""Convex hulls as files: Wavefront OBJ with full doubles, one object each. Hulls of the same vertices share one file."""
+"""Convex hulls, and height fields, as files: Wavefront OBJ with full doubles, one object each. Those of the same numbers share
+one file."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from simspec.formats.kit.text import environment, numbers
+from simspec.world.heightfield import field_of
 from simspec.world.types import Shape, World
 
 MESHES: Final = "meshes"
@@ -34,6 +36,32 @@ def mesh_file(vertices: Vertices) -> str:
 def mesh_files(hulls: Iterable[Vertices]) -> dict[str, str]:
     """The files of hulls as {relative path: text}."""
     return {mesh_file(vertices): mesh_text(vertices) for vertices in dict.fromkeys(hulls)}
+
+
+FIELDS: Final = "fields"
+"""The folder of the files of height fields."""
+
+
+def field_file(size: tuple[float, ...]) -> str:
+    """The file of a height field as a closed surface of triangles, relative to those that name it."""
+    return f"{FIELDS}/{mesh_name(size)}{SUFFIX}"
+
+
+def field_files(sizes: Iterable[tuple[float, ...]]) -> dict[str, str]:
+    """The files of height fields as {relative path: text}."""
+    return {field_file(size): _field_text(size) for size in dict.fromkeys(sizes)}
+
+
+@functools.lru_cache(maxsize=64)
+def _field_text(size: tuple[float, ...]) -> str:
+    points, triangles = field_of(size).closed()
+    rows = (triangles + 1).tolist()
+    text: str = (
+        environment()
+        .get_template("obj/hull.obj.j2")
+        .render(vertices=points.tolist(), faces=rows, what="The boundary of a height field")
+    )
+    return text
 
 
 def hulls_of(world: World) -> Iterator[Vertices]:

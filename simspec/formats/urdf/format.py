@@ -9,12 +9,12 @@ from typing import ClassVar
 
 from simspec.formats.kit.contract import Format
 from simspec.formats.kit.mesh_reading import read_meshes
-from simspec.formats.kit.meshes import mesh_files
+from simspec.formats.kit.meshes import FIELDS, field_files, mesh_files
 from simspec.formats.kit.plain import Plain, losses
 from simspec.formats.kit.text import environment
 from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.plain import PLACEMENT, SUPPORT, placeholders, robots_and_placement
-from simspec.formats.urdf.tree import Robots
+from simspec.formats.urdf.tree import Geometry, Robots
 from simspec.support.declarations import Table
 from simspec.world.types import World
 
@@ -32,7 +32,9 @@ class Urdf(Format):
         """A file for each robot, and the files of their meshes."""
         template = environment().get_template("urdf/model.urdf.j2")
         robots = {name: template.render(robot=robot, inertia=INERTIA) for name, robot in tree.items()}
-        return {**robots, **mesh_files(_hulls(tree))}
+        fields = (geometry.field for geometry in _geometries(tree) if geometry.field)
+        hulls = (geometry.mesh for geometry in _geometries(tree) if geometry.mesh)
+        return {**robots, **mesh_files(hulls), **field_files(fields)}
 
     def plain(self, world: World) -> Plain:
         """One file for each distinct tree; where the trees stand and how they begin goes into ``placement.json``."""
@@ -43,11 +45,11 @@ class Urdf(Format):
         """All robots of a folder, with the files of meshes below it. Raises ValueError, which names the place."""
         from simspec.formats.urdf.reading import read_folder
 
-        return dataclasses.replace(read_folder(folder), meshes=read_meshes(folder))
+        return dataclasses.replace(read_folder(folder), meshes=read_meshes(folder, FIELDS))
 
 
-def _hulls(robots: Robots) -> Iterator[tuple[float, ...]]:
+def _geometries(robots: Robots) -> Iterator[Geometry]:
     for robot in robots.values():
         for link in robot.links:
-            yield from (visual.geometry.mesh for visual in link.visuals if visual.geometry.mesh)
-            yield from (collision.geometry.mesh for collision in link.collisions if collision.geometry.mesh)
+            yield from (visual.geometry for visual in link.visuals)
+            yield from (collision.geometry for collision in link.collisions)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Hashable, Mapping
 from typing import Final
 
-from simspec.formats.kit.meshes import mesh_file
+from simspec.formats.kit.meshes import field_file, mesh_file
 from simspec.formats.urdf.tree import (
     Attributes,
     Collision,
@@ -56,9 +56,11 @@ def full_inertial(inertial: WorldInertial) -> Inertial:
 
 
 def geometry_of(shape: Shape) -> Geometry:
-    """The geometry of a shape that the language has. Raises KeyError for others."""
+    """The geometry of a shape that the language has, and of a height field its closed surface. Raises KeyError for others."""
     if shape.kind == "mesh":
         return Geometry("mesh", (("filename", mesh_file(shape.size)),), shape.size)
+    if shape.kind == "heightfield":
+        return Geometry("mesh", (("filename", field_file(shape.size)),), field=shape.size)
     tag, parts = GEOMETRY[shape.kind]
     attributes: Attributes = tuple((name, shape.size[part]) for name, part in parts)
     return Geometry(tag, attributes)

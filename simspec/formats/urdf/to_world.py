@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from simspec.formats.kit.meshes import FIELDS
 from simspec.formats.urdf.document import Document, Inertial, Link, Node, Origin, Shape
 from simspec.world import frames
 from simspec.world.types import Inertial as WorldInertial
@@ -44,13 +45,13 @@ def check_empty(link: Link) -> None:
 
 
 def size_of(geometry: Node, meshes: Mapping[str, tuple[float, ...]] = MappingProxyType({})) -> Size:
-    """The kind and size of a geometry of the language. ``meshes``: the vertices of convex hulls by the name of their file;
-    other meshes are not read. Raises ValueError for others."""
+    """The kind and size of a geometry of the language. ``meshes``: the vertices of convex hulls, and the sizes of height
+    fields, by the name of their file; other meshes are not read. Raises ValueError for others."""
     if geometry.tag == "mesh":
         name = geometry.word("filename")
         if name not in meshes or "scale" in geometry.attributes:
             raise geometry.error(f"the mesh {name[:60]!r} is missing, or is scaled, which is not read here")
-        return "mesh", meshes[name]
+        return "heightfield" if name.startswith(f"{FIELDS}/") else "mesh", meshes[name]
     if geometry.tag == "box":
         geometry.word("size")
         return "box", geometry.numbers("size", 3) or ()

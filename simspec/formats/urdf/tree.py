@@ -56,11 +56,12 @@ class Inertial:
 @dataclass(frozen=True, slots=True)
 class Geometry:
     """The element in a ``geometry``: one of ``GEOMETRIES``, or a dialect's own. ``mesh``: the vertices (flat, m) of the convex
-    hull in the file that it names."""
+    hull in the file that it names. ``field``: the size of the height field in it."""
 
     tag: str
     attributes: Attributes
     mesh: tuple[float, ...] = ()
+    field: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +84,12 @@ class Visual:
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """A shape that touches."""
+    """A shape that touches. ``more``: attributes that are not of the language."""
 
     name: str
     geometry: Geometry
     origin: Origin | None = None
+    more: Attributes = ()
 
 
 @dataclass(frozen=True, slots=True)
