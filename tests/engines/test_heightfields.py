@@ -111,11 +111,11 @@ def test_pybullet_has_none_with_a_margin():
     world = ground()
     floor = world.bodies[0]
     heavy = dataclasses.replace(floor, inertial=Inertial(1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)))
-    with pytest.raises(UnsupportedError, match="PyBullet keeps 0.001 m around the height field 'floor_0'"):
+    with pytest.raises(UnsupportedError, match=r"PyBullet keeps 0\.001 m around the height field 'floor_0'"):
         compile_world(dataclasses.replace(world, bodies=(heavy, *world.bodies[1:])), [PyBullet.NAME])
 
 
 @pytest.mark.parametrize("engine", ["dart", "drake"])
 def test_others_refuse_it_by_name(engine):
-    with pytest.raises(UnsupportedError, match="shape.heightfield"):
+    with pytest.raises(UnsupportedError, match=r"shape\.heightfield"):
         compile_world(ground(), [engine])
