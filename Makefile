@@ -4,6 +4,7 @@
 # make check   lint, types (mypy, strict) and stale files alone
 # make quick   the developer's loop: lint, and the tests that start no engine
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
+# make fuzz LANGUAGE=urdf MINUTES=10   damaged and hostile files for an importer, so many minutes of processor time
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
 # make kills    compile, verify, run and a sweep, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
@@ -19,7 +20,7 @@ JOBS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 8 ] && echo $$((n + 1
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: corpora setup demo test quick check generated lock benchmarks scenario-full random-worlds selftest kills study study-small study-contact page-bundle clean
+.PHONY: corpora setup demo test quick check generated lock benchmarks scenario-full random-worlds fuzz selftest kills study study-small study-contact page-bundle clean
 
 setup: .venv/ready
 
@@ -104,6 +105,12 @@ scenario-full: setup
 COUNT ?= 200
 random-worlds: setup
 	$(BIN)/python tools/random_worlds.py --count $(COUNT)
+
+# xacro, urdf, mjcf, sdf, usd, meshes, simspec; nothing may end but in an error with its place, or in a world
+LANGUAGE ?= urdf
+MINUTES ?= 10
+fuzz: setup
+	$(BIN)/python tools/fuzz --language $(LANGUAGE) --minutes $(MINUTES)
 
 selftest: setup
 	$(BIN)/python tools/selftest.py
