@@ -23,7 +23,7 @@ from simspec.proof.heightfields import field_distance
 from simspec.proof.hulls import hull_distance
 from simspec.world.gathering import gathered, rigid_members, summed, told_gravity_scale
 from simspec.world.hull import HullError
-from simspec.world.inset import inset
+from simspec.world.inset import thickened, within
 from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.tuples import ordered, quaternion
@@ -300,7 +300,8 @@ class _Comparison(BesideBodies):
             self.surface(shape, other, f"{at}.size")
         else:
             largest = max(shape.size, default=1.0)
-            self.vector("geometry", "shape size", shape.size, other.size, f"{at}.size", largest)
+            size = thickened(shape.kind, shape.size, other.rounding) if other.rounding else shape.size
+            self.vector("geometry", "shape size", size, other.size, f"{at}.size", largest)
         away, turned = pose_difference(shape, other)
         reach = max(1.0, math.sqrt(sum(x * x for x in shape.pose.position)))
         self.note("geometry", "shape position", away / reach, f"{at}.pose", f"{other.pose.position}")
@@ -330,7 +331,7 @@ class _Comparison(BesideBodies):
         deviation = None
         if wrong is None:
             try:
-                own = inset(shape.size, other.rounding) if name == HULL else shape.size
+                own = within(shape.size, other.rounding) if name == HULL else shape.size
                 deviation = (hull_distance if name == HULL else field_distance)(own, other.size)
             except HullError as error:
                 wrong = f"with {other.rounding} m around it: {error}"

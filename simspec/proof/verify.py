@@ -307,7 +307,8 @@ def engine_checks(
     if "touching" in arrays:
         units = [(unit["body"], unit["shapes"]) for unit in by_operation["touching"].result["units"]]
         overlooks = engine.overlooks(world)
-        checks += touch_checks(world, probes.meetings, units, arrays["touching"]["units"], overlooks)
+        rounding = {(body.name, shape.name): shape.rounding for body in read_back.bodies for shape in body.shapes}
+        checks += touch_checks(world, probes.meetings, units, arrays["touching"]["units"], overlooks, rounding)
     if probes.motion is not None and "motion" in arrays:
         checks += motion_checks(world, probes.motion, arrays["motion"])
     if probes.rubbing is not None and "trials" in arrays:

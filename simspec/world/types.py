@@ -101,7 +101,8 @@ class Shape:
     their layers, and ``material`` is "". ``margin`` (m): contact has the gap between two surfaces less both margins, so
     that the shape is felt that far from its surface. ``surface_velocity``: linear (m/s), then angular (rad/s), in the shape's
     axes: at x its surface moves at linear + angular × x, along the surface, while the shape stays. ``rounding`` is of a
-    read-back alone: how far (m) an engine keeps around the points of a mesh, whose faces are that much further in.
+    read-back alone: how far (m) an engine keeps around the points of a mesh, whose faces are that much further in, and within a
+    box or cylinder, of which no half is less (``world/inset.py``).
     """
 
     name: str

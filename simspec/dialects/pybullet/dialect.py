@@ -16,6 +16,7 @@ from simspec.dialects.kit.joints import armature_of, springs_of
 from simspec.dialects.kit.settings import NeededSetting
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, common_fields
 from simspec.dialects.kit.target import Target
+from simspec.dialects.pybullet.beside import MOST_LINKS, NO_LINKS, TREE_SIZE, held_beside
 from simspec.dialects.pybullet.contact import (
     collision_filter,
     native_contact,
@@ -25,7 +26,7 @@ from simspec.dialects.pybullet.contact import (
 )
 from simspec.dialects.pybullet.raising import OWN_GEOMETRIES, raised
 from simspec.dialects.pybullet.sidecar import PybulletSidecar
-from simspec.dialects.pybullet.trees import instance_of, robot_of
+from simspec.dialects.pybullet.trees import frame_of, instance_of, robot_of
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.urdf.document import Document
@@ -49,9 +50,6 @@ from simspec.world.types import POSITION_SIZE, ReadBack, World
 POSITION_NUMBERS = 128
 """Numbers that PyBullet exchanges of one tree's position, 7 of them for its base, fixed or not; beyond that it gives
 states of some joints as empty, without a word (measured: 121 hinges work, 122 do not)."""
-
-MOST_LINKS = 127
-"""Links beside the base of one tree; copies of shapes count."""
 
 _SIDECAR = "in the sidecar, set through the engine's API"
 _COPIES = (
@@ -88,8 +86,8 @@ class PybulletDialect(Dialect):
         Feature.INITIAL_VELOCITY: via_api(_SIDECAR),
         Feature.INERTIA: EXACT,
         Feature.INERTIA_FULL: Support(EXACT.level, "as principal moments with an orientation"),
-        Feature.TREE_SIZE: never("PyBullet supports at most 127 links besides the base in one tree"),
-        Feature.TREE_DEPTH: never("PyBullet supports at most 127 links besides the base in one tree"),
+        Feature.TREE_SIZE: TREE_SIZE,
+        Feature.TREE_DEPTH: never(NO_LINKS),
         **shape_kinds("PyBullet", (*KINDS, *OWN_GEOMETRIES, "heightfield")),
         Feature.SHAPE_CAPSULE: Support(EXACT.level, "PyBullet's extension"),
         Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
@@ -143,7 +141,9 @@ class PybulletDialect(Dialect):
         coordinates = Coordinates(world)
         files = Files({SIDECAR})
         instances = []
-        for bodies in trees(moved).values():
+        beside = held_beside(world)
+        for tree in trees(moved).values():
+            bodies = tuple(body for body in tree if body.name not in beside)
             parts = {body.name: split(body, target.plan) for body in bodies}
             robot = robot_of(bodies, parts, float(target.settings["collision_margin"]))
             instances.append(instance_of(files.add(robot), bodies, parts, coordinates))
@@ -157,6 +157,7 @@ class PybulletDialect(Dialect):
             collision_filter=collision_filter(world, target.plan),
             restitution_threshold=restitution_threshold(world),
             native_contact=native_contact(world),
+            frames=tuple(frame_of(body) for body in moved.bodies if body.name in beside) or None,
             sleepers=tuple(sorted(free_rigid(world))) if target.settings.get("sleeping", False) else None,
         )
         return Lowered(files.robots, sidecar)
@@ -168,7 +169,9 @@ class PybulletDialect(Dialect):
 def _check(world: World, target: Target) -> None:
     """Raise UnsupportedError with all that PyBullet cannot have of this world."""
     refused = problems(world)
-    for root, bodies in trees(world).items():
+    beside = held_beside(world)
+    for root, tree in trees(world).items():
+        bodies = [body for body in tree if body.name not in beside]
         links = sum(len(split(body, target.plan)) for body in bodies)
         if links > MOST_LINKS:
             refused.append(

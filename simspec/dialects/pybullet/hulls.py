@@ -2,7 +2,10 @@
 
 On the base of a tree the margin is the setting ``collision_margin``; on every other link PyBullet keeps 1 mm, whatever it is
 told (measured, 3.2.7). It is outside of the hull, so that hulls are told with their faces that much further in: faces are then
-where they should be, and edges are rounded by the margin, as PyBullet's own boxes and cylinders are there.
+where they should be, and edges are rounded by the margin, as PyBullet's own boxes and cylinders are there. A hull that is too
+thin for that is told as far in as it goes (``world/inset.py``), and is thicker in PyBullet. In boxes and cylinders the margin
+is within: what is thinner is told as thick as both margins, since Bullet overlooks contacts of cores of less than nothing
+(measured: of a sole of 16 × 7 cm and 1 mm, 11 of 93 pairs of a robot's shapes).
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from typing import Final
 
 from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
-from simspec.world.inset import inset
+from simspec.world.inset import thickened, within
 from simspec.world.types import Body, Shape, World
 
 LINK_MARGIN: Final = 1e-3
@@ -21,8 +24,8 @@ LINK_MARGIN: Final = 1e-3
 
 
 def told_shapes(body: Body, parts: Sequence[Part], own_margin: float) -> dict[str, Shape]:
-    """The shapes of a body by name, meshes that touch within the margin of the link that carries them: ``own_margin`` on its
-    own. Raises FlatError where nothing is left of one."""
+    """The shapes of a body by name, those that touch within the margin of the link that carries them: ``own_margin`` on its
+    own."""
     margins = {shape.name: LINK_MARGIN for part in parts[1:] for shape in part.shapes}
     margins |= {shape.name: own_margin for shape in parts[0].shapes}
     return {shape.name: _within(shape, margins.get(shape.name, 0.0)) for shape in body.shapes}
@@ -51,6 +54,10 @@ def margins_of(kind: str, body: Body, plan: ContactPlan, base_margin: float) -> 
 
 
 def _within(shape: Shape, margin: float) -> Shape:
-    if shape.kind != "mesh" or not shape.collision or not margin:
+    if not shape.collision or not margin:
         return shape
-    return dataclasses.replace(shape, size=inset(shape.size, margin))
+    if shape.kind in ("box", "cylinder"):
+        return dataclasses.replace(shape, size=thickened(shape.kind, shape.size, margin))
+    if shape.kind != "mesh":
+        return shape
+    return dataclasses.replace(shape, size=within(shape.size, margin))

@@ -33,6 +33,7 @@ from simspec.world.types import (
     VELOCITY_SIZE,
     Body,
     Hardness,
+    Inertial,
     Joint,
     Pose,
     ReadBack,
@@ -63,6 +64,8 @@ NOTHING: Final = (0.0,)
 """Size of a visual that only keeps PyBullet from showing the collision shapes."""
 LINK_MARGIN: Final = 1e-3
 """m: what PyBullet keeps around hulls on links other than the first, whatever it is told (measured)."""
+MARGINS: Final = ("mesh", "box", "cylinder")
+"""Kinds of shapes with that margin."""
 NO_LIMITS: Final = (0.0, -1.0)
 """What PyBullet takes for limits that a file does not say: lower > upper is unlimited."""
 
@@ -84,6 +87,9 @@ def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
             raise ValueError(f"the file {instance.file!r} is missing")
         file, pattern = files[instance.file], first.setdefault(instance.file, instance)
         bodies.update((body.name, body) for body in _instance_bodies(file, pattern, instance))
+    for frame in sidecar.frames or ():
+        fixed = Joint(frame.joint, "fixed", frame.parent, frame.pose)
+        bodies[frame.name] = Body(frame.name, frame.model, Inertial(0.0), fixed)
     if unused := files.keys() - first.keys():
         raise ValueError(f"the sidecar names no instance of {', '.join(sorted(unused))}")
     add_springs(bodies, sidecar.springs)
@@ -180,7 +186,7 @@ def _shapes(file: _File, link: Link, names: Sequence[str], copied: bool = False)
         raise ValueError(f"link {link.name!r} has the shapes {sorted(shapes)}, the sidecar names {sorted(names)}")
     margin = file.base_margin if link is file.links[0] else LINK_MARGIN
     held = {
-        name: dataclasses.replace(shape, surfaces=(surface,), rounding=margin if shape.kind == "mesh" else 0.0)
+        name: dataclasses.replace(shape, surfaces=(surface,), rounding=margin if shape.kind in MARGINS else 0.0)
         if shape.collision
         else shape
         for name, shape in shapes.items()

@@ -58,6 +58,17 @@ class Instance:
 
 
 @dataclass(frozen=True, slots=True)
+class Frame:
+    """A body that PyBullet is not told: a frame at ``pose`` in that of ``parent``, to which its joint fixes it."""
+
+    name: str
+    model: str
+    joint: str
+    parent: str
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
 class FilterClass:
     """Links of one bit and one mask of Bullet's filter."""
 
@@ -86,12 +97,16 @@ class PybulletSidecar(Sidecar):
     collision_filter: CollisionFilter
     restitution_threshold: float
     native_contact: bool
+    frames: tuple[Frame, ...] | None = None
+    """The bodies that PyBullet is not told, parents first; None where it is told all."""
     sleepers: Names | None = None
     """The free rigid bodies that may sleep; there with the setting ``sleeping`` alone."""
 
     def check(self) -> None:
         kinds = {body.name: body.kind for body in self.bodies}
-        check_every_body((instance.bodies for instance in self.instances), kinds)
+        told = [instance.bodies for instance in self.instances]
+        check_every_body([*told, [frame.name for frame in self.frames or ()]], kinds)
+        _check_frames(self.frames or (), {name for bodies in told for name in bodies}, kinds)
         solid: set[str] = set()
         for index, instance in enumerate(self.instances):
             _check_instance(instance, kinds, f"sidecar.instances.{index}")
@@ -108,6 +123,17 @@ class PybulletSidecar(Sidecar):
         check_known(self.sleepers or (), kinds, "sidecar.sleepers")
         if (self.sleepers is not None) != bool(self.settings.get("sleeping", False)):
             raise ValueError("sidecar.sleepers and the setting sleeping disagree")
+
+
+def _check_frames(frames: Sequence[Frame], told: set[str], kinds: Mapping[str, str]) -> None:
+    """Every frame is fixed to a body that PyBullet is told, or to a frame before it."""
+    known = set(told)
+    for frame in frames:
+        check_known((frame.parent,), known, f"sidecar.frames, {frame.name!r}")
+        if kinds[frame.name] != "fixed":
+            raise ValueError(f"sidecar.frames has {frame.name!r}, which is no fixed body")
+        known.add(frame.name)
+    check_unit((frame.pose.quaternion for frame in frames), "sidecar.frames")
 
 
 def _check_classes(classes: Sequence[FilterClass], solid: set[str]) -> None:

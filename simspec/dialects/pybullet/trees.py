@@ -10,7 +10,7 @@ from simspec.contact.parts import Part
 from simspec.dialects.kit.coordinates import Coordinates
 from simspec.dialects.pybullet.contact import contact_values, copy_name
 from simspec.dialects.pybullet.hulls import LINK_MARGIN, told_shapes
-from simspec.dialects.pybullet.sidecar import FIXED, FREE, WORLD_LINK, Copy, Instance
+from simspec.dialects.pybullet.sidecar import FIXED, FREE, WORLD_LINK, Copy, Frame, Instance
 from simspec.formats.urdf.from_world import (
     collision_of,
     geometry_of,
@@ -73,6 +73,14 @@ def has_world_link(root: Body) -> bool:
     read back as 0), so that a fixed root with a mass must be a link as well.
     """
     return root.joint.kind in TREE_JOINTS or (root.joint.kind == "fixed" and root.inertial.mass > 0.0)
+
+
+def frame_of(body: Body) -> Frame:
+    """A body that PyBullet is not told, and where it is on the body that carries it."""
+    parent = body.joint.parent
+    if parent is None:
+        raise ValueError(f"the frame {body.name!r} is on no body")
+    return Frame(body.name, body.model, body.joint.name, parent, body.joint.origin)
 
 
 def instance_of(file: str, bodies: tuple[Body, ...], parts: Parts, coordinates: Coordinates) -> Instance:

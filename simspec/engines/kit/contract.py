@@ -136,6 +136,12 @@ class Engine:
         otherwise (``expected_inventory``): that it never reports one pair of such shapes is told, and no error."""
         return frozenset()
 
+    @classmethod
+    def thicker(cls, world: World) -> Mapping[str, float]:
+        """By name the collision shapes of ``world`` that it holds thicker than they are, since it has none so thin, and how far
+        (m) outside of where they should be their faces may be; what it declares approximate by name, measured."""
+        return {}
+
     # --- to be written by each engine; what ``capabilities.METHODS`` names, unless the engine lacks it -----------------
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:

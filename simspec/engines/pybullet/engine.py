@@ -12,17 +12,16 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.meeting import meeting_kinds
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
-from simspec.dialects.pybullet.hulls import faces_meet, margins_of
+from simspec.dialects.pybullet.beside import NO_LINKS, TREE_SIZE
 from simspec.dialects.pybullet.sidecar import PybulletSidecar
 from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
@@ -43,6 +42,7 @@ from simspec.engines.pybullet.ground import HOW as GROUND
 from simspec.engines.pybullet.ground import ground_held
 from simspec.engines.pybullet.holding import loops_held, within_one_tree
 from simspec.engines.pybullet.inventory import inventory, neutral
+from simspec.engines.pybullet.margins import LANDING, THICK, meshes_held, thick_enough, thicker
 from simspec.engines.pybullet.meshes import KEPT
 from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
@@ -61,18 +61,14 @@ from simspec.support.declarations import (
     Table,
     approximate,
     never,
-    not_here,
     outside,
     shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.hull import HullError
-from simspec.world.inset import inset
 from simspec.world.kinematics import members
-from simspec.world.types import Body, HeldValue, ReadBack, Shape, World
+from simspec.world.types import Body, HeldValue, ReadBack, World
 
-_NO_LINKS = "PyBullet supports at most 127 links besides the base in one tree"
 _COPIES = "further materials, and copies of shapes, on massless links of their own"
 _COMPUTED = "a torque computed from PyBullet's own state before every step"
 
@@ -93,59 +89,9 @@ def _not_felt(held: Container[str], armed: str, bodies: Sequence[Body]) -> str |
     return None
 
 
-THINNEST = 5.1e-5
-"""m: by so much less than the margin a half of a box or cylinder may be: 1.9 mm are within a probe's tolerance, 1.5 mm not."""
-ROUND = ("sphere", "ellipsoid")
-"""Kinds of shapes that touch a hull in one point."""
-LANDING = Refinement(
-    Level.APPROXIMATE,
-    f"the convex hull to {KEPT:g} of its extent; while a mesh is on another link than the base of its tree, of the contacts of "
-    "each one new point in a step: at rest all are there, but a hull that lands on a face is stopped at one point first, and "
-    "tumbles (a cube of 10 cm that falls 10 cm by 1.2°; what is top-heavy falls over; measured: boxes do not)",
-    short="a hull that lands on a face is stopped at one point first, and tumbles",
-)
-
-
-def _meshes_held(world: World) -> Refinement | None:
-    """Not supported where hardly anything of a mesh is within PyBullet's margin, or its copies are within two; approximate
-    where one on a link with that margin may land on a face, an edge or another mesh."""
-    plan = contact_plan(world, PyBullet.RULES, PyBullet.LAYERS)
-    base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
-    for body in world.bodies:
-        margins: dict[Shape, set[float]] = {}
-        for shape, margin in margins_of("mesh", body, plan, base_margin):
-            margins.setdefault(shape, set()).add(margin)
-        for shape, of_shape in margins.items():
-            if len(of_shape) > 1:
-                return not_here(f"copies of the mesh {shape.name!r} are on links with and without PyBullet's margin")
-            try:
-                inset(shape.size, max(of_shape))
-            except HullError as error:
-                return not_here(f"PyBullet keeps {max(of_shape):g} m around the mesh {shape.name!r}: {error}")
-    if faces_meet(world, plan, base_margin):
-        return None
-    lands = any("mesh" in pair and not set(pair) & set(ROUND) for pair in meeting_kinds(world))
-    return LANDING if lands else None
-
-
 def _ground_held(world: World) -> Refinement | None:
     base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
     return ground_held(world, contact_plan(world, PyBullet.RULES, PyBullet.LAYERS), base_margin)
-
-
-def _thick_enough(kind: str, halves: Callable[[Sequence[float]], float], world: World) -> Refinement | None:
-    """Not supported where a shape is thinner than the margin that PyBullet keeps within it; ``halves``: the least half of its
-    size (m)."""
-    plan = contact_plan(world, PyBullet.RULES, PyBullet.LAYERS)
-    base_margin = float(str(resolve_settings(PyBullet, world)["collision_margin"]))
-    for body in world.bodies:
-        for shape, margin in margins_of(kind, body, plan, base_margin):
-            if (half := halves(shape.size)) < margin - THINNEST:
-                return not_here(
-                    f"PyBullet keeps {margin:g} m within the {kind} {shape.name!r}, which is {2.0 * half:g} m thick, and makes "
-                    "it thicker (measured: 1 mm becomes 2.5 mm)"
-                )
-    return None
 
 
 class PyBullet(SimulatedEngine[Simulation]):
@@ -194,17 +140,20 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.INERTIA_FULL: EXACT,
         Feature.INERTIA_SINGULAR: EXACT,
         Feature.MASSLESS: EXACT,
-        Feature.TREE_SIZE: never(_NO_LINKS),
-        Feature.TREE_DEPTH: never(_NO_LINKS),
+        Feature.TREE_SIZE: TREE_SIZE,
+        Feature.TREE_DEPTH: never(NO_LINKS),
         **shape_kinds("PyBullet", SHAPE_KINDS.values()),
         Feature.SHAPE_BOX: Support(
-            Level.EXACT, "", refine=functools.partial(_thick_enough, "box", lambda size: min(size) / 2.0)
+            Level.EXACT,
+            refine=lambda world: thick_enough(PyBullet, "box", world),
+            cases=(THICK,),
         ),
         Feature.SHAPE_CYLINDER: Support(
             Level.EXACT,
             "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R beside the axis, as it "
             "should",
-            refine=functools.partial(_thick_enough, "cylinder", lambda size: min(size[0], size[1] / 2.0)),
+            refine=lambda world: thick_enough(PyBullet, "cylinder", world),
+            cases=(THICK,),
         ),
         Feature.SHAPE_PLANE: Support(
             Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
@@ -213,8 +162,8 @@ class PyBullet(SimulatedEngine[Simulation]):
             Level.EXACT,
             f"the convex hull to {KEPT:g} of its extent, computed with whole numbers; on links other than bases of "
             "trees told 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
-            refine=_meshes_held,
-            cases=(LANDING,),
+            refine=lambda world: meshes_held(PyBullet, world),
+            cases=(LANDING, THICK),
         ),
         Feature.SHAPE_HEIGHTFIELD: Support(Level.EXACT, GROUND, refine=_ground_held),
         Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),
@@ -287,6 +236,10 @@ class PyBullet(SimulatedEngine[Simulation]):
         if not rows_act_on_each_other(world) or "iterations" in dict(world.options(cls.NAME).settings):
             return settings
         return {**settings, "iterations": LOOP_ITERATIONS}
+
+    @classmethod
+    def thicker(cls, world: World) -> Mapping[str, float]:
+        return thicker(cls, world)
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:

@@ -13,6 +13,7 @@ import numpy as np
 from simspec.contact.meeting import meeting_laws
 from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
+from simspec.dialects.pybullet.beside import held_beside
 from simspec.dialects.pybullet.hulls import faces_meet
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
 from simspec.engines.pybullet.dump import COLLIDER
@@ -75,8 +76,11 @@ def expected(
     }
     found["count.bodies"] = len(trees(world))
     found["sidecar.bodies"] = listed([body.name for body in world.bodies])
+    beside = held_beside(world)
+    found |= {f"body.{body.name}.on": body.joint.parent or "" for body in world.bodies if body.name in beside}
     solid = []
-    for root, bodies in trees(world).items():
+    for root, tree in trees(world).items():
+        bodies = tuple(body for body in tree if body.name not in beside)
         links = list(_tree_links(bodies, plan))
         world_link = not links[0].base
         welded = _welded(bodies, world_link)

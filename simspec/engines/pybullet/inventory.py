@@ -86,6 +86,9 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
             found[f"body.{body}.visual_only"] = places
         for link in [link.link for link in tree.links] + [link for link, _ in tree.copies]:
             found[f"link.{names[tree.uid, link]}.layer"] = sim.layer[tree.uid, link]
+    for frame in sim.sidecar.frames or ():
+        found |= {f"body.{frame.name}.joint": frame.joint, f"body.{frame.name}.shapes": ()}
+        found |= {f"body.{frame.name}.visual_only": (), f"body.{frame.name}.on": frame.parent}
     found["count.bodies"] = p.getNumBodies(physicsClientId=client)
     found["count.constraints"] = p.getNumConstraints(physicsClientId=client)
     for held in sim.held:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.dialects.pybullet.hulls import LINK_MARGIN
 from simspec.dialects.pybullet.sidecar import Instance
 from simspec.engines.pybullet.carriers import own_solid
 from simspec.engines.pybullet.dump import colliders, dump
@@ -28,6 +29,9 @@ from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, Quaternio
 
 SHAPE_KINDS = {2: "sphere", 3: "box", 4: "cylinder", 5: "mesh", 6: "plane", 7: "capsule"}
 """PyBullet's GEOM_ numbers."""
+
+WITHIN = ("box", "cylinder")
+"""Kinds of shapes that have PyBullet's margin within them; how large it is compares the inventory."""
 
 UP = (0.0, 0.0, 1.0)
 """Normal of a plane in its own frame; the world has no other, and turns the frame."""
@@ -68,6 +72,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
                 joint,
                 _body_shapes(sim, tree, instance, position, visuals.get(link.link, []), hulls),
             )
+    bodies |= {sim.place[name]: body for name, body in sim.frames.bodies().items()}
     offsets = {name: tuple(offset) for name, offset in zip(sim.names, sim.offsets.tolist(), strict=True) if any(offset)}
     held = sim.bullet.getPhysicsEngineParameters(physicsClientId=sim.client)
     return ReadBack(
@@ -224,6 +229,8 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Sha
         if kind == "mesh" and not left:
             raise EngineError("pybullet", f"holds a mesh of link {link} without a hull")
         size, margin = _size(kind, entry[3]) if kind != "mesh" else (), 0.0
+        if kind in WITHIN:
+            margin = float(sim.settings["collision_margin"]) if link < 0 else LINK_MARGIN
         if kind == "mesh":
             held = left.pop(0)
             kind, size, margin = "heightfield" if held.field else "mesh", held.size, 0.0 if held.field else held.margin

@@ -13,6 +13,7 @@ from simspec.dialects.pybullet.sidecar import CollisionFilter, PybulletSidecar
 from simspec.engines.kit.captured import captured
 from simspec.engines.pybullet.calls import Called, Recording
 from simspec.engines.pybullet.carriers import carriers
+from simspec.engines.pybullet.frames import Frames
 from simspec.engines.pybullet.holding import WHOLE, hold
 from simspec.engines.pybullet.meshes import faces_told, with_stl
 from simspec.engines.pybullet.sleeping import Sleepers
@@ -97,6 +98,7 @@ class Simulation:
             carried = zip(tree.copies, instance.copies, strict=True)
             self.layer.update(((tree.uid, link), copy.layer) for (link, _), copy in carried)
         self._collect()
+        self.frames = Frames(sidecar.frames or (), self.place)
         self.held = hold(self, sidecar.constraints or ())
         self._set_cone(sidecar)
         free = [tree.links[0] for tree in self.trees if tree.root == "free"]
@@ -169,6 +171,7 @@ class Simulation:
         self.moments = np.zeros((count, 3))
         self.centre = np.zeros((count, 3))
         self.turn = np.zeros((count, 4))
+        self.turn[[self.place[frame.name] for frame in self.sidecar.frames or ()], 0] = 1.0
         for tree in self.trees:
             for link in tree.links:
                 info = self.bullet.getDynamicsInfo(tree.uid, link.link, physicsClientId=self.client)
@@ -342,6 +345,8 @@ class Simulation:
                     raw = state[1]
                     at[link.index], turn[link.index] = state[0], from_xyzw_of(raw)
                     linear[link.index], angular[link.index] = state[6], state[7]
+        if self.sidecar.frames:
+            self.frames.place(at, turn, linear, angular, self.centre, self.turn)
         return at, turn, linear, angular
 
     def file_frames(self) -> tuple[np.ndarray, np.ndarray]:

@@ -105,7 +105,7 @@ class Measuring:
                 if isinstance(answer, EngineError):
                     figures.append(_failed(job, answer))
                     continue
-                raw = [_kept(figure) for figure in _figures(job, answer)]
+                raw = [_kept(figure) for figure in _figures(job, answer, self.engine)]
                 if self.use_cache and not cache.write(job.key, raw):
                     complaints = [f"the cache {cache.ENTRIES.folder()} is not writable"]
             figures += [_deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
@@ -275,9 +275,9 @@ def _drive(world: World, trial: Trial) -> Operation:
     return Operation("drive", {"timestep": world.physics.timestep, "phases": phases}, {"effort": effort}, world)
 
 
-def _figures(job: _Job, answers: Sequence[Answer]) -> Sequence[Figure]:
+def _figures(job: _Job, answers: Sequence[Answer], engine: type[Engine]) -> Sequence[Figure]:
     if job.sizes is not None:
-        return size.size_figures(job.sizes, answers[0].arrays["touching"])
+        return size.size_figures(job.sizes, answers[0].arrays["touching"], engine.thicker(job.sizes.world))
     if job.probe is None or job.law is None:
         raise ValueError("a job is a probe of a law, or of sizes")
     answer = iter(answers)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections import Counter
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from simspec.proof.checks import Check
-from simspec.proof.touch.plan import Meetings
+from simspec.proof.touch.geometry import Solid, gap, transforms
+from simspec.proof.touch.plan import Meetings, oracle_of
 from simspec.proof.touch.scene import Pair
+from simspec.world.inset import core
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.tuples import ordered
 from simspec.world.types import World
@@ -19,6 +23,8 @@ MATRIX = "collision matrix"
 SEEN = 9
 """Pairs of two kinds of shapes that an engine must report for each one that it overlooks: an error of a filter that leaves out
 many is an error."""
+SEEN_OF_ROUNDED = 0.05
+"""Share of the radii by which rounded shapes must overlap: engines are exact to a tenth of that."""
 TOLD = 6
 """Pairs named in one sentence; beyond them only their number is."""
 
@@ -48,6 +54,7 @@ def touch_checks(
     units: Sequence[tuple[int, Sequence[str]]],
     touching: np.ndarray,
     overlooks: Container[tuple[str, str]] = (),
+    rounding: Mapping[tuple[str, str], float] = MappingProxyType({}),
 ) -> list[Check]:
     """The collision matrix: of each pair of shapes that was brought together whether the engine reports it, as the world's
     rules say; that nothing else is reported in any state that they forbid; and that where an engine holds copies of a shape,
@@ -55,6 +62,8 @@ def touch_checks(
 
     ``overlooks``: sorted pairs of kinds of shapes of which the engine is declared to miss some overlaps; a pair of such shapes
     that it never reports is told, and is no error of its filter while it reports ``SEEN`` times as many others of these kinds.
+    ``rounding``: of the shapes (body, name) whose edges the engine rounds the radius (m); a pair that it never reports is told,
+    and is no error, where only what is rounded away overlaps.
     ``units``: what the engine tells apart, each a body's index and the names of its shapes it may be; ``touching`` (n, 3):
     state and two units that touch in it.
     """
@@ -83,10 +92,13 @@ def touch_checks(
     unclear = {pair for pair in unclear if not seen[pair]}
     missed = {pair for pair, touches in seen.items() if rules.allow(*pair) and not touches and pair not in unclear}
     overlooked = _overlooked(meetings, missed, {pair for pair, touches in seen.items() if touches}, overlooks)
-    for i, j in sorted(missed - overlooked):
+    edges = _edges_only(world, meetings, missed - overlooked, rounding)
+    for i, j in sorted(missed - overlooked - edges):
         wrong.setdefault(_names(meetings, (i, j)), "should touch")
     count = len(seen)
-    detail = _told(meetings, sorted(unclear), sorted(overlooked), sum(rules.allow(*pair) for pair in seen))
+    detail = _told(
+        meetings, sorted(unclear), sorted(overlooked), sorted(edges), sum(rules.allow(*pair) for pair in seen)
+    )
     where = ""
     if wrong:
         names, what = next(iter(wrong.items()))
@@ -95,6 +107,35 @@ def touch_checks(
     if not count and not wrong:
         return []  # see ``plan.nothing_to_try``
     return [Check("L4", MATRIX, max(count, len(wrong)), 0.0, float(len(wrong)), where, detail)]
+
+
+def _edges_only(
+    world: World, meetings: Meetings, missed: set[Pair], rounding: Mapping[tuple[str, str], float]
+) -> set[Pair]:
+    """Those of the pairs that overlap in no state that was tried once the edges of their shapes are rounded."""
+
+    def radius(solid: Solid) -> float:
+        return rounding.get((world.bodies[solid.body].name, solid.name), 0.0)
+
+    asked = {pair: [meetings.solids[number] for number in pair] for pair in missed}
+    asked = {pair: solids for pair, solids in asked.items() if any(radius(solid) for solid in solids)}
+    apart = dict.fromkeys(asked, True)
+    for state, i, j, _ in meetings.tried.tolist() if asked else ():
+        if not apart.get((i, j), False):
+            continue
+        poses = transforms(oracle_of(world).body_poses(meetings.q[state]))
+        radii = [radius(solid) for solid in asked[i, j]]
+        first, other = (_core(solid, own) for solid, own in zip(asked[i, j], radii, strict=True))
+        between = gap(first, poses[first.body] @ first.pose, other, poses[other.body] @ other.pose).distance
+        apart[i, j] = between > sum(radii) * (1.0 - SEEN_OF_ROUNDED)
+    return {pair for pair, alone in apart.items() if alone}
+
+
+def _core(solid: Solid, radius: float) -> Solid:
+    if not radius:
+        return solid
+    size = core(solid.shape.kind, solid.shape.size, radius)
+    return dataclasses.replace(solid, shape=dataclasses.replace(solid.shape, size=size))
 
 
 def _overlooked(
@@ -121,7 +162,9 @@ def _list(meetings: Meetings, pairs: Sequence[Pair], count: int) -> str:
     return f"{told} and {more} more" if told and more else told or f"{more} pairs"
 
 
-def _told(meetings: Meetings, unclear: Sequence[Pair], overlooked: Sequence[Pair], touching: int) -> str:
+def _told(
+    meetings: Meetings, unclear: Sequence[Pair], overlooked: Sequence[Pair], edges: Sequence[Pair], touching: int
+) -> str:
     """What was tried and what was not, by name and number."""
     tried = len({(i, j) for _, i, j, _ in meetings.tried.tolist()})
     parts: list[str] = [f"{touching} pairs of shapes touch, {tried - touching} do not"]
@@ -130,6 +173,7 @@ def _told(meetings: Meetings, unclear: Sequence[Pair], overlooked: Sequence[Pair
         ("not tried, as they are too many", meetings.left, meetings.untried),
         ("reported only together with other shapes of the same bodies", unclear, len(unclear)),
         ("overlooked, of kinds of shapes of which the engine misses some overlaps", overlooked, len(overlooked)),
+        ("overlap by edges alone, which the engine rounds", edges, len(edges)),
     )
     if meetings.rigid:
         parts.append(f"{meetings.rigid} are parts of one rigid body and apart")

@@ -1,41 +1,111 @@
-"""Boxes and cylinders that are thinner than the margin that PyBullet keeps within them on links."""
+"""Shapes that are thinner than the margin that PyBullet keeps at them on links."""
 
 from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
+from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import UnsupportedError
-from simspec.world.types import Joint, Pose, World
+from simspec.proof.touch.judge import touch_checks
+from simspec.proof.touch.plan import Meetings, meetings_of
+from simspec.proof.verify import verify
+from simspec.world.hull import size_of
+from simspec.world.inset import core, outside, thickened, within
+from simspec.world.types import EngineOptions, Joint, Pose, World
 from tests import worlds
 
+PLATE = size_of(np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.03, 0.03) for z in (-0.000125, 0.000125)]))
+THIN = [
+    ("box", (0.1, 0.06, 0.0015)),
+    ("box", (0.1, 0.06, 0.0004)),
+    ("cylinder", (0.03, 0.0015)),
+    ("cylinder", (0.0007, 0.1)),
+]
 
-def on_a_slide(kind: str, size: tuple[float, ...]) -> World:
-    base = worlds.shapes_world((kind,), 0.0)
+
+def on_a_slide(kind: str, size: tuple[float, ...], accept: tuple[str, ...] = ()) -> World:
+    base = worlds.shapes_world(("box",), 0.0)
     floor, free = base.bodies
-    shape = dataclasses.replace(free.shapes[0], size=size, pose=Pose())
+    shape = dataclasses.replace(free.shapes[0], kind=kind, size=size, pose=Pose())
     slide = Joint("slide", "slide", "floor", Pose((0.0, 0.0, 1.0)), (0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
-    touch = dataclasses.replace(base.contact, excluded_bodies=((free.name, "floor"),))
-    return dataclasses.replace(
-        base, bodies=(floor, dataclasses.replace(free, joint=slide, shapes=(shape,))), contact=touch
-    )
+    options = (EngineOptions("pybullet", accept=accept, outside=accept),)
+    bodies = (floor, dataclasses.replace(free, joint=slide, shapes=(shape,)))
+    return dataclasses.replace(base, bodies=bodies, engines=options)
 
 
-@pytest.mark.parametrize(
-    ("kind", "size"), [("box", (0.1, 0.06, 0.0015)), ("cylinder", (0.03, 0.0015)), ("cylinder", (0.00075, 0.1))]
-)
-def test_what_is_thinner_than_the_margin_is_refused_on_a_link(kind, size):
-    world = on_a_slide(kind, size)
-    with pytest.raises(UnsupportedError, match=r"which is 0\.0015 m thick"):
-        compile_world(world, ["pybullet"])
-    thick = tuple(2.0 * value for value in size)
-    assert compile_world(on_a_slide(kind, thick), ["pybullet"])
+@pytest.mark.parametrize(("kind", "size"), [*THIN, ("mesh", PLATE)])
+def test_what_is_thinner_than_the_margin_is_approximate_on_a_link(kind, size):
+    with pytest.raises(UnsupportedError, match=r"no box, cylinder or mesh is thinner than 2 mm there"):
+        compile_world(on_a_slide(kind, size), ["pybullet"])
+    decisions = compile_world(on_a_slide(kind, size, (f"shape.{kind}",)), ["pybullet"])["pybullet"].decisions
+    (said,) = (one.how for one in decisions if one.feature.value == f"shape.{kind}")
+    assert "mm outside of where they are" in said
+    thick = tuple(20.0 * value for value in size)
+    said = compile_world(on_a_slide(kind, thick, (f"shape.{kind}",)), ["pybullet"])["pybullet"].decisions
+    assert not any("mm outside of where they are" in one.how for one in said)
+
+
+@pytest.mark.parametrize(("kind", "size"), [THIN[1], ("mesh", PLATE)])
+def test_it_is_held_as_thick_as_it_says_and_proven_so(kind, size):
+    world = on_a_slide(kind, size, tuple(f"shape.{one}" for one in ("box", "cylinder", "mesh")))
+    checks = verify(world, ["pybullet"], levels=("L0", "L1", "L2", "L4", "L5")).engines["pybullet"].checks
+    assert not [check for check in checks if not check.passed]
+    (sized,) = (check for check in checks if check.level == "L5" and check.name.startswith("size"))
+    assert "no shape so thin" in sized.detail
 
 
 def test_on_the_base_of_a_tree_there_is_no_margin():
     base = worlds.shapes_world(("box",), 0.0)
     floor, free = base.bodies
     thin = dataclasses.replace(free, shapes=(dataclasses.replace(free.shapes[0], size=(0.1, 0.06, 0.0005)),))
-    assert compile_world(dataclasses.replace(base, bodies=(floor, thin)), ["pybullet"])
+    world = dataclasses.replace(base, bodies=(floor, thin))
+    assert compile_world(world, ["pybullet"])
+    assert not PyBullet.thicker(world)
+
+
+def test_a_hull_too_thin_for_the_margin_is_told_as_far_in_as_it_goes():
+    assert outside(PLATE, 1e-3) == pytest.approx(1e-3 - 0.000125 / 1.5)
+    told = np.array(within(PLATE, 1e-3)).reshape(-1, 3)
+    assert np.ptp(told, axis=0) == pytest.approx([0.1 - 2 * 0.000125 / 1.5, 0.06 - 2 * 0.000125 / 1.5, 0.00025 / 3.0])
+    thick = tuple(40.0 * value for value in PLATE)
+    assert outside(thick, 1e-3) == 0.0
+    assert thickened("box", (0.1, 0.06, 0.0019), 1e-3) == (0.1, 0.06, 0.0019)
+    assert thickened("box", (0.1, 0.06, 0.0015), 1e-3) == (0.1, 0.06, 0.002)
+    assert thickened("cylinder", (0.0007, 0.1), 1e-3) == (0.001, 0.1)
+    assert core("cylinder", (0.02, 0.1), 1e-3) == pytest.approx((0.019, 0.098))
+
+
+def test_pairs_that_overlap_by_rounded_edges_alone_are_told_and_are_no_error():
+    """A ball of 10 cm reaches 0.3 mm into the corner of a sole of 2 mm: where edges are rounded by 1 mm it is outside."""
+    base = worlds.shapes_world(("box",), 0.0)
+    floor, free = base.bodies
+    sole = dataclasses.replace(free.shapes[0], kind="box", size=(0.16, 0.07, 0.002), pose=Pose())
+    ball = dataclasses.replace(floor.shapes[0], kind="sphere", size=(0.1,), pose=Pose())
+    still = dataclasses.replace(floor.joint, origin=Pose())
+    heavy = dataclasses.replace(free.inertial, centre_of_mass=(0.0, 0.0, 0.0))
+    bodies = (
+        dataclasses.replace(floor, shapes=(ball,), joint=still),
+        dataclasses.replace(free, shapes=(sole,), inertial=heavy),
+    )
+    world = dataclasses.replace(base, bodies=bodies)
+    solids = meetings_of(world).solids
+    units = [(solid.body, [solid.name]) for solid in solids]
+    corner = np.array([0.08, 0.035, 0.001])
+    away = np.array([1.0, 1.0, 1.0]) / np.sqrt(3.0)
+
+    def judged(depth: float, rounding: float) -> bool:
+        at = -(corner + (0.1 - depth) * away)
+        q = np.array([[*at, 1.0, 0.0, 0.0, 0.0]])
+        meetings = Meetings(q, np.array([[0, 0, 1, 1]]), solids)
+        held = {(world.bodies[solid.body].name, solid.name): rounding for solid in solids if solid.shape.kind == "box"}
+        (check,) = touch_checks(world, meetings, units, np.zeros((0, 3), int), rounding=held)
+        assert check.passed == ("edges alone" in check.detail)
+        return check.passed
+
+    assert judged(0.0003, 0.001)
+    assert not judged(0.0003, 0.0)  # an engine that rounds nothing sees it
+    assert not judged(0.0015, 0.001)  # deeper than what is rounded away
