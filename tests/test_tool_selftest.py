@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from simspec.engines.kit.registry import engines, find_engine
+from simspec.proof.complete_verdicts import CompleteTest, Verdict
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))
@@ -20,11 +21,14 @@ from tests.installed import INSTALLED  # noqa: E402
 ROW = dict(zip(selftest.COLUMNS, (5, 3, 1, 1, 0), strict=True))
 RESULTS = {
     "one": {
-        "version": "1.2",
-        "date": "2026-01-02",
-        "minutes": 3,
-        "rows": [{"engine": "one", "kind": "scaled", **ROW}, {"engine": "one", "kind": "all", **ROW}],
-        "inert": [{"engine": "one", "reason": "a name", "count": 1}],
+        world: {
+            "version": "1.2",
+            "date": "2026-01-02",
+            "seconds": 3,
+            "rows": {"scaled": ROW, "all": ROW},
+            "inert": {"a name": 1},
+        }
+        for world in ("arm", "ball")
     }
 }
 
@@ -34,9 +38,9 @@ def test_the_table_stands_between_its_marks_and_nothing_else_changes():
     made = selftest.with_table(page, RESULTS)
     assert made.startswith(f"before\n{selftest.BEGIN}\n")
     assert made.endswith(f"{selftest.END}\nafter\n")
-    assert "| **one 1.2** | all | 5 | 3 | 1 | 1 | 0 |" in made
-    assert "| one | a name | 1 |" in made
-    assert "2026-01-02 (one, 3 min)" in made
+    assert "| one 1.2 | ball | 2026-01-02 | 3 | 5 | 3 | 1 | 1 | 0 |" in made
+    assert "| **one** | all | 10 | 6 | 2 | 2 | 0 |" in made
+    assert "| one | a name | 2 |" in made
     assert "old" not in made
     with pytest.raises(ValueError, match="has no"):
         selftest.with_table("no marks", RESULTS)
@@ -48,10 +52,35 @@ def test_the_page_has_what_was_measured_and_nothing_was_missed():
     results = json.loads(selftest.RESULTS.read_text(encoding="utf-8"))
     assert selftest.page_table(results) in selftest.PAGE.read_text(encoding="utf-8")
     assert set(results) == set(engines())
-    for name, one in results.items():
-        if name in INSTALLED:
-            assert one["version"] == find_engine(name).version(), f"{name} has another version: make selftest"
-        (total,) = (row for row in one["rows"] if row["kind"] == "all")
-        assert total["missed"] == 0
-        assert total["planted"] > 1000
-        assert total["planted"] == sum(total[column] for column in selftest.COLUMNS[1:])
+    for name, worlds in results.items():
+        for world, one in worlds.items():
+            if name in INSTALLED:
+                assert one["version"] == find_engine(name).version(), f"{name}, {world}: another version: make selftest"
+            total = one["rows"]["all"]
+            assert total["missed"] == 0, f"{name}, {world}"
+            assert total["planted"] == sum(total[column] for column in selftest.COLUMNS[1:])
+        assert selftest.summed(results, name)["all"]["planted"] > 1000
+
+
+def test_each_world_is_kept_as_soon_as_it_is_done_and_only_those_named(monkeypatch, tmp_path):
+    """What stands in the page of other worlds stays; a whole run leaves out worlds that are gone."""
+    page = tmp_path / "page.md"
+    page.write_text(f"{selftest.BEGIN}{selftest.END}", encoding="utf-8")
+    monkeypatch.setattr(selftest, "PAGE", page)
+    monkeypatch.setattr(selftest, "RESULTS", tmp_path / "results.json")
+    caught = Verdict("mujoco", "ball", "model.xml", "scaled", "a@b", "a@b", "1 to 2", "caught")
+
+    def test(engines, worlds, progress, keep):
+        keep("ball", [caught], 7.2)
+        assert set(selftest.read()["mujoco"]) == {"gone", "ball"}, "written before the next world begins"
+        return CompleteTest((caught,))
+
+    monkeypatch.setattr(selftest, "complete_self_test", test)
+    results = {"mujoco": {"gone": RESULTS["one"]["arm"]}}
+    selftest.measure("mujoco", ["ball"], results)
+    assert set(results["mujoco"]) == {"gone", "ball"}
+    assert results["mujoco"]["ball"]["rows"]["all"]["caught"] == 1
+    assert results["mujoco"]["ball"]["seconds"] == 7
+    selftest.measure("mujoco", [], results)
+    assert set(selftest.read()["mujoco"]) == {"ball"}
+    assert "| ball |" in page.read_text(encoding="utf-8")

@@ -1,74 +1,106 @@
-"""Runs the complete self-test and puts its table into docs/proof.md: ``python tools/selftest.py [ENGINE ...]``.
+"""Runs the complete self-test and puts its tables into docs/proof.md.
 
-Exits 1 when a change was missed; the table then lists it. With engines named, only their rows are made anew. Printed are missed
-changes, and declarations of something inert that no change needs.
+``python tools/selftest.py [ENGINE ...] [--world NAME ...]``: with engines or worlds named, only theirs are made anew. Results
+are kept by engine and world, each with the version of the engine and the date. Printed are missed changes, and declarations of
+something inert that no change needs; exits 1 when a change was missed, and the table says so.
 """
 
 from __future__ import annotations
 
+import argparse
 import datetime
 import json
-import subprocess
 import sys
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.proof.complete import complete_self_test
+from simspec.proof.complete_verdicts import CompleteTest, Verdict
+from simspec.report.complete import COLUMNS, inert_reasons
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "proof.md"
 RESULTS = ROOT / "docs" / "selftest.json"
 BEGIN, END = "<!-- complete self-test: made by tools/selftest.py -->", "<!-- end of complete self-test -->"
-COLUMNS = ("planted", "caught", "refused", "inert", "missed")
+Results = dict[str, dict[str, dict[str, Any]]]
+"""By engine and world: ``version``, ``date``, ``seconds``; ``rows``: counts by kind of change; ``inert``: counts by reason."""
 
 
-def measure(engines: list[str]) -> dict[str, Any]:
-    """What the command says of ``engines`` (none named: all), by engine, without the single changes."""
-    command = [sys.executable, "-m", "simspec", "verify", "--self-test", "--complete", "--json"]
-    for engine in engines:
-        command += ["--engine", engine]
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, cwd=ROOT)
-    if done.returncode not in (0, 1):
-        raise SystemExit(done.returncode)
-    answer = json.loads(done.stdout)
-    for one in answer["mutations"]:
-        if one["verdict"] == "missed":
-            print(
-                "MISSED",
-                *(one[name] for name in ("engine", "world", "file", "place", "kind", "change", "why")),
-                sep="  ",
-            )
-    for engine, rows in answer["unused"].items():
-        for row in rows:
-            print("NOT NEEDED", engine, row, sep="  ")
+def of_world(version: str, verdicts: Sequence[Verdict], seconds: float) -> dict[str, Any]:
+    """What is kept of one world in one engine."""
+    found = CompleteTest(tuple(verdicts))
     return {
-        engine: {
-            "version": version,
-            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-            "minutes": round(answer["seconds"] / 60.0 / len(answer["versions"])),
-            "rows": [row for row in answer["rows"] if row["engine"] == engine],
-            "inert": [row for row in answer["inert"] if row["engine"] == engine],
-        }
-        for engine, version in answer["versions"].items()
+        "version": version,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "seconds": round(seconds),
+        "rows": {kind: dict(zip(COLUMNS, counts, strict=True)) for _, kind, counts in found.rows()},
+        "inert": {why: count for _, why, count in inert_reasons(found)},
     }
 
 
-def page_table(results: dict[str, Any]) -> str:
-    """The table of the page: a row for each engine and kind of change, then why inert things are."""
-    lines = ["", "| engine | change | " + " | ".join(COLUMNS) + " |", "|---|---|" + "---:|" * len(COLUMNS)]
-    for engine, one in results.items():
-        for row in one["rows"]:
-            name = f"**{engine} {one['version']}**" if row["kind"] == "all" else engine
-            lines.append(f"| {name} | {row['kind']} | " + " | ".join(str(row[column]) for column in COLUMNS) + " |")
-    lines += [
-        "",
-        "Measured " + ", ".join(f"{one['date']} ({name}, {one['minutes']} min)" for name, one in results.items()) + ".",
-    ]
-    lines += ["", "Declared inert, and confirmed by motion:", "", "| engine | reason | changes |", "|---|---|---:|"]
-    for engine, one in results.items():
-        lines += [f"| {engine} | {row['reason']} | {row['count']} |" for row in one["inert"]]
+def measure(engine: str, worlds: Sequence[str], results: Results) -> None:
+    """Test ``worlds`` (none named: all) in an engine, and write each as soon as it is done."""
+    kept = results.setdefault(engine, {})
+    version = str(find_engine(engine).version())
+
+    def keep(world: str, verdicts: Sequence[Verdict], seconds: float) -> None:
+        kept[world] = of_world(version, verdicts, seconds)
+        write(results)
+
+    found = complete_self_test([engine], worlds=worlds, progress=lambda line: print(line, flush=True), keep=keep)
+    for one in found.missed:
+        print("MISSED", engine, one.world, one.file, one.place, one.kind, one.change, one.why, sep="  ")
+    for row in found.unused.get(engine, ()):
+        print("NOT NEEDED", engine, row, sep="  ")
+    if not worlds:
+        results[engine] = {world: kept[world] for world in dict.fromkeys(one.world for one in found.verdicts)}
+        write(results)
+
+
+def summed(results: Results, engine: str) -> dict[str, Counter[str]]:
+    """The counts of an engine by kind of change, over its worlds; that of all kinds last."""
+    sums: dict[str, Counter[str]] = {}
+    for one in results[engine].values():
+        for kind, counts in one["rows"].items():
+            sums.setdefault(kind, Counter()).update(counts)
+    return {kind: sums[kind] for kind in (*(kind for kind in sums if kind != "all"), "all")}
+
+
+def page_table(results: Results) -> str:
+    """The tables of the page: a row for each engine and world, for each engine and kind of change, and why inert things are."""
+    lines = _head("engine", "world", "date", "s", *COLUMNS, left=3)
+    for engine, worlds in results.items():
+        for world, one in worlds.items():
+            lines.append(
+                _row(f"{engine} {one['version']}", world, one["date"], one["seconds"], *_counts(one["rows"]["all"]))
+            )
+    lines += _head("engine", "change", *COLUMNS, left=2)
+    for engine in results:
+        for kind, counts in summed(results, engine).items():
+            lines.append(_row(f"**{engine}**" if kind == "all" else engine, kind, *_counts(counts)))
+    lines += ["", "Declared inert, and confirmed by motion:", *_head("engine", "reason", "changes", left=2)]
+    for engine, worlds in results.items():
+        reasons = sum((Counter(one["inert"]) for one in worlds.values()), Counter[str]())
+        lines += [_row(engine, why, count) for why, count in reasons.most_common()]
     return "\n".join([*lines, ""])
 
 
-def with_table(page: str, results: dict[str, Any]) -> str:
+def _head(*names: str, left: int) -> list[str]:
+    return ["", _row(*names), "|" + "---|" * left + "---:|" * (len(names) - left)]
+
+
+def _row(*cells: object) -> str:
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def _counts(counts: dict[str, int] | Counter[str]) -> list[int]:
+    return [counts[column] for column in COLUMNS]
+
+
+def with_table(page: str, results: Results) -> str:
     """The page with its table made anew. Raises ValueError where the marks are not there."""
     before, mark, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
@@ -77,12 +109,28 @@ def with_table(page: str, results: dict[str, Any]) -> str:
     return f"{before}{BEGIN}\n{page_table(results)}\n{END}{after}"
 
 
-def main() -> int:
-    kept = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
-    results = dict(sorted({**kept, **measure(sys.argv[1:])}.items()))
+def read() -> Results:
+    """What is kept; nothing where nothing is."""
+    kept: Results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+    return kept
+
+
+def write(results: Results) -> None:
+    """Keep ``results``, and put them into the page."""
+    results = dict(sorted(results.items()))
     RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), results), encoding="utf-8")
-    missed = sum(row["missed"] for one in results.values() for row in one["rows"] if row["kind"] == "all")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("engines", nargs="*", metavar="ENGINE")
+    parser.add_argument("--world", action="append", default=[], dest="worlds", metavar="NAME")
+    given = parser.parse_args()
+    results = read()
+    for engine in given.engines or [name for name in engines() if find_engine(name).version() is not None]:
+        measure(engine, given.worlds, results)
+    missed = sum(one["rows"]["all"]["missed"] for worlds in results.values() for one in worlds.values())
     print(f"missed: {missed}")
     return 1 if missed else 0
 

@@ -6,32 +6,36 @@ move every body as the unchanged files do, with contact, without and under contr
 engine is probed for (L2 to L4, L6, L7), and to the whole proof with its contact probes (L5); what that does not notice is
 *missed*. Level L0 does not count: the text alone says nothing of the engine.
 
-Many mutations share one engine process, which works on each apart (``engines/kit/attempts.py``): one that crashes is refused.
+Whole motions take most of the time. So what is declared inert is seen twice: alone in glimpses (the beginnings of all motions,
+and windows along the course of the unchanged files), and together with others in whole motions. That counts where both agree
+with the unchanged files *to the last bit*; else the mutation moves alone, in whole. Mutations that move together are in
+different elements (``dialects/kit/together.py``), and a group that moves otherwise, or is refused, is halved until a part of it
+does not, or is one mutation. One that acts could be taken for inert only if it changed no bit in any glimpse, and another of
+its group, without effect in its own glimpses too, undid it to the last bit in every motion.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
-
-import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.mutating import mutations
 from simspec.dialects.kit.mutations import STILL, Inert, Mutation, MutationTable
+from simspec.dialects.kit.together import Together
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Answer, Operation, call, side_by_side
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check
-from simspec.proof.complete_scenes import departure, observed, scenes_of
-from simspec.proof.complete_verdicts import CompleteTest, Verdict
+from simspec.proof.complete_asking import Answers, Plant, ask
+from simspec.proof.complete_scenes import Seen, course_of, glimpses_of, scenes_of
+from simspec.proof.complete_verdicts import CompleteTest, Verdict, unused_rows
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.proof.selftest_worlds import SMALLER
 from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
@@ -40,14 +44,10 @@ from simspec.world.canonical import from_plain
 from simspec.world.types import ReadBack, World
 
 NOTHING = Inert("", "")
-BATCH = 100
+BATCH = 300
 """Mutations that share a process."""
-DEADLINE = 60.0
-"""Seconds of one process, and ``EACH`` more for every mutation in it: none comes near (0.05 to 2 s for each)."""
-EACH = 2.0
-LOST = 10.0
-"""Seconds of CPU after which one operation is given up: no sound world's takes 2, some changed files make an engine go round
-in circles (parents that are each other's)."""
+SHORT = 0.3
+"""s that whole motions of unchanged files take, below which nothing is won by glimpses."""
 WORKERS = 2
 
 
@@ -64,24 +64,19 @@ def table_of(dialect: str) -> MutationTable:
     return table
 
 
-def unused_rows(table: MutationTable, verdicts: Iterable[Verdict]) -> tuple[str, ...]:
-    """The rows of ``table`` that declare something inert, and by which none of ``verdicts`` is."""
-    used = {verdict.row for verdict in verdicts if verdict.verdict == "inert"}
-    return tuple(dict.fromkeys(row.name for row in table.inert if row.name not in used))
-
-
 def complete_self_test(
     engines: Sequence[str],
     *,
     worlds: Sequence[str] = (),
     only: Callable[[Mutation], bool] | None = None,
     progress: Callable[[str], None] | None = None,
+    keep: Callable[[str, Sequence[Verdict], float], None] = lambda world, verdicts, seconds: None,
 ) -> CompleteTest:
     """Try every mutation of every world (or of those named) in every engine.
 
-    ``only`` chooses among the mutations. A world that only stands in for another (``SMALLER``) is left out for engines that
-    support that one, unless it is named. Raises AssertionError when an unchanged world does not verify, or does not move
-    twice alike: then nothing could be said.
+    ``only`` chooses among the mutations; ``keep`` is called with each world as soon as it is done, and the seconds it took. A
+    world that only stands in for another (``SMALLER``) is left out for engines that support that one, unless it is named.
+    Raises AssertionError when an unchanged world does not verify, or does not move twice alike: then nothing could be said.
     """
     say = progress or (lambda text: None)
     started = time.monotonic()
@@ -103,12 +98,34 @@ def complete_self_test(
             of_world = bench.verdicts(only or (lambda mutation: True))
             tried += of_world
             missed = sum(verdict.verdict == "missed" for verdict in of_world)
-            say(f"{engine}, {name}: {len(of_world)} mutations, {missed} missed, {time.monotonic() - begun:.0f} s")
+            spent = time.monotonic() - begun
+            say(f"{engine}, {name}: {len(of_world)} mutations, {missed} missed, {spent:.0f} s")
+            keep(name, of_world, spent)
         verdicts += tried
         if not worlds and only is None:
             unused[engine] = unused_rows(table_of(find_engine(engine).DIALECT), tried)
     versions = {engine: str(find_engine(engine).version()) for engine in engines}
     return CompleteTest(tuple(verdicts), skipped, versions, time.monotonic() - started, unused)
+
+
+@dataclass
+class _Found:
+    """What became of some mutations: ``verdicts`` by name; ``steady``: those that are declared inert, and are in glimpses;
+    ``acting``: by name what was seen of those that are declared inert and act."""
+
+    verdicts: dict[str, Verdict] = field(default_factory=dict)
+    steady: list[Mutation] = field(default_factory=list)
+    acting: dict[str, str] = field(default_factory=dict)
+
+    def left(self, batch: Iterable[Mutation]) -> list[Mutation]:
+        """Those of a batch that go on to the next stage."""
+        steady = {mutation.name for mutation in self.steady}
+        return [one for one in batch if one.name not in self.verdicts and one.name not in steady]
+
+    def add(self, other: _Found) -> None:
+        """Add what became of others."""
+        self.verdicts |= other.verdicts
+        self.steady += other.steady
 
 
 @dataclass(frozen=True)
@@ -121,8 +138,8 @@ class _Bench:
     compiled: Compiled
     probes: Probes
     table: MutationTable
-    scenes: tuple[Operation, ...]
-    still: tuple[Mapping[str, np.ndarray], ...]
+    whole: Seen
+    glimpses: Seen
 
     @classmethod
     def of(cls, engine: str, name: str) -> _Bench | str:
@@ -140,72 +157,106 @@ class _Bench:
         scenes = scenes_of(world, probes, find_engine(engine))
         with scratch_folder("sound") as place:
             write_folder(compiled.files, place / engine)
-            answers = call(engine, place / engine, [*scenes, *scenes]).answers
-        still = tuple(observed(answer) for answer in answers[: len(scenes)])
-        again = tuple(observed(answer) for answer in answers[len(scenes) :])
-        if departure(still, again) > STILL:
+            course, *answers = call(engine, place / engine, [course_of(world), *scenes, *scenes]).answers
+            whole = Seen.of(scenes, answers)
+            glimpses = glimpses_of(world, scenes, course.arrays)
+            looked = Seen.of(glimpses, call(engine, place / engine, [*glimpses, *glimpses]).answers)
+        if max(whole.unsteady, looked.unsteady) > STILL:
             raise AssertionError(f"{engine}: the world {name!r} does not repeat its own motion")
-        table = table_of(compiled.dialect)
-        return cls(name, find_engine(engine), world, compiled, probes, table, scenes, still)
+        return cls(name, find_engine(engine), world, compiled, probes, table_of(compiled.dialect), whole, looked)
 
     def verdicts(self, only: Callable[[Mutation], bool]) -> list[Verdict]:
         planted = (mutation for mutation in mutations(self.compiled.files, self.table) if only(mutation))
+        names: list[str] = []
+        found = _Found()
         with side_by_side(WORKERS) as pool:
             # batches are made as they are asked for: all texts at once would be large
-            batches = list(pool.map(self._batch, _batches(planted)))
-        return [verdict for some in batches for verdict in some]
+            for of_batch, batch_names in pool.map(self._batch, _batches(planted)):
+                found.add(of_batch)
+                names += batch_names
+            together = Together(self.compiled.files)
+            groups = [Plant(tuple(group), together.files(group)) for group in together.groups(found.steady)]
+            shares = [groups[worker::WORKERS] for worker in range(WORKERS)]
+            for settled, alone in pool.map(partial(self._together, together), shares):
+                found.verdicts |= settled
+                found.add(self._alone(alone))
+        return [found.verdicts[name] for name in names]
 
-    def _batch(self, batch: Sequence[Mutation]) -> list[Verdict]:
-        verdicts: dict[str, Verdict] = {}
-        left = list(batch)
-        acting: dict[str, str] = {}
-        stages = (self._held, partial(self._unmoved, acting=acting), self._probed, partial(self._whole, acting=acting))
-        for stage in stages:
-            for mutation, verdict in stage(left):
-                if verdict is not None:
-                    verdicts[mutation.name] = verdict
-            left = [mutation for mutation in left if mutation.name not in verdicts]
+    def _batch(self, batch: Sequence[Mutation]) -> tuple[_Found, list[str]]:
+        found = _Found()
+        for stage in (self._held, self._glimpsed, self._unmoved, self._probed, self._shown):
+            left = found.left(batch)
             if not left:
                 break
-        return [verdicts[mutation.name] for mutation in batch]
+            stage(left, found)
+        return found, [mutation.name for mutation in batch]
+
+    def _alone(self, batch: Sequence[Mutation]) -> _Found:
+        """What becomes of mutations that move otherwise in whole motions."""
+        found = _Found()
+        for stage in (self._unmoved, self._probed, self._shown):
+            if left := found.left(batch):
+                stage(left, found)
+        return found
 
     # --- stages ---------------------------------------------------------------------------------------------------
 
-    def _held(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
+    def _held(self, batch: Sequence[Mutation], found: _Found) -> None:
         """By what the engine says it holds."""
-        for mutation, answers in self._ask(batch, [Operation("read_back")]):
-            verdict = self._refused(mutation, answers)
-            if verdict is None and not isinstance(answers, EngineError):
-                verdict = self._judged(mutation, partial(self._read_back_checks, answers))
-            yield mutation, verdict
+        self._judge(batch, found, [Operation("read_back")], self._read_back_checks)
 
-    def _unmoved(self, batch: Sequence[Mutation], acting: dict[str, str]) -> Iterator[tuple[Mutation, Verdict | None]]:
-        """What is declared inert must move as the sound files do; what does not is noted in ``acting``, and goes on."""
-        declared = [mutation for mutation in batch if self.table.inertness(mutation) is not None]
-        for mutation, answers in self._ask(declared, self.scenes):
-            verdict = self._refused(mutation, answers)
-            if verdict is None and not isinstance(answers, EngineError):
-                row = self.table.inertness(mutation) or NOTHING
-                apart = departure(self.still, [observed(answer) for answer in answers])
-                if apart <= row.within:
-                    verdict = self._verdict(mutation, "inert", why=row.why, row=row.name)
+    def _glimpsed(self, batch: Sequence[Mutation], found: _Found) -> None:
+        """What is declared inert, in glimpses of its motion: the same to the last bit, or noted where it acts."""
+        if sum(self.whole.seconds) < SHORT:
+            return
+        for mutation, answers in self._ask(self._declared(batch), self.glimpses.operations):
+            if (refused := self._refused(mutation, answers)) is not None:
+                found.verdicts[mutation.name] = refused
+            elif not isinstance(answers, EngineError):
+                apart = self.glimpses.departure(answers)
+                if apart == 0.0:
+                    found.steady.append(mutation)
                 else:
-                    acting[mutation.name] = f"declared inert, but the motion differs by {apart:.1e}: {row.why}"
-            yield mutation, verdict
+                    self._note(mutation, apart, found)
 
-    def _probed(self, batch: Sequence[Mutation]) -> Iterator[tuple[Mutation, Verdict | None]]:
+    def _unmoved(self, batch: Sequence[Mutation], found: _Found) -> None:
+        """What is declared inert must move as the sound files do; what does not is noted, and goes on."""
+        left = [mutation for mutation in self._declared(batch) if mutation.name not in found.acting]
+        for mutation, answers in self._ask(left, self.whole.operations):
+            if (refused := self._refused(mutation, answers)) is not None:
+                found.verdicts[mutation.name] = refused
+            elif not isinstance(answers, EngineError):
+                apart = self.whole.departure(answers)
+                if not self._note(mutation, apart, found):
+                    found.verdicts[mutation.name] = self._inert(mutation)
+
+    def _together(self, together: Together, groups: Sequence[Plant]) -> tuple[dict[str, Verdict], list[Mutation]]:
+        """The verdicts of those that are shown to be inert together with others, and those to be seen alone."""
+        settled: dict[str, Verdict] = {}
+        alone: list[Mutation] = []
+        waiting = list(groups)
+        while waiting:
+            asked, waiting = waiting, []
+            for plant, answers in self._put(asked, self.whole.operations):
+                members, same = plant.members, not self._refusals(answers)
+                if same and not isinstance(answers, EngineError) and self.whole.departure(answers) == 0.0:
+                    settled |= {mutation.name: self._inert(mutation) for mutation in members}
+                elif len(members) == 1:
+                    alone += members
+                else:
+                    half = len(members) // 2
+                    waiting += [Plant(part, together.files(part)) for part in (members[:half], members[half:])]
+        return settled, alone
+
+    def _probed(self, batch: Sequence[Mutation], found: _Found) -> None:
         """By every probe but those of contact."""
-        for mutation, answers in self._ask(batch, self.probes.operations(self.engine)):
-            verdict = self._refused(mutation, answers)
-            if verdict is None and not isinstance(answers, EngineError):
-                verdict = self._judged(mutation, partial(self._probe_checks, answers))
-            yield mutation, verdict
+        self._judge(batch, found, self.probes.operations(self.engine), self._probe_checks)
 
-    def _whole(self, batch: Sequence[Mutation], acting: Mapping[str, str]) -> Iterator[tuple[Mutation, Verdict | None]]:
+    def _shown(self, batch: Sequence[Mutation], found: _Found) -> None:
         """By the whole proof, with its contact probes; else it is missed."""
         for mutation in batch:
-            why = acting.get(mutation.name, "")
-            yield mutation, self._proven(mutation) or self._verdict(mutation, "missed", why=why)
+            why = found.acting.get(mutation.name, "")
+            found.verdicts[mutation.name] = self._proven(mutation) or self._verdict(mutation, "missed", why=why)
 
     def _proven(self, mutation: Mutation) -> Verdict | None:
         with scratch_folder("mutation") as place:
@@ -219,6 +270,20 @@ class _Bench:
 
             return self._judged(mutation, checks)
 
+    def _declared(self, batch: Iterable[Mutation]) -> list[Mutation]:
+        return [mutation for mutation in batch if self.table.inertness(mutation) is not None]
+
+    def _inert(self, mutation: Mutation) -> Verdict:
+        row = self.table.inertness(mutation) or NOTHING
+        return self._verdict(mutation, "inert", why=row.why, row=row.name)
+
+    def _note(self, mutation: Mutation, apart: float, found: _Found) -> bool:
+        """Whether a mutation moves otherwise than its row allows; then it is noted."""
+        row = self.table.inertness(mutation) or NOTHING
+        if apart > row.within:
+            found.acting[mutation.name] = f"declared inert, but the motion differs by {apart:.1e}: {row.why}"
+        return apart > row.within
+
     # --- judging --------------------------------------------------------------------------------------------------
 
     def _read_back_checks(self, answers: Sequence[Answer]) -> Sequence[Check]:
@@ -226,6 +291,20 @@ class _Bench:
 
     def _probe_checks(self, answers: Sequence[Answer]) -> Sequence[Check]:
         return engine_checks(self.world, self.engine, answers, self.probes)[0]
+
+    def _judge(
+        self,
+        batch: Sequence[Mutation],
+        found: _Found,
+        operations: Sequence[Operation],
+        checks: Callable[[Sequence[Answer]], Sequence[Check]],
+    ) -> None:
+        for mutation, answers in self._ask(batch, operations):
+            verdict = self._refused(mutation, answers)
+            if verdict is None and not isinstance(answers, EngineError):
+                verdict = self._judged(mutation, partial(checks, answers))
+            if verdict is not None:
+                found.verdicts[mutation.name] = verdict
 
     def _judged(self, mutation: Mutation, checks: Callable[[], Iterable[Check]]) -> Verdict | None:
         try:
@@ -238,11 +317,14 @@ class _Bench:
         first = min(failures, key=lambda check: check.level)
         return self._verdict(mutation, "caught", first.level, f"{first.name}: {first.detail or first.worst}")
 
-    def _refused(self, mutation: Mutation, answers: Sequence[Answer] | EngineError) -> Verdict | None:
-        if isinstance(answers, EngineError):
-            return self._verdict(mutation, "refused", why=str(answers))
-        refusals = [answer.result["refused"] for answer in answers if "refused" in answer.result]
+    def _refused(self, mutation: Mutation, answers: Answers) -> Verdict | None:
+        refusals = self._refusals(answers)
         return self._verdict(mutation, "refused", why=refusals[0]) if refusals else None
+
+    def _refusals(self, answers: Answers) -> list[str]:
+        if isinstance(answers, EngineError):
+            return [str(answers)]
+        return [answer.result["refused"] for answer in answers if "refused" in answer.result]
 
     def _verdict(self, mutation: Mutation, verdict: str, by: str = "", why: str = "", row: str = "") -> Verdict:
         place = (mutation.file, mutation.kind, mutation.site, mutation.place, mutation.change)
@@ -250,40 +332,12 @@ class _Bench:
 
     # --- asking ---------------------------------------------------------------------------------------------------
 
-    def _ask(
-        self, batch: Sequence[Mutation], operations: Sequence[Operation]
-    ) -> Iterator[tuple[Mutation, Sequence[Answer] | EngineError]]:
-        """The answers to ``operations`` for each mutation, or the error of the process that ended over it alone."""
-        if not batch:
-            return
-        with scratch_folder("mutations") as place:
-            asked = []
-            for index, mutation in enumerate(batch):
-                folder = place / str(index)
-                write_folder({**self.compiled.files, mutation.file: mutation.text}, folder)
-                more = {"artifacts": str(folder), "attempt": True, "cpu_seconds": LOST}
-                asked += [
-                    dataclasses.replace(operation, parameters={**operation.parameters, **more})
-                    for operation in operations
-                ]
-            count = len(operations)
-            try:
-                deadline = DEADLINE + EACH * len(batch)
-                answers = call(self.engine.NAME, place, asked, deadline=deadline).answers
-            except EngineError as error:
-                failed = error
-            else:
-                for index, mutation in enumerate(batch):
-                    yield mutation, answers[index * count : (index + 1) * count]
-                return
-        if len(batch) == 1:
-            yield batch[0], failed
-            return
-        # the whole process ended: what it was at is asked alone again, as it can have been ended by what came before
-        at = failed.operation // count if failed.operation is not None else len(batch) // 2
-        last = at + 1 if failed.operation is not None else at
-        for part in (batch[:at], batch[at:last], batch[last:]):
-            yield from self._ask(part, operations)
+    def _ask(self, batch: Sequence[Mutation], operations: Sequence[Operation]) -> Iterator[tuple[Mutation, Answers]]:
+        for plant, answers in self._put([Plant.of(mutation) for mutation in batch], operations):
+            yield plant.members[0], answers
+
+    def _put(self, plants: Sequence[Plant], operations: Sequence[Operation]) -> Iterator[tuple[Plant, Answers]]:
+        return ask(self.engine.NAME, self.compiled.files, plants, operations, max(self.whole.seconds))
 
 
 def _batches(planted: Iterable[Mutation]) -> Iterator[list[Mutation]]:

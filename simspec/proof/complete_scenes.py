@@ -16,7 +16,62 @@ from simspec.world.types import World
 
 SCENE_STEPS = 600
 SCENE_EVERY = 20
+GLIMPSE = 20
+"""Steps that a motion takes in a glimpse of it."""
+WINDOW = 4
+"""Steps of a window."""
+WINDOWS = 10
+"""States of the unchanged files' motion from which windows begin: as it is there, and struck."""
+STRUCK = 1.0
+"""m/s and rad/s by which velocities of struck windows differ at most."""
 SEED = 12
+
+
+@dataclasses.dataclass(frozen=True)
+class Seen:
+    """Scenes, and what the unchanged files do in them: ``still``. ``unsteady``: how far they depart from it the next time;
+    ``seconds``: what each takes."""
+
+    operations: tuple[Operation, ...]
+    still: tuple[Mapping[str, np.ndarray], ...]
+    unsteady: float
+    seconds: tuple[float, ...]
+
+    @classmethod
+    def of(cls, operations: Sequence[Operation], answers: Sequence[Answer]) -> Seen:
+        """``answers``: to each of ``operations``, twice."""
+        once, again = (answers[: len(operations)], answers[len(operations) :])
+        still = tuple(observed(answer) for answer in once)
+        unsteady = departure(still, [observed(answer) for answer in again])
+        seconds = tuple(answer.load_seconds + answer.seconds for answer in again)
+        return cls(tuple(operations), still, unsteady, seconds)
+
+    def departure(self, answers: Sequence[Answer]) -> float:
+        """How far ``answers`` to the same operations are from what the unchanged files do."""
+        return departure(self.still, [observed(answer) for answer in answers])
+
+
+def glimpses_of(world: World, whole: Sequence[Operation], course: Mapping[str, np.ndarray]) -> tuple[Operation, ...]:
+    """The beginnings of the ``whole`` scenes, and windows that begin along the ``course`` (``q``, ``v``) of the unchanged
+    files: in contact, at limits, and wherever else it leads to."""
+    q, v = (np.array(course[name][:WINDOWS]) for name in ("q", "v"))
+    struck = v + np.random.default_rng(SEED).uniform(-STRUCK, STRUCK, v.shape)
+    windows = {"starts": [0] * (2 * len(q)), "steps": WINDOW, "channels": []}
+    begun = []
+    for operation in whole:
+        asked = dict(operation.parameters)
+        if operation.op == "drive":
+            asked["phases"] = [[min(steps, GLIMPSE // len(asked["phases"])), 1] for steps, _ in asked["phases"]]
+        elif "steps" in asked:
+            asked |= {"steps": min(asked["steps"], GLIMPSE), "every": 1}
+        begun.append(dataclasses.replace(operation, parameters=asked))
+    states = {"q": np.concatenate([q, q]), "v": np.concatenate([v, struck])}
+    return (*begun, Operation("windows", windows, states, world))
+
+
+def course_of(world: World) -> Operation:
+    """What is asked of the unchanged files to know their course when they are left alone."""
+    return Operation("run", {"steps": SCENE_STEPS, "every": SCENE_STEPS // (WINDOWS - 1), "channels": []}, {}, world)
 
 
 def scenes_of(world: World, probes: Probes, engine: type[Engine]) -> tuple[Operation, ...]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from simspec.dialects.kit.mutations import KINDS
+from simspec.dialects.kit.mutations import KINDS, MutationTable
 
 VERDICTS = ("caught", "refused", "inert", "missed")
 
@@ -72,3 +72,9 @@ class CompleteTest:
                 if counts[0]:
                     rows.append((engine, kind or "all", counts))
         return rows
+
+
+def unused_rows(table: MutationTable, verdicts: Iterable[Verdict]) -> tuple[str, ...]:
+    """The rows of ``table`` that declare something inert, and by which none of ``verdicts`` is."""
+    used = {verdict.row for verdict in verdicts if verdict.verdict == "inert"}
+    return tuple(dict.fromkeys(row.name for row in table.inert if row.name not in used))

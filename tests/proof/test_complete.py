@@ -11,7 +11,7 @@ import pytest
 
 from simspec.commands import self_test as command
 from simspec.dialects.kit.mutations import Inert, MutationTable
-from simspec.proof import complete
+from simspec.proof import complete, complete_asking
 from simspec.proof.complete import complete_self_test
 from simspec.proof.complete_verdicts import CompleteTest, Verdict
 from simspec.proof.mutation_worlds import WORLDS
@@ -36,8 +36,13 @@ def test_mutations_are_caught_refused_or_inert(tested):
     assert tested.versions["mujoco"]
 
 
-def test_what_is_declared_inert_must_move_as_before(monkeypatch):
-    """A declaration that covers something that acts is not believed."""
+@pytest.mark.parametrize("seen", ["whole", "glimpsed", "together"])
+def test_what_is_declared_inert_must_move_as_before(seen, monkeypatch):
+    """A declaration that covers something that acts is not believed: where each moves alone, where glimpses show it, and
+    where they show nothing, and several move together."""
+    monkeypatch.setattr(complete, "SHORT", 60.0 if seen == "whole" else 0.0)
+    if seen == "together":
+        monkeypatch.setattr(complete, "glimpses_of", lambda world, scenes, course: scenes[-1:])
     real = complete.table_of
 
     def generous(name):
@@ -77,7 +82,7 @@ def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkey
         return type("Reply", (), {"answers": [Answer({"refused": "just so"}, {}, 0.0, 0.0, []) for _ in operations]})()
 
     bench = complete._Bench.of("mujoco", "ball joint")
-    monkeypatch.setattr(complete, "call", call)
+    monkeypatch.setattr(complete_asking, "call", call)
     verdicts = bench.verdicts(lambda one: one.site in ("inertial@mass", "inertial@pos"))
     assert all(one.verdict == "refused" for one in verdicts)
     ended = [one for one in verdicts if "SIGSEGV" in one.why]

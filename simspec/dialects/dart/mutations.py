@@ -119,7 +119,8 @@ CHECKED = "only names the layer in which copies of shapes should collide, for th
 ORDER = "the order of elements that are found by name"
 
 FIRST = (
-    *("axis", "box", "capsule", "child", "collision_detector", "color", "cylinder", "damping", "dynamics", "friction"),
+    *("axis", "box", "capsule", "child", "collision_detector", "color", "cylinder", "damping", "dynamics", "file_name"),
+    "friction",
     *(
         "geometry",
         "gravity",
@@ -138,6 +139,7 @@ FIRST = (
     *(
         "lower",
         "mass",
+        "mesh",
         "mobile",
         "moment_of_inertia",
         "normal",
@@ -146,6 +148,7 @@ FIRST = (
         "physics",
         "plane",
         "radius",
+        "scale",
         "size",
         "sphere",
     ),

@@ -22,7 +22,7 @@ INERT = (
         "*.obj",
         within=1e-9,
     ),
-    Inert("obj/o", "a name that nothing refers to", ("word",), "*.obj"),
+    Inert("obj/o", "a name that nothing refers to", ("word", "element removed", "element doubled"), "*.obj"),
 )
 """Changes that no engine moves differently for: rows of every dialect that has mesh files."""
 

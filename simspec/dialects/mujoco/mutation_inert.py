@@ -48,8 +48,15 @@ INERT: tuple[Inert, ...] = (
         for name in ("mass", "density", "shellinertia")
     ),
     Inert("geom@fitscale", "for shapes that are fitted to meshes only"),
-    *(Inert(f"mesh@{name}", "visual only") for name in ("smoothnormal", "texcoord")),
+    *(Inert(f"mesh@{name}", "visual only") for name in ("normal", "smoothnormal", "texcoord")),
     Inert("mesh@class", "the class that it takes anyway"),
+    Inert("mesh@content_type", "the file's ending says what it is"),
+    Inert("mesh@params", "for built-in meshes only"),
+    Inert("mesh@name", "by default that of the file", ("attribute removed",)),
+    Inert("mesh@inertia", "of a closed hull the same in every way, but for round-off", within=1e-9),
+    Inert("geom@size", "a mesh has its own size", ("attribute added",)),
+    Inert("obj/f", "shapes are the hulls of their vertices", file="*.obj", within=1e-9),
+    Inert("obj/v", "the same vertices, but for round-off", ("swapped", "element doubled"), "*.obj", within=1e-9),
     Inert("geom@fluidcoef", "for shapes with a fluidshape only"),
     *(
         Inert(f"geom@{name}", "the same as the default", ("attribute removed",))
@@ -148,8 +155,8 @@ INERT: tuple[Inert, ...] = (
     # lists
     *(
         Inert(f"{tag}@{name}", "the last number is MuJoCo's default", ("number dropped",))
-        for tag in ("geom", "joint", "pair")
-        for name in ("friction", "solimp", "solimplimit", "solimpfriction", "solref")
+        for tag in ("geom", "joint", "pair", "connect", "weld")
+        for name in ("friction", "polycoef", "solimp", "solimplimit", "solimpfriction", "solref")
     ),
     *(
         Inert(f"pair@{name}", "two pairs that share a shape: the same two pairs in the other order", ("swapped",))

@@ -121,6 +121,7 @@ FIRST = (
         "limit",
         "mass",
         "material",
+        "mesh",
         "origin",
         "parent",
         "plane",
@@ -220,6 +221,10 @@ TABLE = MutationTable(
         ),
         Inert("contact/friction_anchor", "for a link without shapes", ("element added",), "*.urdf"),
         Inert("limit@twist", "for ball joints only", ("attribute added",), "*.urdf"),
+        *(
+            Inert(f"limit@{end}", "a lower limit above the upper one is none", ("scaled",), "*.urdf")
+            for end in ("lower", "upper")
+        ),
         Inert("collision@concave", "for meshes only", ("attribute added",), "*.urdf"),
         Inert("collision@group", ELSEWHERE, ("attribute added",), "*.urdf"),
         Inert("collision@mask", ELSEWHERE, ("attribute added",), "*.urdf"),
@@ -231,6 +236,7 @@ TABLE = MutationTable(
                 *("collision_filter.excluded.*.*", "sleepers.*", "springs.*", "armature.*"),
             )
         ),
+        Inert("constraints.*", "the solver's order, which round-off shows", ("swapped",), "sidecar.json", within=1e-9),
         Inert(
             "collision_filter.classes.*.mask",
             "a single link does not collide with itself",

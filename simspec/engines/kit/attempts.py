@@ -1,7 +1,8 @@
-"""Operations that may end the engine: each in a process of its own, forked from the worker when the engine is imported.
+"""Operations that may end the engine: in a process of its own, forked from the worker when the engine is imported.
 
-An exception is then the operation's answer, as ``{"refused": message}``, and so is a crash, or more than ``cpu_seconds`` of CPU
-time, which end that process alone; the next operation follows. Forking takes some milliseconds; a new worker takes a second.
+Those that follow one another on the same artifacts share one, as operations share the worker. An exception is then the
+operation's answer, as ``{"refused": message}``, and so is a crash, or more than ``cpu_seconds`` of CPU time, which end that
+process alone; what follows has another one. Forking takes some milliseconds; a new worker takes a second.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,45 +19,78 @@ import numpy as np
 
 Entry = tuple[dict[str, Any], list[Any]]
 """What result.json says of an operation, and its arrays."""
+Work = Callable[[int], Entry]
+"""Does the operation of that place in a list."""
 
 
-def attempt(work: Callable[[], Entry], operation: dict[str, Any], folder: Path, most: int) -> Entry:
-    """What ``work`` gives, or its refusal, of at most ``most`` characters. Its files are in ``folder``."""
-    text, numbers = folder / "attempt.json", folder / "attempt.bin"
-    text.unlink(missing_ok=True)
-    started = time.perf_counter()
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            # CPU time, and a signal that nobody handles: an engine that is lost in a loop of its own hears of nothing else
-            signal.setitimer(signal.ITIMER_PROF, operation.get("cpu_seconds", 0.0))
-            _write(work, text, numbers, most)
-            code = 0
-        finally:
-            os._exit(code)
-    _, status = os.waitpid(child, 0)
-    if status == 0 and text.exists():
-        entry: dict[str, Any] = json.loads(text.read_text(encoding="utf-8"))
-        if "refused" not in entry:
-            return entry, _arrays(entry, numbers)
-        refusal = entry["refused"]
-    else:
-        refusal = f"the engine's process {_ending(status)}"
-    spent = time.perf_counter() - started
+def attempt(
+    begin: Callable[[], Work], operations: Sequence[dict[str, Any]], folder: Path, most: int
+) -> Iterator[Entry]:
+    """What the work gives for each of ``operations``, or its refusal, of at most ``most`` characters. ``begin`` is called in
+    each process anew. Its files are in ``folder``."""
+    at = 0
+    while at < len(operations):
+        for place in range(at, len(operations)):
+            _text(folder, place).unlink(missing_ok=True)
+        started = time.perf_counter()
+        child = os.fork()
+        if child == 0:
+            code = 1
+            try:
+                _work_off(begin, operations, range(at, len(operations)), folder, most)
+                code = 0
+            finally:
+                os._exit(code)
+        _, status = os.waitpid(child, 0)
+        while at < len(operations) and _text(folder, at).exists():
+            entry: dict[str, Any] = json.loads(_text(folder, at).read_text(encoding="utf-8"))
+            refusal = entry.get("refused")
+            spent = time.perf_counter() - started
+            yield (
+                (entry, _arrays(entry, _numbers(folder, at)))
+                if refusal is None
+                else _refusal(operations[at], refusal, spent)
+            )
+            at += 1
+        if status:
+            yield _refusal(operations[at], f"the engine's process {_ending(status)}", time.perf_counter() - started)
+            at += 1
+
+
+def _refusal(operation: dict[str, Any], why: str, spent: float) -> Entry:
     about = {"op": operation["op"], "load_seconds": 0.0, "seconds": spent, "log": [], "arrays": {}}
-    return {**about, "result": {"refused": refusal}}, []
+    return {**about, "result": {"refused": why}}, []
 
 
-def _write(work: Callable[[], Entry], text: Path, numbers: Path, most: int) -> None:
-    try:
-        entry, own = work()
-    except Exception as error:  # what it refuses is this operation's answer
-        entry, own = {"refused": f"{type(error).__name__}: {error}"[:most]}, []
-    with open(numbers, "wb") as file:
-        for value in own:
-            value.tofile(file)
-    text.write_text(json.dumps(entry), encoding="utf-8")
+def _text(folder: Path, place: int) -> Path:
+    return folder / f"attempt.{place}.json"
+
+
+def _numbers(folder: Path, place: int) -> Path:
+    return folder / f"attempt.{place}.bin"
+
+
+def _work_off(
+    begin: Callable[[], Work], operations: Sequence[dict[str, Any]], places: range, folder: Path, most: int
+) -> None:
+    """Write what the work gives for the operations at these places, up to the first that is refused."""
+    work = begin()
+    for place in places:
+        # CPU time, and a signal that nobody handles: an engine that is lost in a loop of its own hears of nothing else
+        signal.setitimer(signal.ITIMER_PROF, operations[place].get("cpu_seconds", 0.0))
+        try:
+            entry, own = work(place)
+        except Exception as error:  # what it refuses is this operation's answer
+            entry, own = {"refused": f"{type(error).__name__}: {error}"[:most]}, []
+        with open(_numbers(folder, place), "wb") as file:
+            for value in own:
+                value.tofile(file)
+        # the text last, and whole: it says that the operation is done
+        beside = folder / "attempt.part"
+        beside.write_text(json.dumps(entry), encoding="utf-8")
+        beside.replace(_text(folder, place))
+        if "refused" in entry:
+            return
 
 
 def _arrays(entry: dict[str, Any], numbers: Path) -> list[Any]:

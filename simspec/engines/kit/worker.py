@@ -24,6 +24,7 @@ import contextlib
 import functools
 import importlib
 import importlib.util
+import itertools
 import json
 import math
 import os
@@ -31,7 +32,7 @@ import platform
 import sys
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -79,18 +80,24 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
         {**asked, "artifacts": folder / asked["artifacts"], "place": folder / f"{index}."}
         for index, asked in enumerate(request["operations"])
     ]
-    for index, (operation, arrays) in enumerate(zip(placed, _requested(folder, request), strict=True)):
+    arrays = _requested(folder, request)
+    index = 0
+    while index < len(placed):
+        operation = placed[index]
         (folder / AT_WORK).write_text(str(index), encoding="ascii")
         if operation.get("attempt", False):
             engine_class.prepare()
-            work = functools.partial(_alone, engine_class, operation, arrays)
-            entry, own = attempt(work, operation, folder, MESSAGE)
+            alike = list(itertools.takewhile(functools.partial(_belongs, operation), placed[index:]))
+            begin = functools.partial(_alone, engine_class, alike, list(itertools.islice(arrays, len(alike))))
+            answers = list(attempt(begin, alike, folder, MESSAGE))
         else:
-            entry, own = sessions.entry(operation, arrays)
-        if index + 1 == len(placed) or not sessions.shares(placed[index + 1]):
+            answers = [sessions.entry(operation, next(arrays))]
+        index += len(answers)
+        if index == len(placed) or not sessions.shares(placed[index]):
             sessions.close()  # while this operation is said to be at work: a crash in closing is its own
-        entries.append(entry)
-        stored += own
+        for entry, own in answers:
+            entries.append(entry)
+            stored += own
     return (
         {
             "status": "ok",
@@ -119,14 +126,25 @@ def _requested(folder: Path, request: dict[str, Any]) -> Iterator[dict[str, Any]
             yield arrays
 
 
+def _belongs(first: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether an operation is attempted in the same process as the one before it."""
+    return bool(other.get("attempt", False)) and other["artifacts"] == first["artifacts"]
+
+
 def _alone(
-    engine_class: type[Engine], operation: dict[str, Any], arrays: dict[str, Any]
-) -> tuple[dict[str, Any], list[Any]]:
-    """An operation with a session of its own."""
+    engine_class: type[Engine], operations: Sequence[dict[str, Any]], arrays: Sequence[dict[str, Any]]
+) -> Callable[[int], tuple[dict[str, Any], list[Any]]]:
+    """What does the operation of a place in the list, with sessions of their own."""
     sessions = _Sessions(engine_class)
-    entry = sessions.entry({**operation, "attempt": False}, arrays)
-    sessions.close()
-    return entry
+    placed = [{**operation, "attempt": False} for operation in operations]
+
+    def work(place: int) -> tuple[dict[str, Any], list[Any]]:
+        entry = sessions.entry(placed[place], arrays[place])
+        if place + 1 == len(placed) or not sessions.shares(placed[place + 1]):
+            sessions.close()
+        return entry
+
+    return work
 
 
 class _Sessions:

@@ -23,7 +23,7 @@ from simspec.world.canonical import sha256
 from simspec.world.carriers import absorbed
 from simspec.world.gathering import told_gravity_scale, told_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups
-from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Quaternion, Surface, World
+from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Quaternion, Surface, Weld, World
 
 SOLVERS = {"pgs": 0, "cg": 1, "newton": 2}
 CONES = {"pyramid-inscribed": 0, "elliptic": 1}
@@ -89,6 +89,8 @@ class _Expected:
         for constraint in self.world.constraints:
             found[f"eq.{constraint.name}.solref"] = (-1.0 / self.dt**2, -1.0 / self.dt)
             found[f"eq.{constraint.name}.solimp"] = _flat_impedance(HARDEST)
+            if isinstance(constraint, Weld):
+                found[f"eq.{constraint.name}.torquescale"] = 1.0
         limit = float(self.settings["limit_impedance"])
         for summed in self.world.sums:
             bounded = summed.position_limits is not None

@@ -26,6 +26,8 @@ REFERENCE = """
 </mujoco>
 """
 """A model that says nothing: what its last row of each array holds is what MuJoCo takes when it is told nothing."""
+TORQUE_SCALE = 10
+"""Where it stands in a weld's data."""
 GROUP_OF_ID = 16
 """An excluded pair's signature is one body's number, shifted by these bits, plus the other's."""
 SLEEP = {3: "never", 4: "allowed", 5: "init"}
@@ -73,7 +75,7 @@ class _Inventory:
         found |= self._counts(self._model)
         found |= self._unlike_neutral()
         found |= self._joints() | self._geoms() | self._pairs() | self._rows("eq", ("solref", "solimp"))
-        found |= self._rows("tendon", ("solref_lim", "solimp_lim"))
+        found |= self._rows("tendon", ("solref_lim", "solimp_lim")) | self._torque_scales()
         if hasattr(self._model, "actuator_ctrlspec"):
             found |= self._rows("actuator", ("ctrlspec",))
         found |= self._masks() | self._excludes()
@@ -155,6 +157,14 @@ class _Inventory:
             f"{prefix}.{name}.{field}": _plain(getattr(model, f"{prefix}_{field}")[row])
             for field in fields
             for row, name in enumerate(self._names[prefix])
+        }
+
+    def _torque_scales(self) -> dict[str, Any]:
+        """How welds weigh rotation against translation."""
+        model, weld = self._model, int(self._mujoco.mjtEq.mjEQ_WELD)
+        return {
+            f"eq.{self._names['eq'][row]}.torquescale": float(model.eq_data[row, TORQUE_SCALE])
+            for row in np.flatnonzero(model.eq_type == weld)
         }
 
     def _masks(self) -> dict[str, Any]:

@@ -1,0 +1,42 @@
+"""Operations in a process of their own: what is shared, and what becomes of those after one that ends it."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import numpy as np
+
+from simspec.engines.kit.attempts import attempt
+
+OPERATIONS = [{"op": name, "cpu_seconds": 5.0} for name in ("fine", "fine", "crash", "fine", "refuse", "fine")]
+
+
+def begin():
+    count = [0]
+
+    def work(place):
+        name = OPERATIONS[place]["op"]
+        if name == "crash":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if name == "refuse":
+            raise ValueError("I do not like it")
+        count[0] += 1
+        values = np.array([place, count[0]], dtype=float)
+        return {"op": name, "arrays": {"at": {"kind": "f8", "shape": [2], "stored": True}}}, [values]
+
+    return work
+
+
+def test_operations_share_a_process_until_one_ends_it(tmp_path):
+    (tmp_path / "attempt.5.json").write_text("of before")
+    entries = list(attempt(begin, OPERATIONS, tmp_path, 100))
+    assert [entry.get("result", {}).get("refused") for entry, _ in entries] == [
+        *(None, None),
+        "the engine's process was ended by signal 9 (SIGKILL)",
+        None,
+        "ValueError: I do not like it",
+        None,
+    ]
+    assert [values[0].tolist() for _, values in entries if values] == [[0, 1], [1, 2], [3, 1], [5, 1]]
+    assert [entry["op"] for entry, _ in entries] == [operation["op"] for operation in OPERATIONS]
