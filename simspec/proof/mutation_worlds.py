@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 
+import numpy as np
+
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Setting, idle_settings
 from simspec.proof import selftest_worlds
 from simspec.proof.selftest_worlds import FREE, STILL, TENSOR
 from simspec.world.carriers import joined
 from simspec.world.control import Controller, Trajectory
+from simspec.world.heightfield import size_of
 from simspec.world.types import (
     Body,
     Contact,
@@ -27,6 +30,8 @@ from simspec.world.types import (
 )
 
 AT = (0.0, 0.0, 0.6, *FREE)
+GROUND = size_of(0.8, 0.6, 0.2, np.array([[0.1, 0.0, 0.05], [0.02, 0.12, 0.03]]))
+"""Two rows of three heights, without symmetries."""
 
 
 def uneven(name: str) -> Callable[[str], World]:
@@ -155,6 +160,26 @@ def ellipsoid(engine: str) -> World:
     return dataclasses.replace(world, name="self-test-ellipsoid", bodies=bodies)
 
 
+def bouncing(engine: str) -> World:
+    """A ball that bounces where it arrives at more than a threshold."""
+    world = uneven("bouncing")(engine)
+    (law,) = world.contact.pairs
+    contact = dataclasses.replace(world.contact, pairs=(dataclasses.replace(law, restitution_threshold=0.3),))
+    options = world.options(engine)
+    accept = tuple(sorted({*options.accept, "material.restitution.threshold"}))
+    return dataclasses.replace(world, contact=contact, engines=(dataclasses.replace(options, accept=accept),))
+
+
+def height_field(engine: str) -> World:
+    """A ball above uneven ground."""
+    world = hard("common", Hardness())(engine)
+    ground = Shape("ground_0", "heightfield", GROUND, Pose((0.01, 0.0, 0.0)), "rubber")
+    bodies = tuple(
+        dataclasses.replace(body, shapes=(ground,)) if body.joint.kind == "fixed" else body for body in world.bodies
+    )
+    return dataclasses.replace(world, name="self-test-height-field", bodies=bodies)
+
+
 def hard(kind: str, hardness: Hardness) -> Callable[[str], World]:
     """A ball on a floor of that hardness, without restitution."""
 
@@ -274,13 +299,14 @@ def _other(setting: Setting) -> bool | int | float | str:
 
 WORLDS: Mapping[str, Callable[[str], World]] = {
     **selftest_worlds.WORLDS,
-    "bouncing": uneven("bouncing"),
+    "bouncing": bouncing,
     "rolling": uneven("rolling"),
     "native control": native,
     "shapes": shapes,
     "weightless": weightless,
     "several joints": several_joints,
     "ellipsoid": ellipsoid,
+    "height field": height_field,
     "time constant": hard("time-constant", Hardness("time-constant", time_constant=0.02, damping_ratio=0.9)),
     "stiffness": hard("stiffness", Hardness("stiffness", stiffness=20000.0, damping=100.0)),
     "native hardness": hard("native", Hardness("native")),

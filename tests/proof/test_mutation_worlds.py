@@ -1,0 +1,77 @@
+"""The worlds of the complete self-test use whatever compiled files can say."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+from simspec.engines.kit.registry import engines
+from simspec.proof.mutation_worlds import WORLDS
+from simspec.support.features import Feature
+from simspec.support.needs import needs
+from simspec.world.types import World
+
+NOT_IN_FILES = {
+    **dict.fromkeys(("control", "forces", "body.kinematic"), "computed beside the engine, from the request"),
+    **dict.fromkeys(("tree.size", "tree.depth"), "how large a tree is"),
+    "contact.touch": "which shapes may touch at all, of worlds of any contact",
+    "contact.friction.impact": "how engines compute friction: of worlds of any friction",
+    **dict.fromkeys(
+        ("material.friction.pairs", "material.restitution.pairs", "contact.hardness.pairs"),
+        "what an engine's rule of combination cannot give: found by the plan of contact (the world “surfaces”)",
+    ),
+}
+UNSAID = {
+    "Physics.timestep": "written for any value",
+    "Shape.rounding": "of engines, for a read-back",
+    "Shape.surfaces": "of a read-back",
+    **dict.fromkeys(
+        ("World.expectations", "World.record", "Record.every_steps", "Record.channels"), "not of the model"
+    ),
+    **dict.fromkeys(("World.forces", "World.motions"), "computed beside the engine"),
+    **dict.fromkeys(
+        (f"Trajectory.{name}" for name in ("accelerations", "efforts", "interpolation", "velocities")),
+        "computed beside the engine",
+    ),
+    **dict.fromkeys(
+        (
+            f"Controller.{name}"
+            for name in ("damping_ratio", "discretisation", "every_steps", "gravity_compensation", "natural_frequency")
+        ),
+        "of laws that are computed beside the engine",
+    ),
+    **dict.fromkeys(("Connect.kind", "Follow.kind", "Weld.kind"), "what the class says"),
+}
+
+
+def worlds() -> Iterator[World]:
+    for engine in engines():
+        for made in WORLDS.values():
+            yield made(engine)
+
+
+def fields_of(value: Any) -> Iterator[tuple[str, bool]]:
+    """Each field of a value and of what is in it, and whether it is other than its default."""
+    if dataclasses.is_dataclass(value):
+        for field in dataclasses.fields(value):
+            held = getattr(value, field.name)
+            yield f"{type(value).__name__}.{field.name}", held != field.default
+            yield from fields_of(held)
+    elif isinstance(value, tuple):
+        for part in value:
+            yield from fields_of(part)
+
+
+def test_every_feature_is_used():
+    used = {need.feature.value for world in worlds() for need in needs(world)}
+    missing = {feature.value for feature in Feature} - used
+    assert missing == set(NOT_IN_FILES), "a new feature belongs into a world of proof/mutation_worlds.py"
+
+
+def test_every_field_of_a_world_is_used_with_a_value_that_is_not_its_default():
+    found: dict[str, bool] = {}
+    for world in worlds():
+        for name, other in fields_of(world):
+            found[name] = found.get(name, False) or other
+    assert {name for name, other in found.items() if not other} == set(UNSAID)
