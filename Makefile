@@ -1,5 +1,6 @@
 # make setup   .venv with everything, at the locked versions
 # make demo    the main job: 216 spheres in four engines, then a robot arm
+# make engines   engines that need more than pip: installed where that is possible (root, apt-get); fails where one is missing then
 # make test    what CI runs: lint, types, stale files, tests
 # make check   lint, types (mypy, strict) and stale files alone
 # make quick   the developer's loop: lint, and the tests that start no engine
@@ -20,7 +21,7 @@ JOBS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 8 ] && echo $$((n + 1
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: corpora setup demo test quick check generated lock benchmarks scenario-full random-worlds fuzz selftest kills study study-small study-contact page-bundle clean
+.PHONY: corpora engines setup demo test quick check generated lock benchmarks scenario-full random-worlds fuzz selftest kills study study-small study-contact page-bundle clean
 
 setup: .venv/ready
 
@@ -29,6 +30,11 @@ setup: .venv/ready
 	$(PYTHON) -m venv .venv
 	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[all,test]'
 	touch $@
+
+# SIMSPEC_DEMANDED_ENGINES=all make test fails where one is not there; by default its tests are skipped, and named
+engines: setup
+	-$(BIN)/simspec engines install --all --yes
+	$(BIN)/simspec engines doctor --all
 
 demo: setup
 	$(BIN)/simspec run specs/spheres-216.yaml --all-engines

@@ -24,6 +24,7 @@ from simspec.arguments import (
     SpecNames,
     Strict,
 )
+from simspec.cli_engines import add_engines
 from simspec.cli_experiments import add_experiments, add_reports
 from simspec.cli_files import add_audit, add_imports
 from simspec.commands.guard import command
@@ -412,27 +413,7 @@ def diff_command(
     return diff(a, b, tolerance, allow_outside, as_json, robot_files)
 
 
-@app.command("engines")
-@command
-def engines_command(
-    markdown: Annotated[bool, typer.Option("--markdown", help="Write the support matrix as a Markdown page.")] = False,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Output file of --markdown.")] = Path(
-        "docs/support-matrix.md"
-    ),
-    check: Annotated[
-        bool, typer.Option("--check", help="With --markdown: exit with 1 if the page is not current.")
-    ] = False,
-    as_json: AsJson = False,
-) -> int:
-    """List the engines, their versions, here and in the interpreters of simspec.toml, and the features they support.
-
-    \b
-    simspec engines
-    simspec engines --json
-    """
-    from simspec.commands.engines import engines
-
-    return engines(markdown, out, check, as_json)
+add_engines(app)
 
 
 def help_text() -> str:

@@ -48,6 +48,7 @@ ORDER = (
     "robot_files",
     "arguments",
     "commands",
+    "cli_engines",
     "cli_experiments",
     "cli_files",
     "cli",

@@ -1,0 +1,87 @@
+"""The commands of engines, as ``cli.py`` has the others: arguments and help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simspec.arguments import AsJson
+from simspec.commands.guard import command
+
+EngineNames = Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="Engines.")]
+
+
+def add_engines(app: typer.Typer) -> None:
+    """Add the commands of engines to the command line."""
+    group = typer.Typer(rich_markup_mode=None, context_settings={"help_option_names": ["--help", "-h"]})
+    group.callback(invoke_without_command=True)(command(engines_command))
+    group.command("doctor")(command(doctor_command))
+    group.command("install")(command(install_command))
+    app.add_typer(group, name="engines")
+
+
+def engines_command(
+    context: typer.Context,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Write the support matrix as a Markdown page.")] = False,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Output file of --markdown.")] = Path(
+        "docs/support-matrix.md"
+    ),
+    check: Annotated[
+        bool, typer.Option("--check", help="With --markdown: exit with 1 if the page is not current.")
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
+    """List the engines, their versions, here and in the interpreters of simspec.toml, and the features they support.
+
+    \b
+    simspec engines
+    simspec engines --json
+    simspec engines doctor
+    """
+    if context.invoked_subcommand is not None:
+        return 0
+    from simspec.commands.engines import engines
+
+    return engines(markdown, out, check, as_json)
+
+
+def doctor_command(
+    names: EngineNames = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Exit with 3 also where a known engine is not installed.")
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Say of each engine whether it is installed and works, in which version, and what is missing and why.
+
+    A ball falls in each for a tenth of a second, in the engine's own process. Exit code 3 where an installed engine does
+    not work, or an engine that is named is not there.
+
+    \b
+    simspec engines doctor
+    simspec engines doctor NAME --json
+    """
+    from simspec.commands.engines_doctor import doctor
+
+    return doctor(names or [], every, as_json)
+
+
+def install_command(
+    names: EngineNames = None,
+    every: Annotated[bool, typer.Option("--all", help="Every known engine that is not installed.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Run the commands: pip of this interpreter; apt-get only for root.")
+    ] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Print the commands that install engines; nothing is run without --yes.
+
+    \b
+    simspec engines install NAME
+    simspec engines install --all --yes
+    """
+    from simspec.commands.engines_install import install
+
+    return install(names or [], every, yes, as_json)

@@ -1,0 +1,105 @@
+"""``simspec engines install``: the exact words that install engines; with ``--yes`` they are run."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from simspec.arguments import print_json
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.diagnosis import State, diagnose
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.errors import EXIT_ENGINE, EXIT_OK, Problem, SpecError
+from simspec.report.screen import say
+
+DEADLINE = 3600.0
+"""s for one command: the largest engine is some 100 MB, and a slow line has an hour for it."""
+STANDARD_ERROR = 2
+"""Its descriptor: standard output is for the answer."""
+
+
+def install(names: Sequence[str], every: bool, yes: bool, as_json: bool) -> int:
+    """Print what installs the engines ``names``, or every known one that is not installed whole; run it with ``yes``.
+
+    Exit code 3 where an engine cannot be installed here, or a command failed or may not be run.
+    """
+    if bool(names) == every:
+        raise SpecError([Problem("one or more engines, or --all", allowed=", ".join(engines()))])
+    chosen = [find_engine(name) for name in (names or engines())]
+    rows = {engine.NAME: _row(engine, yes, as_json) for engine in chosen}
+    code = EXIT_OK if all(row["problem"] is None for row in rows.values()) else EXIT_ENGINE
+    if as_json:
+        print_json({"engines": rows, "exit_code": code})
+    return code
+
+
+def _row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
+    """What is done for an engine, as plain data; it is told at once, unless as JSON."""
+    found = diagnose(engine)
+    row: dict[str, Any] = {"state": str(found.state), "version": found.version, "commands": [], "problem": None}
+    if found.state is State.WHOLE:
+        _tell(as_json, f"{engine.NAME}: {found.version} is installed")
+        return row
+    if found.state is State.IMPOSSIBLE:
+        row["problem"] = found.problems[0]
+    commands = [] if row["problem"] else words(engine)
+    if not row["problem"] and not commands:
+        row["problem"] = f"{engine.NAME} does not say how it is installed"
+    for command in commands:
+        one: dict[str, Any] = {"words": shlex.join(command), "ran": False, "code": None}
+        row["commands"].append(one)
+        _tell(as_json, f"{engine.NAME}: {one['words']}")
+        if not yes or row["problem"]:
+            continue
+        if (why := _forbidden(command)) is not None:
+            row["problem"] = f"not run: {why}"
+            continue
+        one["code"], why = _run(command)
+        one["ran"] = one["code"] is not None
+        if why is not None:
+            row["problem"] = f"{one['words']}: {why}"
+    if row["problem"]:
+        _tell(as_json, f"{engine.NAME}: {row['problem']}")
+    return row
+
+
+def words(engine: type[Engine]) -> list[list[str]]:
+    """The commands that install an engine: pip of this interpreter, and Debian's apt-get."""
+    commands = [[sys.executable, "-m", "pip", "install", f"simspec[{engine.EXTRA}]"]] if engine.EXTRA else []
+    if engine.NEEDS.debian:
+        commands.append(["apt-get", "update", "--quiet"])
+        commands.append(["apt-get", "install", "--yes", "--no-install-recommends", *engine.NEEDS.packages])
+    return commands
+
+
+def _forbidden(command: Sequence[str]) -> str | None:
+    """Why a command is not run for the user."""
+    if command[0] != "apt-get":
+        return None
+    if shutil.which("apt-get") is None:
+        return "this system has no apt-get; the names of the packages may differ"
+    return None if os.geteuid() == 0 else "it needs root"
+
+
+def _run(command: Sequence[str]) -> tuple[int | None, str | None]:
+    """The exit code of a command, whose words go to standard error, and what is wrong. None: it gave none."""
+    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+    try:
+        code = subprocess.run(
+            command, stdin=subprocess.DEVNULL, stdout=STANDARD_ERROR, env=environment, timeout=DEADLINE, check=False
+        ).returncode
+    except subprocess.TimeoutExpired:
+        return None, f"did not end within {DEADLINE:g} s"
+    except OSError as error:
+        return None, f"cannot be started: {error.strerror}"
+    return code, f"ended with code {code}" if code else None
+
+
+def _tell(as_json: bool, line: str) -> None:
+    if not as_json:
+        say(line)
