@@ -24,7 +24,9 @@ def add_engines(app: typer.Typer) -> None:
 
 def engines_command(
     context: typer.Context,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Write the support matrix as a Markdown page.")] = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Write the support matrix, and beside it engines.md.")
+    ] = False,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Output file of --markdown.")] = Path(
         "docs/support-matrix.md"
     ),

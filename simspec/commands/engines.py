@@ -5,19 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 
 from simspec.arguments import print_json
-from simspec.commands.generated_file import generated_file
+from simspec.commands.generated_file import generated_files
 from simspec.engines.kit.installed import instances
 from simspec.errors import EXIT_OK
 from simspec.project import load_project
-from simspec.report import matrix
+from simspec.report import engine_pages, matrix
 from simspec.report.screen import console, say
 from simspec.report.terminal import engine_tables
 
 
 def engines(markdown: bool, out: Path, check: bool, as_json: bool) -> int:
-    """Print the engines, or write the support matrix to ``out``."""
+    """Print the engines, or write the support matrix to ``out``, and the page of each engine beside it."""
     if markdown:
-        return generated_file(out, matrix.markdown(), matrix.is_matrix, check, as_json, "simspec engines --markdown")
+        files = {
+            out: (matrix.markdown(), matrix.is_matrix),
+            out.with_name(engine_pages.PAGE): (engine_pages.markdown(Path()), engine_pages.is_page),
+        }
+        return generated_files(files, check, as_json, "simspec engines --markdown")
     data = matrix.engine_data()
     project = load_project()
     rows = instances(project.interpreters, project.default_engines)

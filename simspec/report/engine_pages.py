@@ -1,0 +1,197 @@
+"""The page docs/engines.md: each engine as its class declares it, and what committed certificates and studies say of it.
+
+Nothing of it depends on what is installed, so that whether it is current has one answer on every machine.
+"""
+
+from __future__ import annotations
+
+import collections
+import inspect
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.installing import how_to_install
+from simspec.engines.kit.registry import engines, format_of
+from simspec.generated import CERTIFICATE_FILE
+from simspec.outputs.reading import read_bytes
+from simspec.proof.certificate import Certificate
+from simspec.report.matrix import NOT_YET, SIGNATURE, WORDS, support, word
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
+
+PAGE = "engines.md"
+STUDY = "docs/studies/fair-speed"
+LARGEST = 64 * 2**20
+"""Bytes of a certificate or a study that are read."""
+HEAD = f"""# Engines
+
+{SIGNATURE}
+
+Each engine as it declares itself. All features side by side stand in the [support matrix](support-matrix.md), what the levels
+of a certificate compare in [proof.md](proof.md). `simspec engines doctor` says what of this is installed here and works.
+"""
+LEVELS = (*WORDS.values(), NOT_YET)
+
+
+def is_page(page: bytes) -> bool:
+    """Whether a page was written by :func:`markdown`, in whatever version."""
+    return page.startswith(HEAD[: HEAD.index(SIGNATURE) + len(SIGNATURE)].encode())
+
+
+def markdown(root: Path) -> str:
+    """The page, with the certificates below ``root / "generated"`` and the study of speed in ``root / STUDY``, where these
+    are there. Raises SpecError for files that are damaged."""
+    certificates = _certificates(root)
+    costs = _costs(root)
+    lines = [HEAD]
+    for engine in engines().values():
+        lines += [f"## {engine.TITLE or engine.NAME}", "", *_about(engine), ""]
+        lines += [*_facts(engine, certificates, costs), ""]
+        lines += [*_support(engine), *_settings(engine), *_deviations(engine), *_certified(engine, certificates)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _about(engine: type[Engine]) -> list[str]:
+    """The docstring of the class, its roles and literals as Markdown."""
+    text = inspect.cleandoc(engine.__doc__ or "")
+    text = re.sub(r":[a-z]+:`~?([^`]+)`", r"`\1`", text)
+    return [" ".join(paragraph.split()).replace("``", "`") for paragraph in text.split("\n\n")]
+
+
+def _facts(engine: type[Engine], certificates: Mapping[str, Certificate], costs: Mapping[str, list[str]]) -> list[str]:
+    versions = {proof.version for one in certificates.values() if (proof := one.engines.get(engine.NAME)) is not None}
+    needs = "; ".join(f"{name}: {what}" for name, what in engine.NEEDS.debian)
+    lacks = "; ".join(f"{capability} ({reason})" for capability, reason in engine.LACKS.items())
+    counts = collections.Counter(_plain_word(entry) for entry in support(engine).values())
+    rows = {
+        "name": f"`{engine.NAME}`",
+        "version that the certificates are of": ", ".join(sorted(versions)),
+        "install": f"`{how_to_install(engine)}`" if how_to_install(engine) else "",
+        "packages of Debian": needs,
+        "reads": f"`{format_of(engine)}` (dialect `{engine.DIALECT}`)",
+        f"of {len(Feature)} features": ", ".join(f"{counts[one]} {one}" for one in LEVELS if counts[one]),
+        "lacks": lacks,
+        "cost of a step": "; ".join(costs.get(engine.NAME, ())),
+    }
+    return ["| | |", "|---|---|", *(f"| {name} | {_cell(text)} |" for name, text in rows.items() if text)]
+
+
+def _plain_word(entry: Any) -> str:
+    return word(entry).split(",")[0] if entry.level is not Level.VIA_API else WORDS[Level.VIA_API]
+
+
+def _support(engine: type[Engine]) -> Iterator[str]:
+    """What it does not have, and what it has only approximately, with the reasons."""
+    table = support(engine)
+    for title, words in (
+        ("What it cannot have", (WORDS[Level.UNSUPPORTED],)),
+        ("What it could have, and nobody has built", (NOT_YET,)),
+        ("What it has approximately, where a spec accepts that", (WORDS[Level.APPROXIMATE],)),
+        ("What is computed outside of it, where a spec asks for that", (WORDS[Level.OUTSIDE],)),
+    ):
+        found = [(feature, entry) for feature, entry in table.items() if _plain_word(entry) in words]
+        if found:
+            yield from (f"### {title}: {engine.NAME}", "")
+            yield from (f"- `{feature.value}`: {_line(entry.how)}" for feature, entry in found)
+            yield ""
+
+
+def _settings(engine: type[Engine]) -> Iterator[str]:
+    if engine.SETTINGS:
+        yield from (
+            f"### Solver settings: {engine.NAME}",
+            "",
+            "| setting | default | acts on | meaning |",
+            "|---|---|---|---|",
+        )
+        for name, setting in engine.SETTINGS.items():
+            yield f"| `{name}` | `{setting.default}` | {setting.group} | {_cell(setting.meaning)} |"
+        yield ""
+
+
+def _deviations(engine: type[Engine]) -> Iterator[str]:
+    if engine.CONTACT_DEVIATIONS:
+        yield from (f"### Known deviations from the contact law: {engine.NAME}", "")
+        yield from (
+            "Each measured, by the contact probe of that name; a size without % is in the unit of its figure.",
+            "",
+        )
+        yield from ("| probe | size | where | reason |", "|---|---|---|---|")
+        for one in engine.CONTACT_DEVIATIONS:
+            size = f"{100.0 * one.size:.3g} %" if one.relative else f"{one.size:.3g}"
+            yield f"| {one.probe} | {size} | {_cell(_where(one))} | {_cell(one.why)} |"
+        yield ""
+
+
+def _where(one: Deviation) -> str:
+    parts = (
+        f"friction from {one.friction:g}" if one.friction else "",
+        f"restitution from {one.restitution:g}" if one.restitution else "",
+        f"timestep from {1e3 * one.timestep:.3g} ms" if one.timestep else "",
+        f"cone {one.friction_cone}" if one.friction_cone else "",
+        f"hardness {one.hardness}" if one.hardness else "",
+        f"`{one.setting[0]}: {str(one.setting[1]).lower()}`" if one.setting else "",
+    )
+    return ", ".join(part for part in parts if part) or "everywhere"
+
+
+def _certified(engine: type[Engine], certificates: Mapping[str, Certificate]) -> Iterator[str]:
+    """In how many scenarios of the library each level was compared."""
+    if not certificates:
+        return
+    proofs = {name: one.engines[engine.NAME] for name, one in certificates.items() if engine.NAME in one.engines}
+    yield from (f"### Certificates: {engine.NAME}", "")
+    if not proofs:
+        yield from ("No scenario of the library has a certificate for it.", "")
+        return
+    valid = sum(proof.valid for proof in proofs.values())
+    levels: collections.Counter[str] = collections.Counter()
+    failed: collections.Counter[str] = collections.Counter()
+    for proof in proofs.values():
+        levels.update({check.level for check in proof.checks})
+        failed.update({check.level for check in proof.checks if not check.passed})
+    told = ", ".join(
+        f"{level} in {count}" + (f" ({failed[level]} failed)" if failed[level] else "")
+        for level, count in sorted(levels.items())
+    )
+    yield f"{valid} of {len(proofs)} certificates are valid, of {len(certificates)} scenarios of the library. Compared: {told}."
+    if lacking := sorted(set(certificates) - set(proofs)):
+        yield f"Without it: {', '.join(lacking)}."
+    yield ""
+
+
+def _certificates(root: Path) -> dict[str, Certificate]:
+    """The certificates of the library's scenarios, by name."""
+    files = sorted((root / "generated").glob(f"*/{CERTIFICATE_FILE}"))
+    texts = {file: read_bytes(file, LARGEST).decode("utf-8", "replace") for file in files}
+    return {file.parent.name: Certificate.from_json(text, str(file)) for file, text in texts.items()}
+
+
+def _costs(root: Path) -> dict[str, list[str]]:
+    """By engine the cost of a step in the sweeps of the study of speed: the timestep over the real-time factor."""
+    file = root / STUDY / "study.json"
+    found: dict[str, list[str]] = {}
+    if not file.is_file():
+        return found
+    for sweep, tables in json.loads(read_bytes(file, LARGEST))["sweeps"].items():
+        for table in tables:
+            if table["name"] != "speed.real_time_factor":
+                continue
+            for row in table["records"]:
+                cost = 1e3 * row["timestep"] / row["median"]
+                text = f"{cost:.2g} ms ([{sweep}](studies/fair-speed/study.md), at {1e3 * row['timestep']:g} ms)"
+                found.setdefault(row["engine"], []).append(text)
+    return found
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _cell(text: str) -> str:
+    return _line(text).replace("|", "\\|")

@@ -1,0 +1,85 @@
+"""The page of the engines has all that a class declares, and what committed certificates and studies say, and no more."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from simspec.engines.kit.registry import engines
+from simspec.errors import SpecError
+from simspec.report import engine_pages
+from simspec.report.matrix import support
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
+
+ROOT = Path(__file__).parents[2]
+
+
+def part(page: str, name: str) -> str:
+    """What the page says of an engine."""
+    title = engines()[name].TITLE or name
+    return page.split(f"\n## {title}\n")[1].split("\n## ")[0]
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return engine_pages.markdown(ROOT)
+
+
+@pytest.mark.parametrize("name", engines())
+def test_what_a_class_declares_is_there(page, name):
+    engine, told = engines()[name], part(page, name)
+    [counted] = re.findall(rf"^\| of {len(Feature)} features \| (.*) \|$", told, re.MULTILINE)
+    assert sum(map(int, re.findall(r"\b(\d+) ", counted))) == len(Feature)
+    for feature, entry in support(engine).items():
+        assert (f"- `{feature.value}`: " in told) is (entry.level not in (Level.EXACT, Level.VIA_API))
+    assert all(f"| `{setting}` |" in told for setting in engine.SETTINGS)
+    if engine.CONTACT_DEVIATIONS:
+        rows = told.split("### Known deviations")[1].split("\n### ")[0].splitlines()
+        assert len([row for row in rows if row.startswith("|")]) == 2 + len(engine.CONTACT_DEVIATIONS)
+
+
+def test_it_does_not_depend_on_what_is_installed(page, monkeypatch):
+    for engine in engines().values():
+        monkeypatch.setattr(engine, "version", classmethod(lambda cls: None))
+    assert engine_pages.markdown(ROOT) == page
+    assert engine_pages.is_page(page.encode())
+    assert not engine_pages.is_page(b"# Engines\n\nmine\n")
+
+
+def test_certificates_are_judged_and_counted(tmp_path):
+    shutil.copytree(ROOT / "generated" / "ball-pendulum", tmp_path / "generated" / "ball-pendulum")
+    shutil.copytree(ROOT / "generated" / "coupled-gripper", tmp_path / "generated" / "coupled-gripper")
+    told = part(engine_pages.markdown(tmp_path), "dart")
+    assert "1 of 1 certificates are valid, of 2 scenarios of the library." in told
+    assert "Without it: coupled-gripper." in told
+    assert "L6 in 1" in told
+    assert "L5" not in told.split("### Certificates")[1]
+    assert "cost of a step" not in told
+
+
+def test_a_damaged_certificate_is_an_error(tmp_path):
+    shutil.copytree(ROOT / "generated" / "ball-pendulum", tmp_path / "generated" / "ball-pendulum")
+    file = tmp_path / "generated" / "ball-pendulum" / "certificate.json"
+    file.write_text(file.read_text().replace('"worst": 0.0', '"worst": 1.0', 1))
+    with pytest.raises(SpecError, match=r"certificate\.json"):
+        engine_pages.markdown(tmp_path)
+
+
+def test_the_cost_is_that_of_the_study(page):
+    study = json.loads((ROOT / engine_pages.STUDY / "study.json").read_text())
+    [table] = [one for one in study["sweeps"]["spheres"] if one["name"] == "speed.real_time_factor"]
+    [row] = [one for one in table["records"] if one["engine"] == "dart"]
+    assert f"| cost of a step | {1.0 / row['median']:.2g} ms ([spheres](studies/fair-speed/study.md), at 1 ms)" in part(
+        page, "dart"
+    )
+
+
+def test_without_certificates_and_studies_it_says_nothing_of_them(tmp_path):
+    told = engine_pages.markdown(tmp_path)
+    assert "### Certificates" not in told
+    assert "cost of a step" not in told
