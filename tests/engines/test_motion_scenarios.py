@@ -21,6 +21,7 @@ ENGINES = {
     "moving-platform": INSTALLED,
     "conveyor": ("mujoco",),
     "falling-in-air": INSTALLED,
+    "rough-ground": ("mujoco", "pybullet"),
 }
 """The engines that support each: a scenario that an engine no longer supports is not left out in silence."""
 

@@ -46,6 +46,7 @@ ARRAYS = {
     "solimp margin gap fluid adhesion surfacevel",
     "mat": "rgba",
     "mesh": "pos quat scale vertadr vertnum",
+    "hfield": "nrow ncol size adr",
     "pair": "geom1 geom2 dim friction margin gap solref solimp solreffriction",
     "exclude": "signature",
     "site": "bodyid pos quat",
@@ -62,6 +63,8 @@ NUMBERS = ("nq", "nv", "nu", "nbody", "njnt", "ngeom", "nmocap", "nflex", "nplug
 OPTIONS = "timestep gravity wind density viscosity integrator cone impratio disableactuator"
 
 
+MOST_HEIGHTS = 2**18
+"""Heights of a model's height fields together; those of more are left out of the answer."""
 POSTURES, MOST_COORDINATES = 6, 300
 """Configurations at which the stability of dampers and springs is looked at, and the most coordinates of a model for that."""
 
@@ -99,6 +102,8 @@ def compiled(spec: Any, model: Any) -> dict[str, Any]:
             value = getattr(model, f"{prefix}_{name}", None)
             if value is not None:
                 arrays[f"{prefix}_{name}"] = value.tolist()
+    if model.nhfielddata <= MOST_HEIGHTS:  # single precision, as the shortest decimals that give it
+        arrays["hfield_data"] = [float(str(share)) for share in model.hfield_data]
     for name in ("qpos0", "qpos_spring"):
         arrays[name] = getattr(model, name).tolist()
     data = mujoco.MjData(model)
@@ -119,6 +124,7 @@ def compiled(spec: Any, model: Any) -> dict[str, Any]:
         "options": options,
         "elements": _elements(spec),
         "meshes": {int(mesh.id): _mesh(mesh, model) for mesh in spec.meshes},
+        "hfields": {int(field.id): field.file for field in spec.hfields},
         "stable_step": stable_step(model),
     }
 

@@ -97,6 +97,10 @@ class Compiled:
         self.meshes: dict[int, MeshFile] = {
             int(number): _mesh_file(mesh, assembly) for number, mesh in model["meshes"].items()
         }
+        self.field_files: dict[int, Path] = {
+            int(number): assembly.named[name] for number, name in model["hfields"].items() if name in assembly.named
+        }
+        """The files of height fields, by number."""
         self.stable_step: float | None = model["stable_step"]
         """s; the longest at which explicit dampers and springs do not diverge, None where there are none."""
         self.dynamics: list[dict[str, Any]] = answer.get("dynamics", [])

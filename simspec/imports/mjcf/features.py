@@ -66,7 +66,9 @@ FEATURES: Final = {
     ),
     "joint.plastic": Feature("joint/springyield", _PHYSICS, "springs that yield are not in the language"),
     "geom.kind": Feature(
-        "geom/type geom/mesh geom/hfield", _PHYSICS, "a collision shape of a kind that the language does not have yet"
+        "geom/type geom/mesh geom/hfield",
+        _PHYSICS,
+        "a collision shape of a kind that the language does not have yet; a height field that may move, or is too large",
     ),
     "geom.appearance": Feature(
         "geom/type geom/mesh geom/hfield",

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from simspec.imports.mjcf.bodies import Bodies, Names, Vector, inverse, numbers, pose, product, rotated
+from simspec.imports.mjcf.heightfields import height_field
 from simspec.imports.mjcf.surfaces import Surfaces
 from simspec.language.mesh import MOST_VERTICES
 
@@ -65,6 +66,8 @@ def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | 
     if kind == MESH:
         made = _mesh(bodies, number, material is not None)
         shape, place, turn = made or (None, place, turn)
+    elif kind == HEIGHT_FIELD:
+        shape = height_field(bodies, number)
     else:
         shape = maker(numbers(model["geom_size"][number])) if maker else None
     if shape is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from simspec.report.page.frames import FARTHEST, Frames, Rows, drawable, turns_u
 from simspec.report.page.ghost import driven_bodies, target_poses
 from simspec.report.page.packing import Numbers, Packed, coded, turns
 from simspec.runner.run import Run
+from simspec.world.heightfield import field_of
 from simspec.world.hull import faces, vertices_of
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Shape, World
@@ -20,6 +22,8 @@ MOST_FORCES = 9_000
 """Contact forces of a run that are shown: about 0.1 MB packed. Where there are more, every second frame has them, or third …"""
 LEAST_TURN = 1e-4
 """Change of a quaternion's parts below which a body is drawn as not turning."""
+MOST_ROWS = 200
+"""Rows, and columns, of a height field that are drawn: its points are told by numbers of 16 bits."""
 DIGITS = 7
 """Of lengths in the page's own text: more than a screen shows."""
 
@@ -66,7 +70,7 @@ def _shapes(world: World, packed: Packed) -> list[dict[str, Any]]:
             shown.append(
                 {
                     "body": index,
-                    "kind": shape.kind,
+                    "kind": "mesh" if SHAPES[shape.kind].grid else shape.kind,  # drawn as its triangles
                     **_size(shape, hulls, packed),
                     "position": [round(length, DIGITS) for length in shape.pose.position],
                     "quaternion": [round(part, DIGITS) for part in shape.pose.quaternion],
@@ -77,13 +81,23 @@ def _shapes(world: World, packed: Packed) -> list[dict[str, Any]]:
 
 
 def _size(shape: Shape, hulls: dict[tuple[float, ...], dict[str, str]], packed: Packed) -> dict[str, Any]:
-    """A shape's lengths; of a mesh its vertices and faces, packed once for each size."""
-    if not SHAPES[shape.kind].points:
+    """A shape's lengths; of a mesh or a height field its vertices and faces, packed once for each size."""
+    if not (SHAPES[shape.kind].points or SHAPES[shape.kind].grid):
         return {"size": [round(length, DIGITS) for length in shape.size]}
     if shape.size not in hulls:
-        vertices, triangles = packed.floats(vertices_of(shape.size)), packed.codes(faces(shape.size).astype(np.int16))
+        points, corners = (
+            _drawn_field(shape.size) if SHAPES[shape.kind].grid else (vertices_of(shape.size), faces(shape.size))
+        )
+        vertices, triangles = packed.floats(points), packed.codes(corners.astype(np.uint16).view(np.int16))
         hulls[shape.size] = {"vertices": vertices, "triangles": triangles}
     return {"size": [], "hull": hulls[shape.size]}
+
+
+def _drawn_field(size: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """The boundary of a height field, of a large one with some of its rows and columns."""
+    field = field_of(size)
+    kept = [np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).round().astype(int)) for count in field.shape]
+    return dataclasses.replace(field, heights=field.heights[np.ix_(*kept)]).closed()
 
 
 def is_drawn(shape: Shape) -> bool:
