@@ -5,9 +5,12 @@ simspec's own come by the same way. Offered code runs when it is imported: what 
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 OWN = "simspec"
@@ -29,7 +32,13 @@ def offered(group: str, check: Callable[[str, Any], Any]) -> Offered:
     """
     good: dict[str, Any] = {}
     broken: dict[str, str] = {}
-    points = importlib.metadata.entry_points(group=group)
+    points = [*importlib.metadata.entry_points(group=group)]
+    known = {point.name for point in points if _distribution(point) == OWN}
+    points += [
+        importlib.metadata.EntryPoint(name, value, group)
+        for name, value in _checkout().get(group, {}).items()
+        if name not in known
+    ]
     for point in sorted(points, key=lambda one: (one.name, _distribution(one) != OWN, one.value)):
         if point.name in good:
             broken[f"{point.name} ({_distribution(point)})"] = f"the name is already used: {point.value} is ignored"
@@ -45,3 +54,16 @@ def offered(group: str, check: Callable[[str, Any], Any]) -> Offered:
 def _distribution(point: importlib.metadata.EntryPoint) -> str:
     found = getattr(point, "dist", None)
     return str(found.name) if found is not None else ""
+
+
+@functools.cache
+def _checkout() -> Mapping[str, Mapping[str, str]]:
+    """The entry points of the checkout that this is, by group: an installation for development knows those of the day when it
+    was made. Empty where simspec is installed otherwise."""
+    try:
+        content = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    project = content.get("project", {})
+    found: Mapping[str, Mapping[str, str]] = project.get("entry-points", {}) if project.get("name") == OWN else {}
+    return found

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 
 from simspec.contact.meeting import Pair
-from simspec.contact.rules import Rules
+from simspec.contact.rules import NOT_COMBINED, Rules
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.world.types import Hardness, PairContact, Surface, World
 
@@ -26,7 +26,7 @@ def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> di
             solved = _product(names, values, own)
         elif rule == "harmonic":
             solved = _harmonic(names, values, own)
-        elif rule == "none":
+        elif rule in NOT_COMBINED:
             solved = dict.fromkeys(names, 0.0)
         else:
             solved = _extreme(names, values, own, min if rule == "max" else max)

@@ -1,6 +1,6 @@
 """From the law of every two materials to the numbers that an engine's shapes hold.
 
-Engines have no table of pairs: they combine two shapes' numbers by a rule of their own (``rules.Rules``). The plan inverts
+Most engines have no table of pairs: they combine two shapes' numbers by a rule of their own (``rules.Rules``). The plan inverts
 that rule (``inversion``). Where one number for each material cannot give all pairs, there are two ways, and an engine's module
 says which it has:
 
@@ -8,6 +8,7 @@ says which it has:
   in the layer that their pair of materials belongs to. Each layer has numbers of its own;
 - *explicit pairs*: the engine takes the law of two shapes as such; only pairs that numbers cannot give are written.
 
+One that holds a table by materials (rule ``table``) needs neither: its shapes have no numbers, and its dialect writes the laws.
 Each way is chosen by data (``Target.plan``), and its cost is what ``simspec compile --explain`` shows.
 """
 
@@ -105,8 +106,8 @@ def missed_pairs(rules: Rules, wanted: Mapping[Pair, PairContact], numbers: Mapp
     found = []
     for pair, law in wanted.items():
         given = combine(rules, numbers[pair[0]], numbers[pair[1]])
-        if any(
-            getattr(rules, name) != "none" and not same(given[name], getattr(law, name)) for name in COMBINED_QUANTITIES
-        ) or (rules.hardness == "same" and any(numbers[name].hardness != law.hardness for name in pair)):
+        if any(rules.combines(name) and not same(given[name], getattr(law, name)) for name in COMBINED_QUANTITIES) or (
+            rules.hardness == "same" and any(numbers[name].hardness != law.hardness for name in pair)
+        ):
             found.append(pair)
     return tuple(sorted(found))

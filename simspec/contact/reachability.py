@@ -28,7 +28,7 @@ def unreachable(world: World, rules: Rules, plan: ContactPlan) -> dict[str, dict
     for pair in plan.missed:
         first, second = (plan.numbers[name, plan.layer_of[pair]] for name in pair)
         for name, given in combine(rules, first, second).items():
-            if getattr(rules, name) != "none" and not same(given, getattr(wanted[pair], name)):
+            if rules.combines(name) and not same(given, getattr(wanted[pair], name)):
                 found.setdefault(name, {})[pair] = given
         if rules.hardness == "same" and any(one.hardness != wanted[pair].hardness for one in (first, second)):
             found.setdefault("hardness", {})[pair] = math.nan
@@ -43,7 +43,7 @@ def pair_needs(world: World, rules: Rules) -> list[Need]:
     for pair in simple.missed:
         given = combine(rules, simple.numbers[pair[0], 0], simple.numbers[pair[1], 0])
         for name in COMBINED_QUANTITIES:
-            if getattr(rules, name) != "none" and not same(given[name], getattr(wanted[pair], name)):
+            if rules.combines(name) and not same(given[name], getattr(wanted[pair], name)):
                 path = f"contact.pairs.{pair[0]}.{pair[1]}.{name}"
                 found.setdefault(_FEATURES[name], {})[path] = None
         law = wanted[pair]

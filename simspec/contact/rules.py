@@ -11,6 +11,11 @@ SAME = 1e-12
 """How far a combined number may be from the pair's, relative above 1: the tolerance of text, proof level L0."""
 
 
+TABLE = "table"
+NOT_COMBINED = (TABLE, "none")
+"""Rules by which shapes hold no numbers."""
+
+
 @dataclass(frozen=True, slots=True)
 class Rules:
     """An engine's rule for each quantity (one of ``ENGINE_RULES``)."""
@@ -20,7 +25,17 @@ class Rules:
     torsional_friction: str = "none"
     rolling_friction: str = "none"
     hardness: str = "none"
-    """same: both shapes hold the pair's; none: the engine holds no hardness with its shapes."""
+    """same: both shapes hold the pair's; table: with the law of every two materials; none: the engine holds no hardness with
+    its shapes."""
+
+    @property
+    def table(self) -> bool:
+        """Whether the engine holds a table of the laws of every two materials, and combines no numbers of shapes."""
+        return self.friction == TABLE
+
+    def combines(self, quantity: str) -> bool:
+        """Whether the engine has a quantity as numbers of shapes, which it combines."""
+        return getattr(self, quantity) not in NOT_COMBINED
 
 
 _SLIDING = "friction"
@@ -47,7 +62,7 @@ def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> fl
     if rule == "cross":
         frictions: tuple[float, float] = (getattr(first, _SLIDING), getattr(second, _SLIDING))
         return a * frictions[1] + b * frictions[0]
-    if rule == "none":
+    if rule in NOT_COMBINED:
         return 0.0
     raise ValueError(f"unknown combination rule {rule!r}; allowed: {', '.join(ENGINE_RULES)}")
 

@@ -21,6 +21,7 @@ from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
 from simspec.proof.distances import held_apart, pose_difference, turn_between, unlikeness
 from simspec.proof.heightfields import field_distance
 from simspec.proof.hulls import hull_distance
+from simspec.proof.table import table_differences
 from simspec.world.gathering import gathered, rigid_members, summed, told_gravity_scale
 from simspec.world.hull import HullError
 from simspec.world.inset import thickened, within
@@ -349,12 +350,15 @@ class _Comparison(BesideBodies):
             for first, place in self.surfaces.get((pair[0], layer), {}).items():
                 for second, other_place in self.surfaces.get((pair[1], layer), {}).items():
                     self.law(laws[pair], first, second, _both(place, other_place))
+        if self.rules.table:
+            for row in table_differences(laws, self.read_back.laws):
+                self.note("geometry", *row)
         self.explicit(laws)
 
     def law(self, law: PairContact, first: Surface, second: Surface, at: str) -> None:
         """Two shapes' numbers against the law of their materials."""
         for quantity in COMBINED_QUANTITIES:
-            if getattr(self.rules, quantity) == "none" or not self.readable(f"shape.{quantity}"):
+            if not self.rules.combines(quantity) or not self.readable(f"shape.{quantity}"):
                 continue
             needed = (quantity, "friction") if getattr(self.rules, quantity) == "cross" else (quantity,)
             if any(getattr(surface, name) is None for surface in (first, second) for name in needed):

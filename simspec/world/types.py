@@ -429,6 +429,8 @@ class ReadBack:
     frames: tuple[Frame, ...] | None = field(default=None, metadata=LEFT_OUT)
     """The named frames, sorted by name; None: it is told none."""
     fluid: Fluid | None = field(default=None, metadata=LEFT_OUT)
+    laws: tuple[PairContact, ...] = field(default=(), metadata=LEFT_OUT)
+    """The laws of materials, of an engine that holds a table of them (``contact/rules.py``)."""
 
     def __repr__(self) -> str:
         return f"<ReadBack: {len(self.bodies)} bodies, {len(self.unreadable)} fields that cannot be asked for>"

@@ -39,6 +39,8 @@ APART = (
     "stored.py",
 )
 """Parts of the package whose code takes no part in measuring; all other code is part of the key."""
+COMPILED = ("*.c", "*.cc", "*.cpp", "*.h", "*.hpp")
+"""Sources that an engine compiles for itself."""
 VERSION = 1
 ENTRIES = Entries("contact", head=b'{"simspec_cache": ', largest=16 * 2**20, bound=256 * 2**20)
 """The largest entry, with the points of 24 directions, has some 10 kB."""
@@ -59,7 +61,7 @@ def engine_digest(engine: type[Engine]) -> str:
 
 @functools.cache
 def _folder_digest(folder: Path) -> str:
-    return _digest(sorted(folder.glob("*.py")), folder)
+    return _digest(sorted([*folder.glob("*.py"), *(path for kind in COMPILED for path in folder.rglob(kind))]), folder)
 
 
 def _digest(files: Sequence[Path], root: Path) -> str:

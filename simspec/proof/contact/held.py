@@ -185,10 +185,11 @@ def _known(number: float | None, law: float) -> float:
 
 
 def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
-    """The world's laws, with those of explicit pairs as they are held."""
+    """The world's laws, with those of explicit pairs and of a table as they are held."""
     material = {shape.name: shape.material for body in world.bodies for shape in body.shapes}
     laws = {(pair.first, pair.second): pair for pair in world.contact.pairs}
     worst = dict(laws)
+    worst.update({names: law for law in read.laws if (names := (law.first, law.second)) in laws})
     for pair in read.pairs:
         names = ordered(material.get(pair.first, ""), material.get(pair.second, ""))
         if names not in laws:

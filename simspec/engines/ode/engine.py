@@ -1,0 +1,246 @@
+"""ODE: bodies and joints of the Open Dynamics Engine, stepped so that its joints move as their coordinates do.
+
+Facts marked *measured*: ODE 0.16.2 in double precision, as Debian builds it (with trimeshes, without libccd).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from simspec.contact.meeting import meeting_kinds, solid_shapes
+from simspec.contact.plan import contact_plan
+from simspec.contact.rules import Rules
+from simspec.engines.kit.arrays import CollisionUnit, pick_blocks, sorted_pairs
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.needs import Needs
+from simspec.engines.kit.outside import computed, constraints_felt
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.settings import Group, Setting, written_settings
+from simspec.engines.kit.simulated import SimulatedEngine
+from simspec.engines.ode import library
+from simspec.engines.ode.expected import expected
+from simspec.engines.ode.inventory import inventory, neutral
+from simspec.engines.ode.readback import read_back
+from simspec.engines.ode.simulation import Simulation
+from simspec.support.declarations import (
+    AS_EFFORTS,
+    HEAVY,
+    UNTOLD_FRAMES,
+    Attempt,
+    Level,
+    Refinement,
+    Support,
+    Table,
+    exactly,
+    never,
+    not_here,
+    not_yet,
+    shape_kinds,
+    via_api,
+)
+from simspec.support.features import Feature
+from simspec.world.kinematics import rigid_groups
+from simspec.world.types import HeldValue, ReadBack, World
+
+_NOT_YET = "simspec does not write it for ODE"
+_GIVEN = "given as forces at every step, explicit in time: ODE's joints have neither"
+_NO_CCD = "ODE has no contact of cylinders with cylinders or capsules, unless built with libccd, as Debian's is not"
+_MOTOR = "a motor of speed 0 with this largest effort, on the joint's axis, solved with contact"
+
+
+def _held_alone(world: World) -> Refinement | None:
+    """Not supported where something would not feel a constraint that is computed outside ODE."""
+    return constraints_felt(world, Ode.TITLE)
+
+
+def _planes_still(world: World) -> Refinement | None:
+    """ODE's planes have no body."""
+    groups = rigid_groups(world)
+    moving = (
+        shape.name
+        for body in world.bodies
+        for shape in solid_shapes(body)
+        if shape.kind == "plane" and groups[body.name] != "world"
+    )
+    name = next(moving, None)
+    return not_here(None if name is None else f"ODE's planes cannot move, as {name!r} does")
+
+
+def _cylinders_apart(world: World) -> Refinement | None:
+    """Not supported where cylinders may meet what ODE has no contact of."""
+    missing = {("cylinder", "cylinder"), ("capsule", "cylinder")} & meeting_kinds(world)
+    return not_here(_NO_CCD if missing else None)
+
+
+class Ode(SimulatedEngine[Simulation]):
+    """ODE's worlds, by dWorldStep or dWorldQuickStep."""
+
+    NAME: ClassVar[str] = "ode"
+    TITLE: ClassVar[str] = "ODE"
+    DIALECT: ClassVar[str] = "ode"
+    DISTRIBUTION: ClassVar[str] = ""
+    EXTRA: ClassVar[str] = ""
+    NEEDS: ClassVar[Needs] = library.NEEDS
+    RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
+    LAYERS: ClassVar[bool] = False
+    LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.NATIVE_CONTROLLERS: "ODE's motors follow a speed, and simspec does not drive them",
+        Capability.FOREIGN_FILES: "ODE reads no files",
+        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
+    }
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            *(Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
+            *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+            *(Feature.RESTITUTION, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
+            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION),
+            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
+            *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
+        **shape_kinds("ODE", ("sphere", "box", "capsule")),
+        Feature.JOINT_SEVERAL: never("ODE's bodies have mass, and between two joints of one body stands one without"),
+        Feature.LIMIT_POSITION: Support(
+            Level.EXACT, "stops as rows of ODE's own, within the step in which a joint arrives"
+        ),
+        Feature.DAMPING: via_api(_GIVEN),
+        Feature.BALL_DAMPING: via_api(_GIVEN),
+        Feature.SPRING: via_api(_GIVEN),
+        Feature.BALL_SPRING: via_api(_GIVEN),
+        Feature.DRY_FRICTION: Support(Level.EXACT, _MOTOR),
+        Feature.ARMATURE: Support(
+            Level.EXACT, "a motor with the present speed and softness dt/armature, solved with contact"
+        ),
+        Feature.BALL_ARMATURE: not_yet(_NOT_YET, Attempt.READ_BACK),
+        Feature.FREE_ARMATURE: never("ODE has no armature of free bodies, and contact would ignore a computed one"),
+        Feature.SHAPE_CYLINDER: Support(Level.EXACT, refine=_cylinders_apart),
+        Feature.SHAPE_PLANE: Support(Level.EXACT, "of bodies that cannot move", refine=_planes_still),
+        Feature.SHAPE_MESH: not_yet(_NOT_YET, Attempt.READ_BACK),
+        Feature.SHAPE_MARGIN: never("ODE's contact begins where shapes touch"),
+        Feature.MARGIN_PAIRS: never("ODE's contact begins where shapes touch"),
+        Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
+        Feature.FRICTION: Support(Level.EXACT, "the law of the two materials at every point of contact"),
+        Feature.FRICTION_PAIRS: Support(Level.EXACT, "the law of the two materials at every point of contact"),
+        Feature.TORSIONAL_FRICTION: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
+        Feature.ROLLING_FRICTION: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
+        Feature.HARDNESS_TIME_CONSTANT: never("ODE's softness is that of a spring in N/m, for whatever mass"),
+        Feature.HARDNESS_STIFFNESS: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
+        Feature.HARDNESS_NATIVE: not_yet(_NOT_YET, Attempt.READ_BACK),
+        Feature.HARDNESS_PAIRS: not_yet(_NOT_YET, Attempt.READ_BACK),
+        Feature.CONE_PYRAMID_INSCRIBED: Support(Level.EXACT, "ODE's pyramid, turned by 45° and smaller by √2"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: Support(Level.EXACT, "ODE's pyramid, along the world's x"),
+        Feature.CONE_ELLIPTIC: Support(
+            Level.EXACT,
+            "each step is solved twice: without friction, and with ODE's pyramids along the slip that each point then has",
+        ),
+        Feature.KINEMATIC: via_api(HEAVY),
+        Feature.FORCES: via_api(AS_EFFORTS),
+        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
+        Feature.FREE_DAMPING: GIVEN_DAMPING,
+        Feature.FLUID: GIVEN_FLUID,
+        Feature.BALL_LIMIT: never("world.json has no limits of balls"),
+        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.CONTROL_NATIVE: never("ODE's motors follow a speed, and simspec does not drive them"),
+        Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
+        Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
+        Feature.SUM: via_api("given as efforts before every step"),
+        Feature.SUM_LIMITS: never("ODE stops joints one by one, and no sum of their positions"),
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = {
+        "solver": Setting(
+            "step",
+            "step: dWorldStep, exact to round-off, whose time grows with the cube of the rows of what hangs together. "
+            "quick-step: dWorldQuickStep, iterations of each row in turn.",
+            ("step", "quick-step"),
+            group=Group.SOLVER,
+        ),
+        "iterations": Setting(
+            100,
+            "Of quick-step. 216 spheres lose 1.6 J of 12627 J with 20, nothing with 100.",
+            minimum=1,
+            needs=("solver", ("quick-step",)),
+            group=Group.ACCURACY,
+            finer=2000,
+        ),
+        "softness": Setting(
+            1e-10,
+            "soft_cfm and slip of ODE's contacts (m/(N s)). With 0, dWorldStep breaks on redundant points, by an LCP internal "
+            "error, and leaves friction out; a step that breaks is solved again with ten times as much, up to 1e5 times.",
+            minimum=0.0,
+            group=Group.SOFTNESS,
+        ),
+    }
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
+    UNREADABLE: ClassVar[Mapping[str, str]] = {
+        "collision_group": "ODE is told by a callback what touches, and has no groups",
+    }
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        plan = contact_plan(world, cls.RULES, cls.LAYERS)
+        return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._before: BeforeSteps | None = None
+
+    @classmethod
+    def prepare(cls) -> None:
+        library.library()
+
+    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
+        return Simulation(folder, sidecar)
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self._before = None
+        super().load(folder, sidecar)
+        told = self._simulation
+        before = BeforeSteps(self, told.passive, told.constraints, told.sums)
+        self._before = before if before.needed else None
+
+    def read_back(self) -> ReadBack:
+        sim = self._simulation
+        held = read_back(sim, dict(self.UNREADABLE))
+        held = dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
+        return held if self._before is None else self._before.told(held)
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        return pick_blocks(blocks, self._simulation.mass_parts())
+
+    def bias_force(self) -> np.ndarray:
+        bias = self._simulation.bias()
+        return bias if self._before is None else self._before.bias_force(bias)
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        if self._before is None:
+            self._simulation.advance(count, effort)
+            return
+        for _ in range(count):
+            self._simulation.advance(1, self._before.effort(effort))
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        return self._simulation.contacts()
+
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        return [CollisionUnit(body, (name,)) for body, name in self._simulation.built.shapes]
+
+    def detect_units(self) -> np.ndarray:
+        return sorted_pairs(self._simulation.touching())
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        self._simulation.disable_dry_friction(v)
+
+    def energy(self) -> tuple[float, float]:
+        kinetic, potential = self._simulation.energy()
+        return kinetic, potential + (0.0 if self._before is None else self._before.potential())

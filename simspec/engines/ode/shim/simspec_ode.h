@@ -1,0 +1,65 @@
+/* What ODE does not do from Python at speed, and what its joints do not do by themselves: see world.c, motion.c, contact.c, step.c.
+   All lengths in m, kg, s; vectors in world axes unless said. */
+#ifndef SIMSPEC_ODE_H
+#define SIMSPEC_ODE_H
+#include <ode/ode.h>
+#include <setjmp.h>
+
+enum { FIXED, HINGE, SLIDE, BALL, FREE };
+enum { ELLIPTIC, CIRCUMSCRIBED, INSCRIBED };
+enum { MOST_POINTS = 64, TEXT = 200 };
+#define STOP_ERP 0.01
+#define STOP_CFM 1e-10
+#define MOST_SOFTER 1e5
+
+/* A body of the world and its joint to what it hangs on. */
+typedef struct {
+  int kind, parent, q, v;   /* parent -1: the world; q, v: where its coordinates begin */
+  int carrier, rigid;       /* the body whose ODE body carries it (-1: it cannot move), and the topmost one it is welded to */
+  double origin[3], turn[9], axis[3]; /* the joint's frame in the parent's; the axis in the joint's frame */
+  double centre[3];         /* of mass, in the body's frame */
+  double damping, stiffness, rest, dry, armature, lower, upper;
+  int limited;
+  dBodyID body;             /* 0: none */
+  dJointID joint, rotor, rub, stop;
+  double p[3], R[9], c[3], w[3], vo[3], al[3], ao[3]; /* pose, centre of mass, velocities, accelerations without those of joints */
+  double vc[3], force[3], torque[3];
+} Body;
+
+/* The law of two materials as ODE's contacts take it. */
+typedef struct { double friction, restitution, threshold, rolling, torsional, soft_erp, soft_cfm; int collide; } Law;
+
+typedef struct { dGeomID geom; int body, material, group, unit; } Shape;
+
+/* A point of contact of the present step. */
+typedef struct { dContactGeom geom; Shape *one, *two; Law *law; double slip[3]; dJointFeedback force; } Point;
+
+typedef struct {
+  dWorldID world; dSpaceID space; dJointGroupID joints;
+  int bodies, nq, nv, materials, groups, shapes, points, room, told;
+  Body *body; Law *law; unsigned char *ignored; Shape **shape; Point *point;
+  long long *excluded; int excluded_count;
+  double *q, *u, *start, timestep;
+  int cone, quick, contact, lost;
+  long retries, unsolved;
+  char text[TEXT]; long messages; jmp_buf trap; int armed;
+} Sim;
+
+/* motion.c */
+void place(Sim *s, const double *q, const double *u);
+void lay(Sim *s);
+void load(Sim *s, const double *effort, int joints);
+void take(Sim *s, double *u);
+void advance_state(Sim *s, const double *u);
+void set_motors(Sim *s);
+void turned(const double *R, const double *x, double *Rx);
+void matrix(const double *quaternion, double *R);
+void multiply(const double *A, const double *B, double *AB);
+void multiply_t(const double *A, const double *x, const double *B, double *Atx, double *AtB);
+
+/* contact.c */
+void detect(Sim *s);
+void join(Sim *s, int with_friction, double softer);
+void slips(Sim *s);
+int apart(Sim *s, const Shape *one, const Shape *two);
+#endif

@@ -1,0 +1,226 @@
+"""A world in ODE, in its initial state: stepping, efforts, contact."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.dialects.ode.sidecar import OdeSidecar
+from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.ode.building import Built
+from simspec.engines.ode.library import NAME, Integers, library, pointer
+from simspec.errors import EngineError
+from simspec.formats.world.format import WorldJson
+from simspec.formats.world.tree import FreeJoint, parent_of, state_of
+from simspec.world import frames
+from simspec.world.rotations import unit
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
+
+MANY = 4096
+"""Pairs of shapes that touch for which there is room at first."""
+
+
+class Simulation:
+    """A loaded world. Coordinates are the part in C's own, which are those of ``world/kinematics.py``."""
+
+    def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
+        try:
+            self.document = WorldJson().read(folder)
+            told = OdeSidecar.of(sidecar)
+            told.check_document(self.document)
+        except (ValueError, FileNotFoundError) as error:
+            raise EngineError(NAME, str(error)) from error
+        self.sidecar, self.told = sidecar, told
+        self.constraints, self.sums, self.passive = told.constraints or (), told.sums or (), told.passive
+        self.library = library()
+        bodies = self.document.bodies
+        try:
+            self.built = Built(self.library, self.document, told)
+        except (KeyError, ValueError) as error:
+            raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
+        self.sim = self.built.sim
+        self.names = [body.name for body in bodies]
+        self.offsets = np.array([body.frame_offset for body in told.bodies], dtype=float).reshape(-1, 3)
+        kinds = [body.joint.kind for body in bodies]
+        q = np.cumsum([0, *(POSITION_SIZE[kind] for kind in kinds)])
+        v = np.cumsum([0, *(VELOCITY_SIZE[kind] for kind in kinds)])
+        self.nq, self.nv = int(q[-1]), int(v[-1])
+        self.q_places = [slice(a, b) for a, b in zip(q[:-1].tolist(), q[1:].tolist(), strict=True)]
+        self.v_places = [slice(a, b) for a, b in zip(v[:-1].tolist(), v[1:].tolist(), strict=True)]
+        turns = [
+            range(place.stop - 4, place.stop)
+            for place, kind in zip(self.q_places, kinds, strict=True)
+            if kind in ("ball", "free")
+        ]
+        self._turns = np.array(turns, dtype=np.intp).reshape(-1, 4)
+        self._poses, self._velocities = np.zeros((len(bodies), 12)), np.zeros((len(bodies), 6))
+        self._log: list[str] = []
+        first_q: list[float] = []
+        first_v: list[float] = []
+        for body in bodies:
+            position, velocity = state_of(body.joint)
+            first_q.extend(position)
+            if isinstance(body.joint, FreeJoint):
+                turn = frames.normalise(tuple(position[3:7]))  # type: ignore[arg-type]
+                first_v.extend([*velocity[:3], *frames.rotate(frames.conjugate(turn), tuple(velocity[3:]))])  # type: ignore[arg-type]
+            else:
+                first_v.extend(velocity)
+        self.set_state(np.array(first_q, dtype=float), np.array(first_v, dtype=float))
+
+    # --- state ------------------------------------------------------------------------------------------------
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put the simulation into the state (q, v)."""
+        q, v = np.array(q, dtype=float), np.array(v, dtype=float)
+        if len(self._turns):
+            q[self._turns] = unit(q[self._turns])
+        self.library.sim_set(self.sim, pointer(q), pointer(v))
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """(q, v)."""
+        q, v = np.empty(self.nq), np.empty(self.nv)
+        self.library.sim_get(self.sim, pointer(q), pointer(v))
+        return q, v
+
+    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6) of the body frames as the file has them."""
+        self.library.sim_frames(self.sim, pointer(self._poses), pointer(self._velocities))
+        poses = np.empty((len(self.names), 7))
+        poses[:, :3], poses[:, 3:] = self._poses[:, :3], quaternions(self._poses[:, 3:].reshape(-1, 3, 3))
+        return poses, self._velocities.copy()
+
+    # --- steps ------------------------------------------------------------------------------------------------
+
+    def advance(self, count: int, effort: np.ndarray | None) -> None:
+        """Step ``count`` times under a constant effort (nv,), None = zero, and the damping and springs of the joints."""
+        given = None if effort is None else pointer(np.ascontiguousarray(effort, dtype=float))
+        if self.library.sim_step(self.sim, count, given):
+            raise EngineError(NAME, f"a step failed: {self.library.sim_text(self.sim).decode(errors='replace')}")
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic and potential energy (J), springs included."""
+        found = np.empty(2)
+        self.library.sim_energy(self.sim, pointer(found))
+        return float(found[0]), float(found[1])
+
+    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The mass matrix as parts (places, M), one for each tree: the inverse of what unit efforts give for accelerations, of
+        one joint of all trees at once, which do not act on each other."""
+        root: dict[str, str] = {}
+        trees: dict[str, list[int]] = {}
+        for body, place in zip(self.document.bodies, self.v_places, strict=True):
+            parent = parent_of(body.joint)
+            root[body.name] = body.name if parent is None else root[parent]
+            trees.setdefault(root[body.name], []).extend(range(place.start, place.stop))
+        places = [np.array(tree) for tree in trees.values() if tree]
+        inverse = [np.zeros((len(tree), len(tree))) for tree in places]
+        for column in range(max((len(tree) for tree in places), default=0)):
+            effort = np.zeros(self.nv)
+            effort[[tree[column] for tree in places if column < len(tree)]] = 1.0
+            found = self.acceleration(effort)
+            for tree, part in zip(places, inverse, strict=True):
+                if column < len(tree):
+                    part[:, column] = found[tree]
+        parts = []
+        for tree, part in zip(places, inverse, strict=True):
+            mass = np.linalg.inv(part)
+            parts.append((tree, 0.5 * (mass + mass.T)))
+        return parts
+
+    def acceleration(self, effort: np.ndarray | None) -> np.ndarray:
+        """v̇ (nv,) by ODE's own step: from rest under an effort alone, or (None) under gravity and the present velocities."""
+        found = np.empty(self.nv)
+        given = None if effort is None else pointer(effort)
+        if self.library.sim_accelerate(self.sim, given, pointer(found)):
+            raise EngineError(NAME, f"a step failed: {self.library.sim_text(self.sim).decode(errors='replace')}")
+        return found
+
+    def bias(self) -> np.ndarray:
+        """Coriolis, centrifugal and gravity forces (nv,): −M v̇ of a body left to itself."""
+        free, bias = self.acceleration(None), np.zeros(self.nv)
+        for places, mass in self.mass_parts():
+            bias[places] = -mass @ free[places]
+        return bias
+
+    # --- contact ----------------------------------------------------------------------------------------------
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        """The contacts that the last step used."""
+        count = self.library.sim_size(self.sim, 3)
+        if not count:
+            return empty_contacts()
+        units, told = np.empty((count, 2), dtype=np.int32), np.empty((count, 8))
+        self.library.sim_points(self.sim, units.ctypes.data_as(Integers), pointer(told))
+        bodies = np.array([body for body, _ in self.built.shapes], dtype=np.int64)
+        unit_pairs = units.astype(np.int64)
+        return {
+            "body": bodies[unit_pairs],
+            "unit": unit_pairs,
+            "position": told[:, :3].copy(),
+            "normal": told[:, 3:6].copy(),
+            "distance": -told[:, 6],
+            "normal_force": np.maximum(told[:, 7], 0.0),
+        }
+
+    def touching(self) -> np.ndarray:
+        """Pairs (n, 2) of the numbers of shapes that touch at the present state."""
+        room = MANY
+        while True:
+            pairs = np.empty((room, 2), dtype=np.int32)
+            count = self.library.sim_touching(self.sim, pairs.ctypes.data_as(Integers), room)
+            if count <= room:
+                return pairs[:count].astype(np.int64)
+            room = count
+
+    def disable_contact(self) -> None:
+        """Nothing touches anything."""
+        self.library.sim_contact(self.sim, 0)
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        """Take the dry friction of the joints at the places ``v`` (n,) away."""
+        body_at = {place.start: row for row, place in enumerate(self.v_places) if place.stop > place.start}
+        for place in np.asarray(v, dtype=int).tolist():
+            self.library.sim_no_dry_friction(self.sim, body_at[place])
+
+    def messages(self) -> list[str]:
+        """What ODE said, and steps that had to be solved again."""
+        counts = (ctypes.c_long * 3)()
+        self.library.sim_counts(self.sim, counts)
+        retries, unsolved, said = counts
+        lines = []
+        if said:
+            lines.append(f"{self.library.sim_text(self.sim).decode(errors='replace').strip()} ({said} messages)")
+        if retries:
+            lines.append(f"{retries} solutions with softer contacts, since ODE could not solve a step")
+        if unsolved:
+            lines.append(
+                f"{unsolved} steps that ODE did not solve, with contacts as soft as they may be: forces are missing there"
+            )
+        return lines
+
+    def close(self) -> None:
+        self.built.close()
+
+
+def quaternions(turns: np.ndarray) -> np.ndarray:
+    """Quaternions (n, 4) with w ≥ 0 of rotation matrices (n, 3, 3), each by its largest component."""
+    xx, yy, zz = turns[:, 0, 0], turns[:, 1, 1], turns[:, 2, 2]
+    squares = np.stack([xx + yy + zz, xx - yy - zz, yy - xx - zz, zz - xx - yy], axis=1)
+    largest = np.argmax(squares, axis=1)
+    a, b, c = turns[:, 2, 1] - turns[:, 1, 2], turns[:, 0, 2] - turns[:, 2, 0], turns[:, 1, 0] - turns[:, 0, 1]
+    d, e, f = turns[:, 1, 0] + turns[:, 0, 1], turns[:, 0, 2] + turns[:, 2, 0], turns[:, 2, 1] + turns[:, 1, 2]
+    one = 1.0 + squares
+    rows = np.stack(
+        [
+            np.stack([one[:, 0], a, b, c], axis=1),
+            np.stack([a, one[:, 1], d, e], axis=1),
+            np.stack([b, d, one[:, 2], f], axis=1),
+            np.stack([c, e, f, one[:, 3]], axis=1),
+        ],
+        axis=1,
+    )
+    return unit(rows[np.arange(len(turns)), largest])

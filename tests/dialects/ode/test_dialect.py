@@ -1,0 +1,72 @@
+"""How a world is told to ODE, and understood again: nothing of the model is lost, and the table of laws is the world's."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from simspec.compiler import target_of
+from simspec.dialects.ode.dialect import OdeDialect
+from simspec.dialects.ode.sidecar import OdeSidecar
+from simspec.engines.ode.engine import Ode
+from simspec.proof.comparator import compare
+from simspec.proof.selftest_worlds import WORLDS
+from tests import worlds
+from tests.planted import SHARED
+
+
+def lowered(world):
+    return OdeDialect().lower(world, target_of(world, Ode))
+
+
+def failures(world, model):
+    checks = compare(world, model, Ode.RULES, Ode.LAYERS, text=True)
+    assert len(checks) > 5
+    return [(check.name, check.where, check.detail) for check in checks if not check.passed]
+
+
+@pytest.mark.parametrize("world", [*SHARED.values(), lambda _: worlds.every_joint()])
+def test_lower_and_raise_are_inverse(world):
+    world = world("ode")
+    told = lowered(world)
+    assert failures(world, OdeDialect().raise_(told.tree, told.sidecar)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda laws: laws[1:], "laws of materials"),
+        (lambda laws: (laws[0], *laws), "laws of materials"),
+        (lambda laws: (dataclasses.replace(laws[0], friction=laws[0].friction + 1e-3), *laws[1:]), "friction"),
+        (lambda laws: (dataclasses.replace(laws[0], rolling_friction=1e-3), *laws[1:]), "rolling friction"),
+        (lambda laws: (dataclasses.replace(laws[0], restitution_threshold=1e-3), *laws[1:]), "restitution threshold"),
+        (lambda laws: (dataclasses.replace(laws[0], collide=False), *laws[1:]), "kind of law"),
+        (lambda laws: (dataclasses.replace(laws[0], margin=0.01), *laws[1:]), "kind of law"),
+    ],
+)
+def test_a_table_that_differs_is_seen(change, name):
+    world = WORLDS["surfaces"]("ode")
+    told = lowered(world)
+    model = OdeDialect().raise_(told.tree, told.sidecar)
+    assert {found for found, _, _ in failures(world, dataclasses.replace(model, laws=change(model.laws)))} == {name}
+
+
+def test_numbers_of_shapes_that_nothing_goes_by_are_refused():
+    told = lowered(WORLDS["surfaces"]("ode"))
+    body = next(body for body in told.tree.bodies if body.shapes)
+    copy = dataclasses.replace(body.shapes[0].copies[0], friction=0.5)
+    shape = dataclasses.replace(body.shapes[0], copies=(copy,))
+    bodies = tuple(dataclasses.replace(one, shapes=(shape,)) if one is body else one for one in told.tree.bodies)
+    with pytest.raises(ValueError, match="has numbers beside"):
+        OdeDialect().raise_(dataclasses.replace(told.tree, bodies=bodies), told.sidecar)
+
+
+def test_laws_are_those_of_the_materials_that_meet():
+    told = lowered(WORLDS["surfaces"]("ode"))
+    with pytest.raises(ValueError, match=r"not those of sidecar\.laws"):
+        OdeDialect().raise_(told.tree, dataclasses.replace(told.sidecar, laws=told.sidecar.laws[1:]))
+    content = told.sidecar.plain()
+    content["laws"][0] |= {"first": content["laws"][0]["second"] + "z"}
+    with pytest.raises(ValueError, match="not sorted"):
+        OdeSidecar.of(content)

@@ -1,0 +1,151 @@
+"""What is ODE's own: everything it holds, what it refuses, stops and dry friction as rows, steps that it cannot solve."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from simspec.compiler import compile_world
+from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.engines.ode.engine import Ode
+from simspec.errors import EngineError, UnsupportedError
+from simspec.formats.kit.text import json_text
+from simspec.formats.world.format import WORLD
+from simspec.proof.comparator import inventory_checks
+from simspec.proof.selftest_worlds import WORLDS
+from simspec.world.types import Body, Inertial, Joint, Physics, Pose, World
+from tests import worlds
+from tests.engines.drake.scenes import boxes
+from tests.planted import SHARED
+
+pytestmark = pytest.mark.skipif(Ode.version() is None, reason="ODE or a C compiler is not installed")
+REFUSED = ("rolling", "meshes")
+DT = 0.001
+
+
+@pytest.fixture
+def load(load_files):
+    """A function that compiles and loads a world, with its files changed on the way."""
+
+    def of(world, change=lambda content, sidecar: None):
+        files = dict(compile_world(world, ["ode"])["ode"].files)
+        content, sidecar = json.loads(files[WORLD]), json.loads(files[SIDECAR])
+        change(content, sidecar)
+        return load_files(Ode, files | {WORLD: json_text(content), SIDECAR: json_text(sidecar)})
+
+    return of
+
+
+def joint_world(**fields):
+    """A wheel of 1 kg m² on a hinge, or 1 kg on a slide."""
+    joint = Joint("j", fields.pop("kind", "hinge"), None, Pose(), (0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
+    inertial = Inertial(1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    body = Body("b", "b", inertial, dataclasses.replace(joint, **fields))
+    return World("joint", (body,), physics=Physics(gravity=(0.0, 0.0, 0.0), timestep=DT, steps=10))
+
+
+@pytest.mark.parametrize("name", [name for name in SHARED if name not in REFUSED])
+def test_the_inventory_is_what_the_world_demands(name, load):
+    world = WORLDS[name]("ode")
+    held = load(world).read_back()
+    (check,) = inventory_checks(Ode.expected_inventory(world, held.neutral), held.inventory)
+    assert check.passed, check.detail
+    assert check.count > 30
+
+
+@pytest.mark.parametrize("kind", ["hinge", "slide"])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_stops_at_its_limit_within_the_step(kind, side, load):
+    engine = load(joint_world(kind=kind, position_limits=(-0.0105, 0.0105), velocity=(2.0 * side,)))
+    engine.step(5)
+    assert engine.get_state()[0] == pytest.approx(0.01 * side)  # no step begins within reach of it
+    engine.step(1)
+    q, v = engine.get_state()
+    assert q == pytest.approx(0.0105 * side, abs=1e-9)
+    assert v == pytest.approx(0.5 * side, abs=1e-6)  # what the rest of the way takes
+    engine.step(10, np.array([3.0 * side]))
+    q, v = engine.get_state()
+    assert q == pytest.approx(0.0105 * side, abs=1e-9)
+    assert v == pytest.approx(0.0, abs=1e-8)
+    engine.step(1, np.array([-3.0 * side]))  # it leaves at once
+    assert engine.get_state()[1] == pytest.approx(-3.0 * DT * side, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["hinge", "slide"])
+def test_dry_friction_holds_and_brakes(kind, load):
+    engine = load(joint_world(kind=kind, dry_friction=2.0))
+    engine.step(10, np.array([1.9]))
+    assert engine.get_state()[1] == pytest.approx(0.0, abs=1e-15)
+    engine.step(10, np.array([5.0]))
+    assert engine.get_state()[1] == pytest.approx(0.03, rel=1e-12)
+    engine.disable_dry_friction(np.array([0]))
+    engine.step(10, np.array([5.0]))
+    assert engine.get_state()[1] == pytest.approx(0.08, rel=1e-12)
+
+
+def test_armature_is_felt_by_stops_and_efforts(load):
+    engine = load(joint_world(armature=3.0))
+    engine.step(10, np.array([8.0]))
+    assert engine.get_state()[1] == pytest.approx(0.02, rel=1e-12)
+    assert engine.mass_matrix() == pytest.approx(np.array([[4.0]]), rel=1e-12)
+
+
+def test_cylinders_that_may_meet_are_refused_by_name():
+    with pytest.raises(UnsupportedError, match="libccd"):
+        compile_world(boxes(2, kind="cylinder"), ["ode"])
+    compile_world(boxes(1, kind="cylinder"), ["ode"])
+
+
+def _moving_plane(content, _):
+    content["bodies"][1]["shapes"][0].update(kind="plane", size=[])
+
+
+def _no_inverse(content, _):
+    content["bodies"][1]["inertia"] = [0.0] * 6
+
+
+def _soft(_, sidecar):
+    sidecar["laws"][0]["hardness"].update(kind="stiffness", stiffness=1e4)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (_moving_plane, "plane 'b0_0' on a body that moves"),
+        (_no_inverse, "inertia of 'b0'"),
+        (_soft, "hardness stiffness"),
+        (lambda content, sidecar: sidecar["settings"].pop("softness"), "softness"),
+        (lambda content, sidecar: sidecar["settings"].update(solver="slow"), "solver|slow"),
+    ],
+)
+def test_what_ode_does_not_have_is_refused_when_loaded(change, said, load):
+    with pytest.raises(EngineError, match=said):
+        load(boxes(1), change)
+
+
+def test_quick_step_is_what_the_setting_asks_for(load):
+    def settled(**settings):
+        world = worlds.with_options(boxes(2), "ode", settings=tuple(settings.items()))
+        engine = load(world)
+        engine.step(100)
+        return engine.read_back().inventory["solver"], engine.get_state()[0][[2, 9]]
+
+    solver, exact = settled()
+    quick, near = settled(solver="quick-step", iterations=500)
+    assert (solver, quick) == ("step", "quick-step")
+    assert near == pytest.approx(exact, abs=1e-5)
+    assert not np.array_equal(near, exact)
+
+
+def test_a_box_on_a_ramp_of_redundant_points_feels_friction_in_every_step(load):
+    """With four points one is redundant: steps that ODE cannot solve would lack friction."""
+    world = boxes(1, friction=1.0)
+    tilted = dataclasses.replace(world.physics, gravity=(9.81 * math.sin(0.5), 0.0, -9.81 * math.cos(0.5)))
+    engine = load(dataclasses.replace(world, physics=tilted))
+    engine.step(500)
+    assert abs(engine.get_state()[0][0]) < 9.81 * DT**2  # the first step, in which nothing overlaps yet
+    assert engine.log() == []
