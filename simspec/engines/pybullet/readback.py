@@ -15,7 +15,7 @@ from simspec.engines.pybullet.carriers import own_solid
 from simspec.engines.pybullet.dump import colliders, dump
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.holding import read_held
-from simspec.engines.pybullet.meshes import HeldMesh, Hulls, alike
+from simspec.engines.pybullet.meshes import Alike, HeldMesh, Hulls
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree
 from simspec.engines.pybullet.turns import told_turn
@@ -36,7 +36,15 @@ WITHIN = ("box", "cylinder")
 UP = (0.0, 0.0, 1.0)
 """Normal of a plane in its own frame; the world has no other, and turns the frame."""
 
-HeldHulls = Mapping[tuple[int, int], Sequence[HeldMesh]]
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class HeldHulls:
+    """What PyBullet made of meshes: of every link (tree's uid, link) that has some, in their order; and which are the same."""
+
+    of: Mapping[tuple[int, int], Sequence[HeldMesh]]
+    alike: Alike = dataclasses.field(default_factory=Alike)
+
+
 SINGLE = 2.0**-23
 """Relative precision of PyBullet's triangles."""
 SAME_SHAPE = 1e-9
@@ -52,7 +60,7 @@ def read_back(sim: Simulation, efforts: Efforts) -> ReadBack:
     for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True):
         frames_in_tree = _inertial_frames(sim, tree)
         by_link = {link.link: link for link in tree.links}
-        visuals = _visual_shapes(sim, tree)
+        visuals = _visual_shapes(sim, tree, hulls.alike)
         for position, link in enumerate(tree.links):
             joint = _joint(sim, tree, link, frames_in_tree, by_link, efforts)
             joint = dataclasses.replace(
@@ -168,10 +176,10 @@ def _held_hulls(sim: Simulation) -> HeldHulls:
     """The hulls that PyBullet made of meshes: of every link (tree's uid, link) that has some, in their order."""
     shapes = (shape for tree in sim.trees for link in _links(sim, tree) for shape in _told(sim, tree, link))
     if not any(_kind(shape[2]) == "mesh" for shape in shapes):
-        return {}
+        return HeldHulls({})
     blocks = dump(sim)
     held = Hulls(blocks)
-    return {key: held.of(address) for key, address, _ in colliders(sim, blocks)}
+    return HeldHulls({key: held.of(address) for key, address, _ in colliders(sim, blocks)})
 
 
 def _links(sim: Simulation, tree: Tree) -> range:
@@ -200,19 +208,20 @@ def _body_shapes(
     layer = instance.layers[position] if carried else 0
     copies = [(layer, own_solid(instance, position), own), *carried]
     if any(len(some) != len(held) for _, some, held in copies) or not others <= set(solid):
-        return tuple(_with_visuals([shape for _, _, held in copies for shape in held], visuals))
+        return tuple(_with_visuals([shape for _, _, held in copies for shape in held], visuals, hulls.alike))
     found: dict[str, Shape] = {}
     for _, some, held in sorted(copies, key=lambda copy: copy[0]):
         for name, shape in zip(some, held, strict=True):
             known = found.get(name)
             if known is None:
                 found[name] = dataclasses.replace(shape, name=name)
-            elif not _same(known, shape):
+            elif not _same(known, shape, hulls.alike):
                 raise EngineError("pybullet", f"holds a copy of shape {name!r} that is unlike the shape")
             else:
                 found[name] = dataclasses.replace(known, surfaces=(*known.surfaces, *shape.surfaces))
     held = [found[name] for name in solid]
-    shapes = _in_order(held, visuals, len(names), visual_only) or _with_visuals(held, visuals)
+    ordered = _in_order(held, visuals, len(names), visual_only, hulls.alike)
+    shapes = ordered or _with_visuals(held, visuals, hulls.alike)
     return _named(tuple(shapes), names, visual_only)
 
 
@@ -223,7 +232,7 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Sha
     inertial = Pose(tuple(info[3]), told_turn(info[4]))
     surface = Surface(info[1], info[7], info[6], info[5], _hardness(sim, info[9], info[8]))
     found = []
-    left = list(hulls.get((tree.uid, link), ()))
+    left = list(hulls.of.get((tree.uid, link), ()))
     for entry in _told(sim, tree, link):
         kind = _kind(entry[2])
         if kind == "mesh" and not left:
@@ -234,6 +243,7 @@ def _solid(sim: Simulation, tree: Tree, link: int, hulls: HeldHulls) -> list[Sha
         if kind == "mesh":
             held = left.pop(0)
             kind, size, margin = "heightfield" if held.field else "mesh", held.size, 0.0 if held.field else held.margin
+            hulls.alike.of_file(size, (entry[4], entry[3]))
         if kind == "plane" and tuple(entry[3]) != UP:
             raise EngineError("pybullet", f"holds a plane of link {link} with the normal {tuple(entry[3])}, not {UP}")
         pose = frames.compose(inertial, Pose(tuple(entry[5]), told_turn(entry[6])))
@@ -248,12 +258,12 @@ def _hardness(sim: Simulation, stiffness: float, damping: float) -> Hardness:
     return Hardness("native") if sim.sidecar.native_contact else Hardness()
 
 
-def _with_visuals(solid: list[Shape], visuals: list[Shape]) -> list[Shape]:
+def _with_visuals(solid: list[Shape], visuals: list[Shape], alike: Alike) -> list[Shape]:
     """Collision shapes that are also seen, and after them shapes that only are seen."""
     rest = list(visuals)
     found = []
     for shape in solid:
-        same = next((visual for visual in rest if _same(shape, visual)), None)
+        same = next((visual for visual in rest if _same(shape, visual, alike)), None)
         if same is not None:
             rest.remove(same)
             shape = dataclasses.replace(shape, visual=True, colour=same.colour)
@@ -261,7 +271,9 @@ def _with_visuals(solid: list[Shape], visuals: list[Shape]) -> list[Shape]:
     return [*found, *rest]
 
 
-def _in_order(solid: list[Shape], visuals: list[Shape], count: int, visual_only: Sequence[int]) -> list[Shape] | None:
+def _in_order(
+    solid: list[Shape], visuals: list[Shape], count: int, visual_only: Sequence[int], alike: Alike
+) -> list[Shape] | None:
     """The same for the ``count`` shapes of a body, of which those at ``visual_only`` only are seen: visuals are in the order of
     the shapes, so that a shape that is seen is told from a solid one like it; of two solids alike in one place the first is
     taken for the one that is seen. None where visuals and shapes do not fit."""
@@ -276,7 +288,7 @@ def _in_order(solid: list[Shape], visuals: list[Shape], count: int, visual_only:
         place = places[index]
         for taken in range(len(visuals) + 1):
             takes = taken < len(visuals) and fits[index + 1][taken + 1]
-            takes = takes and (place is None or _same(place, visuals[taken]))
+            takes = takes and (place is None or _same(place, visuals[taken], alike))
             fits[index][taken] = takes or (place is not None and fits[index + 1][taken])
     if not fits[0][0]:
         return None
@@ -285,7 +297,7 @@ def _in_order(solid: list[Shape], visuals: list[Shape], count: int, visual_only:
         takes = taken < len(visuals) and fits[index + 1][taken + 1]
         if place is None:
             seen.append(visuals[taken])
-        elif takes and _same(place, visuals[taken]):
+        elif takes and _same(place, visuals[taken], alike):
             solids.append(dataclasses.replace(place, visual=True, colour=visuals[taken].colour))
         else:
             solids.append(place)
@@ -313,13 +325,14 @@ def _kind(number: int) -> str:
     return SHAPE_KINDS[number]
 
 
-def _visual_shapes(sim: Simulation, tree: Tree) -> dict[int, list[Shape]]:
+def _visual_shapes(sim: Simulation, tree: Tree, alike: Alike) -> dict[int, list[Shape]]:
     found: dict[int, list[Shape]] = {}
     for entry in sim.bullet.getVisualShapeData(tree.uid, physicsClientId=sim.client):
         kind = _kind(entry[2])
         pose = Pose(tuple(entry[5]), told_turn(entry[6]))
         if kind == "mesh":
             kind, size = _seen_mesh(sim, entry)
+            alike.of_file(size, (entry[4], entry[3]))
         else:
             size = _size(kind, entry[3])
         if kind != "plane" and not any(size):
@@ -342,20 +355,19 @@ def _seen_mesh(sim: Simulation, entry: Any) -> tuple[str, tuple[float, ...]]:
     return "mesh", tuple((vertices * np.array(entry[3])).ravel().tolist())
 
 
-def _same(one: Shape, other: Shape) -> bool:
-    if one.kind != other.kind or (one.kind == "mesh" and not alike(one.size, other.size)):
-        return False
-    if one.kind == "heightfield" and not _same_field(one.size, other.size):
+def _same(one: Shape, other: Shape, alike: Alike) -> bool:
+    if one.kind != other.kind:
         return False
     sizes = ((), ()) if one.kind in ("mesh", "heightfield") else (one.size, other.size)
-    return bool(
-        np.allclose(
-            (*sizes[0], *one.pose.position, *np.abs(one.pose.quaternion)),
-            (*sizes[1], *other.pose.position, *np.abs(other.pose.quaternion)),
-            rtol=SAME_SHAPE,
-            atol=SAME_SHAPE,
-        )
+    there = np.allclose(
+        (*sizes[0], *one.pose.position, *np.abs(one.pose.quaternion)),
+        (*sizes[1], *other.pose.position, *np.abs(other.pose.quaternion)),
+        rtol=SAME_SHAPE,
+        atol=SAME_SHAPE,
     )
+    if not there or one.kind not in ("mesh", "heightfield"):
+        return bool(there)
+    return alike(one.size, other.size) if one.kind == "mesh" else _same_field(one.size, other.size)
 
 
 def _same_field(one: Sequence[float], other: Sequence[float]) -> bool:
