@@ -201,8 +201,15 @@ def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
     named = trees.states(source, bodies)
     roots = bodies.roots()
     kind = bodies.joint_type(roots[0]) if len(roots) == 1 else "free"
+    actuators = trees.actuator_names(source, bodies)
     for state in named.values():
         yield from _starts(state.source.document, state.path, state.raw, bodies)
+        commands = state.raw.get("commands")
+        for name in commands if isinstance(commands, Mapping) else ():
+            if name not in actuators:
+                message, allowed = f"the model has no actuator {name!r}", ", ".join(list(actuators)[:20]) or None
+                place, near_one = (*state.path, "commands", name), near(str(name), actuators)
+                yield state.source.document.problem(place, message, key=True, allowed=allowed, hint=near_one)
         if "pose" in state.raw and kind not in ("free", "fixed"):
             hint = "write positions"
             message = f"the root {roots[0]!r} has a joint to the world, so it has no pose of its own"

@@ -19,3 +19,6 @@ class State(Strict):
     )
     positions: dict[NameOf, Any] = Field({}, description="Joint positions by the joint's name in the model")
     velocities: dict[NameOf, Any] = Field({}, description="Joint velocities by the joint's name in the model")
+    commands: dict[NameOf, Any] = Field(
+        {}, description="Commands by the actuator's name in the model, instead of the actuators' own"
+    )

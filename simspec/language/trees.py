@@ -286,6 +286,15 @@ def states(source: Source, bodies: Bodies) -> dict[str, WrittenState]:
     return named
 
 
+def actuator_names(source: Source, bodies: Bodies) -> list[str]:
+    """The names of a model's actuators: of its files', and of its placement's in ``source``."""
+    places: list[tuple[Source, tuple[Key, ...]]] = [(file, ("model", "actuators")) for file in reversed(bodies.files)]
+    if bodies.placed:
+        places.append((source, (*bodies.placed, "actuators")))
+    written = (_at(file, path) for file, path in places)
+    return list(dict.fromkeys(str(name) for raw in written if isinstance(raw, Mapping) for name in raw))
+
+
 def chosen_state(source: Source, bodies: Bodies) -> tuple[Source, tuple[Key, ...], str] | None:
     """The name of the state that a model begins in, with the place that says it; None where nothing does."""
     places: list[tuple[Source, tuple[Key, ...]]] = [(file, ("model", "state")) for file in bodies.files]

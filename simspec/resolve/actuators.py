@@ -7,7 +7,7 @@ g² kp, the damping g² kd and the rest, which is constant: as the target u/g of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from simspec.errors import Problem
@@ -19,7 +19,7 @@ from simspec.language.models import whole_steps
 from simspec.language.quantities import Number
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near
-from simspec.language.trees import model_of, placed
+from simspec.language.trees import Bodies, chosen_state, model_of, placed, states
 from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.poses import elements
@@ -35,6 +35,8 @@ class Written:
     file: Source
     path: tuple[Key, ...]
     typed: Actuator
+    started: tuple[Source, tuple[Key, ...], Any] | None = None
+    """The command of the state that the model begins in: the file, the place in it, and the value."""
 
 
 class AtJoint(NamedTuple):
@@ -52,6 +54,16 @@ def written_actuators(source: Source) -> dict[str, Written]:
     another's."""
     found: dict[str, Written] = {}
 
+    def begin(prefix: str, bodies: Bodies) -> None:
+        chosen = chosen_state(source, bodies)
+        state = states(source, bodies).get(chosen[2]) if chosen is not None else None
+        if state is None or state.typed is None:
+            return
+        for name, value in state.typed.commands.items():
+            if prefix + name in found:
+                said = (state.source, (*state.path, "commands", name), value)
+                found[prefix + name] = replace(found[prefix + name], started=said)
+
     def take(prefix: str, files: Sequence[Source]) -> None:
         for file in reversed(files):
             model = file.file.model if file.file is not None else None
@@ -63,6 +75,7 @@ def written_actuators(source: Source) -> dict[str, Written]:
             found[name] = Written("", source, ("actuators", name), typed)
     if (own := model_of(source)) is not None:
         take("", own.files)
+        begin("", own)
     for placement, use, bodies in placed(source):
         if use is None:
             continue  # has errors, which are reported elsewhere
@@ -71,6 +84,7 @@ def written_actuators(source: Source) -> dict[str, Written]:
             for name, typed in use.actuators.items():
                 path = ("models", placement, "actuators", name)
                 found[f"{placement}{suffix}/{name}"] = Written(f"{placement}{suffix}/", source, path, typed)
+            begin(f"{placement}{suffix}/", bodies)
     return found
 
 
@@ -222,10 +236,13 @@ class ActuatorsDraft:
 
     def _command(self, written: Written, number: Number, said: tuple[tuple[Key, ...], Any] | None) -> float | None:
         """The command that is in force, within its limits."""
-        if said is None:
-            place, document, value = (*written.path, "command"), written.file.document, written.typed.command
-        else:
+        place: tuple[Key, ...] = (*written.path, "command")
+        document, value = written.file.document, written.typed.command
+        if said is not None:
             place, document, value = (*self._path, *said[0]), self._source.document, said[1]
+        elif written.started is not None:
+            file, place, value = written.started
+            document = file.document
         try:
             command = number.read(value)
         except Faults as error:

@@ -291,3 +291,29 @@ def test_too_many_are_refused_before_they_are_copied():
 
 def test_every_law_is_tried():
     assert set(LAWS) == {"position", "velocity", "effort", "affine"}
+
+
+def test_a_state_says_commands():
+    """The controller's own replace the state's, and these the actuator's."""
+    data = scenario({"a": {**SERVO, "command": 0.1}, "b": {"joint": "rail", "law": "effort"}})
+    data["models"]["arm"] |= {"states": {"up": {"commands": {"a": 0.3, "b": "2 N"}}}, "state": "up"}
+    made = Spec.from_data(data).resolve().trajectory
+    assert made.positions[0] == pytest.approx((0.3, 0.1))
+    assert made.efforts[0] == pytest.approx((0.0, 2.0))
+    data["control"]["robot"]["commands"] = {"arm/a": 0.4}
+    assert Spec.from_data(data).resolve().trajectory.positions[0] == pytest.approx((0.4, 0.1))
+    data["models"]["arm"].pop("state")
+    data["control"]["robot"].pop("commands")
+    assert Spec.from_data(data).resolve().trajectory.positions[0] == pytest.approx((0.1, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("commands", "message"),
+    [({"c": 1}, "the model has no actuator 'c'"), ({"a": "2 N"}, "N"), ({"a": 9}, "the command is outside its limits")],
+)
+def test_wrong_commands_of_a_state_are_errors_at_their_places(commands, message):
+    data = scenario({"a": {**SERVO, "command_limits": [-1, 1]}})
+    data["models"]["arm"] |= {"states": {"up": {"commands": commands}}, "state": "up"}
+    (name,) = commands
+    found = problems(data)
+    assert any(path == f"models.arm.states.up.commands.{name}" and message in said for path, said in found), found

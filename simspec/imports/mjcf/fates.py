@@ -117,7 +117,7 @@ def account(assembly: Assembly, features: Features) -> list[Account]:
             if around in SECTIONS:
                 whole.add(id(element))
                 if around == KEYFRAME and element.attributes.get("name", "") in features.states:
-                    _of_state(element)
+                    _of_state(element, element.attributes.get("name", "") in features.commanded)
                 elif around == KEYFRAME:
                     features.add("key", element)
             elif _element(element, around, by_attribute, features):
@@ -137,12 +137,12 @@ def account(assembly: Assembly, features: Features) -> list[Account]:
     return [*accounts, *_untold(features, accounts)]
 
 
-def _of_state(element: Element) -> None:
-    """A key that the spec has as a state."""
+def _of_state(element: Element, commanded: bool) -> None:
+    """A key that the spec has as a state; ``commanded``: with its inputs as commands."""
     driven = FEATURES["key.driven"]
     element.take()
     for name in element.attributes:
-        if f"key/{name}" in driven.attributes.split():
+        if f"key/{name}" in driven.attributes.split() and not (commanded and name == "ctrl"):
             element.set_aside(name, Fate.LOST, driven.reason, driven.severity, driven.hint)
         else:
             element.word(name)

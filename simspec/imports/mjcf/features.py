@@ -164,7 +164,7 @@ FEATURES: Final = {
     "key.driven": Feature(
         "key/time key/ctrl key/act key/mpos key/mquat",
         _INFORMATION,
-        "what drives joints and moves bodies is no part of a named state",
+        "states of actuators, inputs of those that a spec has not, and what a program moves are no part of a named state",
     ),
     "plugin": Feature("plugin/*", _PHYSICS, "plugins are programs: what they do is not known"),
 }
@@ -181,6 +181,8 @@ class Features:
     """Elements of sections (constraints) that the spec says."""
     states: set[str] = field(default_factory=set)
     """Names of the keys that the spec has as states."""
+    commanded: set[str] = field(default_factory=set)
+    """Names of those of them whose inputs are commands of the spec's."""
     actuators: set[int] = field(default_factory=set)
     """Numbers of the actuators that the spec has."""
     framed: set[int] = field(default_factory=set)

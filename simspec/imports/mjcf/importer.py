@@ -87,7 +87,7 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         around["frames"] = named
     if constraints:
         around["constraints"] = constraints
-    if alone and (states := add_states(bodies, constraints)):
+    if alone and (states := add_states(bodies, constraints, actuators)):
         data["model"]["states"] = states
     if actuators:
         around["actuators"] = actuators

@@ -1,4 +1,5 @@
-"""Named states: keys of a model as ``states`` of the spec's. What drives joints, and its memory, is not in them."""
+"""Named states: keys of a model as ``states`` of the spec's, their inputs as commands of actuators. The memory of actuators is
+not in them."""
 
 from __future__ import annotations
 
@@ -15,9 +16,11 @@ ROUND_OFF: Final = 1e-9
 """rad or m by which a position may be beyond a limit and is then taken for it."""
 
 
-def add_states(bodies: Bodies, constraints: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The states of a model of one root, by their names. A key that puts a joint beyond its limits is left out: a run
-    does not begin there. What follows another joint begins where that one says."""
+def add_states(
+    bodies: Bodies, constraints: Mapping[str, Any], actuators: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """The states of a model of one root, by their names; ``actuators``: those of the spec, by theirs. A key that puts a joint
+    beyond its limits is left out: a run does not begin there. What follows another joint begins where that one says."""
     model, names = bodies.model, Names()
     following = {held["follow"]["joint"] for held in constraints.values() if "follow" in held}
     states: dict[str, dict[str, Any]] = {}
@@ -25,9 +28,31 @@ def add_states(bodies: Bodies, constraints: Mapping[str, Any]) -> dict[str, dict
         state = _state(bodies, model["key_qpos"][key], model["key_qvel"][key], following)
         if state is not None:
             name = model.part("key", key).name
+            if commands := _commands(bodies, model["key_ctrl"][key], actuators, name):
+                state["commands"] = commands
             states[names.give(name, f"state_{key}")] = state
             bodies.features.states.add(name)
     return states
+
+
+def _commands(bodies: Bodies, inputs: Any, actuators: Mapping[str, Mapping[str, Any]], key: str) -> dict[str, float]:
+    """The inputs of a key as commands of the spec's actuators, where they are others than these have anyway. An input beyond
+    the limits acts as the nearest within."""
+    model, numbered = bodies.model, list(bodies.model.parts["actuator"])
+    if len(inputs) != len(numbered):
+        return {}  # actuators with other than one input each
+    carried = [number for number in numbered if number in bodies.features.actuators]
+    if all(not inputs[number] for number in numbered if number not in bodies.features.actuators):
+        bodies.features.commanded.add(key)
+    commands = {}
+    for number, (name, words) in zip(carried, actuators.items(), strict=True):
+        value = float(inputs[number])
+        if "command_limits" in words:
+            low, high = (float(end) for end in model["actuator_ctrlrange"][number])
+            value = min(max(value, low), high)
+        if value != words.get("command", 0.0):
+            commands[name] = value
+    return commands
 
 
 def _state(bodies: Bodies, qpos: Any, qvel: Any, following: set[str]) -> dict[str, Any] | None:

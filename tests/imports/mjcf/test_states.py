@@ -51,3 +51,35 @@ def test_what_is_not_carried_is_told(tmp_path):
     assert told["keyframe/key[home]"] is told["keyframe/key[home]/@qpos"] is Fate.CARRIED
     with pytest.raises(simspec.SpecError, match="the model has no state 'far'"):
         placed(tmp_path, MODEL, "far")
+
+
+ACTED = MODEL.replace('<key name="home"', '<key name="home" ctrl="0.7 3"').replace(
+    "</worldbody>",
+    """</worldbody><actuator><position name="servo" joint="swing" kp="5" ctrlrange="-1 0.4" ctrllimited="true"/>
+    <motor name="push" joint="swing" gear="2"/></actuator>""",
+)
+
+
+def test_inputs_of_a_key_are_commands_of_actuators(tmp_path):
+    """At its limit where the key is beyond: 5 (0.4 − (q + 0.3)) of a joint whose reference is 0.3, and 2 · 3."""
+    spec = placed(tmp_path, ACTED, "home")
+    (file,) = spec.source.uses.values()
+    told = {entry.what: entry.fate for entry in file.imported.accounts}
+    assert told["keyframe/key[home]/@ctrl"] is Fate.CARRIED
+    top = tmp_path / "top.yaml"
+    text = top.read_text(encoding="utf-8")
+    for name, target, feed in (("servo", 0.0, 0.5), ("push", 0.5, 6.0)):
+        top.write_text(f"{text}control: {{c: {{actuators: [w/{name}]}}}}\n", encoding="utf-8")
+        trajectory = simspec.load(top).resolve().trajectory
+        assert trajectory.positions == pytest.approx(np.array([[target]]))
+        assert trajectory.efforts == pytest.approx(np.array([[feed]]))
+
+
+def test_inputs_of_actuators_that_are_not_carried_are_told(tmp_path):
+    driven = ACTED.replace('joint="swing" gear="2"', 'joint="foot" gear="2"').replace(
+        'type="ball"', 'type="ball" name="foot"'
+    )
+    (file,) = placed(tmp_path, driven, "home").source.uses.values()
+    told = {entry.what: entry.fate for entry in file.imported.accounts}
+    assert told["keyframe/key[home]/@ctrl"] is Fate.LOST
+    assert file.imported.data["model"]["states"]["home"]["commands"] == {"servo": 0.4}
