@@ -71,6 +71,7 @@ def packages(tmp_path, monkeypatch):
             State.OTHER_VERSION,
             ["toy-core 2.0 is installed: simspec[toy] asks"],
         ),
+        ({"toy_core": "unknown", "toy_oracle": "3.1"}, State.OTHER_VERSION, ["toy-core unknown is installed"]),
         ({"toy_core": "1.2", "toy_oracle": "2"}, State.OTHER_VERSION, ["toy-oracle 2 is installed"]),
     ],
 )

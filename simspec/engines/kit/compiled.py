@@ -142,7 +142,8 @@ class Compiled:
         code = _run(words, {"TMPDIR": str(part.parent)}, said, deadline)
         if code is None:
             raise self._error(Missing.TIME, f"{recipe.compiler[0]} gave no result within {deadline:g} s")
-        text = said.read_bytes()[:MOST_READ].decode(errors="replace").strip()
+        with open(said, "rb") as file:
+            text = file.read(MOST_READ).decode(errors="replace").strip()
         if code == 0 and part.is_file():
             return
         header, library = HEADER.search(text), LIBRARY.search(text)
@@ -174,7 +175,7 @@ def _recipe(what: Compiled, environment: tuple[tuple[str, str], ...]) -> _Recipe
     """The recipe, asked of the machine once for each environment. Raises CompileError."""
     known = dict(environment)
     variable, names = COMPILERS[what.language]
-    given = shlex.split(known.get(variable, ""))
+    given = _words(what, Missing.COMPILER, f"the environment variable {variable}", known.get(variable, ""))
     found = [shutil.which(name) for name in (given[:1] or names)]
     program = next((one for one in found if one is not None), None)
     if program is None:
@@ -191,11 +192,13 @@ def _recipe(what: Compiled, environment: tuple[tuple[str, str], ...]) -> _Recipe
             why = f"pkg-config has no {', '.join(what.packages)}: its development files are not installed\n"
             raise what._error(Missing.PACKAGE, why + answer[1][:MOST_SAID])
         for option, words in (("--cflags", flags), ("--libs", links)):
-            answer = _pkg_config(option, *what.packages)
-            words += shlex.split(answer[1]) if answer else []
+            code, said = _pkg_config(option, *what.packages) or (None, "")
+            if code != 0:
+                raise what._error(Missing.PACKAGE, f"pkg-config {option} ended with code {code}\n{said[:MOST_SAID]}")
+            words += _words(what, Missing.PACKAGE, f"what pkg-config says ({option})", said)
         versions = {name: package_version(name) for name in what.packages}
     try:
-        said = subprocess.run(
+        release = subprocess.run(
             [*compiler, "--version"], capture_output=True, stdin=subprocess.DEVNULL, timeout=ASKED, check=False
         ).stdout
         texts = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in (*what.sources, *what.headers)}
@@ -205,9 +208,17 @@ def _recipe(what: Compiled, environment: tuple[tuple[str, str], ...]) -> _Recipe
         raise what._error(Missing.SOURCE, f"{error.filename} is missing: simspec is not installed whole") from None
     except OSError as error:
         raise what._error(Missing.COMPILER, f"{program} cannot be started: {error.strerror}") from None
-    parts = [SCHEMA, what.language, what.program, texts, compiler, said.decode(errors="replace"), flags, links]
+    parts = [SCHEMA, what.language, what.program, texts, compiler, release.decode(errors="replace"), flags, links]
     text = json.dumps([*parts, versions, sys.platform, platform.machine()])
     return _Recipe(compiler, tuple(flags), tuple(links), hashlib.sha256(text.encode()).hexdigest())
+
+
+def _words(what: Compiled, missing: Missing, source: str, text: str) -> list[str]:
+    """The words of a command, as a shell splits them. Raises CompileError where quotes are not closed."""
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise what._error(missing, f"{source} is no list of words: {error}: {text[:MOST_SAID].strip()}") from None
 
 
 def package_version(package: str) -> str | None:

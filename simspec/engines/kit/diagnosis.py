@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from packaging.requirements import Requirement
+from packaging.version import InvalidVersion
 
 from simspec.engines.kit.compiled import package_version
 from simspec.engines.kit.contract import Engine
@@ -86,12 +87,20 @@ def _packages(engine: type[Engine], environment: Mapping[str, str] | None) -> tu
         asked = f"simspec[{engine.EXTRA}] asks for {requirement.name}{requirement.specifier}"
         if found is None:
             absent.append(f"{requirement.name} is not installed: {asked}")
-        elif not requirement.specifier.contains(found, prereleases=True):
+        elif not _contains(requirement, found):
             wrong.append(f"{requirement.name} {found} is installed: {asked}")
     library = engine.NEEDS.library
     if library and package_version(library) is None and (found := package_version(library.split()[0])) is not None:
         wrong.append(f"version {found} of its library is installed: it asks for {library}")
     return absent, wrong
+
+
+def _contains(requirement: Requirement, version: str) -> bool:
+    """Whether a version is one of those asked for; what is no version is not."""
+    try:
+        return requirement.specifier.contains(version, prereleases=True)
+    except InvalidVersion:
+        return not requirement.specifier
 
 
 def _installed(name: str) -> str | None:

@@ -159,6 +159,53 @@ def test_a_missing_compiler_is_named(place, monkeypatch):
     assert "my-cc (the environment variable CC) is not on the path" in str(failure(of(place)))
 
 
+def test_words_that_are_none_are_told(place, monkeypatch):
+    monkeypatch.setenv("CC", "cc '-DA")
+    error = failure(of(place))
+    assert error.missing is Missing.COMPILER
+    assert "the environment variable CC is no list of words: No closing quotation: cc '-DA" in str(error)
+    monkeypatch.delenv("CC")
+    asked = "#!/bin/sh\ncase $1 in --cflags) {}; esac\n"
+    program(place / "bin" / "pkg-config", asked.format('echo "\'-DA";'))
+    assert "what pkg-config says (--cflags) is no list of words" in str(failure(of(place, packages=("toys",))))
+    program(place / "bin" / "pkg-config", asked.format("exit 5;"))
+    compiled._recipe.cache_clear()
+    assert "pkg-config --cflags ended with code 5" in str(failure(of(place, packages=("toys",))))
+
+
+def test_a_compiler_that_says_much_is_quoted_in_part(place):
+    script = "#!/bin/sh\ncase $1 in --version) exit;; esac\nhead -c 3000000 /dev/zero | tr '\\0' x\nexit 4\n"
+    program(place / "bin" / "cc", script)
+    error = failure(of(place))
+    assert error.missing is Missing.SOURCE
+    assert "ended with code 4" in str(error)
+    assert len(str(error)) < 3000
+
+
+def test_a_process_that_is_killed_while_it_compiles_leaves_nothing_in_the_way(place):
+    of(place)
+    slow = (place / "bin" / "cc").read_text().replace(";; esac", "; sleep 30;; esac")
+    quick = (place / "bin" / "cc").read_text()
+    program(place / "bin" / "cc", slow)
+    text = (
+        "import sys; from pathlib import Path; from simspec.engines.kit.compiled import Compiled\n"
+        "print(Compiled('toy', 'toy-part', (Path(sys.argv[1]),)).file())"
+    )
+    command = [sys.executable, "-c", text, str(place / "part.c")]
+    one = subprocess.Popen(command, start_new_session=True)
+    ends = time.monotonic() + 20.0
+    while count(place) == 0:
+        assert time.monotonic() < ends
+        time.sleep(0.02)
+    one.kill()
+    one.wait()
+    assert [name for name in left(place) if name.startswith("tmp-")]
+    program(place / "bin" / "cc", quick)
+    compiled._recipe.cache_clear()
+    made = of(place).file()
+    assert left(place) == [made.name]
+
+
 def test_the_compiler_that_is_given_is_taken(place, monkeypatch):
     program(place / "bin" / "my-cc", (place / "bin" / "cc").read_text().replace(str(place / "log"), str(place / "own")))
     monkeypatch.setenv("CC", "my-cc -DBY=2")
