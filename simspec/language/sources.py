@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
-from simspec.language.document import Document, Key, read
+from simspec.language.document import Document, Key, dotted, read
 from simspec.language.foreign import Imported, ImportOptions, import_file, is_foreign, suffixes
 from simspec.language.heightfield import SUFFIXES as GRIDS
 from simspec.language.import_options import Import
@@ -208,7 +208,8 @@ class Collector:
         key = (target, options.key())
         if key not in self._read:
             self._read[key] = None
-            self._read[key] = self._load(target, chain, options)
+            where = (*place, "use" if said is None else "import")
+            self._read[key] = self._load(target, chain, options, source.document, where)
         used = self._read[key]
         if used is not None and isinstance(used.document.data, Mapping) and "model" not in used.document.data:
             hint = "a model file has `model: {bodies: ...}`"
@@ -218,11 +219,18 @@ class Collector:
             return None
         return used
 
-    def _load(self, target: Path, chain: tuple[Path, ...], options: ImportOptions) -> Source | None:
+    def _load(
+        self, target: Path, chain: tuple[Path, ...], options: ImportOptions, user: Document, where: tuple[str, ...]
+    ) -> Source | None:
+        """A file that ``user`` uses; ``where``: the place of what is wrong, but not with the file."""
         try:
             document, imported = open_document(target, shown_path(target), replace(options, project=self.project))
         except SpecError as error:
-            self.problems.extend(error.problems)
+            here, path = user.locate(where), dotted(where)
+            self.problems.extend(
+                one if one.location is not None else replace(one, location=here, path=one.path or path)
+                for one in error.problems
+            )
             return None
         file, problems = validate(document)
         self.problems.extend((*document.problems, *problems))

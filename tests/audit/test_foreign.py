@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -136,6 +138,25 @@ def test_several_joints_of_one_body_are_a_chain(tmp_path):
     assert upper.joint.origin.position == pytest.approx((0.0, 0.0, 1.2))
     assert upper.inertial.mass == 0.0
     assert body(back, "lower").joint.origin.position == pytest.approx((0.0, 0.0, -0.4))
+
+
+HUNGRY = """
+from pathlib import Path
+from simspec.engines.kit import foreign
+class Engine:
+    def load_foreign(self, *_):
+        return bytearray(3 * 2**30)
+try:
+    foreign.ForeignSession(Engine).load_foreign(Path("a"), "urdf", {})
+except MemoryError:
+    print("refused")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a bound that Linux has")
+def test_a_file_gets_so_much_memory_and_no_more():
+    done = subprocess.run([sys.executable, "-c", HUNGRY], capture_output=True, text=True, check=True)
+    assert done.stdout == "refused\n"
 
 
 def test_a_file_that_is_refused_and_one_that_kills(tmp_path):

@@ -77,3 +77,17 @@ def test_it_is_refused_with_its_place_and_nothing_is_written(command, name, proj
     assert "hidden" not in told.err + told.out
     assert not told.out
     assert everything(project) == before
+
+
+@pytest.mark.parametrize(
+    ("said", "told"), [("repair: [unheard-of]", "no rule of repair"), ("arguments: {a: b}", "no argument is called")]
+)
+def test_what_a_scenario_says_wrongly_of_a_file_has_its_place(said, told, project, capsys):
+    link = f'<link name="a">{MASS}</link>'
+    (project / "good.xacro").write_text(XACRO.format(link))
+    text = f"simspec: 1\nname: cell\nmodels:\n  r:\n    use: good.xacro\n    import: {{{said}}}\n"
+    (project / "cell.yaml").write_text(text)
+    assert cli.main(["check", "cell.yaml"]) == 2
+    error = capsys.readouterr().err
+    assert "cell.yaml:6:" in error
+    assert told in error

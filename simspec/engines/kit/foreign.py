@@ -7,6 +7,7 @@ vertices.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
@@ -76,6 +77,20 @@ def box_support(lower: Sequence[float], upper: Sequence[float]) -> tuple[float, 
     return tuple(value for low, high in zip(lower, upper, strict=True) for value in (float(high), -float(low)))
 
 
+MEMORY = 2 * 2**30
+"""Bytes of data of a process that loads a stranger's file, engine included: twice what simspec's own importers may take."""
+
+
+def _bound_memory() -> None:
+    """Let this process have no more than :data:`MEMORY`, where the system knows such a bound; a deadline it has anyway."""
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    least = min((one for one in (MEMORY, soft, hard) if one != resource.RLIM_INFINITY), default=MEMORY)
+    with contextlib.suppress(OSError, ValueError):  # a system without it
+        resource.setrlimit(resource.RLIMIT_DATA, (least, hard))
+
+
 class ForeignSession:
     """An engine that holds a foreign file, or nothing yet: stands in place of a session that holds artifacts."""
 
@@ -87,7 +102,9 @@ class ForeignSession:
         self.load_seconds = 0.0
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str]) -> ReadBack:
-        """What the engine holds of a file."""
+        """What the engine holds of a file, which it loads in bounded memory: whoever wrote it may have meant it to take all
+        that there is."""
+        _bound_memory()
         return self._engine.load_foreign(file, language, packages, self._log)
 
     def log(self) -> list[str]:

