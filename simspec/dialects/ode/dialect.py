@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
-from simspec.contact.meeting import meeting_laws
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
 from simspec.dialects.kit.target import Target
@@ -29,8 +28,9 @@ class OdeDialect(Dialect):
     def lower(self, world: World, target: Target) -> Lowered:
         """The document of ``world``, whose shapes have no numbers of their own, and its sidecar."""
         document, offsets = world_document(world, target)
-        met = {(one, other) for one, other, _ in document.meets}
-        laws = tuple(law for pair, law in sorted(meeting_laws(world).items()) if pair in met)
+        # those of the plan, which in a probe of two materials may have more than meet there
+        every = {(law.first, law.second): law for law in world.contact.pairs}
+        laws = tuple(every[one, other] for one, other, _ in document.meets)
         fields = common_fields(self.NAME, self.FORMAT, world, target, offsets)
         return Lowered(document, OdeSidecar(**fields, laws=laws))
 

@@ -52,6 +52,17 @@ def test_a_table_that_differs_is_seen(change, name):
     assert {found for found, _, _ in failures(world, dataclasses.replace(model, laws=change(model.laws)))} == {name}
 
 
+def test_a_plan_of_more_than_meets_is_told_whole():
+    """As in probes of two materials, of which not all pairs meet."""
+    world = WORLDS["surfaces"]("ode")
+    names = [body.name for body in world.bodies]
+    pairs = tuple((one, other) for one in sorted(names) for other in sorted(names) if one < other)
+    apart = dataclasses.replace(world, contact=dataclasses.replace(world.contact, excluded_bodies=pairs))
+    told = OdeDialect().lower(apart, target_of(world, Ode))
+    assert told.sidecar.laws == lowered(world).sidecar.laws
+    assert OdeDialect().raise_(told.tree, told.sidecar).laws == told.sidecar.laws
+
+
 def test_numbers_of_shapes_that_nothing_goes_by_are_refused():
     told = lowered(WORLDS["surfaces"]("ode"))
     body = next(body for body in told.tree.bodies if body.shapes)
