@@ -302,6 +302,21 @@ class Words:
             self.files[path] = json.dumps(text, indent=1)
             model["use"] = path
 
+    def rough_ground(self) -> None:
+        """Uneven ground in place of a slab, nowhere above it."""
+        ground = self.bodies.get("ground", {})
+        slab = next((shape for shape in ground.get("shapes", ()) if "box" in shape), None)
+        if slab is None or not self.chance(0.3):
+            return
+        rows, columns = self._random.randint(2, 6), self._random.randint(2, 6)
+        heights = [[self.number(-0.2, 0.0) for _ in range(columns)] for _ in range(rows)]
+        del slab["box"]
+        slab["heightfield"] = {"rows": heights, "size": [8, 8], "base": 0.4}
+        slab["pose"] = {}
+        if self.chance(0.3):
+            slab["heightfield"]["heights"] = [-0.1, 0]
+        self.data["engines"].setdefault("mujoco", {}).setdefault("accept", []).append("shape.heightfield")
+
 
 def with_words(seed: int, data: Data) -> tuple[Data, dict[str, str]]:
     """``data`` with words put into it, and the files that it names."""
@@ -317,6 +332,7 @@ def with_words(seed: int, data: Data) -> tuple[Data, dict[str, str]]:
     words.states()
     words.files_of_models()
     words.fluid()
+    words.rough_ground()
     return data, words.files
 
 

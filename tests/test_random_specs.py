@@ -36,6 +36,7 @@ RARE = {
     Feature.SUM,
     Feature.SUM_LIMITS,
     Feature.SHAPE_MESH,
+    Feature.SHAPE_HEIGHTFIELD,
     Feature.FORCES,
     Feature.KINEMATIC,
     Feature.SHAPE_MARGIN,
@@ -89,6 +90,7 @@ def test_two_hundred_of_them_use_the_words_that_are_put_in():
         "every",
         "states",
         "fluid",
+        "heightfield",
     )
     assert [word for word in (*words, "self_collision", "max_vertices", "mass_from") if word not in text] == []
     assert any("armature" in joint for data, _ in drawn for joint in balls(data))

@@ -336,7 +336,12 @@ class _Comparison(BesideBodies):
                 deviation = (hull_distance if name == HULL else field_distance)(own, other.size)
             except HullError as error:
                 wrong = f"with {other.rounding} m around it: {error}"
-        detail = wrong or f"{len(other.size)} numbers, should be as the {len(shape.size)} of the {shape.kind}"
+        count = len(shape.size) // 3
+        detail = wrong or (
+            f"{len(other.size) // 3} vertices, should be the hull of {count}"
+            if name == HULL
+            else f"its surface is off by {deviation:.3g} of its extent"
+        )
         tolerance = self.hull_tolerance if name == HULL else max(self.tolerance, 0.0 if self.text else SINGLE)
         self.tally.add(self.levels["geometry"], name, tolerance, deviation, at, detail)
 

@@ -10,6 +10,7 @@ from typing import TypedDict, Unpack
 import numpy as np
 
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.proof.selftest_ground import on_rough_ground
 from simspec.world import frames
 from simspec.world.boxes import boxed
 from simspec.world.fluid import Fluid
@@ -474,6 +475,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "surfaces": surfaces,
     "rolling": rolling,
     "meshes": meshes,
+    "ground": lambda engine: on_rough_ground(bouncing(engine)),
     "margins": margins,
     "belts": belts,
     "held": held,

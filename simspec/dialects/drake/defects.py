@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.dialects.kit import world_defects
-from simspec.dialects.kit.defects import BELTS, MARGINS, Plant
+from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
@@ -13,6 +13,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "ball armature": "Drake has no armature of balls",
     "mesh, margin": "Drake has no margin around hulls that touch at points, and no file has a number for one",
     **dict.fromkeys(MARGINS, "Drake's contact begins where shapes touch"),
+    **dict.fromkeys(GROUND, "simspec gives Drake no height fields"),
     **dict.fromkeys(BELTS, "Drake's surfaces move with their bodies alone"),
     "hardness": "Drake has one hardness, by a rule of its own: no file has a number for it",
 }

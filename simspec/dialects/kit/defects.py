@@ -26,6 +26,11 @@ BELTS = ("surface velocity", "surface velocity, sign", "surface velocity dropped
 """Those of surfaces that move."""
 FRAMES = ("frame, position", "frame, orientation", "frame on another body", "frame dropped")
 """Those of named frames."""
+GROUND = (
+    *("height field, a height", "height field, length", "height field, base", "height field, mirrored"),
+    "height field missing",
+)
+"""Those of height fields."""
 NAMES: Mapping[str, str] = {
     "mass": "model",
     "centre of mass": "model",
@@ -76,6 +81,7 @@ NAMES: Mapping[str, str] = {
     "mesh missing": "meshes",
     "mesh, margin": "meshes",
     "meshes in another order": "meshes",
+    **dict.fromkeys(GROUND, "ground"),
     **dict.fromkeys(MARGINS, "margins"),
     **dict.fromkeys(BELTS, "belts"),
     "friction": "model",

@@ -148,6 +148,25 @@ def _ghost_touches(root: Element) -> None:
         ghost.set(name, rubber.attrib[name])
 
 
+def _height(text: str) -> str:
+    """One of the elevations between the least and the greatest, changed."""
+    values = floats(text)
+    index = next(index for index, value in enumerate(values) if 0.1 < value < 0.9)
+    return nudged(text, index)
+
+
+def _mirrored(root: Element) -> None:
+    field = one(root, "asset/hfield")
+    columns, values = int(field.attrib["ncol"]), floats(field.get("elevation"))
+    rows = [values[start : start + columns][::-1] for start in range(0, len(values), columns)]
+    field.set("elevation", numbers(value for row in rows for value in row))
+
+
+def _no_field(root: Element) -> None:
+    assets = one(root, "asset")
+    assets.remove(one(assets, "hfield"))
+
+
 def _mesh_margin(root: Element) -> None:
     for geom in root.iter("geom"):
         if geom.get("type") == "mesh":
@@ -257,6 +276,11 @@ DEFECTS: Mapping[str, Plant | str] = {
     "shape not solid": xml(MODEL, _not_solid),
     **FILES,
     "mesh, margin": xml(MODEL, _mesh_margin),
+    "height field, a height": _attribute("asset/hfield", "elevation", _height),
+    "height field, length": _attribute("asset/hfield", "size", scaled),
+    "height field, base": _attribute("asset/hfield", "size", lambda text: scaled(text, 3)),
+    "height field, mirrored": xml(MODEL, _mirrored),
+    "height field missing": xml(MODEL, _no_field),
     "meshes in another order": reordered(MODEL, ' mesh="([^"]*)"'),
     "margin": _attribute(".//geom[@name='ball_0']", "margin", scaled),
     "margin of a pair": _attribute("contact/pair[@geom1='ball_0']", "margin", scaled),

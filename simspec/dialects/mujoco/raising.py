@@ -11,8 +11,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final, TypeVar
 
+from simspec.dialects.mujoco.assets import read_assets
 from simspec.dialects.mujoco.chains import Chain, chains, origins
-from simspec.dialects.mujoco.heightfields import height_field
 from simspec.dialects.mujoco.names import NO_RATING
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
@@ -62,10 +62,6 @@ HALVED: Final[Mapping[str, tuple[bool, ...]]] = {
 CONE_NAMES: Final = {"elliptic": "elliptic", "pyramidal": "pyramid-inscribed"}
 GROUP_IS_VISUAL: Final = {"0": True, "2": True, "3": False, "4": False}
 FLAG_WORDS: Final = {"true": True, "false": False, "enable": True, "disable": False}
-IN_MESH: Final = {"name", "file", "inertia"}
-"""The attributes of a mesh. Others would scale, move or cut it."""
-MESH_FOLDERS: Final = {"meshdir", "assetdir", "strippath"}
-"""Attributes of the compiler that change which file a name means."""
 OF_SUM: Final = {
     *("name", "limited", "range", "stiffness", "springlength", "damping", "frictionloss", "margin"),
     *("solreflimit", "solimplimit"),
@@ -158,40 +154,11 @@ class _Raising:
         self._nq = self._nv = 0
         self._sites = self._read_sites()
         self._law = CommonLaw.of(self.timestep, sidecar.settings)
-        self._fields: dict[str, tuple[float, ...]] = {}
-        self._meshes = self._read_meshes()
+        self._meshes, self._fields = read_assets(document)
         density, viscosity = (document.option.number(name) for name in ("density", "viscosity"))
         fluid = Fluid(density, viscosity, _vector(document.option, "wind"))
         self.fluid = None if fluid == Fluid() else fluid
         self._moving: set[str] = set()
-
-    def _read_meshes(self) -> dict[str, tuple[float, ...]]:
-        """The vertices of every mesh by its name."""
-        document = self._document
-        if document.section("asset") and (moved := MESH_FOLDERS & document.compiler.own.keys()):
-            raise document.compiler.refused(f"{min(moved)} is not read")
-        meshes: dict[str, tuple[float, ...]] = {}
-        files = set()
-        for item in document.section("asset"):
-            if item.tag == "hfield":
-                name, size = height_field(item)
-                if self._fields.setdefault(name, size) is not size:
-                    raise item.refused("a second height field of its name")
-                continue
-            if item.tag != "mesh" or item.values.keys() != IN_MESH or item.element.children:
-                raise item.refused(
-                    f"is not read, but for meshes that have {', '.join(sorted(IN_MESH))} and nothing else"
-                )
-            name, file = item.text("name"), item.text("file")
-            if name in meshes or file not in document.meshes:
-                raise item.refused(f"a second mesh of its name, or without its file {file[:60]!r}")
-            if item.text("inertia") != "convex":
-                raise item.refused("inertia should be convex")
-            meshes[name] = document.meshes[file]
-            files.add(file)
-        if unused := document.meshes.keys() - files:
-            raise ValueError(f"{document.file}: no mesh has the files {sorted(unused)}")
-        return meshes
 
     def _read_sites(self) -> dict[str, tuple[str, Item]]:
         """The sites by name, each with its body."""

@@ -22,6 +22,7 @@ from simspec.dialects.kit.defects import (
     text_of,
     xml,
 )
+from simspec.dialects.pybullet.ground_defects import GROUND_DEFECTS
 from simspec.dialects.urdf.defects import ARM, BALL, HINGE, INERTIAL, LANGUAGE, attribute, sidecar_number
 from simspec.world import frames
 
@@ -133,6 +134,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "ball spring": sidecar_number("springs", "stiffness"),
     "mesh, margin": sidecar(_margin),
     **dict.fromkeys(MARGINS, "PyBullet's contact begins where shapes touch"),
+    **GROUND_DEFECTS,
     **dict.fromkeys(BELTS, "PyBullet's surfaces move with their bodies alone"),
     "friction": attribute("link/contact/lateral_friction", "value", scaled, BALL),
     "restitution": attribute("link/contact/restitution", "value", scaled, BALL),

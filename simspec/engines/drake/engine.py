@@ -197,6 +197,10 @@ class Drake(SimulatedEngine[Simulation]):
             f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_ONE_POINT}",
         ),
         Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with its two ends as balls: {_ONE_POINT}"),
+        Feature.SHAPE_HEIGHTFIELD: never(
+            "Drake's point contact takes a mesh for its convex hull: a ball that is free in a valley 1 m deep is told to be "
+            "0.55 m deep in it (measured), and hydroelastic contact of what cannot move never touches what is rigid"
+        ),
         Feature.SHAPE_MESH: Support(
             Level.EXACT,
             f"the convex hull, to the last bit, with up to {MOST_CORNERS} balls in its corners: {_ONE_POINT}; hulls touch "

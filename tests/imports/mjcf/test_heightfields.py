@@ -10,7 +10,7 @@ from simspec.language.load import load
 from simspec.testing.worlds import accepting
 from simspec.world.heightfield import field_of
 from tests.imports.mjcf.models import lost, read, written
-from tests.resolve.test_heightfields import png
+from tests.pictures import png
 
 mujoco = pytest.importorskip("mujoco")
 NUMBERS = np.random.default_rng(3).uniform(-2.0, 5.0, (4, 6))

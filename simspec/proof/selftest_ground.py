@@ -1,0 +1,25 @@
+"""The world into which defects of height fields are planted."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+
+from simspec.world.heightfield import size_of
+from simspec.world.types import Pose, Shape, World
+
+ROUGH: Final = size_of(
+    *(3.0, 2.4, 0.4), np.array([[0.1, 0.0, 0.05, 0.2], [0.02, 0.12, 0.3, 0.06], [0.06, 0.25, 0.09, 0.0]])
+)
+"""Ground without symmetries."""
+
+
+def on_rough_ground(world: World) -> World:
+    """A world whose first body, which is fixed, gets rough ground in place of its first shape."""
+    floor, *others = world.bodies
+    (shape, *more) = floor.shapes
+    ground = Shape(shape.name, "heightfield", ROUGH, Pose((0.2, 0.1, -0.3), (0.8, 0.0, 0.0, 0.6)), shape.material)
+    bodies = (dataclasses.replace(floor, shapes=(ground, *more)), *others)
+    return dataclasses.replace(world, name="self-test-ground", bodies=bodies)
