@@ -227,6 +227,7 @@ TABLE = MutationTable(
         ),
         Inert("joint/dof", "for a joint without coordinates", ("element added",), "*.skel"),
         Inert("filter.layers*", CHECKED, (), "sidecar.json"),
+        Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),
         *(
             Inert(site, ORDER, ("swapped",), "sidecar.json")
             for site in (
