@@ -200,7 +200,10 @@ class Simulation:
             where.update((self.names[link.index], (tree.uid, link.link)) for link in tree.links)
             for (link, _), copy in zip(tree.copies, instance.copies, strict=True):
                 where[copy.link] = (tree.uid, link)
-        self._masks = [(*where[name], entry.group, entry.mask) for entry in content.classes for name in entry.links]
+        # by links, not as the file lists them: PyBullet finds pairs in this order, and its solver takes them in that
+        self._masks = sorted(
+            (*where[name], entry.group, entry.mask) for entry in content.classes for name in entry.links
+        )
         for first, second in content.excluded:
             (uid, link), (other_uid, other_link) = where[first], where[second]
             self.bullet.setCollisionFilterPair(uid, other_uid, link, other_link, 0, physicsClientId=self.client)
