@@ -104,7 +104,8 @@ def test_the_detector_is_sound_for_all_that_may_touch(floor, kinds, detector):
 
 
 def test_every_pair_that_can_meet_is_measured():
-    pairs = {(one, other) for one in SHAPE_KINDS for other in SHAPE_KINDS if one <= other} - {("plane", "plane")}
+    kinds = [kind for kind in SHAPE_KINDS if kind != "heightfield"]  # refused by name
+    pairs = {(one, other) for one in kinds for other in kinds if one <= other} - {("plane", "plane")}
     assert set(SOUND) == set(UNSOUND)
     for detector, sound in SOUND.items():
         assert len(set(sound)) == len(sound) == len(pairs) - len(UNSOUND[detector])
