@@ -10,6 +10,7 @@ MUJOCO_ALONE = {
     "ball limit": "joint.limits.angle",
     "belts": "shape.surface_velocity",
     "margins": "shape.margin",
+    "sum friction": "constraint.sum.dry_friction",
     "sum limits": "constraint.sum.limits",
 }
 """By name, with the feature that the others lack."""

@@ -35,6 +35,7 @@ RARE = {
     Feature.CONSTRAINT_COUPLING,
     Feature.SUM,
     Feature.SUM_LIMITS,
+    Feature.SUM_DRY_FRICTION,
     Feature.SHAPE_MESH,
     Feature.SHAPE_HEIGHTFIELD,
     Feature.FORCES,

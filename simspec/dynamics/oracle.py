@@ -114,7 +114,9 @@ class Oracle:
     def leaves_out(self) -> list[str]:
         """What this world has and the oracle's motion has not, by name."""
         names = []
-        if any(body.joint.dry_friction for body in self.world.bodies):
+        if any(body.joint.dry_friction for body in self.world.bodies) or any(
+            one.dry_friction for one in self.world.sums
+        ):
             names.append("joint.dry_friction")
         if any(body.joint.position_limits for body in self.world.bodies):
             names.append("joint.limits.position")

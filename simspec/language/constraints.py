@@ -205,7 +205,7 @@ class SumLimits(Strict):
 
 class Sum(Strict):
     """A weighted sum L of the positions of hinges and slides, and what acts along it: a spring −stiffness × (L − rest), a
-    damper −damping × L̇, and stops. A force F along L is the effort coefficient × F on each joint."""
+    damper −damping × L̇, dry friction, and stops. A force F along L is the effort coefficient × F on each joint."""
 
     joints: Annotated[dict[str, float], Coefficients()] = Field(
         ..., description="The coefficient of each joint, by its full name; not 0"
@@ -215,19 +215,22 @@ class Sum(Strict):
     damping: Annotated[float, OfSum("damping", 0.0)] = Field(
         0.0, description="d ≥ 0 of the damper along the sum, explicit in time"
     )
+    dry_friction: Annotated[float, OfSum("dry_friction", 0.0)] = Field(
+        0.0, description="The largest dry force along the sum against its motion, ≥ 0"
+    )
     limits: Maybe[SumLimits] = Field(ABSENT, description="Limits of the sum")
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        if not any(data.get(key) for key in ("stiffness", "damping", "limits")):
-            hint = "stiffness, damping, or limits: {position: [lower, upper]}"
+        if not any(data.get(key) for key in ("stiffness", "damping", "dry_friction", "limits")):
+            hint = "stiffness, damping, dry_friction, or limits: {position: [lower, upper]}"
             yield Fault((), "nothing acts along this sum", None, None, hint)
         elif data.get("rest") and not data.get("stiffness"):
             yield Fault(("rest",), "a sum without a spring has no rest", hint="give it a stiffness, or remove rest")
         limits = data.get("limits")
         ends = limits.get("position") if isinstance(limits, Mapping) else getattr(limits, "position", None)
         given: list[tuple[OfSum, Any, tuple[str | int, ...]]] = [
-            (OfSum(key), data[key], (key,)) for key in ("stiffness", "rest", "damping") if key in data
+            (OfSum(key), data[key], (key,)) for key in ("stiffness", "rest", "damping", "dry_friction") if key in data
         ]
         given += [
             (BOUND, end, ("limits", "position", index))
@@ -251,4 +254,6 @@ class Constraint(Strict):
     follow: Maybe[Follow] = Field(ABSENT, description="A joint follows another")
     connect: Maybe[Connect] = Field(ABSENT, description="Two bodies meet at a point")
     weld: Maybe[Weld] = Field(ABSENT, description="Two bodies are held rigidly")
-    sum: Maybe[Sum] = Field(ABSENT, description="A spring, a damper or stops along a weighted sum of joint positions")
+    sum: Maybe[Sum] = Field(
+        ABSENT, description="What acts along a weighted sum of joint positions: springs, friction, stops"
+    )

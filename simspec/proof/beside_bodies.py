@@ -92,7 +92,7 @@ class BesideBodies:
             if self.tally.equal(self.levels["joint"], "sum of", joints[0], joints[1], f"{where}.joints"):
                 for (joint, weight), (_, held) in zip(expected.joints, actual.joints, strict=True):
                     self.number("joint", "coefficient", weight, held, f"{where}.joints.{joint}")
-            for name in ("stiffness", "rest", "damping"):
+            for name in ("stiffness", "rest", "damping", "dry_friction"):
                 self.number("joint", f"sum, {name}", getattr(expected, name), getattr(actual, name), f"{where}.{name}")
             for expected_end, end in zip(
                 expected.position_limits or (None, None), actual.position_limits or (None, None), strict=True

@@ -1,4 +1,5 @@
-"""Dry friction in joints, measured against closed forms (level L6, beside the motion, for which it is switched off).
+"""Dry friction in joints and along sums of their positions, measured against closed forms (level L6, beside the motion, for
+which it is switched off).
 
 A joint that slides is braked by f against its velocity, whatever that is; one at rest stays there while the effort that is left
 for it is below f. Efforts are chosen by the oracle's M and h so that each joint with friction has a wanted acceleration, all
@@ -75,7 +76,7 @@ class DryFriction:
 
 
 def plan(world: World, oracle: Oracle) -> DryFriction | None:
-    """The trials; None where no joint has dry friction."""
+    """The trials; None where nothing has dry friction."""
     rough = rubbing(world)
     if not len(rough):
         return None
@@ -92,23 +93,54 @@ def plan(world: World, oracle: Oracle) -> DryFriction | None:
         couple(world, oracle, q, start)
         q = oracle.inwards(oracle.settled(q, start))
     places = {body.joint.name: at for body, at in zip(world.bodies, oracle.layout.velocity, strict=True)}
+    along: list[tuple[np.ndarray, float]] = []
     for one in world.sums:
+        if one.dry_friction:
+            weights = np.zeros(oracle.nv)
+            for joint, weight in one.joints:
+                weights[places[joint]] = weight
+            along.append((weights, one.dry_friction))
         if one.position_limits is not None:
             low, high = one.position_limits
             own = RANGE * (high - low) / sum(abs(weight) for _, weight in one.joints)
             for joint, _ in one.joints:
                 room[places[joint]] = np.minimum(room[places[joint]], own)
-    strength = oracle.mobility(q) * friction
+    whole = friction + sum((np.abs(weights) * most for weights, most in along), np.zeros(oracle.nv))
+    strength = oracle.mobility(q) * whole
     gain = np.minimum(SLIDING * strength, room / world.physics.timestep**2)
     side = np.where(np.random.default_rng(SEED + 301).random(oracle.nv) < 0.5, -1.0, 1.0)
     if world.constraints:  # joints that are held together slide together
-        along = oracle.held_velocity(q, gain * side)
-        gain, side = np.abs(along), np.sign(along)
-    return DryFriction(tuple(_trials(oracle, q, friction, gain, room, side)), rough, strength[rough])
+        slides = oracle.held_velocity(q, gain * side)
+        gain, side = np.abs(slides), np.sign(slides)
+    rubbed = _Rubbed(friction, tuple(along))
+    return DryFriction(tuple(_trials(oracle, q, rubbed, gain, room, side)), rough, strength[rough])
+
+
+@dataclass(frozen=True)
+class _Rubbed:
+    """The dry friction of joints (nv,), and along sums: weights (nv,) and the largest force of each."""
+
+    own: np.ndarray
+    along: tuple[tuple[np.ndarray, float], ...]
+
+    def against(self, v: np.ndarray) -> np.ndarray:
+        """The effort (nv,) that overcomes the friction of motion along ``v``."""
+        total: np.ndarray = self.own * np.sign(v)
+        for weights, most in self.along:
+            total = total + weights * most * np.sign(weights @ v)
+        return total
+
+    def slide(self, speeds: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Whether, at each of some instants (n, nv), all that rubs moves the way that it does along ``v``."""
+        rough = self.own != 0.0
+        alike: np.ndarray = (speeds * np.sign(v) > 0.0)[:, rough].all(axis=1)
+        for weights, _ in self.along:
+            alike = alike & ((speeds @ weights) * np.sign(weights @ v) > 0.0)
+        return alike
 
 
 def _trials(
-    oracle: Oracle, q: np.ndarray, friction: np.ndarray, gain: np.ndarray, room: np.ndarray, side: np.ndarray
+    oracle: Oracle, q: np.ndarray, friction: _Rubbed, gain: np.ndarray, room: np.ndarray, side: np.ndarray
 ) -> Iterator[Trial]:
     """``gain``: the acceleration of a joint that slides; ``room``: how far it may go."""
     rest = np.zeros(oracle.nv)
@@ -120,12 +152,15 @@ def _trials(
             ("slides and loses speed", 2.0 * gain * seconds, -gain),
             ("breaks away", rest, gain),
         ):
-            v, a, brake = v * sign, a * sign, friction * sign
+            v, a = v * sign, a * sign
+            brake = friction.against(gain * sign)
             left = oracle.bias_force(q, v) - oracle.joint_effort(q, v) + oracle.effort_for(q, a)
-            count, expected = _sliding(oracle, q, v, left, brake, steps)
+            count, expected = _sliding(oracle, q, v, left, friction, gain * sign, steps)
             yield Trial(f"{name}, {word}", q, v, left + brake, count, expected, SLIDE_TOLERANCE)
         balance = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest)
-        yield Trial(f"is held, {word}", q, rest, balance + BELOW * friction * sign, STEPS[0], rest, HOLD_TOLERANCE)
+        yield Trial(
+            f"is held, {word}", q, rest, balance + BELOW * friction.against(gain * sign), STEPS[0], rest, HOLD_TOLERANCE
+        )
 
 
 def _way(gain: np.ndarray, seconds: float, room: np.ndarray) -> bool:
@@ -134,14 +169,14 @@ def _way(gain: np.ndarray, seconds: float, room: np.ndarray) -> bool:
 
 
 def _sliding(
-    oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, friction: np.ndarray, most: int
+    oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, friction: _Rubbed, along: np.ndarray, most: int
 ) -> tuple[int, np.ndarray]:
-    """The most of ``STEPS``, up to ``most``, in which all joints with ``friction`` slide against it, and the velocities then.
+    """The most of ``STEPS``, up to ``most``, in which all that rubs slides the way of ``along``, and the velocities then.
 
     A joint that comes to rest or turns round on its way is held back by less than its friction, or the other way.
     """
     speeds = oracle.motion(q, v, effort, most, 1)[1][1:]
-    slides = (speeds * friction > 0.0)[:, friction != 0.0].all(axis=1)
+    slides = friction.slide(speeds, along)
     until = len(slides) if slides.all() else int(np.argmin(slides))
     steps = next(count for count in STEPS if count <= max(until, 1))
     return steps, speeds[steps - 1]
@@ -151,7 +186,8 @@ def dry_friction_checks(world: World, plan: DryFriction, answer: Mapping[str, np
     """One check for joints that slide and one for joints at rest; ``creep`` is the speed (m/s, rad/s) that the engine's solver
     is declared to leave (``Engine.DRY_FRICTION_CREEP``)."""
     tally = Tally()
-    names = [body.joint.name for body in world.bodies if body.joint.dry_friction]
+    every = [body.joint.name for body in world.bodies for _ in body.joint.velocity]
+    names = [every[place] for place in plan.places]
     speeds = answer["v"][:, plan.places]
     for row, trial in enumerate(plan.trials):
         slides = trial.tolerance == SLIDE_TOLERANCE

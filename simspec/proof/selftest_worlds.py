@@ -459,6 +459,13 @@ def sum_limits(engine: str) -> World:
     return dataclasses.replace(bench(engine), name="self-test-sum-limits", sums=(along,), engines=options)
 
 
+def sum_friction(engine: str) -> World:
+    """The bench with dry friction along a sum of both joints."""
+    along = JointSum("tendon", (("lower_joint", -0.3), ("upper_joint", 0.5)), dry_friction=0.4)
+    options = _options(engine, "constraint.sum.dry_friction")
+    return dataclasses.replace(bench(engine), name="self-test-sum-friction", sums=(along,), engines=options)
+
+
 WORLDS: Mapping[str, Callable[[str], World]] = {
     "model": model,
     "core": core,
@@ -481,6 +488,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "held": held,
     "sums": sums,
     "sum limits": sum_limits,
+    "sum friction": sum_friction,
 }
 """By name, each for one engine: what an engine has only approximately or outside is asked for there."""
 

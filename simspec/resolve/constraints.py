@@ -238,7 +238,7 @@ class _Draft:
         limits = None if content.limits is None else content.limits.position
         ordered = tuple(sorted(joints.items()))
         numbers = content.stiffness, content.rest, content.damping
-        self.sums[written.name] = JointSum(written.name, ordered, *numbers, limits)
+        self.sums[written.name] = JointSum(written.name, ordered, *numbers, limits, content.dry_friction)
 
     def _held(self, written: _Written, kind: str, content: SpecConnect | SpecWeld) -> None:
         ends = [written.body(name) for name in content.bodies]

@@ -75,6 +75,7 @@ class Feature(StrEnum):
     CONSTRAINT_LOOP = "constraint.loop"
     CONSTRAINT_COUPLING = "constraint.coupling"
     SUM = "constraint.sum"
+    SUM_DRY_FRICTION = "constraint.sum.dry_friction"
     SUM_LIMITS = "constraint.sum.limits"
     FRAME = "frames"
     FORCES = "forces"
@@ -152,6 +153,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.CONSTRAINT_LOOP: "two bodies held together outside the tree, at a point or rigidly",
     Feature.CONSTRAINT_COUPLING: "a joint whose position follows another's",
     Feature.SUM: "springs and dampers along weighted sums of joint positions",
+    Feature.SUM_DRY_FRICTION: "dry friction along weighted sums of joint positions",
     Feature.SUM_LIMITS: "hard, inelastic stops of weighted sums of joint positions",
     Feature.FRAME: "named frames on bodies",
     Feature.FORCES: "forces and torques on bodies during given times",

@@ -129,6 +129,8 @@ def _beside_bodies(world: World, note: Callable[[Feature, str], None]) -> None:
     for one in world.sums:
         if one.stiffness or one.damping:
             note(Feature.SUM, f"constraints.{one.name}")
+        if one.dry_friction:
+            note(Feature.SUM_DRY_FRICTION, f"constraints.{one.name}.sum.dry_friction")
         if one.position_limits is not None:
             note(Feature.SUM_LIMITS, f"constraints.{one.name}.sum.limits")
     for frame in world.frames:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 
 from simspec.language.vocabulary import JOINT_KINDS
-from simspec.proof.selftest_worlds import framed, sum_limits, sums
+from simspec.proof.selftest_worlds import framed, sum_friction, sum_limits, sums
 from simspec.support.features import Feature
 from simspec.testing.worlds import (
     CONTACT_GAPS,
@@ -84,6 +84,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
     Feature.FRAME: lambda: dataclasses.replace(framed(""), engines=()),
     Feature.SUM: lambda: dataclasses.replace(sums(""), engines=()),
     Feature.SUM_LIMITS: lambda: dataclasses.replace(sum_limits(""), engines=()),
+    Feature.SUM_DRY_FRICTION: lambda: dataclasses.replace(sum_friction(""), engines=()),
     Feature.COLLISION_GROUPS: gripper,
     Feature.EXCLUDED_PAIRS: gripper,
     Feature.TOUCHING_PAIRS: touching_link,

@@ -58,9 +58,11 @@ def layout_of(world: World) -> Layout:
 
 
 def rubbing(world: World) -> np.ndarray:
-    """The places in v (n,) of the hinges and slides with dry friction."""
+    """The places in v (n,) of the hinges and slides with dry friction, their own or along a sum of their positions."""
     parts = layout_of(world).velocity
-    return np.array([at.start for body, at in zip(world.bodies, parts, strict=True) if body.joint.dry_friction], int)
+    summed = {joint for one in world.sums if one.dry_friction for joint, _ in one.joints}
+    rough = [body.joint.dry_friction or body.joint.name in summed for body in world.bodies]
+    return np.array([at.start for rubs, at in zip(rough, parts, strict=True) if rubs], int)
 
 
 def initial_state(world: World) -> tuple[np.ndarray, np.ndarray]:

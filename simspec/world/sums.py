@@ -6,7 +6,7 @@ those of joints are; limits are hard, inelastic stops, as those of joints are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +19,7 @@ class JointSum:
     rest             L at which the spring has no force
     damping          d ≥ 0: a force −d L̇ along L
     position_limits  (lower, upper) of L, None = unlimited
+    dry_friction     f ≥ 0: the largest force along L against its motion, as of joints
     """
 
     name: str
@@ -27,6 +28,7 @@ class JointSum:
     rest: float = 0.0
     damping: float = 0.0
     position_limits: tuple[float, float] | None = None
+    dry_friction: float = field(default=0.0, metadata={"left_out": True})
 
     def __repr__(self) -> str:
         return f"<JointSum {self.name!r} of {len(self.joints)} joints>"

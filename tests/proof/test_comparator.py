@@ -371,7 +371,7 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
         Fluid: {"density", "viscosity", "velocity"},
         Box: {"edges", "quaternion"},
         Frame: {"name", "body", "pose"},
-        JointSum: {"name", "joints", "stiffness", "rest", "damping", "position_limits"},
+        JointSum: {"name", "joints", "stiffness", "rest", "damping", "position_limits", "dry_friction"},
         Follow: {"name", "joint", "leader", "ratio", "offset", "kind"},
         Connect: {"name", "first", "second", "first_point", "second_point", "kind"},
         Weld: {"name", "first", "second", "pose", "kind"},

@@ -120,7 +120,7 @@ class DartDialect(Dialect):
         **GATHERED,
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
-        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
+        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
         Feature.BALL_LIMIT: never(".skel has no limits of ball joints that DART would stop at their angle"),
         Feature.FRAME: UNTOLD_FRAMES,
     }

@@ -111,6 +111,7 @@ NAMES: Mapping[str, str] = {
     "sum, rest": "sums",
     "sum, damping": "sums",
     "sum dropped": "sums",
+    "sum, dry friction": "sum friction",
     "sum, limit": "sum limits",
     "sum, limits dropped": "sum limits",
     **dict.fromkeys(FRAMES, "frames"),
@@ -206,6 +207,7 @@ SUMS: Mapping[str, Plant] = {
     "sum, rest": _sum(lambda entry: entry.update(rest=entry["rest"] + STEP)),
     "sum, damping": _sum(lambda entry: entry.update(damping=entry["damping"] * (1.0 + STEP))),
     "sum dropped": sidecar(lambda content: content.update(sums=[])),
+    "sum, dry friction": _sum(lambda entry: entry.update(dry_friction=entry["dry_friction"] * (1.0 + STEP))),
     "sum, limit": _sum(lambda entry: entry["position_limits"].__setitem__(1, entry["position_limits"][1] + STEP)),
     "sum, limits dropped": _sum(lambda entry: entry.update(position_limits=None)),
 }

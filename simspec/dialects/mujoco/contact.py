@@ -110,10 +110,13 @@ def limit_reference(world: World, target: Target) -> Attributes:
 
 def joint_references(world: World, target: Target) -> Attributes:
     """How hard position limits and dry friction are; dry friction has no spring."""
-    dt = world.physics.timestep
+    return (*limit_reference(world, target), *dry_reference(world, target))
+
+
+def dry_reference(world: World, target: Target) -> Attributes:
+    """How hard dry friction is; it has no spring."""
     return (
-        *limit_reference(world, target),
-        ("solreffriction", reference(0.0, 0.0, dt)),
+        ("solreffriction", reference(0.0, 0.0, world.physics.timestep)),
         ("solimpfriction", _impedance(float(target.settings["dry_friction_impedance"]))),
     )
 

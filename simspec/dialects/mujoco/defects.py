@@ -232,6 +232,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "sum, rest": _attribute("tendon/fixed", "springlength", nudged),
     "sum, damping": _attribute("tendon/fixed", "damping", scaled),
     "sum dropped": xml(MODEL, lambda root: root.remove(one(root, "tendon"))),
+    "sum, dry friction": _attribute("tendon/fixed", "frictionloss", scaled),
     "sum, limit": _attribute("tendon/fixed", "range", lambda text: nudged(text, 1)),
     "sum, limits dropped": _attribute("tendon/fixed", "limited", lambda _: "false"),
     "mass": _attribute(INERTIAL, "mass", scaled),

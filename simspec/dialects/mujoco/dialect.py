@@ -28,6 +28,7 @@ from simspec.dialects.mujoco.choices import (
 from simspec.dialects.mujoco.contact import (
     classes,
     contact_reference,
+    dry_reference,
     equality_reference,
     explicit_pairs,
     friction_hardness,
@@ -162,7 +163,7 @@ class MujocoDialect(Dialect):
         Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "an equality of two joints"),
         Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "an equality of two sites"),
         Feature.FRAME: Support(Level.EXACT, "a site"),
-        **alike(Support(Level.EXACT, "a fixed tendon"), Feature.SUM, Feature.SUM_LIMITS),
+        **alike(Support(Level.EXACT, "a fixed tendon"), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:
@@ -208,7 +209,7 @@ class MujocoDialect(Dialect):
             meshes_of(world),
             heightfields_of(world),
             equalities(world, equality_reference(world)),
-            tendons(world, limit_reference(world, target)),
+            tendons(world, limit_reference(world, target), dry_reference(world, target)),
         )
         in_force = dataclasses.replace(target, settings=_in_force(world, target))
         return Lowered(

@@ -21,7 +21,10 @@ INERT: tuple[Inert, ...] = (
     Inert("fixed@range", "no tendon has limits", without=".//fixed[@limited='true']"),
     Inert("fixed@springlength", "the tendon has no spring", without=".//fixed[@stiffness!='0']"),
     *(Inert(f"fixed@{name}", "tendons are told apart by their names alone") for name in ("class", "group")),
-    *(Inert(f"fixed@{name}friction", "no tendon has friction") for name in ("solref", "solimp")),
+    *(
+        Inert(f"fixed@{name}friction", "no tendon has friction", without=".//fixed[@solreffriction]")
+        for name in ("solref", "solimp")
+    ),
     *(
         Inert(f"fixed@{name}limit", "no tendon has limits", without=".//fixed[@limited='true']")
         for name in ("solref", "solimp")

@@ -64,7 +64,7 @@ GROUP_IS_VISUAL: Final = {"0": True, "2": True, "3": False, "4": False}
 FLAG_WORDS: Final = {"true": True, "false": False, "enable": True, "disable": False}
 OF_SUM: Final = {
     *("name", "limited", "range", "stiffness", "springlength", "damping", "frictionloss", "margin"),
-    *("solreflimit", "solimplimit"),
+    *("solreflimit", "solimplimit", "solreffriction", "solimpfriction"),
 }
 """The attributes of a fixed tendon. Others would be efforts or inertia along it."""
 SMALLEST_MOMENT: Final = 1e-15
@@ -436,8 +436,8 @@ class _Raising:
         for item in self._document.section("tendon"):
             if item.tag != "fixed" or not item.values.keys() <= OF_SUM:
                 raise item.refused("not a tendon that is read")
-            if item.number("frictionloss") or item.number("margin"):
-                raise item.refused("has friction or a margin")
+            if item.number("margin"):
+                raise item.refused("has a margin")
             weights: dict[str, float] = {}
             for part in item.element.children:
                 if part.tag != "joint" or part.attributes.keys() != {"joint", "coef"}:
@@ -451,7 +451,8 @@ class _Raising:
             if len(rest) != 1:
                 raise item.refused("has a spring that is slack over a range")
             numbers = item.number("stiffness"), rest[0], item.number("damping")
-            held.append(JointSum(item.text("name"), tuple(sorted(weights.items())), *numbers, limits))
+            friction = item.number("frictionloss")
+            held.append(JointSum(item.text("name"), tuple(sorted(weights.items())), *numbers, limits, friction))
         return tuple(sorted(held, key=lambda one: one.name))
 
     def _end(self, body: str, site: Item) -> tuple[str, Pose]:

@@ -129,7 +129,7 @@ class PybulletDialect(Dialect):
         **GATHERED,
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
-        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
+        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
         Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
         Feature.FRAME: UNTOLD_FRAMES,
     }

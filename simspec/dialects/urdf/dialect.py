@@ -89,7 +89,7 @@ class UrdfDialect(Dialect):
         Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies beside URDF"),
         **GATHERED,
         **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
-        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS),
+        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
         Feature.BALL_LIMIT: never("URDF has no ball joints"),
         Feature.FRAME: UNTOLD_FRAMES,
     }

@@ -245,6 +245,9 @@ class Dart(SimulatedEngine[Simulation]):
         Feature.SUM: via_api(_COMPUTED, none_along_servos),
         Feature.BALL_LIMIT: never("DART limits the components of the rotation vector, and no angle"),
         Feature.FRAME: UNTOLD_FRAMES,
+        Feature.SUM_DRY_FRICTION: never(
+            "DART has dry friction of single joints, and none along sums of their positions"
+        ),
         Feature.SUM_LIMITS: never("DART stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS

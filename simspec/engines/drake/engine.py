@@ -243,6 +243,9 @@ class Drake(SimulatedEngine[Simulation]):
         Feature.SUM: via_api(_COMPUTED),
         Feature.BALL_LIMIT: never("Drake has no limits of ball joints"),
         Feature.FRAME: UNTOLD_FRAMES,
+        Feature.SUM_DRY_FRICTION: never(
+            "Drake has dry friction of single joints, and none along sums of their positions"
+        ),
         Feature.SUM_LIMITS: never("Drake stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {

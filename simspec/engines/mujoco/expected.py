@@ -95,6 +95,9 @@ class _Expected:
         for summed in self.world.sums:
             bounded = summed.position_limits is not None
             hard = (-float(self.settings["limit_error_reduction"]) / self.dt**2, -1.0 / self.dt)
+            rubbed, friction = bool(summed.dry_friction), float(self.settings["dry_friction_impedance"])
+            found[f"tendon.{summed.name}.solref_fri"] = (0.0, -1.0 / self.dt) if rubbed else DEFAULT_REFERENCE
+            found[f"tendon.{summed.name}.solimp_fri"] = _flat_impedance(friction) if rubbed else DEFAULT_IMPEDANCE
             found[f"tendon.{summed.name}.solref_lim"] = hard if bounded else DEFAULT_REFERENCE
             found[f"tendon.{summed.name}.solimp_lim"] = _flat_impedance(limit) if bounded else DEFAULT_IMPEDANCE
         found |= self._touching.masks()

@@ -83,7 +83,7 @@ NEUTRAL = (
     *("actuator_ctrlrange", "actuator_gear", "actuator_cranklength", "actuator_group", "actuator_plugin"),
     *("actuator_armature", "actuator_damping", "actuator_dampingpoly", "actuator_delay", "actuator_history"),
     *("actuator_historyadr", "actuator_lengthrange", "actuator_ctrlnum", "actuator_outnum"),
-    *("tendon_type", "tendon_margin", "tendon_frictionloss", "tendon_armature", "tendon_actfrclimited"),
+    *("tendon_type", "tendon_margin", "tendon_armature", "tendon_actfrclimited"),
     *("tendon_actfrcrange", "tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield", "tendon_plasticadr"),
     "key_time",
 )
@@ -96,7 +96,7 @@ EXPECTED = (
     *("geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_group", "geom_contype", "geom_conaffinity"),
     *("pair_dim", "pair_friction", "pair_solref", "pair_solimp", "pair_solreffriction", "pair_geom1", "pair_geom2"),
     *("actuator_ctrlspec", "exclude_signature", "tree_sleep_policy", "key_ctrl", "eq_solref", "eq_solimp"),
-    *("tendon_solref_lim", "tendon_solimp_lim"),
+    *("tendon_solref_lim", "tendon_solimp_lim", "tendon_solref_fri", "tendon_solimp_fri"),
 )
 """Compared row by row with what ``mujoco_expected.py`` makes of the world."""
 
@@ -143,6 +143,7 @@ COVERED: Mapping[str, str] = {
     **dict.fromkeys(
         (
             *("tendon_adr", "tendon_num", "tendon_limited", "tendon_range", "tendon_stiffness", "tendon_damping"),
+            "tendon_frictionloss",
             *("tendon_lengthspring", "wrap_type", "wrap_objid", "wrap_prm"),
         ),
         "L2, sums",
@@ -211,7 +212,6 @@ INERT: Mapping[str, str] = {
         ("tendon_group", "tendon_matid", "tendon_rgba", "tendon_width", "tendon_user"),
         "fixed tendons are not drawn",
     ),
-    **dict.fromkeys(("tendon_solref_fri", "tendon_solimp_fri"), "of friction along tendons, of which there is none"),
     "stat": "for viewers; its meaninertia is compared, since versions before 4 scale the solver's tolerance by it",
 }
 

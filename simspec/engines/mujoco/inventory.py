@@ -75,7 +75,7 @@ class _Inventory:
         found |= self._counts(self._model)
         found |= self._unlike_neutral()
         found |= self._joints() | self._geoms() | self._pairs() | self._rows("eq", ("solref", "solimp"))
-        found |= self._rows("tendon", ("solref_lim", "solimp_lim")) | self._torque_scales()
+        found |= self._rows("tendon", ("solref_lim", "solimp_lim", "solref_fri", "solimp_fri")) | self._torque_scales()
         if hasattr(self._model, "actuator_ctrlspec"):
             found |= self._rows("actuator", ("ctrlspec",))
         found |= self._masks() | self._excludes()

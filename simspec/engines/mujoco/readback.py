@@ -210,6 +210,7 @@ class _ReadBack:
                     slack,
                     float(model.tendon_damping[row]),
                     (lower, upper) if model.tendon_limited[row] else None,
+                    float(model.tendon_frictionloss[row]),
                 )
             )
         return tuple(sorted(held, key=lambda one: one.name))

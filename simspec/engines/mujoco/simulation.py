@@ -295,7 +295,12 @@ class MujocoSimulation(Engine, abstract=True):
         self.model.opt.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_CONTACT)
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
-        self.model.dof_frictionloss[self._v[v]] = 0.0
+        places = self._v[v]
+        self.model.dof_frictionloss[places] = 0.0
+        for tendon in range(self.model.ntendon):  # what acts along sums of only such joints
+            parts = slice(self.model.tendon_adr[tendon], self.model.tendon_adr[tendon] + self.model.tendon_num[tendon])
+            if np.isin(self.model.jnt_dofadr[self.model.wrap_objid[parts]], places).all():
+                self.model.tendon_frictionloss[tendon] = 0.0
 
 
 def import_mujoco() -> Any:

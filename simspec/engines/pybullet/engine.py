@@ -218,6 +218,9 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.SUM: via_api(_COMPUTED),
         Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
         Feature.FRAME: UNTOLD_FRAMES,
+        Feature.SUM_DRY_FRICTION: never(
+            "PyBullet has dry friction of single joints, and none along sums of their positions"
+        ),
         Feature.SUM_LIMITS: never("PyBullet stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS

@@ -120,6 +120,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_LOOP: approximate("an equality of two sites: a spring-damper with the default solref"),
     Feature.FRAME: Support(Level.EXACT, "a site"),
     Feature.SUM: Support(Level.EXACT, "a fixed tendon"),
+    Feature.SUM_DRY_FRICTION: approximate("frictionloss, which creeps; with the default solreffriction"),
     Feature.SUM_LIMITS: approximate(
         "a fixed tendon's range; its stop is a spring-damper, with the default solreflimit"
     ),

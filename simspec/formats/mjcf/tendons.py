@@ -7,10 +7,15 @@ from simspec.world.sums import JointSum
 from simspec.world.types import World
 
 
-def tendons(world: World, more: Attributes = ()) -> tuple[Tendon, ...]:
-    """One fixed tendon for each sum; ``more``: further attributes of those that have limits."""
+def tendons(world: World, limited: Attributes = (), rubbed: Attributes = ()) -> tuple[Tendon, ...]:
+    """One fixed tendon for each sum; ``limited``, ``rubbed``: attributes of those with limits, and with dry friction."""
     return tuple(
-        Tendon(one.name, one.joints, (*_acting(one), *(more if one.position_limits else ()))) for one in world.sums
+        Tendon(
+            one.name,
+            one.joints,
+            (*_acting(one), *(limited if one.position_limits else ()), *(rubbed if one.dry_friction else ())),
+        )
+        for one in world.sums
     )
 
 
@@ -22,7 +27,7 @@ def _acting(one: JointSum) -> Attributes:
         ("stiffness", one.stiffness),
         ("springlength", one.rest),
         ("damping", one.damping),
-        ("frictionloss", 0.0),
+        ("frictionloss", one.dry_friction),
         ("margin", 0.0),
     ]
     return tuple(attributes)

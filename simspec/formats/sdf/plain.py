@@ -123,7 +123,12 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: Support(EXACT.level, "as mimic of a joint, in SDF 1.11", refine=couplings_in_trees),
     Feature.BALL_LIMIT: never("SDF has limits along axes only"),
     Feature.FRAME: Support(Level.EXACT, "<frame>"),
-    **alike(never("SDF has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
+    **alike(
+        never("SDF has nothing along sums of joint positions"),
+        Feature.SUM,
+        Feature.SUM_LIMITS,
+        Feature.SUM_DRY_FRICTION,
+    ),
 }
 """What plain SDF carries of each feature."""
 

@@ -67,7 +67,12 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: never(".skel has no couplings of joints"),
     Feature.BALL_LIMIT: never(".skel has no limits of ball joints"),
     Feature.FRAME: never(".skel has no frames but those of bodies"),
-    **alike(never(".skel has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
+    **alike(
+        never(".skel has nothing along sums of joint positions"),
+        Feature.SUM,
+        Feature.SUM_LIMITS,
+        Feature.SUM_DRY_FRICTION,
+    ),
     Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
     Feature.FORCES: never(".skel has no forces on bodies"),
     Feature.CONTROL: never(".skel has no control laws"),

@@ -69,7 +69,12 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
     Feature.BALL_LIMIT: never("URDF has no ball joints"),
     Feature.FRAME: Support(Level.EXACT, "a link without mass on a fixed joint, NAME_joint"),
-    **alike(never("URDF has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
+    **alike(
+        never("URDF has nothing along sums of joint positions"),
+        Feature.SUM,
+        Feature.SUM_LIMITS,
+        Feature.SUM_DRY_FRICTION,
+    ),
     Feature.BALL_ARMATURE: never("URDF has no armature"),
     Feature.MARGIN_PAIRS: never("URDF has no margins"),
     Feature.SURFACE_VELOCITY: never("URDF has no surfaces that move by themselves"),

@@ -95,7 +95,12 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: never("UsdPhysics has no couplings of joints"),
     Feature.BALL_LIMIT: never("a cone of UsdPhysics limits where an axis points, and lets the body turn about it"),
     Feature.FRAME: Support(Level.EXACT, "an Xform in that of its body"),
-    **alike(never("UsdPhysics has nothing along sums of joint positions"), Feature.SUM, Feature.SUM_LIMITS),
+    **alike(
+        never("UsdPhysics has nothing along sums of joint positions"),
+        Feature.SUM,
+        Feature.SUM_LIMITS,
+        Feature.SUM_DRY_FRICTION,
+    ),
 }
 """What plain USD carries of each feature."""
 

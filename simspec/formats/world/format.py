@@ -65,6 +65,7 @@ class WorldJson(Format):
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
             *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM, Feature.SUM_LIMITS),
+            Feature.SUM_DRY_FRICTION,
             *(Feature.GRAVITY, Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.TIMESTEP, Feature.FLUID),
         ),
         Feature.BALL_LIMIT: never("world.json has no limits of balls: no engine that reads it has any"),

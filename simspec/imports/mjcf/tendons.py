@@ -13,7 +13,7 @@ OF_JOINT: Final = 1
 """The type of a part of a tendon that is a joint."""
 FORCES: Final = ("stiffness", "damping", "frictionloss", "armature")
 """What a tendon acts by, beside its limits."""
-SAID: Final = {"stiffness", "damping"}
+SAID: Final = {"stiffness", "damping", "frictionloss"}
 """What of it a sum of a spec has."""
 UNSAID: Final = ("stiffnesspoly", "dampingpoly", "springyield")
 """Arrays of laws that are not linear, where a version has them."""
@@ -112,6 +112,8 @@ def _sum(bodies: Bodies, number: int, summed: Terms, acting: list[str], limited:
         made["stiffness"] = float(model["tendon_stiffness"][number])
         if slack:
             made["rest"] = slack
+    if "frictionloss" in acting:
+        made["dry_friction"] = float(model["tendon_frictionloss"][number])
     if "damping" in acting:
         made["damping"] = float(model["tendon_damping"][number])
     if limited:
