@@ -50,6 +50,10 @@ from simspec.world.kinematics import rigid_groups
 from simspec.world.types import HeldValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for ODE"
+_NO_ROLLING = (
+    "ODE's rows of torsional and rolling friction have the world's softness alone, which joints do not bear: those of a "
+    "box's four points are redundant, and a step ends without a number (measured)"
+)
 _GIVEN = "given as forces at every step, explicit in time: ODE's joints have neither"
 _NO_CCD = "ODE has no contact of cylinders with cylinders or capsules, unless built with libccd, as Debian's is not"
 _MOTOR = "a motor of speed 0 with this largest effort, on the joint's axis, solved with contact"
@@ -131,8 +135,8 @@ class Ode(SimulatedEngine[Simulation]):
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
         Feature.FRICTION: Support(Level.EXACT, "the law of the two materials at every point of contact"),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "the law of the two materials at every point of contact"),
-        Feature.TORSIONAL_FRICTION: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
-        Feature.ROLLING_FRICTION: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
+        Feature.TORSIONAL_FRICTION: not_yet(_NO_ROLLING, Attempt.CONTACT_PROBES),
+        Feature.ROLLING_FRICTION: not_yet(_NO_ROLLING, Attempt.CONTACT_PROBES),
         Feature.HARDNESS_TIME_CONSTANT: never("ODE's softness is that of a spring in N/m, for whatever mass"),
         Feature.HARDNESS_STIFFNESS: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
         Feature.HARDNESS_NATIVE: not_yet(_NOT_YET, Attempt.READ_BACK),
