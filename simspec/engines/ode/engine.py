@@ -159,6 +159,7 @@ class Ode(SimulatedEngine[Simulation]):
         Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
         Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
         Feature.SUM: via_api("given as efforts before every step"),
+        Feature.SUM_DRY_FRICTION: never("ODE's motors are of single joints, and of no sum of their positions"),
         Feature.SUM_LIMITS: never("ODE stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
