@@ -366,6 +366,7 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             "constraints",
             "sums",
             "frames",
+            "laws",
             "fluid",
         },
         Fluid: {"density", "viscosity", "velocity"},
