@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from simspec.dialects.kit.defects import BELTS, CONSTRAINTS, FRAMES, MARGINS, PASSIVE, STEP, SUMS, Files, Plant
+from simspec.dialects.kit.defects import BELTS, CONSTRAINTS, FRAMES, GROUND, MARGINS, PASSIVE, STEP, SUMS, Files, Plant
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.world import frames
@@ -163,7 +163,7 @@ def _timestep(content: dict[str, Any]) -> None:
     content["timestep"] *= 1.0 + STEP
 
 
-UNSAID = ("free armature", "ball armature", "hardness", "mesh, margin", *MARGINS, *BELTS)
+UNSAID = ("free armature", "ball armature", "hardness", "mesh, margin", *MARGINS, *BELTS, *GROUND)
 """What ``world.json`` has no number for."""
 
 DEFECTS: Mapping[str, Plant | str] = {

@@ -110,6 +110,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, str]] = {
         "zaxis": "1 0 0",
         "class": "visual",
     },
+    "hfield": {"content_type": "image/png", "file": "none.png"},
     "mesh": {
         "builtin": "sphere",
         "class": "main",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from simspec.dialects.kit import world_defects
-from simspec.dialects.kit.defects import BELTS, MARGINS, STEP, Plant, sidecar
+from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, STEP, Plant, sidecar
 
 
 def _law(names: set[str], change: Callable[[dict[str, Any]], None]) -> Plant:
@@ -47,6 +47,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "hardness": "ODE's contacts have the common hardness alone, which has no numbers",
     "free armature": "ODE has no armature of free bodies",
     "ball armature": "ODE has no armature of balls",
+    **dict.fromkeys(GROUND, "simspec gives ODE no height fields"),
     "mesh, margin": "ODE has no margin around hulls, and no file has a number for one",
     **dict.fromkeys(MARGINS, "ODE's contact begins where shapes touch"),
     **dict.fromkeys(BELTS, "world.json has no surfaces that move by themselves"),
