@@ -77,12 +77,13 @@ def _outwards(text: str, way: range, closing: str, opening: str, end: int) -> in
     """Where the part that a way begins in is left, by the first mark of ``closing`` that closes none of ``opening`` on the way;
     ``end`` where it is not."""
     depth = 0
+    nested = closing not in TAG  # between two tags the part is that from the one to the other
     for at in way:
         if text[at] in closing:
             if depth == 0:
                 return at
             depth -= 1
-        elif text[at] in opening:
+        elif nested and text[at] in opening:
             depth += 1
     return end
 

@@ -162,7 +162,12 @@ INERT: tuple[Inert, ...] = (
         for name in ("friction", "polycoef", "solimp", "solimplimit", "solimpfriction", "solref")
     ),
     *(
-        Inert(f"pair@{name}", "two pairs that share a shape: the same two pairs in the other order", ("swapped",))
+        Inert(
+            f"pair@{name}",
+            "two pairs that share a shape: the same two pairs in the other order",
+            ("swapped",),
+            within=1e-9,
+        )
         for name in ("geom1", "geom2")
     ),
 )
