@@ -1,6 +1,6 @@
 """ODE: bodies and joints of the Open Dynamics Engine, stepped so that its joints move as their coordinates do.
 
-Facts marked *measured*: ODE 0.16.2 in double precision, as Debian builds it (with trimeshes, without libccd).
+Facts marked *measured*: ODE 0.16.2 in double precision, as Debian builds it (with trimeshes and libccd).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.meeting import meeting_kinds, solid_shapes
+from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.kit.arrays import CollisionUnit, pick_blocks, sorted_pairs
@@ -27,6 +27,7 @@ from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.ode import library
 from simspec.engines.ode.expected import expected
 from simspec.engines.ode.inventory import inventory, neutral
+from simspec.engines.ode.pairs import CASES, capsules, cylinders
 from simspec.engines.ode.readback import read_back
 from simspec.engines.ode.simulation import Simulation
 from simspec.support.declarations import (
@@ -55,7 +56,6 @@ _NO_ROLLING = (
     "box's four points are redundant, and a step ends without a number (measured)"
 )
 _GIVEN = "given as forces at every step, explicit in time: ODE's joints have neither"
-_NO_CCD = "ODE has no contact of cylinders with cylinders or capsules, unless built with libccd, as Debian's is not"
 _MOTOR = "a motor of speed 0 with this largest effort, on the joint's axis, solved with contact"
 
 
@@ -75,12 +75,6 @@ def _planes_still(world: World) -> Refinement | None:
     )
     name = next(moving, None)
     return not_here(None if name is None else f"ODE's planes cannot move, as {name!r} does")
-
-
-def _cylinders_apart(world: World) -> Refinement | None:
-    """Not supported where cylinders may meet what ODE has no contact of."""
-    missing = {("cylinder", "cylinder"), ("capsule", "cylinder")} & meeting_kinds(world)
-    return not_here(_NO_CCD if missing else None)
 
 
 class Ode(SimulatedEngine[Simulation]):
@@ -127,7 +121,13 @@ class Ode(SimulatedEngine[Simulation]):
         ),
         Feature.BALL_ARMATURE: not_yet(_NOT_YET, Attempt.READ_BACK),
         Feature.FREE_ARMATURE: never("ODE has no armature of free bodies, and contact would ignore a computed one"),
-        Feature.SHAPE_CYLINDER: Support(Level.EXACT, refine=_cylinders_apart),
+        Feature.SHAPE_CYLINDER: Support(
+            Level.EXACT,
+            "by ODE's own code; where one meets cylinders or capsules by libccd, in one point along a line, accepted by name",
+            refine=cylinders,
+            cases=CASES,
+        ),
+        Feature.SHAPE_CAPSULE: Support(Level.EXACT, refine=capsules),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "of bodies that cannot move", refine=_planes_still),
         Feature.SHAPE_MESH: not_yet(_NOT_YET, Attempt.READ_BACK),
         Feature.SHAPE_MARGIN: never("ODE's contact begins where shapes touch"),

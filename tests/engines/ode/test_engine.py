@@ -94,10 +94,27 @@ def test_armature_is_felt_by_stops_and_efforts(load):
     assert engine.mass_matrix() == pytest.approx(np.array([[4.0]]), rel=1e-12)
 
 
-def test_cylinders_that_may_meet_are_refused_by_name():
-    with pytest.raises(UnsupportedError, match="libccd"):
+def accepted(world, *kinds):
+    return worlds.with_options(world, "ode", accept=tuple(f"shape.{kind}" for kind in kinds))
+
+
+def test_what_has_one_point_for_a_line_is_accepted_by_name_where_it_may_meet():
+    with pytest.raises(UnsupportedError, match="cylinder and cylinder touch"):
         compile_world(boxes(2, kind="cylinder"), ["ode"])
+    compile_world(accepted(boxes(2, kind="cylinder"), "cylinder"), ["ode"])
     compile_world(boxes(1, kind="cylinder"), ["ode"])
+
+
+def test_cylinders_stand_on_each_other_in_eight_points(load):
+    engine = load(accepted(boxes(3, kind="cylinder"), "cylinder"))
+    engine.step(400)
+    q, _ = engine.get_state()
+    heights = q.reshape(3, 7)[:, :3]
+    stacked = np.array([[0.0, 0.0, 0.05 + 0.1 * index] for index in range(3)])
+    assert heights == pytest.approx(stacked, abs=9.81 * DT**2)  # the first step, in which nothing overlaps yet
+    contacts = engine.contacts()
+    assert len(contacts["normal"]) == 8 * 3
+    assert np.abs(np.abs(contacts["normal"][:, 2]) - 1.0).max() < 1e-9
 
 
 def _moving_plane(content, _):
