@@ -52,6 +52,8 @@ def world_of(feature: Feature) -> World:
         return constrained.follower()
     if feature is Feature.CONSTRAINT_LOOP:
         return constrained.closed_loop()
+    if feature is Feature.SHAPE_MESH:
+        return worlds.meshes()
     return worlds.one_law(**worlds.CONTACT_GAPS[feature])
 
 
