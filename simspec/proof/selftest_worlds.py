@@ -7,14 +7,11 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TypedDict, Unpack
 
-import numpy as np
-
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.proof.selftest_ground import on_rough_ground
+from simspec.proof.selftest_ground import GEM, WEDGE, on_rough_ground
 from simspec.world import frames
 from simspec.world.boxes import boxed
 from simspec.world.fluid import Fluid
-from simspec.world.hull import centred, size_of
 from simspec.world.kinematics import poses
 from simspec.world.sums import JointSum
 from simspec.world.types import (
@@ -325,26 +322,14 @@ def rolling(engine: str) -> World:
     return dataclasses.replace(world, name="self-test-rolling", contact=contact, engines=options)
 
 
-WEDGE = (
-    *((-0.06, -0.05, -0.04), (0.07, -0.05, -0.04), (-0.06, 0.06, -0.04), (0.07, 0.06, -0.04)),
-    *((-0.05, 0.0, 0.08), (0.04, 0.01, 0.07)),
-)
-GEM = (
-    *((0.06, 0.0, 0.01), (-0.05, 0.01, 0.0), (0.0, 0.07, -0.01), (0.01, -0.06, 0.0)),
-    *((0.0, 0.01, 0.09), (0.01, 0.0, -0.05)),
-)
-"""Points without symmetries (m)."""
-
-
 def meshes(engine: str) -> World:
     """A floor, a stone and a toy of two hulls, one of which is the stone's; stones and toys do not touch each other."""
-    wedge, gem = (size_of(centred(np.array(points))[1]) for points in (WEDGE, GEM))
     turned = Pose((0.01, 0.02, 0.0), (0.8, 0.0, 0.6, 0.0))
     shapes = {
-        "stone": (Shape("stone_0", "mesh", wedge, turned, "rubber"),),
+        "stone": (Shape("stone_0", "mesh", WEDGE, turned, "rubber"),),
         "toy": (
-            Shape("toy_0", "mesh", wedge, Pose((0.1, 0.0, 0.0)), "rubber"),
-            Shape("toy_1", "mesh", gem, turned, "rubber"),
+            Shape("toy_0", "mesh", WEDGE, Pose((0.1, 0.0, 0.0)), "rubber"),
+            Shape("toy_1", "mesh", GEM, turned, "rubber"),
         ),
     }
     floor = bouncing(engine).bodies[0]
