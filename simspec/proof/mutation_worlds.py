@@ -247,9 +247,10 @@ def _own_settings(engine: str) -> tuple[PairSettings, ...]:
     """Of rubber with stone all settings that can be by pair, of stone with itself the first one. An engine without any gets
     another one, which it refuses with the reason."""
     table = find_engine(engine).SETTINGS
-    by_pair = {name: setting for name, setting in sorted(table.items()) if setting.by_pair} or dict(
-        [min(table.items())]
-    )
+    by_pair = {name: setting for name, setting in sorted(table.items()) if setting.by_pair}
+    if not by_pair:
+        unused = idle_settings(find_engine(engine), {name: setting.default for name, setting in table.items()})
+        by_pair = dict([min(item for item in table.items() if item[0] not in unused)])
     own = {name: _near(setting, 0.96) for name, setting in by_pair.items()}
     idle = idle_settings(find_engine(engine), {name: setting.default for name, setting in table.items()} | own)
     used = tuple((name, value) for name, value in own.items() if name not in idle)
