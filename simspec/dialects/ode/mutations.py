@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from simspec.dialects.kit.mutations import Addition, Inert
-from simspec.dialects.kit.world_mutations import SYMMETRIC, table
+from simspec.dialects.kit.world_mutations import SYMMETRIC, WORLD, table
 
 LAW = '{"first": "nothing", "second": "nothing", "friction": 0.5, "restitution": 0}'
+
+BODILESS = "ODE has no body for what cannot move or has no mass"
+INERTIAL = ("bodies.*.mass", "bodies.*.centre_of_mass.*", "bodies.*.inertia.*")
+
+NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
 
 TABLE = table(
     {"solver": ("step", "quick-step")},
@@ -15,5 +20,8 @@ TABLE = table(
         Addition("laws", LAW),
         Addition("laws.*", "0.1", "adhesion"),
     ),
-    (Inert("laws.*", SYMMETRIC, ("swapped",), "sidecar.json"),),
+    (
+        *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
+        *(Inert(site, BODILESS, ("moved", "scaled", "sign", "swapped"), WORLD) for site in INERTIAL),
+    ),
 )

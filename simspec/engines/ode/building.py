@@ -17,7 +17,7 @@ from simspec.dialects.ode.sidecar import OdeSidecar
 from simspec.engines.ode.library import NAME, Library, numbers
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, parent_of
-from simspec.world.types import PairContact
+from simspec.world.types import Hardness, PairContact
 
 ERROR_REDUCTION = 0.01
 """β of the common law (:class:`simspec.world.types.Hardness`)."""
@@ -79,6 +79,8 @@ class Built:
 
     def _body(self, body: Body, parent: int, moves: bool) -> None:
         joint = body.joint
+        if moves and not body.mass and any(body.inertia):
+            raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no mass")
         if moves and not body.mass and not isinstance(joint, FixedJoint):
             raise EngineError(NAME, f"does not support {body.name!r}, which moves and has no mass")
         if moves and body.mass and not regular(body.inertia):
@@ -165,6 +167,8 @@ def not_held(law: PairContact) -> str | None:
     """What of a law ODE does not have; None where it has all."""
     if law.hardness.kind != "common":
         return f"the hardness {law.hardness.kind}"
+    if law.hardness != Hardness():
+        return "numbers beside the common hardness"
     if law.margin is not None:
         return "a margin"
     if law.rolling_friction or law.torsional_friction:
