@@ -45,7 +45,7 @@ def load(wanted: Iterable[Wanted], most_vertices: int) -> Mapping[Wanted, MadeMe
             results[item] = surface
             continue
         try:
-            mesh = made(surface, options)
+            mesh = made(surface, options, most_vertices)
         except MeshError as error:
             results[item] = error
             continue

@@ -17,6 +17,9 @@ from simspec.world.types import Pose
 
 FURTHEST = 1e5
 """m from the origin of the shape's frame: what is further is in another unit."""
+LARGEST = 40_000
+"""Vertices of a file's hull, however few are asked for: to choose 128 of these takes 5 s of processor time (measured), and more
+come only of files that are scans of round things, or made to take long."""
 SAME = 1e-9
 """Share by which two volumes of one solid may differ by round-off."""
 Triple = tuple[float, float, float]
@@ -64,8 +67,9 @@ class FlatMeshError(MeshError):
     """All points of a mesh are in one plane, or nearly so."""
 
 
-def made(surface: Surface, options: MeshOptions) -> MadeMesh:
-    """What a world takes from ``surface``. Raises MeshError where no solid can be made of it."""
+def made(surface: Surface, options: MeshOptions, most_vertices: int = LARGEST) -> MadeMesh:
+    """What a world takes from ``surface``; a hull whose options allow any number of vertices may have ``most_vertices``. Raises
+    MeshError where no solid can be made of it, before more is computed of a hull that has too many."""
     vertices, triangles = merged(_placed(surface, options), surface.triangles)
     if _mirrored(options):
         triangles = triangles[:, ::-1]
@@ -73,6 +77,9 @@ def made(surface: Surface, options: MeshOptions) -> MadeMesh:
         raise MeshError(f"it reaches further than {FURTHEST:g} m: `unit` and `scale` say how large it is")
     try:
         outer = vertices[corners(vertices)]
+        if options.max_vertices is None and not options.pieces:
+            _check_number(len(outer), most_vertices)
+        _check_readable(len(outer))
         volume = hull(outer).solid.volume
         closed = enclosed(vertices, triangles)
         if closed.solid is not None and closed.solid.volume > volume * (1.0 + SAME):
@@ -83,6 +90,8 @@ def made(surface: Surface, options: MeshOptions) -> MadeMesh:
 
             groups = [points[corners(points)] for points in pieces(vertices, triangles)]
         parts = tuple(_convex(points, options.max_vertices) for points in groups)
+    except MeshError:
+        raise
     except FlatError as error:
         raise FlatMeshError(f"it has no volume: {error}") from None
     except ValueError as error:
@@ -93,12 +102,21 @@ def made(surface: Surface, options: MeshOptions) -> MadeMesh:
 def bounded(mesh: MadeMesh, options: MeshOptions, most_vertices: int) -> MadeMesh:
     """``mesh``, unless a hull of it, whose options allow any number of vertices, has more than ``most_vertices``: then
     ManyVerticesError is raised."""
-    largest = max(part.vertices for part in mesh.parts)
-    if options.max_vertices is None and largest > most_vertices:
-        raise ManyVerticesError(
-            f"its hull has {largest:,} vertices, more than {most_vertices:,}; `max_vertices: 64` leaves the best"
-        )
+    if options.max_vertices is None:
+        _check_number(max(part.vertices for part in mesh.parts), most_vertices)
     return mesh
+
+
+def _check_number(vertices: int, most: int) -> None:
+    if vertices > most:
+        raise ManyVerticesError(
+            f"its hull has {vertices:,} vertices, more than {most:,}; `max_vertices: 64` leaves the best"
+        )
+
+
+def _check_readable(vertices: int) -> None:
+    if vertices > LARGEST:
+        raise MeshError(f"its hull has {vertices:,} vertices, more than the {LARGEST:,} that a file's may have")
 
 
 def _convex(points: Points, most: int | None) -> Convex:

@@ -181,6 +181,18 @@ def test_a_hull_of_too_many_vertices_asks_for_fewer():
     assert part.vertices == 642
 
 
+def test_a_hull_of_too_many_vertices_is_refused_before_its_parts_are_made(monkeypatch):
+    """Also where fewer are asked for: choosing them takes long."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    surface = Surface(np.asarray(ball.vertices), np.asarray(ball.faces))
+    monkeypatch.setattr("simspec.meshes.made._convex", None)
+    with pytest.raises(ManyVerticesError, match="642 vertices, more than 500; `max_vertices: 64`"):
+        made(surface, HULL, 500)
+    monkeypatch.setattr("simspec.meshes.made.LARGEST", 600)
+    with pytest.raises(MeshError, match="642 vertices, more than the 600"):
+        made(surface, MeshOptions(max_vertices=64))
+
+
 def test_what_is_remembered_or_kept_is_bounded_as_what_is_made(tmp_path, monkeypatch):
     """A file that was taken where more vertices were allowed is refused where fewer are, whoever remembers it."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
