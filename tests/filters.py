@@ -251,7 +251,7 @@ def _link_dropped(file: str, name: str):
     return _xml(file, change)
 
 
-# --- Drake --------------------------------------------------------------------------------------------------------
+# --- Files world.json: Drake, ODE ---------------------------------------------------------------------------------
 
 
 def _world_json(change: Callable[[dict], None]) -> Callable[[Files], dict[str, bytes]]:
@@ -269,7 +269,7 @@ def _apart(key: str, change: Callable[[list], None]):
     return _world_json(lambda content: change(content["apart"][key]))
 
 
-def _of_drake(name: str, change: Callable[[dict], None]):
+def _of_shape(name: str, change: Callable[[dict], None]):
     """A change of one shape."""
 
     def edit(content: dict) -> None:
@@ -284,6 +284,16 @@ def _in_group(name: str, group: str):
     )
 
 
+OF_WORLD_FILES: Mapping[str, Callable[[Files], dict[str, str]]] = {
+    "group filter dropped": _apart("groups", lambda pairs: pairs.clear()),
+    "a group has lost a body": _in_group("upper", "default"),
+    "a group has one body more": _in_group("hand", "arm"),
+    "exclusion dropped": _apart("bodies", lambda pairs: pairs.remove(["brick", "ground"])),
+    "exclusion in the arm dropped": _apart("bodies", lambda pairs: pairs.remove(["fore", "upper"])),
+    "exclusion too many": _apart("bodies", lambda pairs: pairs.append(["ground", "tool"])),
+    "exclusion too many in the arm": _apart("bodies", lambda pairs: pairs.append(["hand", "upper"])),
+}
+"""What every engine that reads ``world.json`` is asked."""
 DEFECTS: Mapping[str, Mapping[str, Callable[[Files], dict[str, str]]]] = {
     "mujoco": {
         "group filter dropped": _xml("model.xml", _no_masks),
@@ -325,19 +335,18 @@ DEFECTS: Mapping[str, Mapping[str, Callable[[Files], dict[str, str]]]] = {
         "third shape not solid": _no_longer_solid("brick_ice_too"),
     },
     "drake": {
-        "group filter dropped": _apart("groups", lambda pairs: pairs.clear()),
-        "a group has lost a body": _in_group("upper", "default"),
-        "a group has one body more": _in_group("hand", "arm"),
-        "exclusion dropped": _apart("bodies", lambda pairs: pairs.remove(["brick", "ground"])),
-        "exclusion in the arm dropped": _apart("bodies", lambda pairs: pairs.remove(["fore", "upper"])),
-        "exclusion too many": _apart("bodies", lambda pairs: pairs.append(["ground", "tool"])),
-        "exclusion too many in the arm": _apart("bodies", lambda pairs: pairs.append(["hand", "upper"])),
+        **OF_WORLD_FILES,
         "a pair of materials meets no longer": _world_json(lambda content: content["meets"].pop(0)),
         "a pair of materials meets in another layer": _world_json(
             lambda content: content["meets"][2].__setitem__(2, 7)
         ),
-        "a copy is not there": _of_drake("pad", lambda shape: shape["copies"].pop()),
-        "third shape not solid": _of_drake("brick_ice_too", lambda shape: shape.update(material="", copies=[])),
+        "a copy is not there": _of_shape("pad", lambda shape: shape["copies"].pop()),
+        "third shape not solid": _of_shape("brick_ice_too", lambda shape: shape.update(material="", copies=[])),
+    },
+    "ode": {
+        **OF_WORLD_FILES,
+        "a pair of materials meets no longer": _json(lambda content: content["laws"][1].update(collide=False)),
+        "third shape not solid": _of_shape("brick_ice_too", lambda shape: shape.update(material="", copies=[])),
     },
 }
 """Of every engine the defects by name, from files to files."""

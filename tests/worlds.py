@@ -20,7 +20,7 @@ KINDS = ("sphere", "box", "cylinder", "capsule")
 def shapes_world(kinds: tuple[str, ...] = KINDS, friction: float = 0.4) -> World:
     """As shipped. DART has no collision detector that gets all these shapes right: what it gets wrong is accepted."""
     accepted = tuple(f"shape.{kind}" for kind in ("capsule", "cylinder", "ellipsoid", "plane"))
-    options = (EngineOptions("dart", accept=accepted), *ROUGH)
+    options = (EngineOptions("dart", accept=accepted), EngineOptions("ode", accept=("shape.cylinder",)), *ROUGH)
     return dataclasses.replace(shipped.shapes_world(kinds, friction), engines=options)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from simspec.arguments import print_json
 from simspec.commands.generated_file import generated_files
 from simspec.engines.kit.installed import instances
 from simspec.errors import EXIT_OK
+from simspec.outputs.targets import check_file
 from simspec.project import load_project
 from simspec.report import engine_pages, matrix
 from simspec.report.screen import console, say
@@ -17,10 +19,13 @@ from simspec.report.terminal import engine_tables
 def engines(markdown: bool, out: Path, check: bool, as_json: bool) -> int:
     """Print the engines, or write the support matrix to ``out``, and the page of each engine beside it."""
     if markdown:
-        files = {
-            out: (matrix.markdown(), matrix.is_matrix),
-            out.with_name(engine_pages.PAGE): (engine_pages.markdown(Path()), engine_pages.is_page),
+        pages: dict[Path, tuple[Callable[[], str], Callable[[bytes], bool]]] = {
+            out: (matrix.markdown, matrix.is_matrix),
+            out.parent / engine_pages.PAGE: (lambda: engine_pages.markdown(Path()), engine_pages.is_page),
         }
+        for path, (_, ours) in pages.items() if not check else ():
+            check_file(path, ours)
+        files = {path: (made(), ours) for path, (made, ours) in pages.items()}
         return generated_files(files, check, as_json, "simspec engines --markdown")
     data = matrix.engine_data()
     project = load_project()

@@ -138,7 +138,12 @@ LEVEL_WORDS = {
 }
 """Of each level what it checks, as far as ``PART_WORDS`` does not say it of its parts."""
 PART_WORDS = {
-    "L6": {"motion": "contact-free motion", "dry friction": "dry friction", "limits of sums": "limits of sums"},
+    "L6": {
+        "motion": "contact-free motion",
+        "dry friction": "dry friction",
+        "limits of sums": "limits of sums",
+        "limits of balls": "limits of balls",
+    },
     "L7": {
         "step response": "control, step response",
         "applied forces": "applied forces",

@@ -10,6 +10,7 @@ import pytest
 from simspec import cli, compiler
 from simspec.dialects.kit.contract import Dialect, dialects
 from simspec.dynamics.oracle import Oracle
+from tests.installed import INSTALLED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -28,7 +29,7 @@ engines:
   dart: {accept: [material.restitution]}
 """
 """A world that one engine does not support: it is negotiated for that one, and nothing more."""
-TAKEN = ("dart", "mujoco", "pybullet")
+TAKEN = tuple(name for name in INSTALLED if name != "drake")
 NAMED = tuple(word for name in TAKEN for word in ("--engine", name))
 
 

@@ -95,6 +95,7 @@ SAID = {
     ("mujoco", "ls_iterations", "solver", "pgs"),
     ("mujoco", "ls_tolerance", "solver", "pgs"),
     ("mujoco", "sleep_tolerance", "sleeping", False),
+    ("ode", "iterations", "solver", "step"),
 }
 
 

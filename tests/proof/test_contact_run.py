@@ -158,6 +158,10 @@ def test_planted_defects_are_measured(engine, defect, probe, tmp_path, monkeypat
     write_folder(sound, tmp_path / "sound")
     write_folder(plant(sound), tmp_path / "planted")
     assert wrong(measured(world, engine, tmp_path / "sound")) == set()
+    if (engine, defect) == ("ode", "cone"):  # the sidecar says it too, and files that contradict each other are refused
+        with pytest.raises(ValueError, match=r"friction cone of world\.json is not the sidecar's"):
+            measured(world, engine, tmp_path / "planted")
+        return
     assert wrong(measured(world, engine, tmp_path / "planted"))
 
 

@@ -77,6 +77,7 @@ VALUES = {
     "origin": simspec.world.types.Pose((1.0, 0.0, 0.0)),
     "axis": (0.6, 0.8, 0.0),
     "position_limits": (-0.1, 0.1),
+    "angle_limit": 0.5,
     "position": (0.5,),
 }
 

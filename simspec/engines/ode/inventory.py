@@ -10,6 +10,7 @@ from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.ode.building import SOLVERS
 from simspec.engines.ode.readback import asked, told_law
 from simspec.engines.ode.simulation import Simulation
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import HeldValue
 
@@ -98,7 +99,7 @@ def _where(sim: Simulation, row: int) -> dict[str, HeldValue]:
     lib, joint = sim.library, sim.library.sim_joint(sim.sim, row, 0)
     kind = sim.document.bodies[row].joint.kind
     q, _ = sim.get_state()
-    if not joint or kind not in ("hinge", "slide"):
+    if not joint or kind not in SCALAR_JOINTS:
         return {}
     axis = asked(lib.dJointGetHingeAxis if kind == "hinge" else lib.dJointGetSliderAxis, joint, 3)
     own = float(lib.dJointGetHingeAngle(joint) if kind == "hinge" else lib.dJointGetSliderPosition(joint))

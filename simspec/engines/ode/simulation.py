@@ -16,6 +16,7 @@ from simspec.engines.ode.library import NAME, Integers, library, pointer
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import FreeJoint, parent_of, state_of
+from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
 from simspec.world.rotations import unit
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
@@ -54,7 +55,7 @@ class Simulation:
         turns = [
             range(place.stop - 4, place.stop)
             for place, kind in zip(self.q_places, kinds, strict=True)
-            if kind in ("ball", "free")
+            if kind in QUATERNION_JOINTS
         ]
         self._turns = np.array(turns, dtype=np.intp).reshape(-1, 4)
         self._poses, self._velocities = np.zeros((len(bodies), 12)), np.zeros((len(bodies), 6))

@@ -39,7 +39,7 @@ SETTINGS = {
     "tolerance": 1e-7,
 }
 SOUND = {
-    **{name: lambda make=make: make("dart") for name, make in SHARED.items() if name != "rolling"},
+    **{name: lambda make=make: make("dart") for name, make in SHARED.items() if name not in ("rolling", "ground")},
     "settings": lambda: told(WORLDS["bouncing"]("dart"), "shape.box", **SETTINGS),
     "dantzig": lambda: told(WORLDS["bouncing"]("dart"), "contact.cone.elliptic", contact_solver="dantzig"),
     "fcl": lambda: told(WORLDS["bouncing"]("dart"), collision_detector="fcl"),

@@ -28,7 +28,7 @@ from tests import worlds
 from tests.engines.drake.scenes import boxes, told
 from tests.planted import SHARED
 
-REFUSED = ("rolling", "bouncing", "dry friction")
+REFUSED = ("rolling", "bouncing", "dry friction", "ground")
 
 
 @pytest.fixture

@@ -144,7 +144,6 @@ LOSSES = {
     '<body><joint type="free" damping="1"/><geom size="1" pos="0 1 0"/></body>': "joint.free_damping",
     '<body><joint type="ball" frictionloss="1"/><geom size="1"/></body>': "joint.dry_friction",
     '<body><joint type="free" armature="1"/><geom size="1" pos="0 1 0"/></body>': "joint.armature",
-    '<body><joint type="ball" range="0 1" limited="true"/><geom size="1"/></body>': "joint.ball_limit",
     '<body><joint type="free" stiffness="1"/><geom size="1"/></body>': "joint.free_spring",
     '<body><joint actuatorfrcrange="-1 2"/><geom size="1"/></body>': "joint.effort_range",
     '<body><joint stiffness="1 2"/><geom size="1"/></body>': "joint.polynomial",
