@@ -145,7 +145,8 @@ class Ode(SimulatedEngine[Simulation]):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: Support(Level.EXACT, "ODE's pyramid, along the world's x"),
         Feature.CONE_ELLIPTIC: Support(
             Level.EXACT,
-            "each step is solved twice: without friction, and with ODE's pyramids along the slip that each point then has",
+            "each step is solved without friction, then with it up to four times: what slips against its slip, bound by "
+            "the normal forces of the solution before",
         ),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),

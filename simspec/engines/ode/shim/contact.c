@@ -60,7 +60,7 @@ static int across(const double *n, const double *x, double *t) {
 /* The first direction of friction. Pyramids: the world's x, of the inscribed one halfway to y; where x is the normal, y. */
 static int direction(const Sim *s, const Point *p, double *t) {
   static const double x[3] = {1, 0, 0}, y[3] = {0, 1, 0};
-  if (s->cone == ELLIPTIC) return across(p->geom.normal, p->slip, t);
+  if (s->cone == ELLIPTIC) return across(p->geom.normal, p->against, t);
   const double *n = p->geom.normal;
   if (fabs(n[0]) > 0.999 ? !across(n, y, t) : !across(n, x, t)) return 0;
   if (s->cone == INSCRIBED) {
@@ -88,6 +88,10 @@ void join(Sim *s, int with_friction, double softer) {
     }
     if (with_friction && law->friction > 0) {
       c.surface.mu = law->friction / (s->cone == INSCRIBED ? sqrt(2) : 1);
+      if (with_friction > 1) {
+        c.surface.mode &= ~dContactApprox1, c.surface.mu *= p->push;
+        if (p->sliding) c.surface.mode |= dContactMu2; /* of 0 */
+      }
       if (direction(s, p, c.fdir1)) c.surface.mode |= dContactFDir1;
     }
     dJointID joint = dJointCreateContact(s->world, s->joints, &c);
@@ -113,6 +117,52 @@ void slips(Sim *s) {
   }
 }
 
+/* The force of a point on the first of its shapes in the last step; ODE exchanges the bodies of a joint whose first is the world. */
+static void force_on_first(const Point *p, double *f) {
+  int first = dGeomGetBody(p->geom.g1) != 0;
+  for (int i = 0; i < 3; i++) f[i] = first ? p->force.f1[i] : -p->force.f2[i];
+}
+
+/* Friction against the slip without friction: slips() of a step without. */
+void aim(Sim *s) {
+  for (int i = 0; i < s->points; i++) {
+    Point *p = s->point + i;
+    memcpy(p->free, p->slip, 24), memcpy(p->against, p->slip, 24);
+  }
+}
+
+/* Friction once more, from the slips and normal forces of a step with it. ODE bounds friction by the normal forces without it,
+   and by a pyramid: what slips on is given the bound of the forces that came out, against its slip alone, and what sticks, or
+   slips less than friction changed in the step, keeps its pyramid with that bound. The largest change, as a share or sine. */
+double aim_again(Sim *s) {
+  double most = 0;
+  for (int i = 0; i < s->points; i++) {
+    Point *p = s->point + i;
+    const double *n = p->geom.normal;
+    double f[3], push = 0, left[3], old[3], fresh[3], slowed = 0, slipped = 0;
+    if (p->law->friction <= 0) continue;
+    force_on_first(p, f);
+    for (int k = 0; k < 3; k++) push += f[k] * n[k], left[k] = p->free[k] - p->slip[k];
+    if (!(push > 0)) push = 0;
+    double change = fabs(push - p->push) / (push > 0 ? push : 1);
+    p->push = push;
+    if (across(n, left, old))
+      for (int k = 0; k < 3; k++) slowed += left[k] * old[k];
+    if (across(n, p->slip, fresh))
+      for (int k = 0; k < 3; k++) slipped += p->slip[k] * fresh[k];
+    p->sliding = slipped > slowed;
+    if (p->sliding) {
+      double turn[3] = {0, 0, 0};
+      if (across(n, p->against, old))
+        for (int k = 0; k < 3; k++) turn[k] = fresh[k] - old[k];
+      if (length(turn) > change) change = length(turn);
+      memcpy(p->against, fresh, 24);
+    }
+    if (change > most) most = change;
+  }
+  return most;
+}
+
 int sim_apart(Sim *s, int one, int two) { return apart(s, s->shape[one], s->shape[two]); }
 
 /* Pairs of shapes that touch at the present state: their number; of those that fit into pairs (room, 2) which. */
@@ -135,13 +185,14 @@ int sim_touching(Sim *s, int *pairs, int room) {
 void sim_points(const Sim *s, int *units, double *numbers) {
   for (int i = 0; i < s->points; i++) {
     const Point *p = s->point + i;
-    const double *n = p->geom.normal, *f = p->force.f1, *g = p->force.f2;
+    const double *n = p->geom.normal;
+    double f[3];
+    force_on_first(p, f);
     units[2 * i] = p->one->unit, units[2 * i + 1] = p->two->unit;
     double *x = numbers + 8 * i;
     memcpy(x, p->geom.pos, 24), memcpy(x + 3, n, 24);
     x[6] = p->geom.depth;
-    /* ODE exchanges the bodies of a joint whose first is the world */
-    x[7] = dGeomGetBody(p->geom.g1) ? f[0] * n[0] + f[1] * n[1] + f[2] * n[2] : -(g[0] * n[0] + g[1] * n[1] + g[2] * n[2]);
+    x[7] = f[0] * n[0] + f[1] * n[1] + f[2] * n[2];
   }
 }
 

@@ -11,6 +11,8 @@ enum { MOST_POINTS = 64, TEXT = 200 };
 #define STOP_ERP 0.01
 #define STOP_CFM 1e-10
 #define MOST_SOFTER 1e5
+#define MOST_PASSES 4 /* with friction */
+#define STEADY 1e-3 /* change of friction, as a share, below which no more follow */
 
 /* A body of the world and its joint to what it hangs on. */
 typedef struct {
@@ -32,7 +34,7 @@ typedef struct { double friction, restitution, threshold, rolling, torsional, so
 typedef struct { dGeomID geom; int body, material, group, unit; } Shape;
 
 /* A point of contact of the present step. */
-typedef struct { dContactGeom geom; Shape *one, *two; Law *law; double slip[3]; dJointFeedback force; } Point;
+typedef struct { dContactGeom geom; Shape *one, *two; Law *law; double slip[3], free[3], against[3], push; int sliding; dJointFeedback force; } Point;
 
 typedef struct {
   dWorldID world; dSpaceID space; dJointGroupID joints;
@@ -61,5 +63,7 @@ void multiply_t(const double *A, const double *x, const double *B, double *Atx, 
 void detect(Sim *s);
 void join(Sim *s, int with_friction, double softer);
 void slips(Sim *s);
+void aim(Sim *s);
+double aim_again(Sim *s);
 int apart(Sim *s, const Shape *one, const Shape *two);
 #endif

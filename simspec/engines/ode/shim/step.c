@@ -56,9 +56,16 @@ int sim_step(Sim *s, int count, const double *effort) {
     if (rubs && s->cone == ELLIPTIC) { /* friction opposes the slip that would be without it */
       solve(s, 0, effort);
       slips(s);
+      aim(s);
       lay(s);
     }
     solve(s, 1, effort);
+    for (int pass = 1; rubs && s->cone == ELLIPTIC && pass < MOST_PASSES; pass++) {
+      slips(s);
+      if (aim_again(s) < STEADY) break;
+      lay(s);
+      solve(s, 2, effort);
+    }
     take(s, u);
     advance_state(s, u);
     for (int i = 0; i < s->nv; i++)
