@@ -125,14 +125,17 @@ def test_comments_before_the_next_key_stay_with_it():
 
 # --- short reasons ------------------------------------------------------------------------------------------------
 
-DECLARED = [
-    (owner.NAME, feature.value, said.short)
-    for owner in (*dialects().values(), *engines().values())
-    for feature, one in owner.SUPPORT.items()
-    for said in (one, *one.cases)
-    if said.level in (Level.APPROXIMATE, Level.OUTSIDE)
-]
-"""Of every format and engine: what has to be accepted or asked for by name, and its short reason."""
+DECLARED = list(
+    dict.fromkeys(
+        (owner.NAME, feature.value, said.short)
+        for owner in (*dialects().values(), *engines().values())
+        for feature, one in owner.SUPPORT.items()
+        for said in (one, *one.cases)
+        if said.level in (Level.APPROXIMATE, Level.OUTSIDE)
+    )
+)
+"""Of every format and engine: what has to be accepted or asked for by name, and its short reason; once where an engine and its
+dialect of one name declare the same."""
 PAGE = Path(__file__).resolve().parents[2] / reasons.PAGE
 
 

@@ -94,7 +94,7 @@ class MuJoCo(MujocoSimulation):
         Feature.BALL_LIMIT: approximate(
             "as limits of hinges: stops inelastically, but one step late: passes the limit by up to ω dt, and comes back by "
             "limit_error_reduction of it per step",
-            short="a joint passes its limit by up to one step's way before it stops",
+            short="a ball joint passes its largest angle by up to one step's way before it stops",
         ),
         Feature.DRY_FRICTION: approximate(
             "sticks softly: creeps at up to 1e-4 dt times the acceleration it holds back (1e-7 m/s at 1 ms and 1 m/s²)",

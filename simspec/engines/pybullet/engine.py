@@ -145,15 +145,16 @@ class PyBullet(SimulatedEngine[Simulation]):
         **shape_kinds("PyBullet", SHAPE_KINDS.values()),
         Feature.SHAPE_BOX: Support(
             Level.EXACT,
+            "with PyBullet's margin within it: on a link that is no base 1 mm, so that none is thinner than 2 mm there",
             refine=lambda world: thick_enough(PyBullet, "box", world),
-            cases=(THICK,),
+            cases=(THICK["box"],),
         ),
         Feature.SHAPE_CYLINDER: Support(
             Level.EXACT,
             "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R beside the axis, as it "
             "should",
             refine=lambda world: thick_enough(PyBullet, "cylinder", world),
-            cases=(THICK,),
+            cases=(THICK["cylinder"],),
         ),
         Feature.SHAPE_PLANE: Support(
             Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
@@ -163,7 +164,7 @@ class PyBullet(SimulatedEngine[Simulation]):
             f"the convex hull to {KEPT:g} of its extent, computed with whole numbers; on links other than bases of "
             "trees told 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
             refine=lambda world: meshes_held(PyBullet, world),
-            cases=(LANDING, THICK),
+            cases=(LANDING, THICK["mesh"]),
         ),
         Feature.SHAPE_HEIGHTFIELD: Support(Level.EXACT, GROUND, refine=_ground_held),
         Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),

@@ -30,11 +30,15 @@ LANDING = Refinement(
     "tumbles (a cube of 10 cm that falls 10 cm by 1.2°; what is top-heavy falls over; measured: boxes do not)",
     short="a hull that lands on a face is stopped at one point first, and tumbles",
 )
-THICK = Refinement(
-    Level.APPROXIMATE,
-    "on a link that is no base PyBullet's margin is 1 mm, so that no box, cylinder or mesh is thinner than 2 mm there",
-    short="a shape thinner than 2 mm, on a link that is no base, is felt as thick as 2 mm",
-)
+THICK = {
+    kind: Refinement(
+        Level.APPROXIMATE,
+        "on a link that is no base PyBullet's margin is 1 mm, so that no box, cylinder or mesh is thinner than 2 mm there",
+        short=f"a {kind} thinner than 2 mm, on a link that is no base, is felt as thick as 2 mm",
+    )
+    for kind in ("mesh", *HALVES)
+}
+"""By the kind of shape."""
 
 
 def meshes_held(engine: type[Engine], world: World) -> Refinement | None:
@@ -93,5 +97,6 @@ def _short(shape: Shape, margins: set[float]) -> float:
 
 def _told(kind: str, found: Mapping[str, float], besides: Refinement | None = None) -> Refinement:
     name = max(found, key=lambda name: found[name])
-    how = f"{THICK.how}: faces of {name!r} are felt {1e3 * found[name]:.2g} mm outside of where they are, of no {kind} more"
-    return Refinement(Level.APPROXIMATE, how if besides is None else f"{besides.how}; {how}", short=THICK.short)
+    thick = THICK[kind]
+    how = f"{thick.how}: faces of {name!r} are felt {1e3 * found[name]:.2g} mm outside of where they are, of no {kind} more"
+    return Refinement(Level.APPROXIMATE, how if besides is None else f"{besides.how}; {how}", short=thick.short)

@@ -200,9 +200,12 @@ class Simulation:
             where.update((self.names[link.index], (tree.uid, link.link)) for link in tree.links)
             for (link, _), copy in zip(tree.copies, instance.copies, strict=True):
                 where[copy.link] = (tree.uid, link)
-        # by links, not as the file lists them: PyBullet finds pairs in this order, and its solver takes them in that
+        # by links, not as the file lists them: PyBullet finds pairs in this order, and its solver takes them in that; free
+        # trees first, since a base of several hulls that lands on a fixed one of lower place is stopped at one point (measured)
+        fixed = {tree.uid: tree.root != "free" for tree in self.trees}
         self._masks = sorted(
-            (*where[name], entry.group, entry.mask) for entry in content.classes for name in entry.links
+            ((*where[name], entry.group, entry.mask) for entry in content.classes for name in entry.links),
+            key=lambda mask: (fixed[mask[0]], *mask),
         )
         for first, second in content.excluded:
             (uid, link), (other_uid, other_link) = where[first], where[second]
