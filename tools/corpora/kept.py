@@ -4,6 +4,8 @@ stopped. Answers of files whose content is another by now are left out."""
 from __future__ import annotations
 
 import json
+import re
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -52,6 +54,8 @@ def _clipped(value: Any, folder: Path) -> Any:
     """``value`` with short texts, in which no path names this machine."""
     if isinstance(value, str):
         text = value.replace(f"{folder}/", "").replace(f"{KEPT.parents[1]}/", "")
+        for place in (tempfile.gettempdir(), *(str(one) for one in KEPT.parents[2:-1])):
+            text = re.sub(re.escape(place) + r"/(?:[\w.+@-]+/)*", "…/", text)
         return text[-LONGEST:] if text.startswith("Traceback") else text[:LONGEST]
     if isinstance(value, dict):
         return {name: _clipped(one, folder) for name, one in value.items()}
