@@ -196,14 +196,16 @@ void load(Sim *s, const double *effort, int joints) {
 /* Rows of armature, A (u' - u)/dt as a motor's softness, of dry friction, a motor of speed 0, and of stops, u' >= -gap/dt. */
 void set_motors(Sim *s) {
   for (int k = 0; k < s->bodies; k++) {
-    const Body *b = s->body + k;
+    Body *b = s->body + k;
     void (*set)(dJointID, int, dReal) = b->kind == HINGE ? dJointSetAMotorParam : dJointSetLMotorParam;
+    if (b->joint) dJointSetFeedback(b->joint, &b->held);
     if (b->rotor) {
       set(b->rotor, dParamFMax, dInfinity);
       set(b->rotor, dParamVel, s->u[b->v]);
       set(b->rotor, dParamCFM, s->timestep / b->armature);
     }
     if (b->rub) {
+      dJointSetFeedback(b->rub, &b->rubbed);
       set(b->rub, dParamFMax, b->dry);
       set(b->rub, dParamVel, 0);
     }
@@ -211,6 +213,7 @@ void set_motors(Sim *s) {
     /* ODE stops what is beyond a limit, so the limit is laid beyond the joint: by the gap, which a negative ERP gives as speed */
     double below = s->q[b->q] - b->lower, above = b->upper - s->q[b->q], gap = below < above ? below : above;
     double reach = fabs(gap), erp = gap < 0 ? STOP_ERP : -1;
+    if (b->stop != b->joint) dJointSetFeedback(b->stop, &b->stopped);
     set = b->kind == HINGE ? dJointSetAMotorParam : dJointSetSliderParam;
     double at = b->kind == HINGE ? 0 : dJointGetSliderPosition(b->stop);
     if (b->kind == HINGE) dJointSetAMotorAngle(b->stop, 0, 0);
@@ -220,6 +223,54 @@ void set_motors(Sim *s) {
     else set(b->stop, dParamHiStop, at - reach);
     set(b->stop, dParamStopERP, erp);
     set(b->stop, dParamStopCFM, STOP_CFM);
+  }
+}
+
+static void push(const dJointFeedback *held, Body *b, Body *a) {
+  for (int i = 0; i < 3; i++) b->force[i] += held->f1[i], b->torque[i] += held->t1[i];
+  for (int i = 0; a && i < 3; i++) a->force[i] += held->f2[i], a->torque[i] += held->t2[i];
+}
+
+/* The wrenches that a solved step leaves over: bodies at rest where they were laid, with the loads of the step, what the joints
+   did in it, and the reaction to the accelerations of the joints (nv,) that came out; stops and dry friction are given as they
+   were. Of these almost nothing is left: what ODE's next step of them gives for speeds is what the first one was off by, since
+   it solves for the forces in all joints, and round-off grows with them. spare: (nv,). */
+void load_rest(Sim *s, const double *effort, const double *acceleration, double *spare) {
+  place(s, s->q, acceleration);
+  for (int k = 0; k < s->bodies; k++) {
+    Body *b = s->body + k;
+    memcpy(b->jc, b->vc, 24), memcpy(b->jw, b->w, 24);
+  }
+  place(s, s->q, s->u);
+  for (int i = 0; i < s->nv; i++) spare[i] = effort ? effort[i] : 0;
+  for (int k = 0; k < s->bodies; k++) {
+    const Body *b = s->body + k;
+    if (b->rotor) spare[b->v] -= b->armature * acceleration[b->v];
+  }
+  load(s, spare, 1);
+  for (int k = 0; k < s->bodies; k++) {
+    Body *b = s->body + k;
+    if (b->body) memset(b->force, 0, 24), memset(b->torque, 0, 24);
+  }
+  for (int k = 0; k < s->bodies; k++) {
+    Body *b = s->body + k, *a = b->parent < 0 || s->body[b->parent].carrier < 0 ? 0 : s->body + s->body[b->parent].carrier;
+    if (!b->body) continue;
+    dMass m;
+    double Ia[3];
+    dBodyGetMass(b->body, &m);
+    own_inertia(b, b->jw, Ia);
+    for (int i = 0; i < 3; i++) b->force[i] -= m.mass * b->jc[i], b->torque[i] -= Ia[i];
+    if (b->joint) push(&b->held, b, a);
+    if (b->rub) push(&b->rubbed, b, a);
+    if (b->stop && b->stop != b->joint) push(&b->stopped, b, a);
+  }
+  for (int k = 0; k < s->bodies; k++) {
+    const Body *b = s->body + k;
+    if (!b->body) continue;
+    dBodySetLinearVel(b->body, 0, 0, 0);
+    dBodySetAngularVel(b->body, 0, 0, 0);
+    dBodyAddForce(b->body, b->force[0], b->force[1], b->force[2]);
+    dBodyAddTorque(b->body, b->torque[0], b->torque[1], b->torque[2]);
   }
 }
 

@@ -24,8 +24,10 @@ typedef struct {
   int limited;
   dBodyID body;             /* 0: none */
   dJointID joint, rotor, rub, stop;
+  dJointFeedback held, rubbed, stopped; /* what joint, rub and stop did in the last step */
   double p[3], R[9], c[3], w[3], vo[3], al[3], ao[3]; /* pose, centre of mass, velocities, accelerations without those of joints */
   double vc[3], force[3], torque[3];
+  double jc[3], jw[3];      /* the centre's and the body's accelerations by those of the joints alone */
 } Body;
 
 /* The law of two materials as ODE's contacts take it. */
@@ -42,7 +44,7 @@ typedef struct {
   Body *body; Law *law; unsigned char *ignored; Shape **shape; Point *point;
   long long *excluded; int excluded_count;
   double *q, *u, *start, timestep;
-  int cone, quick, contact, lost;
+  int cone, quick, contact, lost, jointed;
   long retries, unsolved;
   char text[TEXT]; long messages; jmp_buf trap; int armed;
 } Sim;
@@ -54,6 +56,7 @@ void load(Sim *s, const double *effort, int joints);
 void take(Sim *s, double *u);
 void advance_state(Sim *s, const double *u);
 void set_motors(Sim *s);
+void load_rest(Sim *s, const double *effort, const double *acceleration, double *spare);
 void turned(const double *R, const double *x, double *Rx);
 void matrix(const double *quaternion, double *R);
 void multiply(const double *A, const double *B, double *AB);

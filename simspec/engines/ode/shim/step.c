@@ -32,6 +32,38 @@ static void solve(Sim *s, int with_friction, const double *effort) {
   s->unsolved++;
 }
 
+/* Rows of what has a bound, dry friction and stops, taken out of ODE's equations, and put back. */
+static void bounded(Sim *s, int on) {
+  for (int k = 0; k < s->bodies; k++) {
+    const Body *b = s->body + k;
+    void (*set)(dJointID) = on ? dJointEnable : dJointDisable;
+    if (b->rub) set(b->rub);
+    if (b->stop && b->stop != b->joint) set(b->stop);
+    if (!on && b->stop && b->stop == b->joint) {
+      dJointSetSliderParam(b->stop, dParamLoStop, -dInfinity);
+      dJointSetSliderParam(b->stop, dParamHiStop, dInfinity);
+    }
+  }
+}
+
+/* Correct the velocities u that a step without contact gave by what it left over (motion.c, load_rest). */
+static void refine(Sim *s, const double *effort, double *u) {
+  double *acceleration = malloc((2 * s->nv + 1) * sizeof(double)), *spare = acceleration + s->nv;
+  for (int i = 0; i < s->nv; i++) acceleration[i] = (u[i] - s->u[i]) / s->timestep;
+  lay(s);
+  load_rest(s, effort, acceleration, spare);
+  bounded(s, 0);
+  for (int k = 0; k < s->bodies; k++) {
+    const Body *b = s->body + k;
+    if (b->rotor) (b->kind == HINGE ? dJointSetAMotorParam : dJointSetLMotorParam)(b->rotor, dParamVel, 0);
+  }
+  dWorldStep(s->world, s->timestep);
+  take(s, spare);
+  bounded(s, 1);
+  for (int i = 0; i < s->nv; i++) u[i] += spare[i];
+  free(acceleration);
+}
+
 static int slides(const Sim *s) {
   for (int i = 0; i < s->points; i++)
     if (s->point[i].law->friction > 0) return 1;
@@ -67,6 +99,7 @@ int sim_step(Sim *s, int count, const double *effort) {
       solve(s, 2, effort);
     }
     take(s, u);
+    if (!s->points && s->jointed && !s->quick) refine(s, effort, u);
     advance_state(s, u);
     for (int i = 0; i < s->nv; i++)
       if (!isfinite(s->u[i])) s->lost = 1;
@@ -119,11 +152,9 @@ int sim_accelerate(Sim *s, const double *effort, double *acceleration) {
   dJointGroupEmpty(s->joints);
   place(s, s->q, s->u);
   lay(s);
+  bounded(s, 0);
   for (int k = 0; k < s->bodies; k++) {
-    Body *b = s->body + k;
-    if (b->rub) dJointDisable(b->rub);
-    if (b->stop && b->stop != b->joint) dJointDisable(b->stop);
-    if (b->stop == b->joint && b->stop) dJointSetSliderParam(b->stop, dParamLoStop, -dInfinity), dJointSetSliderParam(b->stop, dParamHiStop, dInfinity);
+    const Body *b = s->body + k;
     void (*set)(dJointID, int, dReal) = b->kind == HINGE ? dJointSetAMotorParam : dJointSetLMotorParam;
     if (b->rotor) {
       set(b->rotor, dParamFMax, dInfinity);
@@ -136,11 +167,7 @@ int sim_accelerate(Sim *s, const double *effort, double *acceleration) {
   dWorldStep(s->world, 1);
   take(s, acceleration);
   for (int i = 0; i < s->nv; i++) acceleration[i] -= s->u[i];
-  for (int k = 0; k < s->bodies; k++) {
-    Body *b = s->body + k;
-    if (b->rub) dJointEnable(b->rub);
-    if (b->stop && b->stop != b->joint) dJointEnable(b->stop);
-  }
+  bounded(s, 1);
   dWorldSetGravity(s->world, gravity[0], gravity[1], gravity[2]);
   memcpy(s->u, u, s->nv * sizeof(double));
   place(s, s->q, s->u);

@@ -154,6 +154,7 @@ int sim_body(Sim *s, int kind, int parent, const double *origin, const double *a
   place(s, s->q, s->u);
   lay(s);
   bind(s, b);
+  s->jointed |= b->joint != 0;
   return at;
 }
 
