@@ -36,7 +36,7 @@ from simspec.engines.dart.readback import SHAPE_KINDS, read_back
 from simspec.engines.dart.settings import SETTINGS
 from simspec.engines.dart.simulation import Simulation, import_dartpy
 from simspec.engines.kit.armature import armature_felt
-from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
+from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
@@ -44,9 +44,9 @@ from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.outside import computed, constraints_felt
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.settings import Setting, resolve_settings
-from simspec.engines.kit.simulated import SimulatedEngine
+from simspec.engines.kit.stepped import SteppedEngine
 from simspec.errors import EngineError
 from simspec.support.declarations import (
     AS_EFFORTS,
@@ -139,7 +139,7 @@ def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
     return None
 
 
-class Dart(SimulatedEngine[Simulation]):
+class Dart(SteppedEngine[Simulation]):
     """DART's Featherstone dynamics (semi-implicit Euler), with NSGS or Dantzig for contact, limits and dry friction."""
 
     NAME: ClassVar[str] = "dart"
@@ -293,10 +293,6 @@ class Dart(SimulatedEngine[Simulation]):
         detector = detector_of(world, cls.NAME, str(resolve_settings(cls, world)["collision_detector"]))
         return frozenset(OVERLOOKED.get(detector, {}))
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._before: BeforeSteps | None = None
-
     @classmethod
     def prepare(cls) -> None:
         import_dartpy()
@@ -308,45 +304,15 @@ class Dart(SimulatedEngine[Simulation]):
             raise EngineError(self.NAME, str(error)) from error
         return Simulation(folder, typed)
 
-    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        self._before = None
-        super().load(folder, sidecar)
-        told = self._simulation.sidecar
-        before = BeforeSteps(self, told.passive, told.constraints or (), told.sums or ())
-        self._before = before if before.needed else None
-
-    def read_back(self) -> ReadBack:
+    def _held(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim.whole(), *sim.coordinates.get_state(), dict(self.UNREADABLE))
-        held = dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-        return held if self._before is None else self._before.told(held)
-
-    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
-        armature = self._simulation.efforts.armature
-        held = []
-        for tree in self._simulation.coordinates.trees:
-            turn = tree.velocity_map()
-            held.append((tree.block, turn.T @ (tree.skeleton.getMassMatrix() + np.diag(armature[tree.dofs])) @ turn))
-        return pick_blocks(blocks, held)
-
-    def bias_force(self) -> np.ndarray:
-        sim = self._simulation
-        found = np.zeros(sim.coordinates.nv)
-        for tree in sim.coordinates.trees:
-            found[tree.block] = tree.velocity_map().T @ tree.skeleton.getCoriolisAndGravityForces()
-        return found if self._before is None else self._before.bias_force(found)
+        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
 
     @property
     def world(self) -> Any:
         """DART's own world."""
         return self._simulation.world
-
-    def step(self, count: int, effort: np.ndarray | None = None) -> None:
-        if self._before is None:
-            self._simulation.advance(count, effort)
-            return
-        for _ in range(count):
-            self._simulation.advance(1, self._before.effort(effort))
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         quick = self._before is None and JointArrays.suits(self._simulation)
@@ -387,14 +353,6 @@ class Dart(SimulatedEngine[Simulation]):
         for body, place in zip(sim.bodies, sim.coordinates.v_places, strict=True):
             if place.start in rubbing:
                 body.getParentJoint().setCoulombFriction(0, 0.0)
-
-    def energy(self) -> tuple[float, float]:
-        sim = self._simulation
-        kinetic, potential = sim.efforts.energy()
-        for tree in sim.coordinates.trees:
-            kinetic += tree.skeleton.computeKineticEnergy()
-            potential += tree.skeleton.computePotentialEnergy()
-        return kinetic, potential + (0.0 if self._before is None else self._before.potential())
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         return Foreign(import_dartpy(), log).load(file, language, packages)

@@ -56,6 +56,7 @@ class Simulation:
     def __init__(self, folder: Path, sidecar: DartSidecar, pictures: bool = False):
         self.dartpy = import_dartpy()
         self.sidecar = sidecar
+        self.constraints, self.sums, self.passive = sidecar.constraints or (), sidecar.sums or (), sidecar.passive
         self.settings: Mapping[str, Any] = sidecar.settings
         self.log: list[str] = []
         self.apart: list[tuple[str, str]] = []
@@ -211,6 +212,31 @@ class Simulation:
             velocities[index, :3], velocities[index, 3:] = body.getLinearVelocity(), body.getAngularVelocity()
         poses[poses[:, 3] < 0.0, 3:] *= -1.0
         return poses, velocities
+
+    # --- dynamics ---------------------------------------------------------------------------------------------
+
+    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The parts of M of each tree, armature included, with its places in v."""
+        held, armature = [], self.efforts.armature
+        for tree in self.coordinates.trees:
+            turn = tree.velocity_map()
+            held.append((tree.block, turn.T @ (tree.skeleton.getMassMatrix() + np.diag(armature[tree.dofs])) @ turn))
+        return held
+
+    def bias(self) -> np.ndarray:
+        """h (nv,) in M v̇ + h = τ, damping and springs left out."""
+        found = np.zeros(self.coordinates.nv)
+        for tree in self.coordinates.trees:
+            found[tree.block] = tree.velocity_map().T @ tree.skeleton.getCoriolisAndGravityForces()
+        return found
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic and potential energy (J), with those of armatures and springs."""
+        kinetic, potential = self.efforts.energy()
+        for tree in self.coordinates.trees:
+            kinetic += tree.skeleton.computeKineticEnergy()
+            potential += tree.skeleton.computePotentialEnergy()
+        return kinetic, potential
 
     # --- contact ----------------------------------------------------------------------------------------------
 

@@ -24,16 +24,16 @@ from simspec.engines.drake.memory import MOST_GIGABYTES, too_large
 from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import Simulation
 from simspec.engines.drake.touching import contacts
-from simspec.engines.kit.arrays import CollisionUnit, pick_blocks, sorted_pairs
+from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.outside import computed, constraints_felt
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.settings import Group, Setting, written_settings
-from simspec.engines.kit.simulated import SimulatedEngine
+from simspec.engines.kit.stepped import SteppedEngine
 from simspec.support.declarations import (
     AS_EFFORTS,
     HEAVY,
@@ -128,7 +128,7 @@ def inertia_held(world: World) -> Refinement | None:
     return memory_covered(world)
 
 
-class Drake(SimulatedEngine[Simulation]):
+class Drake(SteppedEngine[Simulation]):
     """Drake's discrete MultibodyPlant, with point contact, by SAP or TAMSI."""
 
     NAME: ClassVar[str] = "drake"
@@ -339,10 +339,6 @@ class Drake(SimulatedEngine[Simulation]):
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._before: BeforeSteps | None = None
-
     @classmethod
     def prepare(cls) -> None:
         import_drake()
@@ -350,32 +346,10 @@ class Drake(SimulatedEngine[Simulation]):
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
         return Simulation(folder, sidecar)
 
-    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        self._before = None
-        super().load(folder, sidecar)
-        told = self._simulation
-        before = BeforeSteps(self, told.passive, told.constraints or (), told.sums or ())
-        self._before = before if before.needed else None
-
-    def read_back(self) -> ReadBack:
+    def _held(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim, dict(self.UNREADABLE))
-        held = dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-        return held if self._before is None else self._before.told(held)
-
-    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
-        return pick_blocks(blocks, self._simulation.mass_parts())
-
-    def bias_force(self) -> np.ndarray:
-        bias = self._simulation.bias()
-        return bias if self._before is None else self._before.bias_force(bias)
-
-    def step(self, count: int, effort: np.ndarray | None = None) -> None:
-        if self._before is None:
-            self._simulation.advance(count, effort)
-            return
-        for _ in range(count):
-            self._simulation.advance(1, self._before.effort(effort))
+        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
 
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
@@ -391,10 +365,6 @@ class Drake(SimulatedEngine[Simulation]):
 
     def detect_units(self) -> np.ndarray:
         return sorted_pairs(self._simulation.touching())
-
-    def energy(self) -> tuple[float, float]:
-        kinetic, potential = self._simulation.energy()
-        return kinetic, potential + (0.0 if self._before is None else self._before.potential())
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         import_drake()

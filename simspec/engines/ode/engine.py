@@ -15,15 +15,15 @@ import numpy as np
 from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.engines.kit.arrays import CollisionUnit, pick_blocks, sorted_pairs
+from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.needs import Needs
 from simspec.engines.kit.outside import computed, constraints_felt
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.settings import Group, Setting, written_settings
-from simspec.engines.kit.simulated import SimulatedEngine
+from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.ode import library
 from simspec.engines.ode.expected import expected
 from simspec.engines.ode.inventory import inventory, neutral
@@ -77,7 +77,7 @@ def _planes_still(world: World) -> Refinement | None:
     return not_here(None if name is None else f"ODE's planes cannot move, as {name!r} does")
 
 
-class Ode(SimulatedEngine[Simulation]):
+class Ode(SteppedEngine[Simulation]):
     """ODE's worlds, by dWorldStep or dWorldQuickStep."""
 
     NAME: ClassVar[str] = "ode"
@@ -197,10 +197,6 @@ class Ode(SimulatedEngine[Simulation]):
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._before: BeforeSteps | None = None
-
     @classmethod
     def prepare(cls) -> None:
         library.library()
@@ -208,32 +204,10 @@ class Ode(SimulatedEngine[Simulation]):
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
         return Simulation(folder, sidecar)
 
-    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        self._before = None
-        super().load(folder, sidecar)
-        told = self._simulation
-        before = BeforeSteps(self, told.passive, told.constraints, told.sums)
-        self._before = before if before.needed else None
-
-    def read_back(self) -> ReadBack:
+    def _held(self) -> ReadBack:
         sim = self._simulation
         held = read_back(sim, dict(self.UNREADABLE))
-        held = dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-        return held if self._before is None else self._before.told(held)
-
-    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
-        return pick_blocks(blocks, self._simulation.mass_parts())
-
-    def bias_force(self) -> np.ndarray:
-        bias = self._simulation.bias()
-        return bias if self._before is None else self._before.bias_force(bias)
-
-    def step(self, count: int, effort: np.ndarray | None = None) -> None:
-        if self._before is None:
-            self._simulation.advance(count, effort)
-            return
-        for _ in range(count):
-            self._simulation.advance(1, self._before.effort(effort))
+        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
 
     def contacts(self) -> dict[str, np.ndarray]:
         return self._simulation.contacts()
@@ -246,7 +220,3 @@ class Ode(SimulatedEngine[Simulation]):
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         self._simulation.disable_dry_friction(v)
-
-    def energy(self) -> tuple[float, float]:
-        kinetic, potential = self._simulation.energy()
-        return kinetic, potential + (0.0 if self._before is None else self._before.potential())

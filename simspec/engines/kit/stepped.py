@@ -1,0 +1,87 @@
+"""What engines share that are given efforts before each of their steps, for what they do not have themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from simspec.dialects.kit.passive import Passive
+from simspec.engines.kit.arrays import pick_blocks
+from simspec.engines.kit.passive import BeforeSteps
+from simspec.engines.kit.simulated import Simulated, SimulatedEngine
+from simspec.world.sums import JointSum
+from simspec.world.types import Constraint, ReadBack
+
+
+class Stepped(Simulated, Protocol):
+    """A loaded world that is stepped under an effort. What follows here is the engine's own, without what it is given."""
+
+    passive: Passive | None
+    """The forces that act at all times and that it is given."""
+    constraints: Sequence[Constraint]
+    """The constraints whose forces it is given."""
+    sums: Sequence[JointSum]
+    """The springs and dampers along sums of positions that it is given."""
+
+    def advance(self, count: int, effort: np.ndarray | None) -> None:
+        """Step ``count`` times under a constant effort (nv,), None = zero."""
+        ...
+
+    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The parts of M at the present state, armature included, each with its places in v: what is between them is zero."""
+        ...
+
+    def bias(self) -> np.ndarray:
+        """h (nv,) at the present state, in M v̇ + h = τ."""
+        ...
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic and potential energy (J)."""
+        ...
+
+
+S = TypeVar("S", bound=Stepped)
+
+
+class SteppedEngine(SimulatedEngine[S], Generic[S], abstract=True):
+    """An engine whose simulation is given, before every step, the forces that it does not have (:class:`BeforeSteps`)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._before: BeforeSteps | None = None
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self._before = None
+        super().load(folder, sidecar)
+        told = self._simulation
+        before = BeforeSteps(self, told.passive, told.constraints, told.sums)
+        self._before = before if before.needed else None
+
+    def _held(self) -> ReadBack:
+        """What the engine itself holds, with its inventory and its neutral values."""
+        raise NotImplementedError
+
+    def read_back(self) -> ReadBack:
+        held = self._held()
+        return held if self._before is None else self._before.told(held)
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        return pick_blocks(blocks, self._simulation.mass_parts())
+
+    def bias_force(self) -> np.ndarray:
+        bias = self._simulation.bias()
+        return bias if self._before is None else self._before.bias_force(bias)
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        if self._before is None:
+            self._simulation.advance(count, effort)
+            return
+        for _ in range(count):
+            self._simulation.advance(1, self._before.effort(effort))
+
+    def energy(self) -> tuple[float, float]:
+        kinetic, potential = self._simulation.energy()
+        return kinetic, potential + (0.0 if self._before is None else self._before.potential())
