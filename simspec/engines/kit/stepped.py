@@ -19,12 +19,20 @@ from simspec.world.types import Constraint, ReadBack
 class Stepped(Simulated, Protocol):
     """A loaded world that is stepped under an effort. What follows here is the engine's own, without what it is given."""
 
-    passive: Passive | None
-    """The forces that act at all times and that it is given."""
-    constraints: Sequence[Constraint]
-    """The constraints whose forces it is given."""
-    sums: Sequence[JointSum]
-    """The springs and dampers along sums of positions that it is given."""
+    @property
+    def passive(self) -> Passive | None:
+        """The forces that act at all times and that it is given."""
+        ...
+
+    @property
+    def constraints(self) -> Sequence[Constraint]:
+        """The constraints whose forces it is given."""
+        ...
+
+    @property
+    def sums(self) -> Sequence[JointSum]:
+        """The springs and dampers along sums of positions that it is given."""
+        ...
 
     def advance(self, count: int, effort: np.ndarray | None) -> None:
         """Step ``count`` times under a constant effort (nv,), None = zero."""
