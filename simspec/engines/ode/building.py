@@ -171,8 +171,6 @@ def not_held(law: PairContact) -> str | None:
         return "numbers beside the common hardness"
     if law.margin is not None:
         return "a margin"
-    if law.rolling_friction or law.torsional_friction:
-        return "torsional or rolling friction"
     return None
 
 

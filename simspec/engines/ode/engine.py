@@ -51,9 +51,9 @@ from simspec.world.kinematics import rigid_groups
 from simspec.world.types import HeldValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for ODE"
-_NO_ROLLING = (
-    "ODE's rows of torsional and rolling friction have the world's softness alone, which joints do not bear: those of a "
-    "box's four points are redundant, and a step ends without a number (measured)"
+_MOMENTS = (
+    "motors of speed 0 at every point, bound by the normal force of the solution before: ODE's own rows have the world's "
+    "softness, 0, with which those of redundant points have no solution"
 )
 _GIVEN = "given as forces at every step, explicit in time: ODE's joints have neither"
 _MOTOR = "a motor of speed 0 with this largest effort, on the joint's axis, solved with contact"
@@ -135,8 +135,8 @@ class Ode(SteppedEngine[Simulation]):
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
         Feature.FRICTION: Support(Level.EXACT, "the law of the two materials at every point of contact"),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "the law of the two materials at every point of contact"),
-        Feature.TORSIONAL_FRICTION: not_yet(_NO_ROLLING, Attempt.CONTACT_PROBES),
-        Feature.ROLLING_FRICTION: not_yet(_NO_ROLLING, Attempt.CONTACT_PROBES),
+        Feature.TORSIONAL_FRICTION: Support(Level.EXACT, _MOMENTS),
+        Feature.ROLLING_FRICTION: Support(Level.EXACT, _MOMENTS),
         Feature.HARDNESS_TIME_CONSTANT: never("ODE's softness is that of a spring in N/m, for whatever mass"),
         Feature.HARDNESS_STIFFNESS: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
         Feature.HARDNESS_NATIVE: not_yet(_NOT_YET, Attempt.READ_BACK),
@@ -182,7 +182,8 @@ class Ode(SteppedEngine[Simulation]):
         "softness": Setting(
             1e-10,
             "soft_cfm and slip of ODE's contacts (m/(N s)). With 0, dWorldStep breaks on redundant points, by an LCP internal "
-            "error, and leaves friction out; a step that breaks is solved again with ten times as much, up to 1e5 times.",
+            "error, and leaves friction out; a step that breaks is solved again with points that part by 1e-13 m/s, each by "
+            "its own, and then with ten times as much, up to 1e5 times.",
             minimum=0.0,
             group=Group.SOFTNESS,
         ),

@@ -196,7 +196,9 @@ class Simulation:
         if said:
             lines.append(f"{self.library.sim_text(self.sim).decode(errors='replace').strip()} ({said} messages)")
         if retries:
-            lines.append(f"{retries} solutions with softer contacts, since ODE could not solve a step")
+            lines.append(
+                f"{retries} solutions repeated, with contacts nudged apart or softer, since ODE could not solve a step"
+            )
         if unsolved:
             lines.append(
                 f"{unsolved} steps that ODE did not solve, with contacts as soft as they may be: forces are missing there"

@@ -17,13 +17,13 @@ from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
-from simspec.world.types import Body, Inertial, Joint, Physics, Pose, World
+from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, World
 from tests import worlds
 from tests.engines.drake.scenes import boxes
 from tests.planted import SHARED
 
 pytestmark = pytest.mark.skipif(Ode.version() is None, reason="ODE or a C compiler is not installed")
-REFUSED = ("rolling", "meshes", "ground")
+REFUSED = ("meshes", "ground")
 DT = 0.001
 
 
@@ -115,6 +115,67 @@ def test_cylinders_stand_on_each_other_in_eight_points(load):
     contacts = engine.contacts()
     assert len(contacts["normal"]) == 8 * 3
     assert np.abs(np.abs(contacts["normal"][:, 2]) - 1.0).max() < 1e-9
+
+
+def with_moments(world, friction, torsional, rolling, velocity):
+    """``world`` with one law of all friction, and every body at a velocity."""
+    contact = Contact(
+        world.contact.friction_cone,
+        (Material("a", friction, torsional_friction=torsional, rolling_friction=rolling),),
+        (PairContact("a", "a", friction, 0.0, torsional, rolling),),
+    )
+    bodies = tuple(
+        dataclasses.replace(body, joint=dataclasses.replace(body.joint, velocity=velocity))
+        if body.joint.kind == "free"
+        else body
+        for body in world.bodies
+    )
+    return dataclasses.replace(world, bodies=bodies, contact=contact)
+
+
+@pytest.mark.parametrize("cone", ["elliptic", "pyramid-circumscribed"])
+@pytest.mark.parametrize(
+    ("kind", "axis", "friction"),
+    [("box", 5, 0.0), ("sphere", 5, 0.0), ("sphere", 4, 0.0), ("sphere", 5, 0.5), ("sphere", 4, 0.5)],
+)
+def test_friction_moments_slow_what_turns_by_c_n_on_however_many_points(kind, axis, cone, friction, load):
+    """A box spins on four points whose rows of torsion are the same, a ball on one; without sliding friction the law has one
+    torque alone, and with it what rolls slows down as much as friction needs."""
+    c, inertia, speed = 0.002, 0.00166, 3.0
+    velocity = [0.0] * 6
+    velocity[axis] = speed
+    slower = c * 9.81 / inertia
+    if friction and axis == 4:  # rolls: m a = -F, I alpha = F r - c N
+        velocity[0] = speed * 0.05
+        slower = c * 9.81 / (inertia + 0.05**2)
+    world = with_moments(boxes(1, kind=kind), friction, c, c, tuple(velocity))
+    world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, friction_cone=cone))
+    engine = load(world)
+    engine.step(51)
+    before = engine.get_state()[1][axis]
+    engine.step(50)
+    assert before - engine.get_state()[1][axis] == pytest.approx(slower * 50 * DT, rel=2e-3)
+    assert engine.log() == []
+
+
+def test_rolling_friction_acts_against_the_turning_and_is_a_disc(load):
+    """At 45° to the axes the torque is c N, not √2 c N."""
+    turning = (0.0, 0.0, 0.0, 3.0, 3.0, 0.0)
+    engine = load(with_moments(boxes(1, kind="sphere"), 0.0, 0.0, 0.002, turning))
+    engine.step(51)
+    before = engine.get_state()[1][3:]
+    engine.step(50)
+    lost = before - engine.get_state()[1][3:]
+    assert np.hypot(*lost[:2]) == pytest.approx(0.002 * 9.81 / 0.00166 * 50 * DT, rel=1e-3)
+    assert lost[0] == pytest.approx(lost[1], rel=1e-6)
+
+
+def test_steps_of_redundant_points_at_their_limits_are_solved(load):
+    """Ten steps of these were left without a solution before points were nudged apart."""
+    engine = load(with_moments(boxes(3), 0.5, 0.001, 0.001, (0.3, 0.1, 0.0, 0.0, 0.0, 5.0)))
+    engine.step(300)
+    assert not [line for line in engine.log() if "did not solve" in line]
+    assert np.isfinite(engine.get_state()[0]).all()
 
 
 def _moving_plane(content, _):

@@ -70,15 +70,78 @@ static int direction(const Sim *s, const Point *p, double *t) {
   return 1;
 }
 
-/* Joints of the points for one step. softer: factor of every softness. */
-void join(Sim *s, int with_friction, double softer) {
+/* Whether the friction of a law is solved for more than once: what ODE's own contacts do not bound as the law says. */
+int rubs(const Sim *s, const Law *law) {
+  return (law->friction > 0 && s->cone == ELLIPTIC) || law->torsional > 0 || law->rolling > 0;
+}
+
+/* Two directions across a normal, the first along x where that is across it at all. */
+static void frame(const double *n, const double *x, double *one, double *other) {
+  static const double axes[2][3] = {{1, 0, 0}, {0, 1, 0}};
+  if (!across(n, x, one)) across(n, axes[fabs(n[0]) > 0.7], one);
+  for (int i = 0; i < 3; i++) other[i] = n[(i + 1) % 3] * one[(i + 2) % 3] - n[(i + 2) % 3] * one[(i + 1) % 3];
+}
+
+static void motor(Sim *s, const Point *p, const double *most, double cfm) {
+  static const int limits[3] = {dParamFMax, dParamFMax2, dParamFMax3}, speeds[3] = {dParamVel, dParamVel2, dParamVel3};
+  static const int softnesses[3] = {dParamCFM, dParamCFM2, dParamCFM3};
+  double axis[3][3];
+  int rows = 0;
+  for (int i = 0; i < 3; i++) rows += most[i] > 0;
+  if (!rows) return;
+  memcpy(axis[0], p->geom.normal, 24);
+  frame(p->geom.normal, p->rolling, axis[1], axis[2]);
+  dJointID made = dJointCreateAMotor(s->world, s->joints);
+  dJointAttach(made, dGeomGetBody(p->geom.g1), dGeomGetBody(p->geom.g2));
+  dJointSetAMotorMode(made, dAMotorUser);
+  dJointSetAMotorNumAxes(made, rows);
+  for (int i = 0, row = 0; i < 3; i++) {
+    if (!(most[i] > 0)) continue;
+    dJointSetAMotorAxis(made, row, 0, axis[i][0], axis[i][1], axis[i][2]);
+    dJointSetAMotorParam(made, limits[row], most[i]);
+    dJointSetAMotorParam(made, speeds[row], 0);
+    dJointSetAMotorParam(made, softnesses[row], cfm);
+    row++;
+  }
+}
+
+/* Torsional and rolling friction: motors of speed 0 along and across the normal, one for all points at which two bodies touch with
+   the same normal, since their torques are the same rows; ODE's own, one for each point, have no solution where several are at
+   their limits. Torques are bound by the normal forces of the solution before; rolling as sliding goes against the turning. */
+static void hinder(Sim *s, double softer) {
+  for (int i = 0; i < s->points; i++) s->point[i].told = 0;
+  for (int i = 0; i < s->points; i++) {
+    const Point *p = s->point + i;
+    dBodyID one = dGeomGetBody(p->geom.g1), other = dGeomGetBody(p->geom.g2);
+    double most[3] = {0, 0, 0};
+    if (p->told || !(p->law->torsional > 0 || p->law->rolling > 0)) continue;
+    for (int k = i; k < s->points; k++) {
+      Point *next = s->point + k;
+      dBodyID a = dGeomGetBody(next->geom.g1), b = dGeomGetBody(next->geom.g2);
+      if (next->told || !((a == one && b == other) || (a == other && b == one))) continue;
+      const double *n = p->geom.normal, *m = next->geom.normal;
+      if (fabs(n[0] * m[0] + n[1] * m[1] + n[2] * m[2]) < SAME_NORMAL) continue;
+      next->told = 1;
+      most[0] += next->law->torsional * next->push;
+      most[1] += next->law->rolling * next->push;
+    }
+    most[2] = p->rolls ? 0 : most[1];
+    motor(s, p, most, p->law->soft_cfm * softer);
+  }
+}
+
+/* Joints of the points for one step. softer: factor of every softness. nudge: speeds (m/s) by which points are to part faster, each
+   its own: where two rows come to a bound at once, ODE's solver ends without a solution. */
+void join(Sim *s, int with_friction, double softer, double nudge) {
   dJointGroupEmpty(s->joints);
+  if (with_friction) hinder(s, softer);
   for (int i = 0; i < s->points; i++) {
     Point *p = s->point + i;
     const Law *law = p->law;
     dContact c;
     memset(&c, 0, sizeof c);
     c.geom = p->geom;
+    c.geom.depth += nudge * (1 + i % NUDGES) * s->timestep / law->soft_erp;
     c.surface.mode = dContactApprox1 | dContactSoftERP | dContactSoftCFM | dContactSlip1 | dContactSlip2;
     c.surface.soft_erp = law->soft_erp;
     c.surface.soft_cfm = c.surface.slip1 = c.surface.slip2 = law->soft_cfm * softer;
@@ -88,7 +151,7 @@ void join(Sim *s, int with_friction, double softer) {
     }
     if (with_friction && law->friction > 0) {
       c.surface.mu = law->friction / (s->cone == INSCRIBED ? sqrt(2) : 1);
-      if (with_friction > 1) {
+      if (with_friction > 1 && s->cone == ELLIPTIC) {
         c.surface.mode &= ~dContactApprox1, c.surface.mu *= p->push;
         if (p->sliding) c.surface.mode |= dContactMu2; /* of 0 */
       }
@@ -100,11 +163,11 @@ void join(Sim *s, int with_friction, double softer) {
   }
 }
 
-/* How each point slips by the present velocities of ODE's bodies, at the poses that were laid. */
+/* How each point slips and turns by the present velocities of ODE's bodies, at the poses that were laid. */
 void slips(Sim *s) {
   for (int i = 0; i < s->points; i++) {
     Point *p = s->point + i;
-    memset(p->slip, 0, sizeof p->slip);
+    memset(p->slip, 0, sizeof p->slip), memset(p->turn, 0, sizeof p->turn);
     for (int side = 0; side < 2; side++) {
       int carrier = s->body[(side ? p->two : p->one)->body].carrier;
       if (carrier < 0) continue;
@@ -112,7 +175,7 @@ void slips(Sim *s) {
       const dReal *v = dBodyGetLinearVel(b->body), *w = dBodyGetAngularVel(b->body);
       double r[3] = {p->geom.pos[0] - b->c[0], p->geom.pos[1] - b->c[1], p->geom.pos[2] - b->c[2]};
       double moved[3] = {v[0] + w[1] * r[2] - w[2] * r[1], v[1] + w[2] * r[0] - w[0] * r[2], v[2] + w[0] * r[1] - w[1] * r[0]};
-      for (int k = 0; k < 3; k++) p->slip[k] += (side ? -1 : 1) * moved[k];
+      for (int k = 0; k < 3; k++) p->slip[k] += (side ? -1 : 1) * moved[k], p->turn[k] += (side ? -1 : 1) * w[k];
     }
   }
 }
@@ -123,12 +186,38 @@ static void force_on_first(const Point *p, double *f) {
   for (int i = 0; i < 3; i++) f[i] = first ? p->force.f1[i] : -p->force.f2[i];
 }
 
-/* Friction against the slip without friction: slips() of a step without. */
+static double normal_force(const Point *p) {
+  double f[3];
+  force_on_first(p, f);
+  double push = f[0] * p->geom.normal[0] + f[1] * p->geom.normal[1] + f[2] * p->geom.normal[2];
+  return push > 0 ? push : 0;
+}
+
+/* Friction against the slip and turning, and by the normal forces, of a step without it: see slips. */
 void aim(Sim *s) {
   for (int i = 0; i < s->points; i++) {
     Point *p = s->point + i;
+    p->push = normal_force(p);
     memcpy(p->free, p->slip, 24), memcpy(p->against, p->slip, 24);
+    memcpy(p->spun, p->turn, 24), memcpy(p->rolling, p->turn, 24);
   }
+}
+
+/* What friction is laid against once more, where it would be before without it, and is now: whether that goes on by more than
+   friction changed of it, and where it does, its direction now. Raises the largest change, as the sine of an angle. */
+static int laid_again(const double *n, const double *before, const double *now, double *against, double *change) {
+  double left[3], old[3], fresh[3], slowed = 0, goes = 0, turn[3] = {0, 0, 0};
+  for (int k = 0; k < 3; k++) left[k] = before[k] - now[k];
+  if (across(n, left, old))
+    for (int k = 0; k < 3; k++) slowed += left[k] * old[k];
+  if (across(n, now, fresh))
+    for (int k = 0; k < 3; k++) goes += now[k] * fresh[k];
+  if (!(goes > slowed)) return 0;
+  if (across(n, against, old))
+    for (int k = 0; k < 3; k++) turn[k] = fresh[k] - old[k];
+  if (length(turn) > *change) *change = length(turn);
+  memcpy(against, fresh, 24);
+  return 1;
 }
 
 /* Friction once more, from the slips and normal forces of a step with it. ODE bounds friction by the normal forces without it,
@@ -138,26 +227,12 @@ double aim_again(Sim *s) {
   double most = 0;
   for (int i = 0; i < s->points; i++) {
     Point *p = s->point + i;
-    const double *n = p->geom.normal;
-    double f[3], push = 0, left[3], old[3], fresh[3], slowed = 0, slipped = 0;
-    if (p->law->friction <= 0) continue;
-    force_on_first(p, f);
-    for (int k = 0; k < 3; k++) push += f[k] * n[k], left[k] = p->free[k] - p->slip[k];
-    if (!(push > 0)) push = 0;
-    double change = fabs(push - p->push) / (push > 0 ? push : 1);
+    const Law *law = p->law;
+    if (!rubs(s, law)) continue;
+    double push = normal_force(p), change = fabs(push - p->push) / (push > 0 ? push : 1);
     p->push = push;
-    if (across(n, left, old))
-      for (int k = 0; k < 3; k++) slowed += left[k] * old[k];
-    if (across(n, p->slip, fresh))
-      for (int k = 0; k < 3; k++) slipped += p->slip[k] * fresh[k];
-    p->sliding = slipped > slowed;
-    if (p->sliding) {
-      double turn[3] = {0, 0, 0};
-      if (across(n, p->against, old))
-        for (int k = 0; k < 3; k++) turn[k] = fresh[k] - old[k];
-      if (length(turn) > change) change = length(turn);
-      memcpy(p->against, fresh, 24);
-    }
+    if (law->friction > 0 && s->cone == ELLIPTIC) p->sliding = laid_again(p->geom.normal, p->free, p->slip, p->against, &change);
+    if (law->rolling > 0) p->rolls = laid_again(p->geom.normal, p->spun, p->turn, p->rolling, &change);
     if (change > most) most = change;
   }
   return most;

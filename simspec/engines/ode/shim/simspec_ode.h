@@ -11,7 +11,10 @@ enum { MOST_POINTS = 64, TEXT = 200 };
 #define STOP_ERP 0.01
 #define STOP_CFM 1e-10
 #define MOST_SOFTER 1e5
+#define NUDGE 1e-13 /* m/s */
+#define NUDGES 11 /* that many different ones */
 #define MOST_PASSES 4 /* with friction */
+#define SAME_NORMAL (1 - 1e-9) /* cosine of the angle, of 45 urad */
 #define STEADY 1e-3 /* change of friction, as a share, below which no more follow */
 
 /* A body of the world and its joint to what it hangs on. */
@@ -36,7 +39,13 @@ typedef struct { double friction, restitution, threshold, rolling, torsional, so
 typedef struct { dGeomID geom; int body, material, group, unit; } Shape;
 
 /* A point of contact of the present step. */
-typedef struct { dContactGeom geom; Shape *one, *two; Law *law; double slip[3], free[3], against[3], push; int sliding; dJointFeedback force; } Point;
+typedef struct {
+  dContactGeom geom; Shape *one, *two; Law *law; dJointFeedback force;
+  double push;                              /* normal force of the solution before */
+  double slip[3], free[3], against[3];      /* of the first against the second: now, without friction, and what friction is laid against */
+  double turn[3], spun[3], rolling[3];      /* the same of turning */
+  int sliding, rolls, told;
+} Point;
 
 typedef struct {
   dWorldID world; dSpaceID space; dJointGroupID joints;
@@ -64,9 +73,10 @@ void multiply_t(const double *A, const double *x, const double *B, double *Atx, 
 
 /* contact.c */
 void detect(Sim *s);
-void join(Sim *s, int with_friction, double softer);
+void join(Sim *s, int with_friction, double softer, double nudge);
 void slips(Sim *s);
 void aim(Sim *s);
 double aim_again(Sim *s);
+int rubs(const Sim *s, const Law *law);
 int apart(Sim *s, const Shape *one, const Shape *two);
 #endif

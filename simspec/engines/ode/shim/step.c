@@ -20,12 +20,13 @@ static int solved(Sim *s, const double *effort) {
 }
 
 static void solve(Sim *s, int with_friction, const double *effort) {
-  double softer = 1;
+  double softer = 1, nudge = 0;
   for (;;) {
-    join(s, with_friction, softer);
+    join(s, with_friction, softer, nudge);
     if (solved(s, effort)) return;
     if (softer >= MOST_SOFTER || !s->points) break;
-    softer *= 10;
+    if (nudge > 0) softer *= 10;
+    nudge = NUDGE;
     s->retries++;
     lay(s);
   }
@@ -64,9 +65,9 @@ static void refine(Sim *s, const double *effort, double *u) {
   free(acceleration);
 }
 
-static int slides(const Sim *s) {
+static int rubbing(const Sim *s) {
   for (int i = 0; i < s->points; i++)
-    if (s->point[i].law->friction > 0) return 1;
+    if (rubs(s, s->point[i].law)) return 1;
   return 0;
 }
 
@@ -84,15 +85,15 @@ int sim_step(Sim *s, int count, const double *effort) {
     place(s, s->q, s->u);
     lay(s);
     detect(s);
-    int rubs = slides(s);
-    if (rubs && s->cone == ELLIPTIC) { /* friction opposes the slip that would be without it */
+    int again = rubbing(s);
+    if (again) { /* friction opposes the slip that would be without it */
       solve(s, 0, effort);
       slips(s);
       aim(s);
       lay(s);
     }
     solve(s, 1, effort);
-    for (int pass = 1; rubs && s->cone == ELLIPTIC && pass < MOST_PASSES; pass++) {
+    for (int pass = 1; again && pass < MOST_PASSES; pass++) {
       slips(s);
       if (aim_again(s) < STEADY) break;
       lay(s);
