@@ -53,6 +53,7 @@ class StoredProof(Stored):
     not_compared: dict[str, str]
     checks: list[dict[str, Any]]
     contact: list[dict[str, Any]]
+    precision: str = "double"
 
 
 class StoredCertificate(Stored):

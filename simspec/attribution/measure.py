@@ -11,7 +11,7 @@ from simspec.attribution.candidates import Pair
 from simspec.attribution.configuration import Asking, Configuration, Floats, run_operation, windows_operation
 from simspec.attribution.contact import FirstContact, contact_questions, first_contact
 from simspec.attribution.windows import Windows, ends, gaps, ordered_poses, poses_at_ends, question
-from simspec.comparison.floor import FLOOR_FACTOR, PERTURBATION
+from simspec.comparison.floor import FLOOR_FACTOR, perturbation_of
 from simspec.engines.kit.process import Answer, side_by_side
 from simspec.errors import EngineError
 from simspec.runner.case import moved_states
@@ -63,7 +63,8 @@ class Gaps:
         Raises UnsupportedError and EngineError.
         """
         windows = self.windows
-        states = moved_states(windows.world, windows.q, windows.v, PERTURBATION, PERTURBATION)
+        moved_by = perturbation_of(pair[0].engine)
+        states = moved_states(windows.world, windows.q, windows.v, moved_by, moved_by)
         contact = contact_questions(*pair, run)
         asked = [[question(side, windows), *contact[index : index + 1]] for index, side in enumerate(pair)]
         asked[0].append(question(pair[0], windows, states))

@@ -1,7 +1,7 @@
 """How far an engine repeats itself: the floor below which two engines cannot be told apart.
 
-An engine is run again unchanged, and once more with its initial state moved in the last bits (1e-15). What these runs
-differ by is not about physics or models: in a chaotic scenario it grows without bound, and a difference between two
+An engine is run again unchanged, and once more with its initial state moved in the last bits (1e-15, of doubles). What these
+runs differ by is not about physics or models: in a chaotic scenario it grows without bound, and a difference between two
 engines that is of its size says nothing.
 """
 
@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, SpecError
 from simspec.mapped import parts, release, zeros
 from simspec.outputs.marker import RUN
@@ -33,11 +35,18 @@ if TYPE_CHECKING:
 
 PERTURBATION = 1e-15
 """Relative change of the initial state: 4.5 times the spacing of doubles at 1, the smallest that reaches every number."""
+OF_SINGLES = 5e-7
+"""The same of numbers in single precision."""
 
 FLOOR_FACTOR = 3.0
 """Differences up to this many times the floor are not told apart from round-off. A floor comes from one perturbed run,
 in one direction, once, whereas two engines round differently at every step: their difference is of the floor's size, not
 below it. Where a floor grows, it grows exponentially, and a factor of 3 moves the horizon by a fraction of one e-folding."""
+
+
+def perturbation_of(engine: str) -> float:
+    """By how much initial states of an engine (name or label) are moved, by the numbers that it computes with."""
+    return PERTURBATION if find_engine(engine).PRECISION == DOUBLE else OF_SINGLES
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec.artifacts import Artifacts
-from simspec.comparison.floor import PERTURBATION, Floor, measure_floor
+from simspec.comparison.floor import Floor, measure_floor, perturbation_of
 from simspec.comparison.runs import TOLERANCE, Diff, diff
 from simspec.compiler import Compiled, bounded, compile_world, output_files, version_at_work
 from simspec.engines.kit.identity import other_version
@@ -243,7 +243,7 @@ def _repeat(
     jobs = [
         (Case(runs[name].world, name, perturb=perturb), artifacts[name])
         for name in names
-        for perturb in (0.0, PERTURBATION)
+        for perturb in (0.0, perturbation_of(name))
     ]
     progress(f"repeating {', '.join(names)} for the noise floor")
     repeated = run_jobs(jobs, pythons=pythons, deadline=deadline)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -254,15 +254,27 @@ class Oracle:
         return q, v
 
     def motion(
-        self, q: np.ndarray, v: np.ndarray, effort: np.ndarray | None, steps: int, every: int
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        effort: np.ndarray | None,
+        steps: int,
+        every: int,
+        rounded: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """States (n, nq) and (n, nv) of ``steps`` steps under a constant effort, the initial one first, then every
-        ``every``-th and the last."""
-        parts = list(self.motion_by_blocks(q, v, effort, steps, every))
+        ``every``-th and the last. ``rounded``: what q and v become after every step; None: nothing else."""
+        parts = list(self.motion_by_blocks(q, v, effort, steps, every, rounded))
         return np.concatenate([states for states, _ in parts]), np.concatenate([speeds for _, speeds in parts])
 
     def motion_by_blocks(
-        self, q: np.ndarray, v: np.ndarray, effort: np.ndarray | None, steps: int, every: int
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        effort: np.ndarray | None,
+        steps: int,
+        every: int,
+        rounded: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The same, one block of rows after the other."""
         constant = np.zeros(self.nv) if effort is None else np.asarray(effort)
@@ -279,6 +291,8 @@ class Oracle:
                 part_q, part_v = q[at_q], v[at_v]
                 for done in range(begin + 1, end + 1):
                     part_q, part_v = tree.step(part_q, part_v, constant[at_v])
+                    if rounded is not None:
+                        part_q, part_v = rounded(part_q), rounded(part_v)
                     if done % every == 0 or done == steps:
                         row = -(-done // every) - part.start
                         all_q[row, at_q], all_v[row, at_v] = part_q, part_v

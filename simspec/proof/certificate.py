@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
+from simspec.engines.kit.precision import DOUBLE
 from simspec.errors import Problem, SpecError
 from simspec.markup import html_table
 from simspec.proof.checks import Check
@@ -42,6 +43,8 @@ class EngineProof:
     contact: tuple[Figure, ...] = ()
     """Every figure of the contact probes (level L5), each beside its analytic value."""
     not_compared: dict[str, str] = field(default_factory=dict)
+    precision: str = DOUBLE
+    """The numbers of the engine, by which its tolerances are (``proof/precision.py``)."""
 
     def __repr__(self) -> str:
         return f"<EngineProof {self.version}: {len(self.checks)} checks, {'valid' if self.valid else 'not valid'}>"
@@ -60,11 +63,13 @@ class EngineProof:
 
     @property
     def verdict(self) -> str:
-        """In a line: ``valid``, with what was not checked and why, or ``not valid``."""
+        """In a line: ``valid``, in which numbers where these are not doubles, with what was not checked and why; or ``not
+        valid``."""
         if not self.valid:
             return "not valid"
+        valid = "valid" if self.precision == DOUBLE else f"valid in {self.precision} precision"
         parts = ", ".join(f"{name} ({why})" for name, why in self.unchecked.items())
-        return f"valid; not checked: {parts}" if parts else "valid"
+        return f"{valid}; not checked: {parts}" if parts else valid
 
     def level(self, name: str) -> list[Check]:
         """The checks of one level."""
@@ -144,6 +149,7 @@ class Certificate:
         blocks = []
         for name, proof in sorted(self.engines.items()):
             head = {"version": proof.version, "valid": proof.valid, "artifacts_sha256": proof.artifacts_sha256}
+            head |= {"precision": proof.precision} if proof.precision != DOUBLE else {}
             head |= {"seconds": proof.seconds}
             head |= {"verdict": proof.verdict, "approximations": proof.approximations, "not_checked": proof.not_checked}
             head |= {"not_compared": proof.not_compared}
@@ -193,6 +199,7 @@ class Certificate:
                     block.seconds,
                     tuple(from_plain(Figure, figure) for figure in block.contact),
                     block.not_compared,
+                    block.precision,
                 )
                 for name, block in data.engines.items()
             }

@@ -15,12 +15,14 @@ from simspec.contact.meeting import meeting_laws, shape_pairs
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules, combined
 from simspec.control.native import natives
+from simspec.engines.kit.precision import DOUBLE
 from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.beside_bodies import LEVELS, BesideBodies
-from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE, Check, Tally
+from simspec.proof.checks import TEXT_TOLERANCE, Check, Tally
 from simspec.proof.distances import held_apart, pose_difference, turn_between, unlikeness
 from simspec.proof.heightfields import field_distance
 from simspec.proof.hulls import hull_distance
+from simspec.proof.precision import PRECISIONS, Precision
 from simspec.proof.table import table_differences
 from simspec.world.gathering import gathered, rigid_members, summed, told_gravity_scale
 from simspec.world.hull import HullError
@@ -70,17 +72,22 @@ def compare(
     text: bool = False,
     accepted_cone: str | None = None,
     hull_precision: float = 0.0,
+    precision: Precision = PRECISIONS[DOUBLE],
 ) -> list[Check]:
-    """Compare ``read_back`` with ``world``; ``rules``, ``layers`` and ``hull_precision`` are the engine's (see
+    """Compare ``read_back`` with ``world``; ``rules``, ``layers``, ``hull_precision`` and ``precision`` are the engine's (see
     ``engines/kit/contract.py``).
 
     ``text`` = an independent reading of the files: everything is level L0. ``accepted_cone``: a friction cone that the spec
     accepts in place of the world's.
     """
-    return _Comparison(world, read_back, rules, layers, text, accepted_cone, hull_precision).run()
+    return _Comparison(world, read_back, rules, layers, text, accepted_cone, hull_precision, precision).run()
 
 
-def inventory_checks(expected: Mapping[str, HeldValue], actual: Mapping[str, HeldValue]) -> list[Check]:
+def inventory_checks(
+    expected: Mapping[str, HeldValue],
+    actual: Mapping[str, HeldValue],
+    precision: Precision = PRECISIONS[DOUBLE],
+) -> list[Check]:
     """Everything else that an engine holds, name by name, against what it must hold; none where neither has a name.
 
     A name that only one side has differs in kind, as do words, flags and lengths of lists. Numbers are relative to themselves,
@@ -89,14 +96,14 @@ def inventory_checks(expected: Mapping[str, HeldValue], actual: Mapping[str, Hel
     tally = Tally()
     for name in sorted(expected.keys() | actual.keys()):
         if name not in actual:
-            tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, None, name, f"{name} is missing")
+            tally.add(INVENTORY_LEVEL, INVENTORY, precision.model, None, name, f"{name} is missing")
         elif name not in expected:
             detail = f"{name} is {actual[name]!r}, should be absent"
-            tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, None, name, detail)
+            tally.add(INVENTORY_LEVEL, INVENTORY, precision.model, None, name, detail)
         else:
             deviation = held_apart(expected[name], actual[name])
             detail = "" if deviation == 0.0 else f"{name} is {actual[name]!r}, should be {expected[name]!r}"
-            tally.add(INVENTORY_LEVEL, INVENTORY, MODEL_TOLERANCE, deviation, name, detail)
+            tally.add(INVENTORY_LEVEL, INVENTORY, precision.model, deviation, name, detail)
     return tally.checks()
 
 
@@ -110,12 +117,13 @@ class _Comparison(BesideBodies):
         text: bool,
         accepted_cone: str | None,
         hull_precision: float,
+        precision: Precision,
     ):
         self.world, self.read_back, self.rules, self.accepted_cone = world, read_back, rules, accepted_cone
         self.plan = contact_plan(world, rules, layers)
         self.tally = Tally()
         self.text = text
-        self.tolerance = TEXT_TOLERANCE if text else MODEL_TOLERANCE
+        self.tolerance = TEXT_TOLERANCE if text else precision.model
         self.hull_tolerance = self.tolerance if text else max(self.tolerance, hull_precision)
         self.levels = dict.fromkeys(LEVELS, "L0") if text else LEVELS
         self.surfaces: dict[tuple[str, int], dict[Surface, str]] = {}

@@ -149,7 +149,7 @@ class _Bench:
             compiled = compile_world(world, [engine])[engine]
         except UnsupportedError as error:
             return error.problems[0].message
-        probes = prepare(world)
+        probes = prepare(world, precision=find_engine(engine).PRECISION)
         certificate = verify(world, [engine], probes=probes)
         if not certificate.valid:
             _, check = certificate.failures()[0]

@@ -17,10 +17,11 @@ from simspec.control.law import Control
 from simspec.control.reference import driven_joints, reference
 from simspec.control.request import to_request
 from simspec.dynamics.oracle import Oracle
+from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
 from simspec.proof.inside import Stops, inside
-from simspec.proof.motion import FLOOR_FACTOR, PERTURBATION, TOLERANCE
+from simspec.proof.precision import PRECISIONS, Precision, Rounded
 from simspec.world.control import Trajectory
 from simspec.world.kinematics import held_trees, initial_state, layout_of, rubbing, trees, within
 from simspec.world.types import World
@@ -55,6 +56,7 @@ class Response:
     floor: float
     clipped: bool
     steps: int = STEPS
+    precision: Precision = PRECISIONS[DOUBLE]
 
     def operation(self) -> Operation:
         """What an engine is asked (see ``engines/kit/worker.py``)."""
@@ -64,15 +66,15 @@ class Response:
 
     @property
     def tolerance(self) -> float:
-        """The larger of 1e-9 and 100 × the floor."""
-        return max(TOLERANCE, FLOOR_FACTOR * self.floor)
+        """That of L6."""
+        return self.precision.tolerance(self.floor)
 
 
 class _OracleJoints:
     """The driven joints in the oracle's motion."""
 
-    def __init__(self, world: World, control: Control, q: np.ndarray, v: np.ndarray):
-        self._oracle = Oracle(world)
+    def __init__(self, world: World, control: Control, q: np.ndarray, v: np.ndarray, rounded: Rounded | None = None):
+        self._oracle, self._rounded = Oracle(world), rounded
         self._q_places, self._v_places = control.q_places, control.v_places
         self._q, self._v = q, v
         self._effort = np.zeros(self._oracle.nv)
@@ -94,7 +96,7 @@ class _OracleJoints:
         self._effort[self._v_places] = effort
 
     def step(self) -> None:
-        states, speeds = self._oracle.motion(self._q, self._v, self._effort, 1, 1)
+        states, speeds = self._oracle.motion(self._q, self._v, self._effort, 1, 1, self._rounded)
         self._q, self._v = states[-1], speeds[-1]
         near = self._q[self._limited]
         self._free = self._free and bool(((near > self._low) & (near < self._high)).all())
@@ -102,7 +104,7 @@ class _OracleJoints:
         self.steps += self._free
 
 
-def plan(world: World) -> Response | None:
+def plan(world: World, precision: Precision = PRECISIONS[DOUBLE]) -> Response | None:
     """The response of a world's laws; None where nothing but native controllers drives."""
     laws = tuple(controller for controller in world.controllers if controller.law != "native")
     if not laws:
@@ -132,11 +134,12 @@ def plan(world: World) -> Response | None:
             break
         amount = amount / 2.0
     rows = steps // EVERY + 1
-    disturbed = _response(asked, q * (1.0 + PERTURBATION), v)[1]
+    rounded = precision.rounding(0, np.random.default_rng(0))  # one disturbed run is enough: a law holds what it drives
+    disturbed = _response(asked, q * (1.0 + precision.perturbation), v, rounded)[1]
     floor = float(np.abs(positions - disturbed)[:rows].max())
     closed = _closed_form(asked, joints, q[places], amount, bool(control.clipped.any()))
     positions[rows:] = closed[rows:] = np.nan
-    return Response(asked, q, v, joints, positions, closed, floor, bool(control.clipped.any()), steps)
+    return Response(asked, q, v, joints, positions, closed, floor, bool(control.clipped.any()), steps, precision)
 
 
 def _stepped(world: World, joints: tuple[str, ...], targets: np.ndarray) -> World:
@@ -144,7 +147,9 @@ def _stepped(world: World, joints: tuple[str, ...], targets: np.ndarray) -> Worl
     return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0,), (tuple(targets.tolist()),)))
 
 
-def _response(world: World, q: np.ndarray, v: np.ndarray) -> tuple[Control, np.ndarray, int]:
+def _response(
+    world: World, q: np.ndarray, v: np.ndarray, rounded: Rounded | None = None
+) -> tuple[Control, np.ndarray, int]:
     """The oracle's positions (n, joints) under the world's laws, joints in the world's order, and how many steps are done
     before a joint comes near a limit."""
     driven = set(driven_joints(world))
@@ -158,7 +163,7 @@ def _response(world: World, q: np.ndarray, v: np.ndarray) -> tuple[Control, np.n
     )
     world = within(world, (body for body in world.bodies if body.name in names))
     control = Control(world, reference(world))
-    joints = _OracleJoints(world, control, q[keep_q], v[keep_v])
+    joints = _OracleJoints(world, control, q[keep_q], v[keep_v], rounded)
     positions = control.follow(joints, STEPS, EVERY)
     return control, positions, joints.steps
 

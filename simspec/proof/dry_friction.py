@@ -14,16 +14,18 @@ So nothing sticks that should slide within a probe, and no law of stick and slip
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import SEED, random_states
+from simspec.engines.kit.precision import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
 from simspec.proof.inside import MIDDLE, inside
 from simspec.proof.motion import couple
+from simspec.proof.precision import PRECISIONS, Precision
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.types import World
 
@@ -57,6 +59,9 @@ class Trial:
     steps: int
     expected: np.ndarray
     tolerance: float
+    slides: bool = True
+    along: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """The way (nv,) of joints that slide."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ class DryFriction:
         return Operation("trials", {"steps": [trial.steps for trial in self.trials]}, arrays, world)
 
 
-def plan(world: World, oracle: Oracle) -> DryFriction | None:
+def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> DryFriction | None:
     """The trials; None where nothing has dry friction."""
     rough = rubbing(world)
     if not len(rough):
@@ -113,7 +118,29 @@ def plan(world: World, oracle: Oracle) -> DryFriction | None:
         slides = oracle.held_velocity(q, gain * side)
         gain, side = np.abs(slides), np.sign(slides)
     rubbed = _Rubbed(friction, tuple(along))
-    return DryFriction(tuple(_trials(oracle, q, rubbed, gain, room, side)), rough, strength[rough])
+    trials = tuple(_trials(oracle, q, rubbed, gain, room, side))
+    if precision.name != DOUBLE:
+        floor = max(_floor(trial, oracle, rubbed, strength, rough, precision) for trial in trials if trial.slides)
+        tolerance = max(precision.sliding, precision.factor * floor)
+        trials = tuple(replace(trial, tolerance=tolerance) if trial.slides else trial for trial in trials)
+    return DryFriction(trials, rough, strength[rough])
+
+
+def _floor(
+    trial: Trial, oracle: Oracle, friction: _Rubbed, strength: np.ndarray, rough: np.ndarray, precision: Precision
+) -> float:
+    """What fewer digits of states and efforts make of the speeds of a trial, in its own units: where friction is a small part
+    of what acts, rounding is a large part of it."""
+    generator = np.random.default_rng(SEED + 302)
+    rounded, off = precision.rounding(1, generator), ROUNDING[precision.name]
+    brake = friction.against(trial.along)
+    efforts = (trial.effort * (1.0 + off * generator.choice([-1.0, 1.0], oracle.nv)) - brake, trial.effort - brake)
+    speeds = [
+        oracle.motion(trial.q, trial.v, effort, trial.steps, trial.steps, how)[1][-1]
+        for effort, how in zip(efforts, (rounded, None), strict=True)
+    ]
+    shares = np.abs(speeds[0] - speeds[1])[rough] / (strength[rough] * trial.steps * oracle.timestep)
+    return float(shares.max(initial=0.0))
 
 
 @dataclass(frozen=True)
@@ -156,10 +183,18 @@ def _trials(
             brake = friction.against(gain * sign)
             left = oracle.bias_force(q, v) - oracle.joint_effort(q, v) + oracle.effort_for(q, a)
             count, expected = _sliding(oracle, q, v, left, friction, gain * sign, steps)
-            yield Trial(f"{name}, {word}", q, v, left + brake, count, expected, SLIDE_TOLERANCE)
+            name = f"{name}, {word}"
+            yield Trial(name, q, v, left + brake, count, expected, SLIDE_TOLERANCE, along=gain * sign)
         balance = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest)
         yield Trial(
-            f"is held, {word}", q, rest, balance + BELOW * friction.against(gain * sign), STEPS[0], rest, HOLD_TOLERANCE
+            f"is held, {word}",
+            q,
+            rest,
+            balance + BELOW * friction.against(gain * sign),
+            STEPS[0],
+            rest,
+            HOLD_TOLERANCE,
+            False,
         )
 
 
@@ -190,7 +225,7 @@ def dry_friction_checks(world: World, plan: DryFriction, answer: Mapping[str, np
     names = [every[place] for place in plan.places]
     speeds = answer["v"][:, plan.places]
     for row, trial in enumerate(plan.trials):
-        slides = trial.tolerance == SLIDE_TOLERANCE
+        slides = trial.slides
         expected = trial.expected[plan.places]
         scale = plan.strength * trial.steps * world.physics.timestep + creep / trial.tolerance
         shares = np.abs(speeds[row] - expected) / scale

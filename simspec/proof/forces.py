@@ -16,10 +16,12 @@ from simspec.control.forces import brought_forward, forces_to_request, in_steps
 from simspec.control.motions import curve, motions_to_request
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import SEED, angles_of, shortened
+from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
 from simspec.proof.inside import inside
-from simspec.proof.motion import DISTURBED, FLOOR_FACTOR, PERTURBATION, TOLERANCE, comes_near_limits, deviation
+from simspec.proof.motion import DISTURBED, comes_near_limits, deviation
+from simspec.proof.precision import PRECISIONS, Precision, Rounded
 from simspec.world.forces import Force
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.motions import Motion
@@ -50,11 +52,12 @@ class Pushed:
     halved: int
     ends: str = ""
     """Why nothing can be compared."""
+    precision: Precision = PRECISIONS[DOUBLE]
 
     @property
     def tolerance(self) -> float:
-        """The larger of 1e-9 and 100 × the floor."""
-        return max(TOLERANCE, FLOOR_FACTOR * self.floor)
+        """That of L6."""
+        return self.precision.tolerance(self.floor)
 
     def operation(self, asked: World) -> Operation:
         """What an engine is asked (see ``engines/kit/worker.py``)."""
@@ -62,7 +65,7 @@ class Pushed:
         return Operation("pushed", {**forces_to_request(self.world), "steps": STEPS, "every": EVERY}, arrays, asked)
 
 
-def plan(world: World, oracle: Oracle) -> Pushed | None:
+def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> Pushed | None:
     """The probe of a world's forces; None where it has none."""
     if not world.forces:
         return None
@@ -87,11 +90,11 @@ def plan(world: World, oracle: Oracle) -> Pushed | None:
             break
     poses = np.array([oracle.body_poses(row) for row in states])
     generator, floor = np.random.default_rng(SEED + 300), 0.0
-    for _ in range(DISTURBED):
-        off = q * (1.0 + PERTURBATION * generator.choice([-1.0, 1.0], len(q)))
-        other = np.array([oracle.body_poses(row) for row in _motion(asked, oracle, off, v, effort)])
+    for run in range(DISTURBED):
+        off, rounded = precision.beginning(q, generator), precision.rounding(run, generator)
+        other = np.array([oracle.body_poses(row) for row in _motion(asked, oracle, off, v, effort, rounded)])
         floor = max(floor, float(deviation(poses, other).max(initial=0.0)))
-    return Pushed(asked, q, v, effort, poses, floor if np.isfinite(floor) else 0.0, halved, ends)
+    return Pushed(asked, q, v, effort, poses, floor if np.isfinite(floor) else 0.0, halved, ends, precision)
 
 
 def _times(factor: float, force: Force) -> Force:
@@ -102,7 +105,9 @@ def _times(factor: float, force: Force) -> Force:
     )
 
 
-def _motion(world: World, oracle: Oracle, q: Floats, v: Floats, effort: Floats) -> Floats:
+def _motion(
+    world: World, oracle: Oracle, q: Floats, v: Floats, effort: Floats, rounded: Rounded | None = None
+) -> Floats:
     """The oracle's positions (n, nq) at every ``EVERY``-th step, the beginning first."""
     rows, dt = [q], world.physics.timestep
     for step in range(STEPS):
@@ -114,6 +119,8 @@ def _motion(world: World, oracle: Oracle, q: Floats, v: Floats, effort: Floats) 
             if share > 0.0:
                 total += min(share, 1.0) * oracle.effort_of(q, force)
         q, v = oracle.step(q, v, total)
+        if rounded is not None:
+            q, v = rounded(q), rounded(v)
         if (step + 1) % EVERY == 0:
             rows.append(q)
     return np.array(rows)
@@ -148,6 +155,7 @@ class Followed:
     world: World
     names: tuple[str, ...]
     poses: Floats
+    precision: Precision = PRECISIONS[DOUBLE]
 
     def operation(self, asked: World) -> Operation:
         """What an engine is asked: all bodies begin where the world's do, at rest."""
@@ -158,7 +166,7 @@ class Followed:
         return Operation("prescribed", {**parameters, "steps": MOVED, "every": 1}, arrays, asked)
 
 
-def plan_motions(world: World) -> Followed | None:
+def plan_motions(world: World, precision: Precision = PRECISIONS[DOUBLE]) -> Followed | None:
     """The probe of a world's kinematic bodies; None where it has none."""
     if not world.motions:
         return None
@@ -167,7 +175,7 @@ def plan_motions(world: World) -> Followed | None:
     asked = dataclasses.replace(world, motions=quick, forces=(), controllers=(), trajectory=None)
     times = np.arange(MOVED + 1) * dt
     poses = np.stack([np.concatenate(curve(motion).at(times), axis=1) for motion in quick], axis=1)
-    return Followed(asked, tuple(motion.body for motion in quick), poses)
+    return Followed(asked, tuple(motion.body for motion in quick), poses, precision)
 
 
 def _in_time(motion: Motion, longest: float) -> Motion:
@@ -183,8 +191,10 @@ def motion_checks(followed: Followed, answer: Mapping[str, Floats]) -> list[Chec
     detail = f"{MOVED} steps of {followed.world.physics.timestep:g} s"
     if pose.shape != followed.poses.shape or not np.isfinite(pose).all():
         detail = f"poses of shape {pose.shape}, not all of them finite; {detail}"
-        return [Check("L7", PRESCRIBED_CHECK, pose.size, TOLERANCE, None, "", detail)]
+        return [Check("L7", PRESCRIBED_CHECK, pose.size, followed.precision.motion, None, "", detail)]
     error = deviation(followed.poses, pose)
     instant, body = np.unravel_index(int(np.argmax(error)), error.shape)
     where = f"bodies.{followed.names[body]}, step {instant}"
-    return [Check("L7", PRESCRIBED_CHECK, error.size, TOLERANCE, float(error[instant, body]), where, detail)]
+    return [
+        Check("L7", PRESCRIBED_CHECK, error.size, followed.precision.motion, float(error[instant, body]), where, detail)
+    ]

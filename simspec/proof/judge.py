@@ -11,32 +11,33 @@ from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 
 from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.registry import engines
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.checks import MODEL_TOLERANCE, TEXT_TOLERANCE
+from simspec.proof.checks import TEXT_TOLERANCE
 from simspec.proof.comparator import FIELD, HULL, SINGLE
 from simspec.proof.contact.run import PROBES, contact_checks, laws
 from simspec.proof.expected import judge as judge_checks
 from simspec.proof.expected import title
 from simspec.proof.lacking import TITLES, not_checked_parts
+from simspec.proof.precision import PRECISIONS
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World
 
+READ_BACK = ("L1", "L2", "L3", "L4")
 COARSEST: Mapping[str, float] = {
     "L0": TEXT_TOLERANCE,
-    "L1": MODEL_TOLERANCE,
-    "L2": MODEL_TOLERANCE,
-    "L3": MODEL_TOLERANCE,
-    "L4": MODEL_TOLERANCE,
+    **dict.fromkeys(READ_BACK, PRECISIONS[DOUBLE].model),
     "L5": 1.0,  # in units of each figure's own tolerance
     "L6": 1e-2,
     "L7": 1e-2,
 }
-"""The largest tolerance that a check of each level may have. L6 and L7: relative, the larger of 1e-9 and 100 × the round-off
-floor, or 2e-3 for joints held by dry friction; a motion whose floor is above 1e-4 proves nothing."""
+"""The largest tolerance that a check of each level may have; of what is read back from an engine in single precision, that of
+its numbers. L6 and L7: relative, the larger of 1e-9 and 100 × the round-off floor, or 2e-3 for joints held by dry friction; a
+motion whose floor is above 1e-4 proves nothing."""
 
 
 def judge(certificate: Certificate, world: World) -> list[str]:
@@ -66,8 +67,13 @@ def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
     faults += [
         f"{name} is neither checked nor listed as not checked" for name in lacking if name not in proof.not_checked
     ]
+    numbers = DOUBLE if known is None else known.PRECISION
+    if proof.precision != numbers:
+        faults.append(f"it was held to {proof.precision} precision, {engine} computes in {numbers}")
     for check in proof.checks:
         coarsest = COARSEST.get(check.level)
+        if check.level in READ_BACK:
+            coarsest = PRECISIONS[numbers].model
         if coarsest is not None and known is not None and (check.level, check.name) == ("L4", HULL):
             coarsest = max(coarsest, known.HULL_PRECISION)
         if coarsest is not None and (check.level, check.name) == ("L4", FIELD):

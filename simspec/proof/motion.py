@@ -1,8 +1,8 @@
 """Level L6: contact-free motion, step by step, against the oracle's semi-implicit Euler.
 
 The tolerance is the larger of 1e-9 and 100 × the scenario's own round-off floor: the oracle run again several times, its
-beginning changed in the last bits. Below that floor no two programs can agree, whatever they hold; it is printed beside the
-deviation. Motion is compared as far as the floor is low enough for the tolerance to mean something.
+beginning changed in the last bits (of engines in single precision: ``proof/precision.py``). Below that floor no two programs can
+agree, whatever they hold; it is printed beside the deviation. Motion is compared as far as the floor is low enough for the tolerance to mean something.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ import numpy as np
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.stability import unstable
 from simspec.dynamics.states import SEED, angles_of, random_states, shortened
+from simspec.engines.kit.precision import DOUBLE
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check
 from simspec.proof.inside import CALM, MIDDLE, Stops, calmed, inside
+from simspec.proof.precision import PRECISIONS, Precision, Rounded
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.rotations import rotation_error
 from simspec.world.types import Follow, World
@@ -31,20 +33,14 @@ EVERY, LOOK = 40, 10
 SECONDS = 2.0
 """Time in which motion comes as far as it should: what falls for 8 s, as in 2,000 steps of 4 ms, is 300 m away at 80 m/s, where
 the round-off of one engine is a hundred times the others' (measured)."""
-TOLERANCE = 1e-9
-LOOSEST = 1e-7
-"""Motion is compared up to the instant at which the tolerance would become larger: a chaotic world multiplies the last bit
-without end, and within 0.1 m and rad everything agrees."""
 LARGEST_TURN = 0.25
 """rad in a step up to which motion is compared: what turns faster is not resolved by the timestep at all, and one engine
 turns nothing by more than π/4 in a step (measured, at the end of motions that diverge)."""
 LARGEST_SLIDE = 3.0
 """m from the beginning up to which a slide is followed: one without limits is flung out without end, and at 100 m the mass
 matrix is so uneven that one step is off by 1e-10 to 1e-8, by the engine (measured)."""
-FLOOR_FACTOR = 100.0
-PERTURBATION = 1e-15
 DISTURBED = 4
-"""Runs with a changed beginning: the floor of one alone is off by up to a factor of 15 (measured)."""
+"""Disturbed runs: the floor of one alone is off by up to a factor of 15 (measured)."""
 TRIES = 6
 """Seeded beginnings to try until one keeps all joints off their limits for all steps; the longest is taken."""
 HELD = 2
@@ -74,15 +70,20 @@ class Motion:
     """Places in v of the joints whose dry friction is taken away: it has a probe of its own."""
     ends: str = ""
     """Why there are fewer steps than were wanted."""
+    precision: Precision = PRECISIONS[DOUBLE]
 
     @property
     def tolerance(self) -> float:
-        """The larger of 1e-9 and 100 × the floor."""
-        return max(TOLERANCE, FLOOR_FACTOR * self.floor)
+        """The larger of 1e-9 and 100 × the floor, in double precision."""
+        return self.precision.tolerance(self.floor)
 
 
-def plan(world: World, oracle: Oracle) -> Motion:
-    """Choose a beginning that stays off the limits, run the oracle, and run it again disturbed in the last bits."""
+def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> Motion:
+    """Choose a beginning that stays off the limits, run the oracle, and run it again disturbed in the last bits.
+
+    Motion is compared up to the instant at which the tolerance would become larger than ``precision.loosest``: a chaotic world
+    multiplies the last bit without end, and within 0.1 m and rad everything agrees.
+    """
     most = min(STEPS, max(FEWEST, WORK // max(1, oracle.nv)))
     best: _Beginning | None = None
     for attempt in range(TRIES + len(GENTLER)):
@@ -93,39 +94,43 @@ def plan(world: World, oracle: Oracle) -> Motion:
             break
     if best is None:
         raise ValueError("no initial state was tried")
-    planned = _planned(world, oracle, best, most)
+    planned = _planned(world, oracle, best, most, precision)
     for attempt in range(HELD, TRIES + len(GENTLER)):
         if planned.steps >= FEWEST or unstable(world):
             break  # enough, or nothing gentler helps
         begun = _tried(world, oracle, *_beginning(world, oracle, attempt, most), most)
-        gentler = _planned(world, oracle, begun, most)
+        gentler = _planned(world, oracle, begun, most, precision)
         if gentler.steps > planned.steps:
             planned = gentler
     return planned
 
 
-def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int) -> Motion:
+def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int, precision: Precision) -> Motion:
     """What the oracle makes of a beginning, with its floor, as far as that can be used."""
     q, v, effort, steps, ends = begun.q, begun.v, begun.effort, begun.steps, begun.ends
     every = EVERY if steps >= 10 * EVERY else LOOK
     exact = _poses(oracle, _motion(oracle, q, v, effort, steps, every)[0])
     floors = np.zeros(len(exact))
     generator = np.random.default_rng(SEED + 200)
-    for _ in range(DISTURBED):
-        off_q, off_v = _disturb(q, generator), _disturb(v, generator)
-        disturbed = _poses(oracle, _motion(oracle, off_q, off_v, effort, steps, every)[0])
+    for run in range(DISTURBED):
+        off_q, off_v = precision.beginning(q, generator), precision.beginning(v, generator)
+        rounded = precision.rounding(run, generator)
+        disturbed = _poses(oracle, _motion(oracle, off_q, off_v, effort, steps, every, rounded)[0])
         with np.errstate(invalid="ignore", over="ignore"):
             deviations = deviation(exact, disturbed).max(axis=1, initial=0.0)
         floors = np.maximum(floors, np.where(np.isfinite(deviations), deviations, np.inf))
     floors = np.maximum.accumulate(floors)
-    useful = FLOOR_FACTOR * floors <= LOOSEST
+    useful = precision.factor * floors <= precision.loosest
     last = len(floors) - 1
     if not useful.all():
         last = max(0, int(np.argmin(useful)) - 1)
-        steps, ends = last * every, f"then round-off alone would move bodies by {LOOSEST / FLOOR_FACTOR:.0e}"
+        steps, ends = (
+            last * every,
+            f"then round-off alone would move bodies by {precision.loosest / precision.factor:.0e}",
+        )
     if steps < FEWEST and (diverging := unstable(world)):
         ends = f"then it diverges: {diverging[0]}; stable up to {diverging[0].largest_stable_step:.3g} s"
-    return Motion(q, v, effort, steps, every, exact[: last + 1], float(floors[last]), rubbing(world), ends)
+    return Motion(q, v, effort, steps, every, exact[: last + 1], float(floors[last]), rubbing(world), ends, precision)
 
 
 @dataclass(frozen=True)
@@ -284,16 +289,18 @@ def couple(world: World, oracle: Oracle, q: np.ndarray, start: np.ndarray) -> No
             q[joints[name][0]] = ratio * q[at] + offset
 
 
-def _disturb(state: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    return state * (1.0 + PERTURBATION * generator.choice([-1.0, 1.0], len(state)))
-
-
 def _motion(
-    oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, steps: int, every: int
+    oracle: Oracle,
+    q: np.ndarray,
+    v: np.ndarray,
+    effort: np.ndarray,
+    steps: int,
+    every: int,
+    rounded: Rounded | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The oracle's states at every ``every``-th step; not finite where the motion diverges."""
     with np.errstate(invalid="ignore", over="ignore"):
-        return oracle.motion(q, v, effort, steps, every)
+        return oracle.motion(q, v, effort, steps, every, rounded)
 
 
 def _poses(oracle: Oracle, states: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.defects import NAMES, Plant
 from simspec.engines.kit.process import side_by_side
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import UnsupportedError
 from simspec.proof.checks import NOTHING
 from simspec.proof.selftest_worlds import SMALLER, WORLDS
@@ -123,14 +124,15 @@ class _Bench:
             if name in SMALLER:
                 self.open(SMALLER[name][0])
             return
-        probes = prepare(world)
+        numbers = find_engine(self.engine).PRECISION
+        probes = prepare(world, precision=numbers)
         certificate = verify(world, [self.engine], probes=probes, pythons=self._pythons, deadline=DEADLINE)
         if not certificate.valid:
             _, check = certificate.failures()[0]
             raise AssertionError(
                 f"{self.engine}: the sound world {name!r} fails {check.level} {check.name}: {check.detail}"
             )
-        others = [prepare(world, levels) for levels in self._tries if levels != LEVELS]
+        others = [prepare(world, levels, numbers) for levels in self._tries if levels != LEVELS]
         self._sound[name] = (world, compiled, [*others, probes])
 
     def plant(self, defect: str) -> Outcome:

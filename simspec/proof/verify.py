@@ -18,6 +18,7 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
@@ -35,6 +36,7 @@ from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, Followed, Pushe
 from simspec.proof.lacking import MATRIX, not_checked_parts, unchecked
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.motionless import motionless
+from simspec.proof.precision import PRECISIONS, Precision
 from simspec.proof.probes import (
     FEW_STATES,
     LARGE,
@@ -75,9 +77,21 @@ class Probes:
     pushed: Pushed | None = None
     followed: Followed | None = None
     stops: SumLimits | None = None
+    precision: Precision = PRECISIONS[DOUBLE]
+    _others: dict[str, Probes] = dataclasses.field(default_factory=dict, compare=False, repr=False)
+
+    def of(self, engine: type[Engine]) -> Probes:
+        """These probes, or the same held against what the numbers of ``engine`` allow: made once."""
+        if self.precision.name == engine.PRECISION:
+            return self
+        if engine.PRECISION not in self._others:
+            self._others[engine.PRECISION] = _planned_for(self, PRECISIONS[engine.PRECISION])
+        return self._others[engine.PRECISION]
 
     def operations(self, engine: type[Engine]) -> list[Operation]:
         """What ``engine`` is asked, by what it declares; :func:`engine_checks` reads the answers."""
+        if self.of(engine) is not self:
+            return self.of(engine).operations(engine)
         world = self.oracle.world
         velocity = np.zeros((1, self.oracle.nv))
         lacking = unchecked(world, engine)
@@ -107,19 +121,36 @@ class Probes:
         return asked
 
 
-def prepare(world: World, levels: Iterable[str] = LEVELS) -> Probes:
-    """Choose the probes for ``world`` and run the oracle."""
+def prepare(world: World, levels: Iterable[str] = LEVELS, precision: str = DOUBLE) -> Probes:
+    """Choose the probes for ``world`` and run the oracle. ``precision``: of the engine that is asked first; others get
+    theirs from :meth:`Probes.of`."""
+    numbers = PRECISIONS[precision]
     oracle = touch.oracle_of(world)
     q, v = random_states(world, STATES if oracle.nv <= LARGE else FEW_STATES)
     wanted = set(levels)
     meetings = touch.meetings_of(world) if "L4" in wanted else touch.nothing(oracle)
-    moving = motion.plan(world, oracle) if "L6" in wanted and not motionless(world) else None
-    rubbing = dry_friction.plan(world, oracle) if "L6" in wanted else None
-    response = control.plan(world) if "L7" in wanted else None
-    pushed = forces.plan(world, oracle) if "L7" in wanted else None
-    followed = forces.plan_motions(world) if "L7" in wanted else None
+    moving = motion.plan(world, oracle, numbers) if "L6" in wanted and not motionless(world) else None
+    rubbing = dry_friction.plan(world, oracle, numbers) if "L6" in wanted else None
+    response = control.plan(world, numbers) if "L7" in wanted else None
+    pushed = forces.plan(world, oracle, numbers) if "L7" in wanted else None
+    followed = forces.plan_motions(world, numbers) if "L7" in wanted else None
     stops = sum_limits.plan(world, oracle) if "L6" in wanted else None
-    return Probes(oracle, q, v, meetings, moving, response, rubbing, pushed, followed, stops)
+    return Probes(oracle, q, v, meetings, moving, response, rubbing, pushed, followed, stops, numbers)
+
+
+def _planned_for(probes: Probes, precision: Precision) -> Probes:
+    """The same probes, those whose tolerance hangs on an engine's numbers planned again."""
+    world, oracle = probes.oracle.world, probes.oracle
+    return dataclasses.replace(
+        probes,
+        motion=probes.motion and motion.plan(world, oracle, precision),
+        rubbing=probes.rubbing and dry_friction.plan(world, oracle, precision),
+        response=probes.response and control.plan(world, precision),
+        pushed=probes.pushed and forces.plan(world, oracle, precision),
+        followed=probes.followed and forces.plan_motions(world, precision),
+        precision=precision,
+        _others={},
+    )
 
 
 def verify(
@@ -160,7 +191,8 @@ def verify(
                 folders[name] = place / name
                 write_folder(compiled[name].files, folders[name])
         say("choosing probes")
-        probes = probes or prepare(world, levels)
+        numbers = [find_engine(name).PRECISION for name in compiled]
+        probes = probes or prepare(world, levels, (numbers or [DOUBLE])[0])
         running = {}
         refused: dict[str, EngineError] = {}
         for name in compiled:
@@ -284,16 +316,20 @@ def read_back_checks(world: World, engine: type[Engine], read_back: ReadBack) ->
         engine.LAYERS,
         accepted_cone=accepted,
         hull_precision=engine.HULL_PRECISION,
+        precision=PRECISIONS[engine.PRECISION],
     )
     if Capability.INVENTORY in engine.LACKS:
         return checks
-    return checks + inventory_checks(engine.expected_inventory(world, read_back.neutral), read_back.inventory)
+    expected = engine.expected_inventory(world, read_back.neutral)
+    return checks + inventory_checks(expected, read_back.inventory, PRECISIONS[engine.PRECISION])
 
 
 def engine_checks(
     world: World, engine: type[Engine], answers: Sequence[Answer], probes: Probes
 ) -> tuple[list[Check], dict[str, str]]:
     """The checks of everything that ``probes.operations(engine)`` asked, and what the engine could not be asked for."""
+    probes = probes.of(engine)
+    numbers = probes.precision
     asked = [operation.op for operation in probes.operations(engine)]
     by_operation = dict(zip(asked, answers, strict=True))
     read_back = by_operation["read_back"].held
@@ -301,9 +337,9 @@ def engine_checks(
         raise ValueError("the answer to read_back contains no model")
     arrays = {name: answer.arrays for name, answer in by_operation.items()}
     checks = read_back_checks(world, engine, read_back)
-    checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, arrays["kinematics"])
+    checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, arrays["kinematics"], numbers)
     if "dynamics" in arrays:
-        checks += dynamics_checks(world, probes.oracle, probes.q, probes.v, arrays["dynamics"])
+        checks += dynamics_checks(world, probes.oracle, probes.q, probes.v, arrays["dynamics"], numbers)
     if "touching" in arrays:
         units = [(unit["body"], unit["shapes"]) for unit in by_operation["touching"].result["units"]]
         overlooks = engine.overlooks(world)
@@ -333,9 +369,12 @@ def _proof(
         if decision.level in (Level.APPROXIMATE, Level.OUTSIDE)
     }
     version = reply.versions["engine_version"] if reply else str(find_engine(compiled.engine).version())
+    numbers = find_engine(compiled.engine).PRECISION
     seconds = round(reply.wall_seconds, 3) if reply else 0.0  # as a certificate prints it
     checks = sorted(checks, key=lambda check: check.level)
-    return EngineProof(version, Artifacts.read(folder).sha256, tuple(checks), approximations, unreadable, seconds)
+    return EngineProof(
+        version, Artifacts.read(folder).sha256, tuple(checks), approximations, unreadable, seconds, precision=numbers
+    )
 
 
 def _oracle_version() -> str:

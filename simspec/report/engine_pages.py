@@ -70,6 +70,7 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate], costs:
     counts = collections.Counter(_plain_word(entry) for entry in support(engine).values())
     rows = {
         "name": f"`{engine.NAME}`",
+        "computes in": f"{engine.PRECISION} precision",
         "version that the certificates are of": ", ".join(sorted(versions)),
         "install": f"`{how_to_install(engine)}`" if how_to_install(engine) else "",
         "packages of Debian": needs,

@@ -68,6 +68,7 @@ def engine_data() -> dict[str, Any]:
         name: {
             "format": format_of(engine),
             "version": engine.version(),
+            "precision": engine.PRECISION,
             "capabilities": {capability.value: capability not in engine.LACKS for capability in Capability},
             "lacks": {capability.value: reason for capability, reason in engine.LACKS.items()},
             "install": how_to_install(engine),
@@ -180,7 +181,8 @@ def _capabilities() -> list[str]:
                 cells.append(f"no [c{len(reasons)}]")
         table.append(f"| `{capability}` | {_cell(capabilities.MEANING[capability])} | {' | '.join(cells)} |")
     notes = [f"- [c{index}] {reason}" for index, reason in enumerate(reasons, 1)]
-    return ["", "## Capabilities", "", CAPABILITIES, "", *table, "", *notes]
+    numbers = (f"{name} in {engine.PRECISION} precision" for name, engine in engines().items())
+    return ["", "## Capabilities", "", CAPABILITIES, "", *table, "", *notes, "", f"They compute: {', '.join(numbers)}."]
 
 
 def _range(minimum: float | None, maximum: float | None) -> str:

@@ -13,11 +13,13 @@ from simspec.compiler import Compiled, compile_world, needed_decisions, write_fo
 from simspec.control.request import to_request
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.precision import DOUBLE, SINGLE
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.certificate import EngineProof
+from simspec.proof.precision import PRECISIONS
 from simspec.proof.verify import LEVELS, verify
 from simspec.support.declarations import Level, Support, combine
 from simspec.support.features import Feature
@@ -25,6 +27,8 @@ from simspec.testing.worlds import accepting, with_options
 from simspec.world.rotations import rotation_error
 from simspec.world.types import World
 
+OF_SINGLES = PRECISIONS[SINGLE].model
+"""What numbers of single precision are compared to where doubles are to some last bits."""
 OWN = (Level.EXACT, Level.VIA_API)
 """Levels of support for which a spec has to say nothing."""
 
@@ -41,6 +45,10 @@ class Bench:
     def kind(self) -> type[Engine]:
         """The engine's class."""
         return find_engine(self.engine)
+
+    def near(self, double: float, single: float = OF_SINGLES) -> float:
+        """A tolerance by the numbers that the engine computes with."""
+        return double if self.kind.PRECISION == DOUBLE else single
 
     def lacks(self, capability: str) -> str:
         """Why the engine lacks a capability (by name); "" where it has it."""

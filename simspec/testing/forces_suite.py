@@ -11,6 +11,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
+from simspec.engines.kit.precision import DOUBLE
 from simspec.proof.verify import verify
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -60,9 +61,9 @@ class ForcesSuite(Suite):
         if world is None:
             return
         v = bench.run(world, round(0.048 / timestep)).arrays["v"][-1]
-        np.testing.assert_allclose(v[:3], np.array(push.force) * 0.0213 / 2.0, rtol=1e-12)
+        np.testing.assert_allclose(v[:3], np.array(push.force) * 0.0213 / 2.0, rtol=bench.near(1e-12, 1e-5))
         turn = bench.run(world, round(0.048 / timestep)).arrays["velocity"][-1, 0, 3:]
-        np.testing.assert_allclose(turn, np.array(twist.torque) * 0.0297 / 0.02, rtol=1e-12)
+        np.testing.assert_allclose(turn, np.array(twist.torque) * 0.0297 / 0.02, rtol=bench.near(1e-12, 1e-5))
 
     def test_a_push_beside_the_centre_of_mass_turns_the_body(self, bench: Bench) -> None:
         """In the first step the lever is exactly known: Δω = r × F dt/I, Δv = F dt/m."""
@@ -73,7 +74,7 @@ class ForcesSuite(Suite):
         velocity = bench.run(world, 1).arrays["velocity"][-1, 0]
         spin = np.cross((0.0, 0.0, 0.3), force.force) * 0.001 / 0.02
         lever = np.array([0.05, 0.0, 0.1])
-        np.testing.assert_allclose(velocity[3:], spin, atol=1e-15, rtol=1e-12)
+        np.testing.assert_allclose(velocity[3:], spin, atol=bench.near(1e-15), rtol=bench.near(1e-12))
         # the frame's origin, after the turn of the step
         np.testing.assert_allclose(velocity[:3], np.array([0.0, 0.003, 0.0]) - np.cross(spin, lever), atol=1e-5)
 
@@ -90,8 +91,8 @@ class ForcesSuite(Suite):
             return
         answer = bench.run(world, STEPS)
         q, v = moved(world, STEPS)
-        assert state_error(world, answer.arrays["q"][-1], q) < 1e-10
-        np.testing.assert_allclose(answer.arrays["v"][-1], v, atol=1e-9)
+        assert state_error(world, answer.arrays["q"][-1], q) < bench.near(1e-10, 1e-4)
+        np.testing.assert_allclose(answer.arrays["v"][-1], v, atol=bench.near(1e-9, 1e-3))
 
     def test_forces_act_beside_controllers_and_leave_nothing_behind(self, bench: Bench) -> None:
         """On a driven tree and on one that nobody drives, with pauses, recorded at moments that are no bounds of forces."""
@@ -110,10 +111,12 @@ class ForcesSuite(Suite):
         oracle = OracleJoints(world, control)
         control.advance(oracle, 0, STEPS)
         whole = bench.run(world, STEPS, 30)
-        assert state_error(world, whole.arrays["q"][-1], oracle.q) < 1e-10
+        assert state_error(world, whole.arrays["q"][-1], oracle.q) < bench.near(1e-10, 1e-4)
         (windows,) = bench.ask(world, windows_operation(world, whole))
         for name in ("q", "v"):
-            np.testing.assert_allclose(windows.arrays[name], whole.arrays[name][1:], rtol=0.0, atol=1e-12)
+            np.testing.assert_allclose(
+                windows.arrays[name], whole.arrays[name][1:], rtol=0.0, atol=bench.near(1e-12, 1e-4)
+            )
 
     def test_a_kinematic_body_is_where_it_is_told_and_carries_what_hangs_on_it(self, bench: Bench) -> None:
         """What slides on it along its way stays where it is; what turns about its axis does not turn with it."""
@@ -172,7 +175,7 @@ class ForcesSuite(Suite):
             return
         (check,) = proof.level("L7")
         assert (check.name, check.passed) == ("applied forces", True), check
-        assert check.tolerance == 1e-9
+        assert check.tolerance == 1e-9 or bench.kind.PRECISION != DOUBLE
         heavy = dataclasses.replace(bodies[2].inertial, mass=bodies[2].inertial.mass * 1.001)
         other = dataclasses.replace(world, bodies=(*bodies[:2], dataclasses.replace(bodies[2], inertial=heavy)))
         folder = bench.place / "other-mass-pushed"

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
+import json
 import os
 import subprocess
 import sys
 import venv
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -73,31 +75,48 @@ def test_it_passes_the_shipped_suite(python):
 
 
 PROVE = """
-import json, sys
+import dataclasses, json, sys
 from simspec.proof.judge import judge
 from simspec.proof.verify import verify
 from simspec.testing import worlds
 world = worlds.hinges()
-certificate = verify(world, ["toy"], pythons={"toy": sys.argv[1]})
-proof = certificate.engines["toy"]
+name = sys.argv[2]
+certificate = verify(world, [name], pythons={name: sys.argv[1]})
+proof = certificate.engines[name]
 print(json.dumps({
     "valid": certificate.valid,
     "verdict": proof.verdict,
     "not_checked": proof.not_checked,
     "levels": sorted({check.level for check in proof.checks}),
     "judged": judge(certificate, world),
+    "motion": [[check.worst, check.tolerance] for check in proof.level("L6")],
+    "of doubles": judge(dataclasses.replace(certificate, engines={"toy": proof}), world),
 }))
 """
 
 
-def test_its_certificate_is_valid_and_says_what_was_not_checked(python):
-    import json
-
-    done = in_its_repository(python, "-c", PROVE, str(python))
+def proven(python: Path, engine: str) -> dict[str, Any]:
+    done = in_its_repository(python, "-c", PROVE, str(python), engine)
     assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
+    return json.loads(done.stdout)
+
+
+def test_its_certificate_is_valid_and_says_what_was_not_checked(python):
+    said = proven(python, "toy")
     assert said["valid"]
     assert said["judged"] == []
     assert said["levels"] == ["L0", "L1", "L2", "L4", "L6"]
     assert said["not_checked"]["L3"] == "Toy gives motion only; Toy does not expose it"
     assert said["verdict"].startswith("valid; not checked: L3 (Toy gives motion only; ")
+
+
+def test_an_engine_in_single_precision_is_held_to_its_numbers(python):
+    """Its motion is off by what its numbers make of it, 1000 times what doubles may be, and well within its own floor; that it
+    is called an engine of doubles is seen."""
+    said = proven(python, "singletoy")
+    assert said["valid"]
+    assert said["judged"] == []
+    assert said["verdict"].startswith("valid in single precision; not checked: L3 (")
+    ((worst, tolerance),) = said["motion"]
+    assert 1e-6 < worst < tolerance / 5.0 < 2e-4
+    assert "it was held to single precision, toy computes in double" in "".join(said["of doubles"])

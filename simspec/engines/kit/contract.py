@@ -23,6 +23,7 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.native_law import NativeLaw
 from simspec.engines.kit.needs import Needs
+from simspec.engines.kit.precision import DOUBLE, ROUNDING
 from simspec.engines.kit.settings import Setting, Value
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.features import Feature
@@ -49,6 +50,9 @@ class Engine:
     """The extra of simspec that installs it; "" where none does."""
     NEEDS: ClassVar[Needs] = Needs()
     """What it needs of the machine beside packages of Python."""
+    PRECISION: ClassVar[str] = DOUBLE
+    """The numbers that it computes with, ``double`` or ``single``: tolerances of proofs, and the size of what noise is measured
+    by, follow from it."""
     SUPPORT: ClassVar[Table]
     SETTINGS: ClassVar[Mapping[str, Setting]]
     RULES: ClassVar[Rules]
@@ -84,6 +88,8 @@ class Engine:
         super().__init_subclass__(**keywords)
         if abstract:
             return
+        if cls.PRECISION not in ROUNDING:
+            raise TypeError(f"engine {cls.NAME}: PRECISION is {cls.PRECISION!r}, allowed: {', '.join(ROUNDING)}")
         check_total(f"engine {cls.NAME}", cls.SUPPORT)
         is_program = cls.command.__func__ is not Engine.command.__func__  # type: ignore[attr-defined]
         check_capabilities(cls, Engine, cls.LACKS, is_program)
@@ -114,8 +120,8 @@ class Engine:
 
         Made from ``world`` and the settings resolved from it, by code that shares nothing with what writes the files.
         ``neutral`` is the read-back's: the engine's own values of what simspec never writes. The comparator demands the same
-        names on both sides, numbers within 1e-9 relative, all else equal. Called outside the engine's process, so without the
-        engine. Part of the capability ``inventory``.
+        names on both sides, numbers within 1e-9 relative (2e-6 in single precision), all else equal. Called outside the engine's
+        process, so without the engine. Part of the capability ``inventory``.
         """
         raise NotImplementedError
 
