@@ -1,8 +1,9 @@
 """Level L6: contact-free motion, step by step, against the oracle's semi-implicit Euler.
 
 The tolerance is the larger of 1e-9 and 100 × the scenario's own round-off floor: the oracle run again several times, its
-beginning changed in the last bits (of engines in single precision: ``proof/precision.py``). Below that floor no two programs can
-agree, whatever they hold; it is printed beside the deviation. Motion is compared as far as the floor is low enough for the tolerance to mean something.
+beginning changed in the last bits (of engines in single precision: ``proof/precision.py``). Below that floor no two programs
+can agree, whatever they hold; it is printed beside the deviation. Motion is compared as far as the floor is low enough for
+the tolerance to mean something.
 """
 
 from __future__ import annotations

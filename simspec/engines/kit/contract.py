@@ -120,8 +120,8 @@ class Engine:
 
         Made from ``world`` and the settings resolved from it, by code that shares nothing with what writes the files.
         ``neutral`` is the read-back's: the engine's own values of what simspec never writes. The comparator demands the same
-        names on both sides, numbers within 1e-9 relative (2e-6 in single precision), all else equal. Called outside the engine's
-        process, so without the engine. Part of the capability ``inventory``.
+        names on both sides, numbers within 1e-9 relative (2e-6 in single precision), all else equal. Called outside the
+        engine's process, so without the engine. Part of the capability ``inventory``.
         """
         raise NotImplementedError
 
