@@ -332,7 +332,7 @@ def test_motion_is_compared_as_far_as_it_means_something_and_says_why_not_farthe
     world = at_4_ms(kinds, seed, parents, **joint)
     oracle, plan = moved(world)
     assert plan.steps >= motion.FEWEST
-    assert plan.tolerance <= motion.LOOSEST
+    assert plan.tolerance <= plan.precision.loosest
     assert np.isfinite(plan.poses).all()
     states, speeds = oracle.motion(plan.q, plan.v, plan.effort, plan.steps, plan.every)
     assert len(states) == len(plan.poses)
