@@ -4,6 +4,7 @@
     python tools/corpora --into DIR --run            what has no result yet; ended at any moment, it goes on there
     python tools/corpora --into DIR --run --stages import --anew
     python tools/corpora --into DIR --run --failed   once more, what failed with other code than today's
+    python tools/corpora --into DIR --run --open     the same, and what engines refused then or were never asked
     python tools/corpora --into DIR --run --seconds 1500 --only urdf --in package
     python tools/corpora --into DIR --refusals FILE  refusals by their reasons, counted
     python tools/corpora --into DIR --write          docs/corpora.md and docs/corpora.json from DIR/results
@@ -38,6 +39,8 @@ def main() -> int:
     parser.add_argument("--stages", default=",".join(STAGES), help="which, in this order (default: all)")
     parser.add_argument("--anew", dest="again", action="store_const", const="anew", default="", help="ask again all")
     parser.add_argument("--failed", dest="again", action="store_const", const="failed", help="ask again what failed")
+    parser.add_argument("--open", dest="again", action="store_const", const="open", help="and what engines refused")
+    parser.add_argument("--engines", default="", help="of which engines --open asks, by commas (default: all)")
     parser.add_argument("--only", default="", help="languages, by commas")
     parser.add_argument("--in", dest="within", default="", help="a text that package and name contain")
     parser.add_argument("--workers", type=int, default=2)
@@ -60,7 +63,15 @@ def main() -> int:
         if (not told.only or model.language in told.only.split(",")) and told.within in f"{model.package} {model.name}"
     ]
     if told.run:
-        run(asked, results, told.stages.split(","), told.workers, told.seconds, told.again)
+        run(
+            asked,
+            results,
+            told.stages.split(","),
+            told.workers,
+            told.seconds,
+            told.again,
+            tuple(filter(None, told.engines.split(","))),
+        )
     if told.refusals:
         told.refusals.write_text(refusals.listed(asked, results), encoding="utf-8")
     if told.write:

@@ -130,16 +130,46 @@ def failed(answer: dict[str, Any]) -> bool:
     return ended or any(one["valid"] is False for one in answer.get("proven") or ())
 
 
-def needed(results: Path, stage: str, model: Model, again: str) -> bool:
-    """Whether a stage has to be asked for a file. Of those that have a result: where ``again`` is "failed" those that failed,
-    and where it is "anew" those that were asked of other code than today's. What is not imported is not certified."""
+def needed(results: Path, stage: str, model: Model, again: str, among: Sequence[str] = ()) -> bool:
+    """Whether a stage has to be asked for a file. Of those that have a result of other code than today's: where ``again`` is
+    "anew" all, where it is "failed" those that failed, where it is "open" also those that an engine refuses or was never asked.
+    What is not imported is not certified."""
     known = stored(results, stage, model)
-    if known is not None and not (again and known["code"] != code() and (again == "anew" or failed(known))):
+    if known is not None and not (
+        again and known["code"] != code() and _again(results, stage, model, known, again, among)
+    ):
         return False
     if stage == "certify":
         imported = stored(results, "import", model)
         return imported is None or imported.get("imported") is True
     return stage != "apart" or bool(refusing(results, model))
+
+
+def _again(
+    results: Path, stage: str, model: Model, known: dict[str, Any], again: str, among: Sequence[str] = ()
+) -> bool:
+    """Whether a file is asked once more that has an answer of other code."""
+    if again == "open" and known.get("proven"):
+        return bool(undecided(results, stage, model, known, among))
+    return again == "anew" or failed(known)
+
+
+def undecided(results: Path, stage: str, model: Model, known: dict[str, Any], among: Sequence[str] = ()) -> list[str]:
+    """The engines, of ``among`` (none: of all), that an answer leaves open: whose proof fails, that refuse, or that were
+    never asked."""
+    if stage not in ("certify", "apart"):
+        return []
+    told = {one["engine"]: one["valid"] for one in known.get("proven") or ()}
+    of = installed() if stage == "certify" else refusing(results, model)
+    return [engine for engine in of if told.get(engine) is not True and (not among or engine in among)]
+
+
+@functools.cache
+def installed() -> tuple[str, ...]:
+    """The engines that answer here."""
+    from simspec.engines.kit.registry import engines
+
+    return tuple(sorted(name for name, engine in engines().items() if engine.version() is not None))
 
 
 def refusing(results: Path, model: Model) -> list[str]:
@@ -174,19 +204,25 @@ def ordered(models: Sequence[Model], results: Path, stage: str) -> list[Model]:
 
 
 def run(
-    models: Sequence[Model], results: Path, stages: Sequence[str], workers: int, seconds: float, again: str
+    models: Sequence[Model],
+    results: Path,
+    stages: Sequence[str],
+    workers: int,
+    seconds: float,
+    again: str,
+    among: Sequence[str] = (),
 ) -> None:
-    """Ask one stage after the other, until all is asked or time is up."""
+    """Ask one stage after the other, until all is asked or time is up. ``among``: of which engines what is open is asked."""
     ends = time.monotonic() + seconds
     for stage in stages:
         (results / stage).mkdir(parents=True, exist_ok=True)
         waiting: queue.SimpleQueue[Model] = queue.SimpleQueue()
-        left = ordered([model for model in models if needed(results, stage, model, again)], results, stage)
+        left = ordered([model for model in models if needed(results, stage, model, again, among)], results, stage)
         print(f"{stage}: {len(left)} files to ask", flush=True)
         for model in left:
             waiting.put(model)
         threads = [
-            threading.Thread(target=_work, args=(stage, waiting, results, ends, again))
+            threading.Thread(target=_work, args=(stage, waiting, results, ends, again, among))
             for _ in range(min(workers, len(left)))
         ]
         for thread in threads:
@@ -195,7 +231,14 @@ def run(
             thread.join()
 
 
-def _work(stage: str, waiting: queue.SimpleQueue[Model], results: Path, ends: float, again: str) -> None:
+def _work(
+    stage: str,
+    waiting: queue.SimpleQueue[Model],
+    results: Path,
+    ends: float,
+    again: str,
+    among: Sequence[str],
+) -> None:
     worker = Worker()
     try:
         while time.monotonic() < ends:
@@ -203,10 +246,13 @@ def _work(stage: str, waiting: queue.SimpleQueue[Model], results: Path, ends: fl
                 model = waiting.get_nowait()
             except queue.Empty:
                 return
-            known = stored(results, stage, model) if again == "failed" else None
-            engines = failing(known) or (refusing(results, model) if stage == "apart" else [])
+            known = stored(results, stage, model) if again in ("failed", "open") else None
+            engines = failing(known)
+            if known is not None and again == "open":
+                engines = undecided(results, stage, model, known, among)
+            engines = engines or (refusing(results, model) if stage == "apart" else [])
             answer = {**worker.ask(stage, model, engines), "code": code()}
-            if known is not None and failing(known) and answer.get("proven"):
+            if known is not None and known.get("proven") and engines and answer.get("proven"):
                 answer = completed(answer, known)
             target = place(results, stage, model)
             part = target.with_suffix(".part")
