@@ -88,3 +88,10 @@ def test_a_row_that_is_round_off_gives_no_impulse():
     exact = velocity + impulse(np.diag([2.0, 0.5]), jacobian[:2], velocity, violation[:2], 1e-3)
     made = velocity + impulse(np.diag([2.0, 0.5]), jacobian, velocity, violation, 1e-3)
     np.testing.assert_allclose(made, exact, rtol=0, atol=1e-12)
+
+
+def test_a_mass_matrix_that_has_lost_its_digits_ends_motion_as_diverged_and_not_with_an_error():
+    """What a far slide adds to M leaves nothing of what is beside it: two rows are alike to the last bit."""
+    mass = 1e200 * np.ones((2, 2)) + np.eye(2)
+    after = impulse(mass, np.array([[1.0, -1.0]]), np.ones(2), np.zeros(1), 1e-3)
+    assert np.isnan(after).all()

@@ -193,12 +193,13 @@ def completed(answer: dict[str, Any], known: dict[str, Any]) -> dict[str, Any]:
 
 
 def ordered(models: Sequence[Model], results: Path, stage: str) -> list[Model]:
-    """What failed first, since it may be repaired by now; then by classes of the number of bodies, each as spread as before."""
+    """By classes of the number of bodies, each as spread as before; of a class first what failed, since it may be repaired by
+    now."""
 
-    def key(model: Model) -> tuple[bool, int]:
+    def key(model: Model) -> tuple[int, bool]:
         known = stored(results, stage, model)
         bodies = (stored(results, "import", model) or {}).get("bodies", 1)
-        return known is None or not failed(known), math.ceil(math.log2(max(bodies, 4)))
+        return math.ceil(math.log2(max(bodies, 4))), known is None or not failed(known)
 
     return sorted(models, key=key)
 
