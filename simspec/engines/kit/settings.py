@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Protocol
 from simspec.contact.meeting import Pair, balls_alone
 from simspec.errors import Problem
 from simspec.language.vocabulary import FRICTION_CONES
+from simspec.world.kinematics import rubbing
 from simspec.world.types import PairContact, World
 
 Value = bool | int | float | str
@@ -86,6 +87,8 @@ class Setting:
     """Another setting and a value: where a spec states that, the default is the ordinary one in such worlds, too."""
     kinematic: Value | None = None
     """The default in worlds with kinematic bodies, which are 1e5 times as heavy as all else that moves; None: the same."""
+    rubbing: Value | None = None
+    """The default in worlds with dry friction in joints, which may be much lighter than all else; None: the same."""
     by_pair: ByPair | None = None
     """Where each pair of materials may have a value of its own (``engines.NAME.pairs``): in which contacts it acts."""
 
@@ -109,8 +112,10 @@ def resolve_settings(engine: type[HasSettings], world: World) -> dict[str, Value
     """
     stated = dict(world.options(engine.NAME).settings)
     defaults = default_settings(engine, stated, balls_alone(world))
+    known = engine.SETTINGS.items()
+    if len(rubbing(world)):
+        defaults |= {name: setting.rubbing for name, setting in known if setting.rubbing is not None}
     if world.motions:
-        known = engine.SETTINGS.items()
         defaults |= {name: setting.kinematic for name, setting in known if setting.kinematic is not None}
     return defaults | stated
 
