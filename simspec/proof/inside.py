@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,37 @@ CALM = 0.2
 """Of its range per second: the speed with which a sum begins at most."""
 CLOSE = 1e-12
 """rad or m of a joint by which positions may miss what is asked of them."""
+
+
+def followers(world: World) -> dict[str, list[tuple[str, float, float]]]:
+    """By the first joint of each chain of joints that follow one other: the joints of the chain, itself among them, with the
+    ratio and offset by which their positions are those of the first."""
+    leaders = {one.joint: one for one in world.constraints if isinstance(one, Follow)}
+    chains: dict[str, list[tuple[str, float, float]]] = {}
+    for name in leaders:
+        ratio, offset, first = 1.0, 0.0, name
+        for _ in leaders:  # no chain is longer, and none goes round
+            if first not in leaders:
+                break
+            one = leaders[first]
+            ratio, offset, first = ratio * one.ratio, ratio * one.offset + offset, one.leader
+        chains.setdefault(first, [(first, 1.0, 0.0)]).append((name, ratio, offset))
+    return chains
+
+
+def left_to(
+    chain: Sequence[tuple[str, float, float]], limits: Mapping[str, tuple[float, float] | None], margin: float = 0.0
+) -> tuple[float, float]:
+    """The lowest and highest position of the first joint of a chain of :func:`followers` at which every joint of it is a share
+    of its range away from its ``limits`` (None: it has none); the lowest is above the highest where there is none such."""
+    low, high = -np.inf, np.inf
+    for name, ratio, offset in chain:
+        own = limits[name]
+        if own is not None and ratio:
+            room = margin * (own[1] - own[0])
+            ends = sorted((limit - offset) / ratio for limit in (own[0] + room, own[1] - room))
+            low, high = max(low, ends[0]), min(high, ends[1])
+    return low, high
 
 
 class Stops:

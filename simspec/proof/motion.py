@@ -19,11 +19,11 @@ from simspec.dynamics.states import SEED, angles_of, random_states, shortened
 from simspec.engines.kit.precision import DOUBLE
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check
-from simspec.proof.inside import CALM, MIDDLE, Stops, calmed, inside
+from simspec.proof.inside import CALM, MIDDLE, Stops, calmed, followers, inside, left_to
 from simspec.proof.precision import PRECISIONS, Precision, Rounded
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.rotations import rotation_error
-from simspec.world.types import Follow, World
+from simspec.world.types import World
 
 STEPS = 2000
 WORK = 2_600_000
@@ -265,23 +265,9 @@ def couple(world: World, oracle: Oracle, q: np.ndarray, start: np.ndarray) -> No
     """Put joints that follow others where these put them, in the middle of what the limits of all of them leave, in ``q``."""
     parts = zip(world.bodies, oracle.layout.position, strict=True)
     joints = {body.joint.name: (at.start, body.joint.position_limits) for body, at in parts}
-    leaders = {one.joint: one for one in world.constraints if isinstance(one, Follow)}
-    chains: dict[str, list[tuple[str, float, float]]] = {}
-    for name in leaders:
-        ratio, offset, first = 1.0, 0.0, name
-        for _ in leaders:  # no chain is longer, and none goes round
-            if first not in leaders:
-                break
-            one = leaders[first]
-            ratio, offset, first = ratio * one.ratio, ratio * one.offset + offset, one.leader
-        chains.setdefault(first, [(first, 1.0, 0.0)]).append((name, ratio, offset))
-    for first, chain in chains.items():
-        low, high = -np.inf, np.inf
-        for name, ratio, offset in chain:
-            limits = joints[name][1]
-            if limits is not None and ratio:
-                ends = sorted((limit - offset) / ratio for limit in limits)
-                low, high = max(low, ends[0]), min(high, ends[1])
+    limits = {name: own for name, (_, own) in joints.items()}
+    for first, chain in followers(world).items():
+        low, high = left_to(chain, limits)
         at = joints[first][0]
         if np.isfinite(high - low) and not _well_inside(float(q[at]), low, high):
             own = float(start[at])

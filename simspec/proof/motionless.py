@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from simspec.proof.inside import followers, left_to
 from simspec.proof.touch.plan import oracle_of
 from simspec.world.derived import derived
 from simspec.world.kinematics import initial_state
@@ -23,7 +24,22 @@ def motionless(world: World) -> str:
         limits = body.joint.position_limits
         if limits is not None and limits[0] >= limits[1]:
             return f"the limits of joint {body.joint.name!r} leave it one position, so that every motion is at a limit"
-    return _held_at_a_limit(world) if world.constraints else ""
+    return (_without_room(world) or _held_at_a_limit(world)) if world.constraints else ""
+
+
+def _without_room(world: World) -> str:
+    """The same of a world in which joints that follow one other have no position at which all are inside their limits, as two
+    that turn against each other and may both turn one way only."""
+    limits = {body.joint.name: body.joint.position_limits for body in world.bodies}
+    for first, chain in followers(world).items():
+        low, high = left_to(chain, limits, MARGIN)
+        if low >= high:
+            names = ", ".join(repr(name) for name, _, _ in chain)
+            return (
+                f"no position of joint {first!r} leaves all of {names} away from their limits by {MARGIN:.0%} of their ranges, "
+                "so that every motion is at a limit"
+            )
+    return ""
 
 
 def _held_at_a_limit(world: World) -> str:

@@ -50,6 +50,20 @@ def test_a_joint_that_constraints_hold_at_its_limit_is_named():
     assert left_out(held)["L6"] == motionless(held)
 
 
+@pytest.mark.parametrize(("limits", "word"), [((0.0, 0.5), "no position of joint"), ((-0.5, 0.5), "")])
+def test_joints_that_turn_against_each_other_and_may_turn_one_way_only_are_named(limits, word):
+    """As in a gripper whose fingers' joints all have one range: where two add up to zero, both are at its end."""
+    base = constrained.follower()
+    joints = [dataclasses.replace(body.joint, position_limits=limits, position=(0.0,)) for body in base.bodies[1:3]]
+    held = [dataclasses.replace(body, joint=joint) for body, joint in zip(base.bodies[1:3], joints, strict=True)]
+    follow = dataclasses.replace(base.constraints[0], offset=0.0)
+    world = dataclasses.replace(base, bodies=(base.bodies[0], *held, *base.bodies[3:]), constraints=(follow,))
+    assert motionless(world)[: len("no position of joint")] == word
+    if word:
+        assert f"{joints[0].name!r}, {joints[1].name!r} away" in motionless(world)
+        assert left_out(world)["L6"] == motionless(world)
+
+
 def test_a_joint_of_one_position_is_not_asked_to_move_and_the_certificate_says_so():
     base = worlds.world(worlds.tree(["fixed", "hinge", "hinge"], 7))
     joint = base.bodies[1].joint
