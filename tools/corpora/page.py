@@ -19,7 +19,7 @@ SAME = 1e-9
 """Largest relative deviation of an imported MJCF file's dynamics from the original's."""
 AIMS = {"mujoco": 98.0, "pybullet": 95.0, "dart": 95.0}
 """Per cent of imported URDF files that are to be certified."""
-MARKS = {"certified": "yes", "apart": "apart", "fails": "**no**", "refused": "–", "not asked": "–"}
+MARKS = {"certified": "yes", "apart": "apart", "fails": "**no**", "refused": "–", "not asked": "·"}
 RESTORED = "restored from docs/corpora.md"
 """In place of a state of the code: a verdict from this page, of which no more was kept."""
 APART = "without contact between its own bodies"
@@ -192,11 +192,12 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
         f"that is what it lacks; so far asked of {told} files."
     )
     yield ""
-    yield f"| engine | certified | certified {APART} | fails its proof | not supported, by name |"
-    yield "|---|---|---|---|---|"
+    yield f"| engine | certified | certified {APART} | fails its proof | not supported, by name | not asked yet |"
+    yield "|---|---|---|---|---|---|"
     for engine in engines:
-        counts = collections.Counter(file.verdict(engine) for file in files)
-        yield f"| {engine} | {' | '.join(str(counts[kind]) for kind in ('certified', 'apart', 'fails', 'refused'))} |"
+        counts = collections.Counter(file.verdict(engine) for file in files if file.is_imported)
+        kinds = ("certified", "apart", "fails", "refused", "not asked")
+        yield f"| {engine} | {' | '.join(str(counts[kind]) for kind in kinds)} |"
     yield ""
     yield "Every proof that fails:"
     yield ""
@@ -298,7 +299,8 @@ def table(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield ""
     yield (
         "`hard defect`: of URDF, by the rule above. `certified` and `audit` have one entry for each engine, in the order "
-        f"{names}: yes, apart ({APART}), **no**, – (not supported, by name; the engine does not read the language); "
+        f"{names}: yes, apart ({APART}), **no**, – (not supported, by name; the engine does not read the language), · (not asked "
+        "yet); "
         "audit: how many values an engine changes, drops or adds in silence, or that it refuses the file or dies. `s`: import, "
         "certify, audit, each with what earlier files left in the cache, on a busy machine; empty: not asked yet."
     )
