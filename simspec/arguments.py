@@ -179,8 +179,8 @@ def load_spec(
 
 
 def interpreters(words: list[str] | None, engine_words: list[str] | None = None) -> dict[str, str]:
-    """The interpreters that ``--python`` and ``--engine`` name, and for other engines those of the project file, by the
-    engine's label."""
+    """The interpreters that ``--python`` and ``--engine`` name, and for other engines those of the project file and the
+    environments that simspec made, by the engine's label."""
     from simspec.engines.kit.identity import parse
     from simspec.engines.kit.registry import find_engine
     from simspec.project import load_project
@@ -196,7 +196,7 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
         if engine.python is not None and typed.setdefault(engine.label, engine.python) != engine.python:
             message = f"{engine.label} is given two interpreters"
             raise SpecError([Problem(message, found=f"{typed[engine.label]} and {engine.python}")])
-    return {**load_project().interpreters, **typed}
+    return {**load_project().known_interpreters(), **typed}
 
 
 def chosen_engines(words: list[str] | None) -> list[str]:

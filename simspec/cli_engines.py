@@ -35,7 +35,7 @@ def engines_command(
     ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """List the engines, their versions, here and in the interpreters of simspec.toml, and the features they support.
+    """List the engines, their versions, here and in other interpreters, and the features they support.
 
     \b
     simspec engines
@@ -78,10 +78,11 @@ def install_command(
     ] = False,
     as_json: AsJson = False,
 ) -> int:
-    """Print the commands that install engines; nothing is run without --yes.
+    """Print the commands that install engines; nothing is run without --yes. NAME@VERSION gets an environment of its own.
 
     \b
     simspec engines install NAME
+    simspec engines install NAME@3.8 --yes
     simspec engines install --all --yes
     """
     from simspec.commands.engines_install import install

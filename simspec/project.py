@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from simspec.engines.kit.environments import environments
 from simspec.engines.kit.identity import parse
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SpecError
@@ -55,6 +56,10 @@ class Project:
     interpreters: Mapping[str, str] = field(default_factory=dict)
     default_engines: tuple[str, ...] = ()
     package_paths: tuple[Path, ...] = ()
+
+    def known_interpreters(self) -> dict[str, str]:
+        """Those of the file, and of other labels the environments that simspec made (``engines/kit/environments.py``)."""
+        return {**environments(), **self.interpreters}
 
 
 def find_project(start: Path) -> Path | None:

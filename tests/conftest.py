@@ -16,6 +16,8 @@ from tests.installed import LEFT_OUT
 settings.register_profile("simspec", deadline=None)
 settings.load_profile("simspec")
 
+os.environ["XDG_DATA_HOME"] = os.devnull  # versions of engines that the user has made are none of a test's business
+
 
 def pytest_report_header() -> list[str]:
     """Nothing is left out in silence: neither here nor in the list of skipped tests at the end."""

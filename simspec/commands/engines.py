@@ -29,7 +29,7 @@ def engines(markdown: bool, out: Path, check: bool, as_json: bool) -> int:
         return generated_files(files, check, as_json, "simspec engines --markdown")
     data = matrix.engine_data()
     project = load_project()
-    rows = instances(project.interpreters, project.default_engines)
+    rows = instances(project.known_interpreters(), project.default_engines)
     if as_json:
         print_json({"instances": rows, "project": project.file, "engines": data, "broken": matrix.broken()})
         return EXIT_OK

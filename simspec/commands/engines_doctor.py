@@ -24,7 +24,7 @@ def doctor(labels: Sequence[str], every: bool, as_json: bool) -> int:
     project = load_project()
     for label in labels:
         find_engine(label)
-    known = instances(project.interpreters, [*project.default_engines, *labels])
+    known = instances(project.known_interpreters(), [*project.default_engines, *labels])
     rows = {
         one.label: examined(one.label, one.python, one.problem) for one in known if not labels or one.label in labels
     }

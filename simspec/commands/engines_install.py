@@ -1,4 +1,5 @@
-"""``simspec engines install``: the exact words that install engines; with ``--yes`` they are run."""
+"""``simspec engines install``: the exact words that install engines, here or a version in an environment of its own; with
+``--yes`` they are run."""
 
 from __future__ import annotations
 
@@ -8,13 +9,17 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from simspec.arguments import print_json
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.diagnosis import State, diagnose
+from simspec.engines.kit.environments import is_whole, making, mark, python_of
+from simspec.engines.kit.identity import EngineId, parse
+from simspec.engines.kit.installed import Instance, instances
 from simspec.engines.kit.registry import engines, find_engine
-from simspec.errors import EXIT_ENGINE, EXIT_OK, Problem, SpecError
+from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError
 from simspec.report.screen import say
 
 DEADLINE = 3600.0
@@ -26,12 +31,20 @@ STANDARD_ERROR = 2
 def install(names: Sequence[str], every: bool, yes: bool, as_json: bool) -> int:
     """Print what installs the engines ``names``, or every known one that is not installed whole; run it with ``yes``.
 
+    A name with a version (``NAME@3.8``) gets an environment of its own, which is found by that label from then on.
+
     Exit code 3 where an engine cannot be installed here, or a command failed or may not be run.
     """
     if bool(names) == every:
         raise SpecError([Problem("one or more engines, or --all", allowed=", ".join(engines()))])
-    chosen = [find_engine(name) for name in (names or engines())]
-    rows = {engine.NAME: _row(engine, yes, as_json) for engine in chosen}
+    rows = {}
+    for word in names or engines():
+        label = parse(word)
+        if label.python is not None:
+            message = f"{word!r} has an interpreter already"
+            raise SpecError([Problem(message, allowed="NAME, NAME@VERSION")])
+        engine = find_engine(label.name)
+        rows[label.label] = _version_row(label, yes, as_json) if label.version else _row(engine, yes, as_json)
     code = EXIT_OK if all(row["problem"] is None for row in rows.values()) else EXIT_ENGINE
     if as_json:
         print_json({"engines": rows, "exit_code": code})
@@ -66,6 +79,62 @@ def _row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
     if row["problem"]:
         _tell(as_json, f"{engine.NAME}: {row['problem']}")
     return row
+
+
+def _version_row(label: EngineId, yes: bool, as_json: bool) -> dict[str, Any]:
+    """The same for a version, which has an environment of its own."""
+    row: dict[str, Any] = {"state": str(State.ABSENT), "version": None, "commands": [], "problem": None}
+    try:
+        commands = making(label)
+    except EngineError as error:
+        row["problem"] = str(error).removeprefix(f"{label.label}: ").removeprefix(f"{label.name}: ")
+        _tell(as_json, f"{label.label}: {row['problem']}")
+        return row
+    place = Path(commands[0][-1])
+    whole, found = is_whole(place), None
+    if whole is None and os.path.lexists(place):
+        row["problem"] = f"{place} exists, and simspec did not make it: move it away"
+    elif whole:
+        found = _instance(label, place)
+    if row["problem"] is None and (found is None or found.problem is not None):
+        row["commands"] = [{"words": shlex.join(command), "ran": False, "code": None} for command in commands]
+        for one in row["commands"]:
+            _tell(as_json, f"{label.label}: {one['words']}")
+        row["problem"] = _make(place, commands, row["commands"]) if yes else None
+        whole = yes and row["problem"] is None
+        found = _instance(label, place) if whole else None
+    if whole and found is not None:
+        row |= {"version": found.version, "problem": found.problem}
+        if found.problem is None:
+            row["state"] = str(State.WHOLE)
+            _tell(as_json, f"{label.label}: {found.version} is installed in {place}")
+    if row["problem"]:
+        _tell(as_json, f"{label.label}: {row['problem']}")
+    return row
+
+
+def _instance(label: EngineId, place: Path) -> Instance:
+    """What the interpreter of an environment says of a label."""
+    asked = instances({label.label: str(python_of(place))})
+    return next(one for one in asked if one.label == label.label)
+
+
+def _make(place: Path, commands: Sequence[Sequence[str]], told: Sequence[dict[str, Any]]) -> str | None:
+    """Make an environment anew by its commands; why it is not whole, None where it is."""
+    try:
+        if place.exists():
+            shutil.rmtree(place)  # begun by simspec, and not whole: its own file says so
+        place.mkdir(parents=True)
+        mark(place, whole=False)
+    except OSError as error:
+        return f"{place}: {error.strerror}"
+    for command, one in zip(commands, told, strict=True):
+        one["code"], why = _run(command)
+        one["ran"] = one["code"] is not None
+        if why is not None:
+            return f"{one['words']}: {why}"
+    mark(place, whole=True)
+    return None
 
 
 def words(engine: type[Engine]) -> list[list[str]]:

@@ -30,11 +30,20 @@ LOOK_EVERY: Final = 0.05
 
 def cache_folder(name: str) -> Path | None:
     """The folder ``simspec/NAME`` of the user's cache folder (XDG_CACHE_HOME or ~/.cache); None where the user has none."""
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    if os.path.isabs(base):  # the specification of that variable: a relative path is to be ignored
+    return _folder_of_user("XDG_CACHE_HOME", ".cache", name)
+
+
+def data_folder(name: str) -> Path | None:
+    """The folder ``simspec/NAME`` of the user's data folder (XDG_DATA_HOME or ~/.local/share); None where the user has none."""
+    return _folder_of_user("XDG_DATA_HOME", ".local/share", name)
+
+
+def _folder_of_user(variable: str, usual: str, name: str) -> Path | None:
+    base = os.environ.get(variable, "")
+    if os.path.isabs(base):  # the specification of these variables: a relative path is to be ignored
         return Path(base) / "simspec" / name
     try:
-        return Path.home() / ".cache" / "simspec" / name
+        return Path.home() / usual / "simspec" / name
     except RuntimeError:
         return None
 

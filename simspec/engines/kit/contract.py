@@ -46,6 +46,8 @@ class Engine:
     """The package of Python whose version is the engine's version; "" where no package has it (``NEEDS.library``)."""
     OTHER_DISTRIBUTIONS: ClassVar[tuple[str, ...]] = ()
     """Other packages that bring the engine, and whose version counts where the first is not installed."""
+    FORMER_DISTRIBUTIONS: ClassVar[Mapping[str, str]] = {}
+    """The versions (``<4``) of which another package has to be installed than ``DISTRIBUTION``, each with its name."""
     EXTRA: ClassVar[str]
     """The extra of simspec that installs it; "" where none does."""
     NEEDS: ClassVar[Needs] = Needs()

@@ -65,7 +65,10 @@ def other_version(label: str, version: str) -> str | None:
     wanted = engine_version(label)
     if not wanted or re.match(re.escape(wanted) + r"(?![0-9A-Za-z])", version):
         return None
-    return f"is version {version}, not {wanted}; --engine {label}=/path/to/python names an interpreter that has it"
+    way = f"simspec engines install {label} makes an environment with it"
+    return (
+        f"is version {version}, not {wanted}; {way}, --engine {label}=/path/to/python names an interpreter that has it"
+    )
 
 
 def demand_version(label: str, version: str) -> None:

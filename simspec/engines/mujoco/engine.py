@@ -57,6 +57,7 @@ class MuJoCo(MujocoSimulation):
     DIALECT: ClassVar[str] = "mujoco"
     DISTRIBUTION: ClassVar[str] = "mujoco-core"
     OTHER_DISTRIBUTIONS: ClassVar[tuple[str, ...]] = ("mujoco",)
+    FORMER_DISTRIBUTIONS: ClassVar[Mapping[str, str]] = {"<4": "mujoco"}
     EXTRA: ClassVar[str] = "mujoco"
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False

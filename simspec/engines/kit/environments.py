@@ -1,0 +1,110 @@
+"""Versions of engines in environments of their own: made by simspec in the user's data folder, and found there by label.
+
+A folder ``engines/NAME@VERSION`` is one environment. A file in it says that simspec made it and whether it is whole: one whose
+making broke off is not used, and is made anew; a folder without that file is nobody's to touch.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from packaging.specifiers import SpecifierSet
+from packaging.version import InvalidVersion, Version
+
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.diagnosis import requirements
+from simspec.engines.kit.identity import EngineId, parse
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.errors import EngineError, SpecError
+from simspec.outputs.cache import data_folder
+
+FOLDER: Final = "engines"
+MADE: Final = "simspec-environment.json"
+"""The file that says whose an environment is: ``{"label": LABEL, "whole": true or false}``."""
+MOST_MADE: Final = 10_000
+"""Bytes of that file."""
+BESIDE: Final = ("numpy",)
+"""What the worker needs in an engine's interpreter."""
+LAWS: Final = "pin"
+"""The extra of simspec for control laws that use the mass matrix, which run in the engine's process."""
+
+
+def place_of(label: str) -> Path | None:
+    """Where the environment of a label stands, made or not; None where the user has no data folder."""
+    folder = data_folder(FOLDER)
+    return None if folder is None else folder / label
+
+
+def python_of(place: Path) -> Path:
+    """The interpreter of an environment."""
+    return place / "bin" / "python"
+
+
+def environments() -> dict[str, str]:
+    """The interpreters of every whole environment in the user's data folder, by label."""
+    folder = data_folder(FOLDER)
+    try:
+        places = sorted(folder.iterdir()) if folder is not None else []
+    except OSError:
+        return {}  # there is no such folder, or it is not the user's to read: what is named and missing is told by label
+    return {place.name: str(python_of(place)) for place in places if _known(place.name) and is_whole(place) is True}
+
+
+def _known(label: str) -> bool:
+    try:
+        engine = parse(label)
+    except SpecError:
+        return False
+    return engine.name in engines() and bool(engine.version) and engine.label == label
+
+
+def is_whole(place: Path) -> bool | None:
+    """Whether the environment at ``place`` is whole; None: there is none that simspec made for this user."""
+    try:
+        with (place / MADE).open("rb") as stream:
+            if os.fstat(stream.fileno()).st_uid not in (os.geteuid(), 0):
+                return None  # a program of somebody else is not started unasked
+            told = json.loads(stream.read(MOST_MADE))
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(told, Mapping) or told.get("label") != place.name:
+        return None
+    return told.get("whole") is True
+
+
+def mark(place: Path, whole: bool) -> None:
+    """Say of the environment at ``place`` that simspec made it, and whether it is whole. Raises OSError."""
+    (place / MADE).write_text(json.dumps({"label": place.name, "whole": whole}) + "\n", encoding="utf-8")
+
+
+def requirement(engine: type[Engine], version: str) -> str:
+    """What pip is asked for, for the versions of an engine that a label means by ``version``. Raises EngineError where the
+    engine comes with no package of Python, or ``version`` is no version of one."""
+    if not engine.DISTRIBUTION:
+        raise EngineError(engine.NAME, "comes with the machine, not with pip: it has one version there")
+    try:
+        wanted = Version(version)
+    except InvalidVersion:
+        raise EngineError(engine.NAME, f"{version!r} is not a version that pip knows") from None
+    former = (name for rule, name in engine.FORMER_DISTRIBUTIONS.items() if SpecifierSet(rule).contains(wanted))
+    exact = wanted.is_prerelease or wanted.is_postrelease or wanted.local is not None
+    return f"{next(former, engine.DISTRIBUTION)}=={version}" + ("" if exact else ".*")
+
+
+def making(label: EngineId) -> list[list[str]]:
+    """The commands that make the environment of a label. Raises EngineError where there can be none."""
+    engine = find_engine(label.name)
+    place = place_of(label.label)
+    if place is None:
+        raise EngineError(label.label, "there is no home folder to keep it in: XDG_DATA_HOME can name another")
+    asked = requirement(engine, label.version)
+    laws = [str(one).partition(";")[0].strip() for one in requirements(LAWS)]
+    return [
+        [sys.executable, "-m", "venv", str(place)],
+        [str(python_of(place)), "-m", "pip", "install", asked, *BESIDE, *laws],
+    ]
