@@ -29,6 +29,8 @@ class RobotFiles:
     """``NAME=DIR``: the folder of a package."""
     package_path: Sequence[str] = ()
     """Folders in which packages are looked for."""
+    project_paths: Sequence[str] = ()
+    """Folders in which they are looked for after these: ``package-paths`` of the project file."""
     arg: Sequence[str] = ()
     """``NAME=VALUE``: an argument of a xacro file."""
     self_collision: bool = True
@@ -43,7 +45,7 @@ class RobotFiles:
         packages = {name: str(here / folder) for name, folder in pairs(self.package, "--package", "NAME=DIR").items()}
         return ImportOptions(
             packages,
-            tuple(str(here / folder) for folder in (*self.package_path, *more_folders)),
+            tuple(str(here / folder) for folder in (*self.package_path, *more_folders, *self.project_paths)),
             pairs(self.arg, "--arg", "NAME=VALUE"),
             tuple(self.repair),
             base=here,
@@ -114,9 +116,15 @@ OPTIONS: Final = {
         True,
     ),
 }
-"""The options by the fields of :class:`RobotFiles`, each with its declaration and what it is unless it is said."""
+"""The options by fields of :class:`RobotFiles`, each with its declaration and what it is unless it is said."""
 PLACE: Final = "robot_files"
 """The argument of a command that takes all of them."""
+
+
+def _project_paths() -> tuple[str, ...]:
+    from simspec.project import load_project
+
+    return tuple(map(str, load_project().package_paths))
 
 
 def reads_robot_files(function: Callable[..., int]) -> Callable[..., int]:
@@ -126,7 +134,7 @@ def reads_robot_files(function: Callable[..., int]) -> Callable[..., int]:
     def reading(**words: Any) -> int:
         said: dict[str, Any] = {name: words.pop(name) for name in OPTIONS}
         spoken: dict[str, Any] = {name: () if value is None else value for name, value in said.items()}
-        return function(**words, **{PLACE: RobotFiles(**spoken)})
+        return function(**words, **{PLACE: RobotFiles(**spoken, project_paths=_project_paths())})
 
     hints = get_type_hints(function, include_extras=True)
     parameters: list[inspect.Parameter] = []

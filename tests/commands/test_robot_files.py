@@ -85,6 +85,23 @@ def test_each_of_them_is_needed(folder, capsys, name):
     assert cli.main([*words, *SAID[:2], *SAID[4:], *NAMED]) == 0
 
 
+@pytest.mark.parametrize("name", ["import", "check of a scenario", "run"])
+def test_the_project_file_says_where_packages_are(folder, capsys, name):
+    """For every command, and after what the command line says."""
+    said = [*SAID[:2], *SAID[4:]]
+    (folder / "simspec.toml").write_text('package-paths = ["../elsewhere"]\n')
+    code = cli.main([*COMMANDS[name], *said])
+    captured = capsys.readouterr()
+    assert code == SUCCEEDS.get(name, 0), captured.out + captured.err
+    nearer = folder.parent / "nearer" / "far_description"
+    nearer.mkdir(parents=True)
+    (nearer / "box.stl").write_text("no mesh")
+    code = cli.main([*COMMANDS[name], *said, "--package-path", "../nearer"])
+    captured = capsys.readouterr()
+    assert "7 bytes, where a binary STL has at least 84" in " ".join((captured.out + captured.err).split())
+    assert code
+
+
 def test_every_command_with_specs_of_its_own_has_them():
     """One that reads specs and has no options for robot files is listed here."""
     without = {"study_command", "pages_command"}
