@@ -17,6 +17,7 @@ TABLE = table(
     (
         Addition("", "9.81", "strength"),
         Addition("settings", "true", "sleeping"),
+        Addition("settings", "true", "native_motion"),
         Addition("laws", LAW),
         Addition("laws.*", "0.1", "adhesion"),
     ),

@@ -53,6 +53,7 @@ class Built:
             CONES.index(document.friction_cone),
             SOLVERS.index(str(settings["solver"])),
             int(settings["iterations"]),
+            int(settings.get("native_motion", False)),
             len(self.materials),
             len(self.groups),
         )

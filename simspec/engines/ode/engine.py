@@ -27,6 +27,7 @@ from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.ode import library
 from simspec.engines.ode.expected import expected
 from simspec.engines.ode.inventory import inventory, neutral
+from simspec.engines.ode.native import CASE, SWITCH, own_steps
 from simspec.engines.ode.pairs import CASES, capsules, cylinders
 from simspec.engines.ode.readback import read_back
 from simspec.engines.ode.simulation import Simulation
@@ -39,6 +40,7 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     Table,
+    alike,
     exactly,
     never,
     not_here,
@@ -95,8 +97,7 @@ class Ode(SteppedEngine[Simulation]):
     }
     SUPPORT: ClassVar[Table] = {
         **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            *(Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+            *(Feature.JOINT_FIXED, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
             *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
             *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
             *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
@@ -105,6 +106,10 @@ class Ode(SteppedEngine[Simulation]):
             *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
+        ),
+        **alike(
+            Support(Level.EXACT, refine=own_steps, cases=(CASE,)),
+            *(Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
         ),
         **shape_kinds("ODE", ("sphere", "box", "capsule")),
         Feature.JOINT_SEVERAL: never("ODE's bodies have mass, and between two joints of one body stands one without"),
@@ -178,6 +183,14 @@ class Ode(SteppedEngine[Simulation]):
             needs=("solver", ("quick-step",)),
             group=Group.ACCURACY,
             finer=2000,
+        ),
+        SWITCH: Setting(
+            False,
+            "Bodies stay where ODE's own steps leave them, with its own gyroscopic torques, rotations and error reduction "
+            "(0.2), in place of being laid on their joints before every step: what other programs with ODE do. Joints are then "
+            "accepted by name; L6 says how far from the exact motion that is, and certificates are not valid.",
+            only_with=SWITCH,
+            group=Group.ROTATION,
         ),
         "softness": Setting(
             1e-10,

@@ -25,9 +25,11 @@ def expected(
 ) -> dict[str, HeldValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are ODE's own values."""
     groups = rigid_groups(world)
+    native = bool(settings.get("native_motion", False))
     found = dict(neutral)
     found |= {
-        "world.ERP": 1e-300,
+        "world.ERP": neutral["world.ERP"] if native else 1e-300,
+        "laid before every step": not native,
         "world.CFM": 0.0,
         "world.AutoDisableFlag": 0.0,
         "world.QuickStepNumIterations": float(settings["iterations"]),
@@ -38,7 +40,7 @@ def expected(
     carriers = []
     for body in world.bodies:
         still = groups[body.name] == "world"
-        for name, value in _body(world, body, still, joints).items():
+        for name, value in _body(world, body, still, joints, native).items():
             found[f"body.{body.name}.{name}"] = value
         for shape in solid_shapes(body):
             carriers.append(Carrier(f"{shape.name}.0", body.name, shape.material, 0))
@@ -102,14 +104,14 @@ def _joints(world: World) -> dict[str, int]:
     return count
 
 
-def _body(world: World, body: Body, still: bool, joints: Mapping[str, int]) -> dict[str, HeldValue]:
+def _body(world: World, body: Body, still: bool, joints: Mapping[str, int], native: bool) -> dict[str, HeldValue]:
     held = not still and told_inertial(world, body).mass > 0.0
     found: dict[str, HeldValue] = {"model": body.model, "held": held, "joint": body.joint.name}
     if not held:
         return found
     found |= {
-        "GyroscopicMode": 0.0,
-        "FiniteRotationMode": 1.0,
+        "GyroscopicMode": float(native),
+        "FiniteRotationMode": float(not native),
         "GravityMode": 1.0,
         "AutoDisableFlag": 0.0,
         "LinearDamping": 0.0,

@@ -42,6 +42,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     found = of_world(sim, lib.sim_world(sim.sim))
     found |= sidecar_labels(sim.sidecar)
     found["solver"] = SOLVERS[lib.sim_quick(sim.sim)]
+    found["laid before every step"] = not lib.sim_native(sim.sim)
     found["count.geoms"] = int(lib.dSpaceGetNumGeoms(lib.sim_space(sim.sim)))
     for row, body in enumerate(sim.document.bodies):
         for name, value in _body(sim, row).items():
@@ -83,6 +84,7 @@ def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
     found["joint"] = sim.document.bodies[row].joint.name
     if body:
         found |= {name: finite(getattr(lib, f"dBodyGet{name}")(body)) for name in BODY}
+        found["GyroscopicMode"] = float(bool(found["GyroscopicMode"]))  # ODE returns the bit of a flag
         found["enabled"] = bool(lib.dBodyIsEnabled(body))
         found["kinematic"] = bool(lib.dBodyIsKinematic(body))
     for number, name in enumerate(ROWS):

@@ -45,7 +45,7 @@ Counts = ctypes.POINTER(ctypes.c_long)
 
 SHIM: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "sim_start": (Integer, ()),
-    "sim_new": (Pointer, (Numbers, Number, Integer, Integer, Integer, Integer, Integer)),
+    "sim_new": (Pointer, (Numbers, Number, Integer, Integer, Integer, Integer, Integer, Integer)),
     "sim_free": (None, (Pointer,)),
     "sim_body": (
         Integer,
@@ -80,6 +80,7 @@ SHIM: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "sim_timestep": (Number, (Pointer,)),
     "sim_cone": (Integer, (Pointer,)),
     "sim_quick": (Integer, (Pointer,)),
+    "sim_native": (Integer, (Pointer,)),
 }
 """The functions of the part in C: result and arguments."""
 

@@ -127,6 +127,65 @@ void lay(Sim *s) {
   }
 }
 
+/* Poses and velocities of all bodies as ODE has them; what has no body of ODE's is where its parent's carries it. */
+void take_up(Sim *s) {
+  static const double none[9] = {0}, plain[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  for (int k = 0; k < s->bodies; k++) {
+    Body *b = s->body + k;
+    const Body *a = b->parent < 0 ? 0 : s->body + b->parent;
+    double r[3], wr[3];
+    if (b->body) {
+      const dReal *R = dBodyGetRotation(b->body), *w = dBodyGetAngularVel(b->body);
+      for (int i = 0; i < 3; i++) memcpy(b->R + 3 * i, R + 4 * i, 24);
+      memcpy(b->c, dBodyGetPosition(b->body), 24), memcpy(b->vc, dBodyGetLinearVel(b->body), 24), memcpy(b->w, w, 24);
+      turned(b->R, b->centre, r);
+      cross(b->w, r, wr);
+      for (int i = 0; i < 3; i++) b->p[i] = b->c[i] - r[i], b->vo[i] = b->vc[i] - wr[i];
+      continue;
+    }
+    turned(a ? a->R : plain, b->origin, r);
+    multiply(a ? a->R : plain, b->turn, b->R);
+    memcpy(b->w, a ? a->w : none, 24);
+    cross(b->w, r, wr);
+    for (int i = 0; i < 3; i++) b->p[i] = (a ? a->p[i] : 0) + r[i], b->vo[i] = (a ? a->vo[i] : 0) + wr[i];
+    turned(b->R, b->centre, r);
+    cross(b->w, r, wr);
+    for (int i = 0; i < 3; i++) b->c[i] = b->p[i] + r[i], b->vc[i] = b->vo[i] + wr[i];
+  }
+}
+
+/* The joints' coordinates nearest to where take_up found the bodies. */
+void find_coordinates(Sim *s) {
+  static const double none[3] = {0}, plain[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  take(s, s->u);
+  for (int k = 0; k < s->bodies; k++) {
+    const Body *b = s->body + k, *a = b->parent < 0 ? 0 : s->body + b->parent;
+    double frame[9], away[3], ignored[3], own[9], r[3], axis[3], *q = s->q + b->q;
+    if (!b->body || b->kind == FIXED) continue;
+    multiply(a ? a->R : plain, b->turn, frame);
+    multiply_t(frame, none, b->R, ignored, own);
+    dMatrix3 turn = {own[0], own[1], own[2], 0, own[3], own[4], own[5], 0, own[6], own[7], own[8], 0};
+    dQuaternion held;
+    dQfromR(held, turn);
+    double sign = held[0] < 0 ? -1 : 1;
+    if (b->kind == FREE) {
+      const dReal *whole = dBodyGetQuaternion(b->body);
+      memcpy(q, b->p, 24);
+      for (int i = 0; i < 4; i++) q[3 + i] = whole[0] < 0 ? -whole[i] : whole[i];
+    } else if (b->kind == BALL)
+      for (int i = 0; i < 4; i++) q[i] = sign * held[i];
+    else if (b->kind == HINGE) {
+      double angle = 2 * atan2(dot(b->axis, held + 1), held[0]);
+      q[0] += remainder(angle - q[0], 2 * acos(-1));
+    } else {
+      turned(a ? a->R : plain, b->origin, r);
+      turned(frame, b->axis, axis);
+      for (int i = 0; i < 3; i++) away[i] = b->p[i] - (a ? a->p[i] : 0) - r[i];
+      q[0] = dot(axis, away);
+    }
+  }
+}
+
 static void own_inertia(const Body *b, const double *x, double *Ix) {
   dMass m;
   dBodyGetMass(b->body, &m);
@@ -142,7 +201,7 @@ void load(Sim *s, const double *effort, int joints) {
   for (int k = 0; k < s->bodies; k++) {
     Body *b = s->body + k;
     memset(b->force, 0, 24), memset(b->torque, 0, 24);
-    if (!b->body) continue;
+    if (!b->body || (s->native && joints)) continue;
     double r[3], wr[3], a[3], Ia[3], Iw[3], wIw[3];
     dMass m;
     dBodyGetMass(b->body, &m);

@@ -54,6 +54,7 @@ typedef struct {
   long long *excluded; int excluded_count;
   double *q, *u, *start, timestep;
   int cone, quick, contact, lost, jointed;
+  int native;               /* bodies stay where ODE's steps leave them */
   long retries, unsolved;
   char text[TEXT]; long messages; jmp_buf trap; int armed;
 } Sim;
@@ -61,6 +62,8 @@ typedef struct {
 /* motion.c */
 void place(Sim *s, const double *q, const double *u);
 void lay(Sim *s);
+void take_up(Sim *s);
+void find_coordinates(Sim *s);
 void load(Sim *s, const double *effort, int joints);
 void take(Sim *s, double *u);
 void advance_state(Sim *s, const double *u);

@@ -82,8 +82,10 @@ int sim_step(Sim *s, int count, const double *effort) {
     return 1;
   }
   for (int k = 0; k < count && !s->lost; k++) {
-    place(s, s->q, s->u);
-    lay(s);
+    if (!s->native) {
+      place(s, s->q, s->u);
+      lay(s);
+    }
     detect(s);
     int again = rubbing(s);
     if (again) { /* friction opposes the slip that would be without it */
@@ -99,16 +101,21 @@ int sim_step(Sim *s, int count, const double *effort) {
       lay(s);
       solve(s, 2, effort);
     }
-    take(s, u);
-    if (!s->points && s->jointed && !s->quick) refine(s, effort, u);
-    advance_state(s, u);
+    if (s->native) {
+      take_up(s);
+      find_coordinates(s);
+    } else {
+      take(s, u);
+      if (!s->points && s->jointed && !s->quick) refine(s, effort, u);
+      advance_state(s, u);
+    }
     for (int i = 0; i < s->nv; i++)
       if (!isfinite(s->u[i])) s->lost = 1;
     for (int i = 0; i < s->nq; i++)
       if (!isfinite(s->q[i])) s->lost = 1;
   }
   s->armed = 0;
-  if (!s->lost) {
+  if (!s->lost && !s->native) {
     place(s, s->q, s->u);
     lay(s);
   }
@@ -138,11 +145,20 @@ void sim_frames(Sim *s, double *poses, double *velocities) {
   }
 }
 
+/* Whether ODE adds gyroscopic torques by itself. */
+static void gyroscopic(Sim *s, int on) {
+  for (int k = 0; k < s->bodies; k++)
+    if (s->body[k].body) dBodySetGyroscopicMode(s->body[k].body, on);
+}
+
 /* The accelerations (nv,) by ODE's step of 1 s, without contact, stops, dry friction, springs and dampers: under an effort alone
    from rest, or (effort 0) under gravity and the present velocities alone. */
 int sim_accelerate(Sim *s, const double *effort, double *acceleration) {
   double *u = malloc((s->nv + 1) * sizeof(double));
+  Body *kept = malloc((s->bodies + 1) * sizeof(Body));
   dVector3 gravity;
+  memcpy(kept, s->body, s->bodies * sizeof(Body));
+  gyroscopic(s, 0);
   dWorldGetGravity(s->world, gravity);
   memcpy(u, s->u, s->nv * sizeof(double));
   sim_listen(s);
@@ -171,8 +187,10 @@ int sim_accelerate(Sim *s, const double *effort, double *acceleration) {
   bounded(s, 1);
   dWorldSetGravity(s->world, gravity[0], gravity[1], gravity[2]);
   memcpy(s->u, u, s->nv * sizeof(double));
-  place(s, s->q, s->u);
+  memcpy(s->body, kept, s->bodies * sizeof(Body));
   lay(s);
+  if (s->native) gyroscopic(s, 1);
+  free(kept);
   free(u);
   return s->messages != said;
 }

@@ -32,18 +32,19 @@ int sim_start(void) {
   return made;
 }
 
-Sim *sim_new(const double *gravity, double timestep, int cone, int quick, int iterations, int materials, int groups) {
+Sim *sim_new(const double *gravity, double timestep, int cone, int quick, int iterations, int native, int materials,
+             int groups) {
   Sim *s = calloc(1, sizeof *s);
   if (!s) return 0;
   s->world = dWorldCreate();
   s->space = dHashSpaceCreate(0);
   s->joints = dJointGroupCreate(0);
   dWorldSetGravity(s->world, gravity[0], gravity[1], gravity[2]);
-  dWorldSetERP(s->world, 1e-300); /* bodies are laid on their joints before every step; 0 is refused */
+  if (!native) dWorldSetERP(s->world, 1e-300); /* bodies are laid on their joints before every step; 0 is refused */
   dWorldSetCFM(s->world, 0);
   dWorldSetAutoDisableFlag(s->world, 0);
   dWorldSetQuickStepNumIterations(s->world, iterations);
-  s->timestep = timestep, s->cone = cone, s->quick = quick, s->contact = 1;
+  s->timestep = timestep, s->cone = cone, s->quick = quick, s->native = native, s->contact = 1;
   s->materials = materials, s->groups = groups;
   s->law = calloc((size_t)materials * materials + 1, sizeof(Law));
   s->ignored = calloc((size_t)groups * groups + 1, 1);
@@ -149,8 +150,10 @@ int sim_body(Sim *s, int kind, int parent, const double *origin, const double *a
   dMassSetParameters(&m, mass, 0, 0, 0, inertia[0], inertia[1], inertia[2], inertia[3], inertia[4], inertia[5]);
   b->body = dBodyCreate(s->world);
   dBodySetMass(b->body, &m);
-  dBodySetGyroscopicMode(b->body, 0);
-  dBodySetFiniteRotationMode(b->body, 1);
+  if (!s->native) {
+    dBodySetGyroscopicMode(b->body, 0);
+    dBodySetFiniteRotationMode(b->body, 1);
+  }
   place(s, s->q, s->u);
   lay(s);
   bind(s, b);
@@ -263,3 +266,4 @@ void sim_no_dry_friction(Sim *s, int body) {
 double sim_timestep(const Sim *s) { return s->timestep; }
 int sim_cone(const Sim *s) { return s->cone; }
 int sim_quick(const Sim *s) { return s->quick; }
+int sim_native(const Sim *s) { return s->native; }
