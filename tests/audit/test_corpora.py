@@ -9,6 +9,7 @@ import pytest
 
 from simspec.audit.audit import audit
 from simspec.audit.findings import FileAudit
+from simspec.audit.meaning import meaning_of
 from simspec.engines.kit.registry import engines
 from simspec.language.foreign import ImportOptions
 
@@ -39,3 +40,13 @@ def test_a_robot_with_impossible_inertias_is_refused_by_name():
     assert not found.compiled
     loads = {one.engine: one.loaded for one in found.engines}
     assert loads == {name: name != "mujoco" for name in READERS}
+
+
+def test_a_defect_that_a_rule_of_sdf_repairs_leaves_a_meaning_to_compare_with():
+    """Importers say their rules, and the audit reads a file with all of them; of SDF it once knew none."""
+    assert FOUND is not None
+    assert FOUND.submodule_search_locations is not None
+    told = meaning_of(Path(FOUND.submodule_search_locations[0]) / "kuka_iiwa/model.sdf", ImportOptions(), True)
+    assert [defect.message for defect in told.defects] == ["a link that moves freely has no mass"]
+    assert "with every repair" in told.source
+    assert len(told.bodies) == 8

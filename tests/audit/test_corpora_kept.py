@@ -55,3 +55,39 @@ def test_what_is_there_is_not_replaced(tools, tmp_path):
     target.write_text('{"imported": true}')
     assert kept.restore([arm], tmp_path / "results") == 0
     assert run.stored(tmp_path / "results", "import", arm) == {"imported": True}
+
+
+@pytest.mark.parametrize(
+    ("again", "among", "asked"),
+    [
+        ("", (), []),
+        ("failed", (), ["fails"]),
+        ("open", (), ["refuses", "fails", "lacks"]),
+        ("open", ("two",), ["refuses", "lacks"]),
+        ("open", ("one",), ["fails"]),
+        ("anew", (), ["proven", "refuses", "fails", "lacks"]),
+    ],
+)
+def test_what_is_asked_again(tools, tmp_path, monkeypatch, again, among, asked):
+    """Answers of other code: two engines, of which one or none has proven a file, refused it, failed, or was never asked."""
+    _, models, run = tools
+    monkeypatch.setattr(run, "installed", lambda: ("one", "two"))
+    monkeypatch.setattr(run, "code", lambda: "today")
+    answers = {"proven": [True, True], "refuses": [True, None], "fails": [False, True], "lacks": [True]}
+    files = [models.Model("package", tmp_path, tmp_path / f"{name}.urdf", "urdf", name) for name in answers]
+    for stage in ("import", "certify"):
+        (tmp_path / stage).mkdir()
+    for file in files:
+        proven = [
+            {"engine": name, "valid": valid} for name, valid in zip(("one", "two"), answers[file.key], strict=False)
+        ]
+        for stage, answer in (("import", {"imported": True}), ("certify", {"proven": proven, "code": "older"})):
+            run.place(tmp_path, stage, file).write_text(json.dumps(answer))
+    assert [file.key for file in files if run.needed(tmp_path, "certify", file, again, among)] == asked
+    known = {file.key: run.stored(tmp_path, "certify", file) for file in files}
+    assert {key: run.undecided(tmp_path, "certify", files[0], one) for key, one in known.items()} == {
+        "proven": [],
+        "refuses": ["two"],
+        "fails": ["one"],
+        "lacks": ["two"],
+    }

@@ -168,7 +168,11 @@ def aims(files: Sequence[File]) -> Iterator[str]:
     )
     for language, wanted, of in (("sdf", 20, 23), ("usd", 68, 75)):
         own = [file for file in files if file.model.language == language]
-        yield _aim(f"{language.upper()} is imported", 100.0 * wanted / of, sum(f.is_imported for f in own), len(own))
+        repaired = sum(bool((file.imported or {}).get("repaired")) for file in own)
+        more = f"{repaired} more with rules of repair" if repaired else ""
+        yield _aim(
+            f"{language.upper()} is imported", 100.0 * wanted / of, sum(f.is_imported for f in own), len(own), more
+        )
 
 
 def _loads(file: File) -> bool:

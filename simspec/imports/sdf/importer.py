@@ -60,6 +60,11 @@ class Sdf:
         """Whether a file begins with an element of the language."""
         return re.search(rb"<sdf[\s>]", content) is not None
 
+    @staticmethod
+    def rules() -> dict[str, str]:
+        """The rules of repair."""
+        return dict(RULES)
+
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
         """A file as a spec. Raises SpecError with the places of what it does not support."""
         files = Files(path, shown, options)
