@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from simspec.world import frames
+from simspec.world.forces import Force
 from simspec.world.kinematics import layout_of, poses
 from simspec.world.types import Connect, Follow, Pose, World
 from tests import worlds
@@ -33,6 +34,19 @@ def closed_loop() -> World:
     place = poses(base)
     point = frames.compose(frames.inverse(place[root]), place[last]).position
     return dataclasses.replace(base, constraints=(Connect("latch", root, last, point, (0.0, 0.0, 0.0)),))
+
+
+def pushed_loop() -> World:
+    """A loop of five hinges whose first begins near a limit, pushed."""
+    world = worlds.world(worlds.tree(["fixed", *["hinge"] * 5], 7), "loop")
+    bodies, place = list(world.bodies), poses(world)
+    root, last = bodies[0].name, bodies[-1].name
+    point = frames.compose(frames.inverse(place[root]), place[last]).position
+    joint = bodies[1].joint
+    limits = (joint.position[0] - 0.01, joint.position[0] + 0.5)
+    bodies[1] = dataclasses.replace(bodies[1], joint=dataclasses.replace(joint, position_limits=limits))
+    pin, force = Connect("pin", root, last, point, (0.0, 0.0, 0.0)), Force(last, (1.0, 0.0, 0.0), until=0.01)
+    return dataclasses.replace(world, bodies=tuple(bodies), constraints=(pin,), forces=(force,))
 
 
 def linkage(*limits: tuple[float, float] | None) -> World:

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from simspec.control.reference import Piecewise, positions
 from simspec.world.canonical import from_plain, to_plain
 from simspec.world.control import Trajectory
+from simspec.world.drag import Drag
+from simspec.world.fluid import Box, Fluid
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.motions import Motion
 from simspec.world.rotations import conjugate, cross, exponential, logarithm, multiply, rotate
-from simspec.world.types import Contact, Record, World
+from simspec.world.types import Body, Contact, Record, World
 
 Array = NDArray[np.float64]
 PREFIX = "motion."
@@ -75,6 +77,7 @@ class Prescribed:
         self._timestep = world.physics.timestep
         self._gravity = np.array(world.physics.gravity)
         self._bodies = []
+        self._around: list[_Around | None] = []
         for motion, path in zip(world.motions, curves, strict=True):
             row = rows[motion.body]
             told = told_inertial(world, world.bodies[row])
@@ -82,6 +85,7 @@ class Prescribed:
             tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             centre = np.array(told.centre_of_mass)
             self._bodies.append((where.position[row], where.velocity[row], told.mass, tensor, centre, path))
+            self._around.append(_Around.of(world.bodies[row], world.physics.fluid))
         self._first, self._ahead = 0, list[tuple[Array, Array]]()
 
     def effort(self, step: int, q: Array, v: Array) -> Array:
@@ -90,7 +94,8 @@ class Prescribed:
             times = (step + 1 + np.arange(CHUNK)) * self._timestep
             self._first, self._ahead = step, [path.at(times) for *_, path in self._bodies]
         dt, effort = self._timestep, np.zeros(self.nv)
-        for (at_q, at_v, mass, tensor, centre, _), (places, turns) in zip(self._bodies, self._ahead, strict=True):
+        parts = zip(self._bodies, self._ahead, self._around, strict=True)
+        for (at_q, at_v, mass, tensor, centre, _), (places, turns), around in parts:
             place, turn = places[step - self._first], turns[step - self._first]
             own_q, own_v = q[at_q], v[at_v]
             wanted = (place + rotate(turn, centre) - own_q[:3]) / dt
@@ -98,7 +103,28 @@ class Prescribed:
             push = mass * ((wanted - own_v[:3]) / dt - self._gravity)
             twist = tensor @ ((spin - own_v[3:]) / dt) + cross(own_v[3:], tensor @ own_v[3:])
             effort[at_v] = np.concatenate([push, twist])
+            if around is not None:
+                effort[at_v] -= around.effort(own_q[3:], own_v)
         return effort
+
+
+class _Around:
+    """The fluid around a kinematic body, which an engine lets it feel as any other, and which its motion is not to show."""
+
+    def __init__(self, box: Box, fluid: Fluid):
+        self._axes, self._flow = np.array(box.quaternion), np.array(fluid.velocity)
+        self._drag = Drag(box.edges, fluid)
+
+    @classmethod
+    def of(cls, body: Body, fluid: Fluid | None) -> _Around | None:
+        """None where there is none."""
+        return None if fluid is None or body.box is None else cls(body.box, fluid)
+
+    def effort(self, turn: Array, v: Array) -> Array:
+        """What the fluid does (6,) to a body that is turned by ``turn`` (4,) and has the velocity ``v`` (6,)."""
+        flow = rotate(conjugate(multiply(turn, self._axes)), v[:3] - self._flow)
+        force, torque = self._drag.of(flow[None], rotate(conjugate(self._axes), v[3:])[None])
+        return np.concatenate([rotate(multiply(turn, self._axes), force[0]), rotate(self._axes, torque[0])])
 
 
 # --- into the engine's process ------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from simspec.control.law import Control
 from simspec.control.reference import driven_joints, reference
 from simspec.control.request import to_request
 from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.states import angles_of, shortened
 from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
@@ -87,6 +88,11 @@ class _OracleJoints:
         low, high = (np.array([row[k] for row in limited]) for k in (1, 2))
         self._low, self._high = low + NEAR * (high - low), high - NEAR * (high - low)
         self._stops = Stops(world)
+        self._turning = [
+            (at, (1.0 - NEAR) * body.joint.angle_limit)
+            for body, at in zip(world.bodies, self._oracle.layout.position, strict=True)
+            if body.joint.angle_limit is not None
+        ]
         self.steps, self._free = 0, True
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
@@ -101,6 +107,7 @@ class _OracleJoints:
         near = self._q[self._limited]
         self._free = self._free and bool(((near > self._low) & (near < self._high)).all())
         self._free = self._free and not self._stops.near(self._q[None], NEAR)[0]
+        self._free = self._free and all(angles_of(self._q[at][None])[0] < most for at, most in self._turning)
         self.steps += self._free
 
 
@@ -119,13 +126,18 @@ def plan(world: World, precision: Precision = PRECISIONS[DOUBLE]) -> Response | 
         if limits is not None:
             margin = INSIDE * (limits[1] - limits[0])
             q[at] = np.clip(q[at], limits[0] + margin, limits[1] - margin)
+        if (largest := body.joint.angle_limit) is not None:
+            angle = float(angles_of(q[at][None])[0])
+            if angle > (1.0 - INSIDE) * largest:
+                q[at] = shortened(q[at], (1.0 - INSIDE) * largest / angle)
         if body.joint.name in joints:
             places.append(at.start)
             inward = 1.0 if limits is None or q[at.start] < sum(limits) / 2.0 else -1.0
             reach.append(inward * (STEP if limits is None else min(STEP, SHARE * (limits[1] - limits[0]))))
     q = inside(world, q, INSIDE)
     if world.constraints:
-        q = Oracle(world).settled(q, initial_state(world)[0])
+        oracle = Oracle(world)
+        q = oracle.inwards(oracle.settled(q, initial_state(world)[0]))
     amount = np.array(reach)
     for _ in range(HALVINGS):
         asked = _stepped(world, joints, q[places] + amount)

@@ -73,6 +73,7 @@ from simspec.support.declarations import (
     shape_kinds,
 )
 from simspec.support.features import Feature
+from simspec.world.anchors import anchors
 from simspec.world.carriers import absorbed
 from simspec.world.gathering import least_moment, rigid_members
 from simspec.world.types import ReadBack, Surface, World
@@ -175,7 +176,7 @@ class MujocoDialect(Dialect):
         masks, group_excludes = collision_masks(moved)
         pairs, all_pairs = explicit_pairs(moved, target)
         restless = restless_bodies(world) if _sleeping(target) else frozenset()
-        sites, named = sites_apart(sites_of(world, offsets)), frame_sites(world, offsets)
+        sites, named = sites_apart(sites_of(world, offsets, anchors(world))), frame_sites(world, offsets)
         model = Model(
             world.name,
             COMPILER,

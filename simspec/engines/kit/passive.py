@@ -19,6 +19,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.outside import Outside
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import via_api
+from simspec.world.drag import Drag
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.rotations import matrices
@@ -119,16 +120,8 @@ class _Drag:
         told = (told_inertial(world, world.bodies[row]) for row in self._rows)
         self._centres = np.array([inertial.centre_of_mass for inertial in told])
         self._turns = matrices(np.array([entry.box.quaternion for entry in around.boxes]))
-        edges = np.array([entry.box.edges for entry in around.boxes])
-        second, third = np.roll(edges, -1, axis=1), np.roll(edges, -2, axis=1)
-        size = edges.mean(axis=1, keepdims=True)
-        fluid = around.fluid
-        self._flow = np.array(fluid.velocity)
-        self._linear = 3.0 * np.pi * fluid.viscosity * size, np.pi * fluid.viscosity * size**3
-        self._quadratic = (
-            0.5 * fluid.density * second * third,
-            fluid.density / 64.0 * edges * (second**4 + third**4),
-        )
+        self._flow = np.array(around.fluid.velocity)
+        self._drag = Drag([entry.box.edges for entry in around.boxes], around.fluid)
 
     def wrenches(self, at: Array, turns: Array, velocities: Array) -> tuple[Array, Array]:
         """Forces, and moments about the world's origin, on all bodies (n, 3), for the places, orientations and velocities of
@@ -138,11 +131,10 @@ class _Drag:
         axes = turns[rows] @ self._turns
         spin = velocities[rows, 3:]
         flow = velocities[rows, :3] + np.cross(spin, arms) - self._flow
-        kinds = zip((flow, spin), self._linear, self._quadratic, strict=True)
-        pushes = []
-        for moving, linear, quadratic in kinds:
-            own = np.einsum("nji,nj->ni", axes, moving)
-            pushes.append(np.einsum("nij,nj->ni", axes, -(linear + quadratic * np.abs(own)) * own))
+        pushes = [
+            np.einsum("nij,nj->ni", axes, push)
+            for push in self._drag.of(*(np.einsum("nji,nj->ni", axes, moving) for moving in (flow, spin)))
+        ]
         forces, moments = np.zeros((2, len(at), 3))
         forces[rows] = pushes[0]
         moments[rows] = pushes[1] + np.cross(at[rows] + arms, pushes[0])

@@ -66,8 +66,9 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
+from simspec.world.anchors import anchors
 from simspec.world.kinematics import members
-from simspec.world.types import Body, HeldValue, ReadBack, World
+from simspec.world.types import Body, HeldValue, ReadBack, Vector3, World
 
 _COPIES = "further materials, and copies of shapes, on massless links of their own"
 _COMPUTED = "a torque computed from PyBullet's own state before every step"
@@ -284,11 +285,23 @@ class PyBullet(SimulatedEngine[Simulation]):
         except ValueError as error:
             raise EngineError("pybullet", str(error)) from error
         self._source = (folder, typed)
-        self._sim = Simulation(folder, typed)
+        self._sim = Simulation(folder, typed, self._anchors(folder, typed))
         self._efforts = Efforts(self._sim, typed.springs, typed.armature, typed.sums or ())
         self._sim.set_state(*self._sim.initial_state)
         before = BeforeSteps(self, typed.passive)
         self._before = before if before.needed else None
+
+    @staticmethod
+    def _anchors(folder: Path, sidecar: PybulletSidecar) -> Mapping[str, Vector3]:
+        """Where welds are best held, by what PyBullet holds of the bodies when it is loaded without them."""
+        if not any(held.kind == "weld" for held in sidecar.constraints or ()):
+            return {}
+        bare = Simulation(folder, dataclasses.replace(sidecar, constraints=None))
+        try:
+            held = read_back(bare, Efforts(bare, sidecar.springs, sidecar.armature))
+        finally:
+            bare.close()
+        return anchors(World("", held.bodies, constraints=sidecar.constraints or ()))
 
     def read_back(self) -> ReadBack:
         sim = self._simulation

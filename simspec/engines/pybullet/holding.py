@@ -5,8 +5,9 @@ Facts marked *measured*: pybullet 3.2.7.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from simspec.engines.pybullet.turns import told_turn
@@ -85,8 +86,11 @@ def within_one_tree(world: World) -> Refinement | None:
     return None
 
 
-def hold(sim: Simulation, constraints: Sequence[Constraint]) -> tuple[Held, ...]:
-    """Tell PyBullet the constraints; what they are is read back by :func:`read_held`."""
+def hold(
+    sim: Simulation, constraints: Sequence[Constraint], anchors: Mapping[str, Vector3] = MappingProxyType({})
+) -> tuple[Held, ...]:
+    """Tell PyBullet the constraints; what they are is read back by :func:`read_held`. ``anchors``: by the name of a weld the
+    point at which it is held (``world/anchors.py``), by default the origin of the second body's frame."""
     p, client = sim.bullet, sim.client
     joints = _joints(sim)
     held = []
@@ -108,7 +112,7 @@ def hold(sim: Simulation, constraints: Sequence[Constraint]) -> tuple[Held, ...]
                 physicsClientId=client,
             )
         else:
-            number = _joined(sim, constraint)
+            number = _joined(sim, constraint, anchors.get(constraint.name, (0.0, 0.0, 0.0)))
         held.append(Held(constraint.name, number, constraint.kind))
     return tuple(held)
 
@@ -122,14 +126,15 @@ def _joints(sim: Simulation) -> dict[str, tuple[int, int]]:
     }
 
 
-def _joined(sim: Simulation, constraint: Connect | Weld) -> int:
+def _joined(sim: Simulation, constraint: Connect | Weld, anchor: Vector3) -> int:
     p = sim.bullet
     links = {link.index: (tree.uid, link.link) for tree in sim.trees for link in tree.links}
     first, second = (sim.place[name] for name in (constraint.first, constraint.second))
     if isinstance(constraint, Connect):
         kind, places = p.JOINT_POINT2POINT, (Pose(constraint.first_point), Pose(constraint.second_point))
     else:
-        kind, places = p.JOINT_FIXED, (constraint.pose, Pose())
+        at = Pose(anchor)
+        kind, places = p.JOINT_FIXED, (frames.compose(constraint.pose, at), at)
     near, far = (
         frames.compose(frames.inverse(inertial_frame(sim, index)), place)
         for index, place in zip((first, second), places, strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Container, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
 from simspec.world import frames
 from simspec.world.rotations import conjugate, cross, from_xyzw_of, multiply, positive, rotate, to_xyzw_of
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Vector3
 
 GREETING = "build time"
 """PyBullet prints when it was built; that is no news."""
@@ -38,12 +39,13 @@ def import_pybullet() -> Any:
 
 
 class Simulation:
-    """A PyBullet client holding the artifacts of ``folder``."""
+    """A PyBullet client holding the artifacts of ``folder``; ``anchors``: where it holds welds (``holding.py``)."""
 
-    def __init__(self, folder: Path, sidecar: PybulletSidecar):
+    def __init__(self, folder: Path, sidecar: PybulletSidecar, anchors: Mapping[str, Vector3] = MappingProxyType({})):
         self.log: list[str] = []
         self.calls: list[Called] = []
         """What PyBullet was told while loading."""
+        self._anchors = anchors
         self.client = -1
         self.bullet: Any = None
         try:
@@ -99,7 +101,7 @@ class Simulation:
             self.layer.update(((tree.uid, link), copy.layer) for (link, _), copy in carried)
         self._collect()
         self.frames = Frames(sidecar.frames or (), self.place)
-        self.held = hold(self, sidecar.constraints or ())
+        self.held = hold(self, sidecar.constraints or (), self._anchors)
         self._set_cone(sidecar)
         free = [tree.links[0] for tree in self.trees if tree.root == "free"]
         self._free = np.array([link.index for link in free], dtype=int)
