@@ -13,9 +13,12 @@ from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
 from simspec.proof.precision import PRECISIONS, Precision
+from simspec.world import frames
 from simspec.world.rotations import rotation_error
-from simspec.world.types import World
+from simspec.world.tuples import quaternion, vector3
+from simspec.world.types import Pose, World
 
+FRAME_CHECK = "frame, position"
 STATES = 5
 FEW_STATES = 1
 LARGE = 200
@@ -29,8 +32,10 @@ def kinematics_checks(
     v: np.ndarray,
     answer: Mapping[str, np.ndarray],
     precision: Precision = PRECISIONS[DOUBLE],
+    told: bool = False,
 ) -> list[Check]:
-    """Poses and velocities of all bodies at states (k, nq), (k, nv), and whether the engine gives a state back."""
+    """Poses and velocities of all bodies at states (k, nq), (k, nv), poses of named frames where the engine is ``told`` them,
+    and whether the engine gives a state back."""
     tally = Tally()
     names = [body.name for body in world.bodies]
     for row in range(len(q)):
@@ -43,11 +48,31 @@ def kinematics_checks(
         for name, values in (("pose, position", away), ("pose, orientation", turned), ("body velocity", faster)):
             worst = int(np.argmax(values)) if np.isfinite(values).all() else int(np.argmin(np.isfinite(values)))
             tally.add("L2", name, precision.model, float(values[worst]), f"bodies.{names[worst]}, state {row}")
+        if told and world.frames:
+            given = answer["frame"][row] if "frame" in answer else np.zeros((0, 7))
+            _add_frames(tally, world, pose, given, row, precision.model)
         state = float(np.abs(answer["v"][row] - v[row]).max(initial=0.0))
         if precision.name != DOUBLE:  # whose digits are fewer than velocities of some m/s have behind the point
             state /= max(1.0, float(np.abs(v[row]).max(initial=0.0)))
         tally.add("L2", "state given back", precision.model, state, f"state {row}")
     return tally.checks()
+
+
+def _add_frames(tally: Tally, world: World, pose: np.ndarray, held: np.ndarray, state: int, tolerance: float) -> None:
+    """Poses ``held`` (frames, 7) of named frames against where bodies at ``pose`` (bodies, 7) carry them."""
+    if len(held) != len(world.frames):
+        tally.add("L2", FRAME_CHECK, tolerance, math.inf, f"{len(held)} frames, should be {len(world.frames)}")
+        return
+    rows = {body.name: index for index, body in enumerate(world.bodies)}
+    for frame, actual in zip(sorted(world.frames, key=lambda one: one.name), held, strict=True):
+        body = pose[rows[frame.body]]
+        place = frames.compose(Pose(vector3(body[:3].tolist()), quaternion(body[3:].tolist())), frame.pose)
+        at = np.array(place.position)
+        away = float(np.linalg.norm(actual[:3] - at)) / max(1.0, float(np.linalg.norm(at)))
+        turned = float(rotation_error(actual[None, 3:], np.array([place.quaternion]))[0])
+        where = f"frames.{frame.name}, state {state}"
+        tally.add("L2", FRAME_CHECK, tolerance, away, where)
+        tally.add("L2", "frame, orientation", tolerance, turned, where)
 
 
 QUANTITIES = ("mass_matrix", "bias_force")

@@ -337,7 +337,8 @@ def engine_checks(
         raise ValueError("the answer to read_back contains no model")
     arrays = {name: answer.arrays for name, answer in by_operation.items()}
     checks = read_back_checks(world, engine, read_back)
-    checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, arrays["kinematics"], numbers)
+    told = read_back.frames is not None
+    checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, arrays["kinematics"], numbers, told)
     if "dynamics" in arrays:
         checks += dynamics_checks(world, probes.oracle, probes.q, probes.v, arrays["dynamics"], numbers)
     if "touching" in arrays:

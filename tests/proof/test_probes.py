@@ -12,9 +12,10 @@ import pytest
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.proof import motion
-from simspec.proof.probes import dynamics_checks, dynamics_operation, kinematics_checks
-from simspec.world.rotations import rotation_error
-from simspec.world.types import World
+from simspec.proof.probes import FRAME_CHECK, dynamics_checks, dynamics_operation, kinematics_checks
+from simspec.world import frames
+from simspec.world.rotations import matrices, multiply, rotation_error
+from simspec.world.types import Frame, Pose, World
 from tests import worlds
 from tests.proof.wild import WILD, at_4_ms
 
@@ -120,6 +121,31 @@ def test_velocities_and_states_that_are_off_are_noticed(engine):
     kinematics["velocity"][0, 3, 5] += 100 * MISS
     kinematics["v"][2, 1] += MISS
     assert failed(kinematics_checks(world, oracle, *states, kinematics)) == {"body velocity", "state given back"}
+
+
+def test_frames_that_an_engine_is_told_are_where_their_bodies_carry_them(engine):
+    world, oracle, states, kinematics, *_ = engine
+    frame = Frame("tip", world.bodies[2].name, Pose((0.3, -0.2, 0.1), frames.normalise((0.5, 0.1, -0.7, 0.2))))
+    world = dataclasses.replace(world, frames=(frame,))
+    pose = kinematics["pose"][:, 2]
+    at = pose[:, :3] + np.einsum("nij,j->ni", matrices(pose[:, 3:]), frame.pose.position)
+    turn = multiply(pose[:, 3:], np.array(frame.pose.quaternion))
+    kinematics["frame"] = np.concatenate([at, turn], axis=1)[:, None]
+
+    def missed(**changes):
+        return failed(kinematics_checks(world, oracle, *states, {**kinematics, **changes}, told=True))
+
+    assert missed() == set()
+    (held,) = (c for c in kinematics_checks(world, oracle, *states, kinematics, told=True) if c.name == FRAME_CHECK)
+    assert held.count == 3
+    assert failed(kinematics_checks(world, oracle, *states, kinematics)) == set(), "an engine that is told none"
+    for column, name in ((1, FRAME_CHECK), (5, "frame, orientation")):
+        off = kinematics["frame"].copy()
+        off[2, 0, column] += 10 * MISS
+        assert missed(frame=off) == {name}
+    assert missed(frame=kinematics["frame"][:, :0]) == {FRAME_CHECK}
+    del kinematics["frame"]
+    assert missed() == {FRAME_CHECK}
 
 
 @pytest.mark.parametrize("field", ["pose", "velocity", "v"])

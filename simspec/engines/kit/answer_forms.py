@@ -52,7 +52,7 @@ CONTACTS = {
 FORMS: Mapping[str, Mapping[str, Form]] = {
     "read_back": {},
     "foreign": {},
-    "kinematics": STATE,
+    "kinematics": {**STATE, "frame": Form(("rows", "frames", 7), optional=True)},
     "dynamics": {
         "mass": Form(("rows", "packed"), when="mass_matrix"),
         "bias_force": Form(("rows", "nv"), when="bias_force"),

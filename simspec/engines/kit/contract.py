@@ -181,6 +181,11 @@ class Engine:
         body frame's origin, then angular, both in world axes."""
         raise NotImplementedError
 
+    def frame_poses(self) -> np.ndarray | None:
+        """Poses (frames, 7) of the world's named frames at the present state, in the order of their names; None where the
+        engine is told none, as where ``ReadBack.frames`` is None."""
+        return None
+
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         """The parts (n, n) of M at the present state, armature included, that belong to each of ``blocks``: places (n,) in v.
         Trees do not act on each other through M, and M of 2,000 free bodies as one array would be 1 GB."""

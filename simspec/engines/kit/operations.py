@@ -44,11 +44,14 @@ def _foreign(session: Any, arrays: Arrays, operation: Parameters) -> Result:
 
 
 def _kinematics(session: Session, arrays: Arrays, operation: Parameters) -> Result:
-    """q (k, nq), v (k, nv) -> pose (k, bodies, 7), velocity (k, bodies, 6), and the state as read again."""
+    """q (k, nq), v (k, nv) -> pose (k, bodies, 7), velocity (k, bodies, 6), the state as read again, and of engines that are
+    told named frames ``frame`` (k, frames, 7)."""
     rows: dict[str, list[Any]] = {"pose": [], "velocity": [], "q": [], "v": []}
     for q, v in zip(arrays["q"], arrays["v"], strict=True):
         session.set_state(q, v)
         _add_state(rows, session)
+        if (frames := session.frame_poses()) is not None:
+            rows.setdefault("frame", []).append(frames)
     return {}, {name: np.array(values) for name, values in rows.items()}
 
 

@@ -128,6 +128,10 @@ class Session:
         """Poses (bodies, 7) and velocities (bodies, 6) of the world's body frames."""
         return self._at(Condition.ASKED).body_states()
 
+    def frame_poses(self) -> np.ndarray | None:
+        """Poses (frames, 7) of the world's named frames; None of engines that are told none."""
+        return self._at(Condition.ASKED).frame_poses()
+
     def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
         """The parts of the mass matrix at the present state, for places in v."""
         return self._at(Condition.ASKED).mass_blocks(blocks)

@@ -103,6 +103,23 @@ def _single(values: Any) -> tuple[float, ...]:
     return tuple(float(str(value)) for value in np.asarray(values, dtype=np.float32))
 
 
+def frame_sites(mujoco: Any, model: Any) -> dict[str, int]:
+    """The sites that stand for named frames, which are those that no equality is of, in the order of their names."""
+    of_site = mujoco.mjtObj.mjOBJ_SITE
+    held = {
+        int(site)
+        for row in range(model.neq)
+        if int(model.eq_objtype[row]) == int(of_site)
+        for site in (model.eq_obj1id[row], model.eq_obj2id[row])
+    }
+    named = {
+        mujoco.mj_id2name(model, of_site, site) or f"site {site}": site
+        for site in range(model.nsite)
+        if site not in held
+    }
+    return dict(sorted(named.items()))
+
+
 class _ReadBack:
     def __init__(self, mujoco: Any, model: Any, sidecar: MujocoSidecar):
         self._mujoco, self._model, self._sidecar = mujoco, model, sidecar
@@ -216,20 +233,7 @@ class _ReadBack:
         return tuple(sorted(held, key=lambda one: one.name))
 
     def _frames(self) -> tuple[Frame, ...]:
-        """The sites that no equality is of."""
-        model, of_site = self._model, int(self._mujoco.mjtObj.mjOBJ_SITE)
-        held = {
-            int(site)
-            for row in range(model.neq)
-            if int(model.eq_objtype[row]) == of_site
-            for site in (model.eq_obj1id[row], model.eq_obj2id[row])
-        }
-        named = {
-            self._mujoco.mj_id2name(model, self._mujoco.mjtObj.mjOBJ_SITE, site) or f"site {site}": site
-            for site in range(model.nsite)
-            if site not in held
-        }
-        return tuple(Frame(name, *self._end(named[name])) for name in sorted(named))
+        return tuple(Frame(name, *self._end(site)) for name, site in frame_sites(self._mujoco, self._model).items())
 
     def _end(self, site: int) -> tuple[str, Pose]:
         """A site's body, and where it is in the world's frame of that."""

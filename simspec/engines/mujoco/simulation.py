@@ -25,7 +25,7 @@ from simspec.engines.mujoco.actuation import Drive, JointArrays
 from simspec.engines.mujoco.between import Between
 from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.equality import Equalities
-from simspec.engines.mujoco.readback import JOINT_KINDS, read_back
+from simspec.engines.mujoco.readback import JOINT_KINDS, frame_sites, read_back
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.formats.mjcf.names import file_name
@@ -182,6 +182,15 @@ class MujocoSimulation(Engine, abstract=True):
         if self._between is not None:
             poses, velocities = self._between.add(self._held, poses, velocities, probe.qpos, probe.qvel)
         return restore_velocities(poses, velocities, self._offsets)
+
+    def frame_poses(self) -> np.ndarray | None:
+        sites = list(frame_sites(self._mujoco, self.model).values())
+        if not sites:
+            return None
+        probe, turns = self._at_state(), np.zeros((len(sites), 4))
+        for turn, site in zip(turns, sites, strict=True):
+            self._mujoco.mju_mat2Quat(turn, probe.site_xmat[site])
+        return np.concatenate([probe.site_xpos[sites], turns], axis=1)
 
     # --- dynamics -------------------------------------------------------------------------------------------------
 
