@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from simspec.arguments import print_json
 from simspec.errors import EXIT_OK, Problem, SpecError
-from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text
+from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text, too_long
 from simspec.language.foreign import Imported, is_foreign, suffixes
 from simspec.language.load import Spec, load
 from simspec.language.losses import counts, grouped, of_physics, problems
@@ -48,8 +48,10 @@ def import_file(
     if meshes is not None:
         demand([folder_problem(meshes, MESHES, [path])])
     spec = load(path, allow_outside=allow_outside, options=options)
-    spec.resolve()
     imported = imported_of(spec)
+    if (problem := too_long(imported, str(path))) is not None:
+        raise SpecError([problem])
+    spec.resolve()
     if strict and (of_physics(imported) or imported.suspicious):
         raise SpecError([*imported.suspicious, *problems(of_physics(imported))])
     if imported.made and meshes is None and out is not None:

@@ -19,8 +19,13 @@ LARGEST_FILE: Final = 64 * 2**20
 """Bytes of one file; the largest robot of the measured corpora has 3 million."""
 MOST_TAGS: Final = 1_000_000
 """Beginnings and ends of elements in one file: each takes up to 500 bytes of memory."""
+MOST_ATTRIBUTES: Final = 1_000_000
+"""Signs of equality in one file, which every attribute has: each attribute takes up to 600 bytes of memory."""
 DEEPEST: Final = 200
 """Elements within each other: trees of bodies nest in some languages, and a chain of 150 links is a rope."""
+MOST_LABELS: Final = (3, 9)
+"""Labels of a path that are said where it is longer: those from the outside, and those from the inside. A path is told of every
+attribute, and in a tree of 200 bodies it would have 12,000 characters."""
 NOT_READ: Final = "simspec does not read it"
 NO_RATING: Final = "a rating of 0 lets nothing move: files say so where none is known"
 HOW_HARD: Final = "how hard contact is: the spec's is rigid, by the law that all engines follow"
@@ -71,12 +76,16 @@ class Element:
     @property
     def path(self) -> str:
         """The labels from below the outermost element to this one."""
-        parts: list[str] = []
+        around: list[Element] = []
         element: Element | None = self
-        while element is not None and (element.parent is not None or not parts):
-            parts.append(element.label)
+        while element is not None and (element.parent is not None or not around):
+            around.append(element)
             element = element.parent
-        return "/".join(reversed(parts))
+        first, last = MOST_LABELS
+        if len(around) <= first + last:
+            return "/".join(one.label for one in reversed(around))
+        outside, inside = around[: -first - 1 : -1], around[last - 1 :: -1]
+        return "/".join((*(one.label for one in outside), "...", *(one.label for one in inside)))
 
     # --- taking -----------------------------------------------------------------------------------------------
 
@@ -195,27 +204,34 @@ class Element:
     # --- accounting -------------------------------------------------------------------------------------------
 
     def accounts(self) -> Iterator[Account]:
-        """What became of this element, its attributes and all that is in it."""
-        own = self._own
+        """What became of this element, its attributes and all that is in it, in the order of the file."""
+        waiting = [self]
+        while waiting:
+            element = waiting.pop()
+            yield from element._accounts()
+            own = element._own
+            if own is not False:  # what is in it goes with it
+                # what nobody asked for is told with an element that is set aside
+                waiting.extend(child for child in reversed(element._children) if child._own is not False or own is True)
+
+    def _accounts(self) -> Iterator[Account]:
+        """What became of this element and its attributes."""
+        own, path = self._own, self.path
         if own is True:
-            yield Account(self.location, self.path, Fate.CARRIED)
+            yield Account(self.location, path, Fate.CARRIED)
         elif own is False:
-            yield Account(self.location, self.path, Fate.LOST, Severity.PHYSICS, NOT_READ)
-            return  # what is in it goes with it
+            yield Account(self.location, path, Fate.LOST, Severity.PHYSICS, NOT_READ)
+            return
         else:
-            yield _account(self.location, self.path, own)
+            yield _account(self.location, path, own)
         for name in self.attributes:
-            what = f"{self.path}/@{name}"
+            what = f"{path}/@{name}"
             if name in self._fates:
                 yield _account(self.location, what, self._fates[name])
             elif name in self._taken:
                 yield Account(self.location, what, Fate.CARRIED)
             elif own is True:
                 yield Account(self.location, what, Fate.LOST, Severity.PHYSICS, NOT_READ)
-        for child in self._children:
-            if child._own is False and own is not True:
-                continue  # told with this element
-            yield from child.accounts()
 
 
 def _account(location: Location, what: str, said: _Set) -> Account:
@@ -230,8 +246,8 @@ def parse(content: bytes, file: str) -> Element:
     no document type, no entities, UTF-8 only."""
     from lxml import etree  # type: ignore[import-untyped]  # it has no types
 
-    if len(content) > LARGEST_FILE or content.count(b"<") > MOST_TAGS:
-        allowed = f"{LARGEST_FILE:,} bytes, {MOST_TAGS:,} tags"
+    if len(content) > LARGEST_FILE or content.count(b"<") > MOST_TAGS or content.count(b"=") > MOST_ATTRIBUTES:
+        allowed = f"{LARGEST_FILE:,} bytes, {MOST_TAGS:,} tags, {MOST_ATTRIBUTES:,} attributes"
         raise SpecError([Problem("the file is too large", location=Location(file, 1, 1), allowed=allowed)])
     text = _text(content, file)
     parser = etree.XMLParser(

@@ -6,12 +6,12 @@ import copy
 import hashlib
 import os
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from simspec.errors import Problem, SpecError, visible
-from simspec.language.document import build, events
+from simspec.errors import Location, Problem, SpecError, visible
+from simspec.language.document import MOST_EVENTS, build, event_count, events
 from simspec.language.foreign import Imported
 from simspec.language.layout import WIDTH, Entry, Node, lines, node_of
 from simspec.language.mesh import named_files
@@ -25,14 +25,17 @@ DIGITS: Final = 16
 def spec_text(imported: Imported, source: str, files: Mapping[str, str] | None = None) -> str:
     """The spec of an import, from a file called ``source``. ``files``: what the spec calls the files that the data
     names, by the texts there. Raises SpecError where the text would not read as the same data."""
+    if (problem := too_long(imported, source)) is not None:
+        raise SpecError([problem])
     data = _renamed(imported.data, files or {})
     root = node_of(data)
+    index: Index = {}
     sentences: dict[str, list[str]] = {path: [text] for path, text in imported.comments.items()}
     for repair in imported.repairs:
         sentences.setdefault(repair.path, []).append(f"repaired ({repair.rule}): {repair.what}")
     header: list[str] = []
     for path, said in sentences.items():
-        entry = _entry(root, path)
+        entry = _entry(root, path, index)
         comment = [line for sentence in said for line in _comment(sentence)]
         if entry is None:
             header += comment
@@ -41,6 +44,18 @@ def spec_text(imported: Imported, source: str, files: Mapping[str, str] | None =
     body = "\n".join(lines(root, header, [])) + "\n"
     _check(body, data)
     return f"{MARK} from {visible(source)}{SUM}{_sum(body)}\n{body}"
+
+
+def too_long(imported: Imported, shown: str) -> Problem | None:
+    """The problem of an import that is more than one file of the language may hold; asked before the work of resolving and
+    writing it. ``shown``: what messages call the file."""
+    count = event_count(imported.data)
+    if count <= MOST_EVENTS:
+        return None
+    place = imported.places.get((), Location(shown, 1, 1))
+    hint = "a scenario may take the file as it is: models: {NAME: {use: FILE}}"
+    message = "as a spec, this file has more keys and values than one file may have"
+    return Problem(message, location=place, found=f"{count:,}", allowed=f"{MOST_EVENTS:,}", hint=hint)
 
 
 def is_unchanged(content: bytes) -> bool:
@@ -59,19 +74,26 @@ def _comment(sentence: str) -> Iterator[str]:
         yield f"# {line}"
 
 
-def _entry(root: Node, path: str) -> Entry | None:
+Index = dict[int, dict[str, Entry]]
+"""The entries of a node by name, by the ``id`` of the node: a file of many bodies has as many comments."""
+
+
+def _entry(root: Node, path: str, index: Index) -> Entry | None:
     """The entry at a dotted path, or the nearest one around it; None for the whole spec."""
     entry: Entry | None = None
     node = root
-    for index, step in enumerate(path.split(".")):
-        inside: Sequence[Entry] = node.entries
-        if node.kind == "list":
-            inside = inside[int(step) : int(step) + 1] if step.isdigit() else []
-        else:
-            inside = [below for below in inside if below.name == step]
-        if not inside or (index > 0 and node.kind == "scalar"):
+    for depth, step in enumerate(path.split(".")):
+        if depth > 0 and node.kind == "scalar":
             break
-        entry, node = inside[0], inside[0].node
+        if node.kind == "list":
+            below = node.entries[int(step)] if step.isdigit() and int(step) < len(node.entries) else None
+        else:
+            if id(node) not in index:
+                index[id(node)] = {one.name: one for one in reversed(node.entries) if one.name is not None}
+            below = index[id(node)].get(step)
+        if below is None:
+            break
+        entry, node = below, below.node
     return entry
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -207,6 +207,22 @@ def events(text: str, file: str) -> Iterator[Any]:
         hint = "write repeated bodies once, with array:; put long trajectories into a CSV file"
         message = "the file has too many keys and values, counted from its beginning to here"
         raise SpecError([Problem(message, location=place, allowed=f"{MOST_EVENTS:,}", hint=hint)])
+
+
+def event_count(data: Any) -> int:
+    """How many events plain data has as a text, with those of the beginning and the end of it."""
+    count, waiting = 4, [data]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, Mapping):
+            count += 2 + len(value)
+            waiting.extend(value.values())
+        elif isinstance(value, (list, tuple)):
+            count += 2
+            waiting.extend(value)
+        else:
+            count += 1
+    return count
 
 
 def scalar(text: str) -> Any:

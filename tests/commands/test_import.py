@@ -6,8 +6,11 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
+from simspec.imports import writing
 from simspec.imports.writing import is_unchanged
-from simspec.language.load import load
+from simspec.language.document import event_count, events
+from simspec.language.layout import node_of
+from simspec.language.load import Spec, load
 from simspec.world.canonical import sha256
 
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="{0}" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -129,3 +132,39 @@ def test_overrides_reach_into_a_robot_file(folder):
     simspec("check", "good.urdf", "--set", "model.bodies.arm.joint.damping=0.5", "--set", "physics.duration=1s")
     world = load(folder / "good.urdf", sets=["model.bodies.arm.mass=5"]).resolve()
     assert world.bodies[1].inertial.mass == 5.0
+
+
+def test_what_is_too_much_for_one_spec_is_told_at_the_robot_file_before_it_is_resolved(folder, monkeypatch):
+    monkeypatch.setattr(writing, "MOST_EVENTS", 30)
+    monkeypatch.setattr(Spec, "resolve", lambda self: pytest.fail("resolved"))
+    done = simspec("import", "good.urdf", "-o", "good.yaml", code=2)
+    assert "good.urdf:1:" in done.stderr
+    assert "more keys and values than one file may have" in done.stderr
+    assert "{use: FILE}" in done.stderr
+    assert not (folder / "good.yaml").exists()
+
+
+def test_keys_and_values_are_counted_as_the_reader_counts_them(folder):
+    data = load(folder / "good.urdf").source.imported.data
+    text = simspec("import", "good.urdf").stdout
+    assert event_count(data) == len(list(events(text, "good.yaml")))
+    assert event_count({"a": [], "b": {}, "c": [1, "x", None, {"d": 0.5}]}) == len(
+        list(events("a: []\nb: {}\nc: [1, x, null, {d: 0.5}]\n", "a.yaml"))
+    )
+
+
+def test_comments_find_their_entries():
+    data = {"bodies": {"a": {"shapes": [{"x": 1}, {"x": 2}]}, "b": {"mass": 1}}}
+    root, index = node_of(data), {}
+    for path in ("bodies.a.shapes.1.x", "bodies.b.mass", "bodies.a"):
+        assert writing._entry(root, path, index).node is _below(root, path)
+    assert writing._entry(root, "bodies.b.mass.more", index).name == "mass"
+    assert writing._entry(root, "bodies.a.shapes.9", index).name == "shapes"
+    assert writing._entry(root, "nothing", index) is None
+
+
+def _below(node, path):
+    for step in path.split("."):
+        entries = node.entries
+        node = (entries[int(step)] if step.isdigit() else next(one for one in entries if one.name == step)).node
+    return node

@@ -17,6 +17,9 @@ ROOT: Final = "mujoco"
 """The name of the outermost element."""
 MOST_ELEMENTS: Final = 200_000
 """Elements of a model with all replicates; a body of 100,000 takes the compiler minutes."""
+MOST_COPIES: Final = 10**9
+"""What counts of copies are taken for where they are larger: more than is allowed of anything. Products of numbers of thousands
+of digits would take minutes."""
 MOST_CELLS: Final = 10_000_000
 """Cells of a height field."""
 MOST_FILES: Final = 2000
@@ -158,7 +161,7 @@ class _Builder:
         if element.tag in REFUSED:
             raise element.error(f"<{element.tag}>: {REFUSED[element.tag]}", hint="remove it")
         if element.tag == "replicate":
-            copies *= _count(element, "count")
+            copies = min(copies * _count(element, "count"), MOST_COPIES)
         self._elements += copies * (_cells(element) if element.tag == "composite" else 1)
         if self._elements > MOST_ELEMENTS:
             raise element.error("too many elements, replicates counted", allowed=f"{MOST_ELEMENTS:,}")
@@ -218,13 +221,15 @@ class _Builder:
 
     def _include(self, root: Element, main: Path, seen: list[Path]) -> None:
         """Read what is included, and what that includes; each file once."""
-        waiting = [root]
+        waiting = [(root, 1)]
         while waiting:
-            element = waiting.pop()
+            element, depth = waiting.pop()
             for child in element.look():
                 if child.tag != "include":
-                    waiting.append(child)
+                    waiting.append((child, depth))
                     continue
+                if depth > DEEPEST:
+                    raise child.error(f"more than {DEEPEST} files that include each other in a chain")
                 path = self.files.find(child.take().need("file"), child, main.parent)
                 if path in seen:
                     raise child.error("this file is included already, or is the file itself", found=path.name)
@@ -233,7 +238,7 @@ class _Builder:
                 seen.append(path)
                 inside = parse(self.files.bytes_of(path, child), _shown(self.files, path))
                 self.included[id(child)] = inside
-                waiting.append(inside)
+                waiting.append((inside, depth + 1))
 
     def _attached(self, element: Element, path: Path) -> None:
         found = self.files.find(element.attributes["file"], element, path.parent)
@@ -291,7 +296,7 @@ def _count(element: Element, name: str) -> int:
     """A whole number of an attribute, at least 1."""
     text = element.attributes.get(name, "1")
     try:
-        return max(1, int(text.split()[0]))
+        return min(max(1, int(text.split()[0])), MOST_COPIES)
     except (ValueError, IndexError):
         raise element.error(f"{name} of <{element.tag}> should be a whole number", found=text[:80]) from None
 
@@ -301,7 +306,7 @@ def _cells(element: Element) -> int:
     product = 1
     for text in element.attributes.get("count", "1").split():
         try:
-            product *= max(1, int(text))
+            product = min(product * max(1, int(text)), MOST_COPIES)
         except ValueError:
             raise element.error(f"count of <{element.tag}> should be whole numbers", found=text[:80]) from None
     return product

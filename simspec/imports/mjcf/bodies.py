@@ -71,16 +71,19 @@ class Names:
 
     taken: set[str] = field(default_factory=set)
     changed: dict[str, str] = field(default_factory=dict)
+    _often: dict[str, int] = field(default_factory=dict)
+    """The last number that was given to each name that is wanted more than once."""
 
     def give(self, name: str, otherwise: str) -> str:
         """A free name of the language, the nearest to ``name``, or to ``otherwise`` where that is empty."""
         wanted = clean_name(name or otherwise)[:150]
         if wanted == "world":
             wanted = "world_"
-        given, number = wanted, 1
+        given, number = wanted, self._often.get(wanted, 1)
         while given in self.taken:
             number += 1
             given = f"{wanted}_{number}"
+        self._often[wanted] = number
         self.taken.add(given)
         if name and given != name:
             self.changed[name] = given

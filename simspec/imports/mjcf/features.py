@@ -189,6 +189,8 @@ class Features:
     """The ``id`` of the elements of sites that the spec has as frames."""
     hints: dict[tuple[str, int], str] = field(default_factory=dict)
     """Ways out for single elements, by the feature and the ``id`` of the element."""
+    _known: set[tuple[str, int]] = field(default_factory=set)
+    """What :attr:`having` holds, by the ``id`` of the element: it is asked for each attribute of each element."""
 
     def add(self, name: str, element: Element, hint: str = "") -> None:
         """Say that an element has a feature; ``hint``: the way out for this one."""
@@ -198,6 +200,7 @@ class Features:
             raise KeyError(name)
         elements = self.having.setdefault(name, [])
         if not self.has(name, element):
+            self._known.add((name, id(element)))
             elements.append(element)
 
     def carry(self, element: Element) -> None:
@@ -206,4 +209,4 @@ class Features:
 
     def has(self, name: str, element: Element) -> bool:
         """Whether an element has a feature."""
-        return any(known is element for known in self.having.get(name, ()))
+        return (name, id(element)) in self._known

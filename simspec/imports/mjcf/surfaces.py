@@ -7,6 +7,7 @@ where the spec's rule (the larger of two values) gives another.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, Final, NamedTuple
@@ -18,6 +19,8 @@ SEPARATE_GAP: Final = 4
 """The first version of the compiler in which a gap is beyond the margin, without a force (measured: not 3.8.0, but 4.0.1)."""
 MOST_MATERIALS: Final = 300
 """Materials of a spec."""
+MOST_SURFACES: Final = 2000
+"""Different surfaces that may touch something: every two of them are held against each other."""
 SOLREF: Final = (0.02, 1.0)
 SOLIMP: Final = (0.9, 0.95, 0.001, 0.5, 2.0)
 """Softness that nobody stated."""
@@ -88,7 +91,7 @@ class Surfaces:
     """Where contact of two such geoms begins (m), where that is not the sum of their margins."""
     _apart: set[tuple[int, int]] = field(default_factory=set)
     """Bodies that the filter keeps apart, by their smaller and larger number, of which the file lets two geoms touch."""
-    touching_joined: list[tuple[int, int]] = field(default_factory=list)
+    touching_joined: dict[tuple[int, int], None] = field(default_factory=dict)
     """Bodies and those that they are joined to and may touch, by their numbers."""
     groups: dict[int, str] = field(default_factory=dict)
     """The collision group of bodies that are in another than the default one, by their number."""
@@ -97,8 +100,18 @@ class Surfaces:
         model = self.model
         if not model.disabled("contact", "constraint"):
             self._read_pairs()
-            surfaces = {number: self._surface(number) for number in range(model.numbers["ngeom"])}
-            solid = set(surfaces.values())
+            paired = {geom - 1 for pair in self._pairs_of for geom in pair}
+            parted = {body for pair in self._apart for body in pair}
+            surfaces = {
+                number: self._surface(number, number in paired or int(model["geom_bodyid"][number]) in parted)
+                for number in range(model.numbers["ngeom"])
+            }
+            # most geoms that touch nothing have no bits: they are not held against each other
+            solid = {one for one in surfaces.values() if one.own or one.contype or one.conaffinity}
+            if len(solid) > MOST_SURFACES:
+                found, allowed = f"{len(solid):,}", f"{MOST_SURFACES:,}"
+                hint = "give geoms that touch alike the same friction, condim, contype, conaffinity and priority"
+                raise model.root.error("too many different surfaces of contact", found, allowed, hint)
             touching = {one for one in solid if any(self.meets(one, other) for other in solid)}
             self._of = {number: surface for number, surface in surfaces.items() if surface in touching}
         self._grouped = self._groups(set(self._of.values()))
@@ -115,13 +128,11 @@ class Surfaces:
             self.materials = dict.fromkeys(self.materials, first)
         self._features()
 
-    def _surface(self, number: int) -> Surface:
+    def _surface(self, number: int, alone: bool) -> Surface:
         model = self.model
         sliding, torsional, rolling = (float(value) for value in model["geom_friction"][number])
         words = ("contype", "conaffinity", "condim", "priority")
         contype, conaffinity, directions, priority = (int(model[f"geom_{word}"][number]) for word in words)
-        body = int(model["geom_bodyid"][number])
-        alone = any(number + 1 in pair for pair in self._pairs_of) or any(body in pair for pair in self._apart)
         own = number + 1 if alone else 0
         return Surface(contype, conaffinity, directions, priority, (sliding, torsional, rolling), own)
 
@@ -200,9 +211,7 @@ class Surfaces:
         weld, both = self.model["body_weldid"], (min(one, two), max(one, two))
         if weld[one] == weld[two] or (self._filters(one, two) and both not in self._apart):
             return
-        sides = [
-            {self._of[geom] for geom in self._of if int(self.model["geom_bodyid"][geom]) == body} for body in (one, two)
-        ]
+        sides = [self._of_body.get(body, set()) for body in (one, two)]
         if any(self.meets(first, second) for first in sides[0] for second in sides[1]):
             self._touch(one, two)
 
@@ -213,15 +222,27 @@ class Surfaces:
         above = weld[parent[weld[one]]] == weld[two] != 0 or weld[parent[weld[two]]] == weld[one] != 0
         if above and not model.disabled("filterparent"):
             return True
-        stated = {divmod(int(signature), 1 << 16) for signature in model["exclude_signature"]}
-        return (one, two) in stated or (two, one) in stated
+        return (one, two) in self._excludes or (two, one) in self._excludes
+
+    @functools.cached_property
+    def _excludes(self) -> frozenset[tuple[int, int]]:
+        """Pairs of bodies that the file keeps apart by name."""
+        return frozenset(divmod(int(signature), 1 << 16) for signature in self.model["exclude_signature"])
+
+    @functools.cached_property
+    def _of_body(self) -> dict[int, set[Surface]]:
+        """The surfaces of the geoms of each body that may touch something."""
+        solid: dict[int, set[Surface]] = {}
+        for geom, surface in self._of.items():
+            solid.setdefault(int(self.model["geom_bodyid"][geom]), set()).add(surface)
+        return solid
 
     def _touch(self, one: int, two: int) -> None:
         """Two bodies touch although they are joined."""
         parent = self.model["body_parentid"]
         pair = (two, one) if int(parent[two]) == one else (one, two)
         if pair not in self.touching_joined and pair[::-1] not in self.touching_joined:
-            self.touching_joined.append(pair)
+            self.touching_joined[pair] = None
 
     def _features(self) -> None:
         model = self.model
@@ -334,12 +355,9 @@ class Surfaces:
     def _excluded(self, names: dict[int, str]) -> list[list[str]]:
         """Pairs of bodies that do not touch, and are not joined to one another."""
         model = self.model
-        solid: dict[int, set[Surface]] = {}
-        for geom, surface in self._of.items():
-            solid.setdefault(int(model["geom_bodyid"][geom]), set()).add(surface)
+        solid = self._of_body
         weld, parent = model["body_weldid"], model["body_parentid"]
-        stated = {divmod(int(signature), 1 << 16) for signature in model["exclude_signature"]}
-        pairs = {(min(pair), max(pair)) for pair in stated}
+        pairs = {(min(pair), max(pair)) for pair in self._excludes}
         members: dict[int, list[int]] = {}
         for body in solid:
             members.setdefault(int(weld[body]), []).append(body)

@@ -121,6 +121,7 @@ class Reader:
             raise scope.element.error(f"more than {DEEPEST} models within each other")
         tables = {"link": scope.links, "joint": scope.joints, "frame": scope.frames}
         taken: set[str] = set()
+        often: dict[str, int] = {}
         strict = scope.version >= UNIQUE_SINCE
         for child in scope.element.look("link", "joint", "frame", "model", "include"):
             if not strict and child.tag == "link" and child.attributes.get("name") == "world" and not child.look():
@@ -129,7 +130,7 @@ class Reader:
             if child.tag in tables:
                 name = _named(child, strict)
                 if child.tag == "joint" and not strict and name in taken:
-                    name = _another(child, name, taken)
+                    name = _another(child, name, taken, often)
                 tables[child.tag][name] = child.take()
                 self._links += child.tag == "link"
             else:
@@ -139,7 +140,7 @@ class Reader:
                     self._merge(child, scope, inner, taken)
                     continue
                 if not strict and inner.name in taken:
-                    inner.name = _another(child, inner.name, taken)
+                    inner.name = _another(child, inner.name, taken, often)
                 name = inner.name
                 scope.models[name] = inner
             if name in taken:
@@ -175,8 +176,10 @@ class Reader:
         if uri is None or not uri.text:
             raise element.error("<include> has no <uri>")
         path = self._find(uri, folder)
-        if path in chain or len(chain) > DEEPEST:
+        if path in chain:
             raise uri.error("files that include each other", found=uri.text[:200])
+        if len(chain) > DEEPEST:
+            raise uri.error(f"more than {DEEPEST} files include one another in a chain", found=uri.text[:200])
         root = self.root(path, self.files.bytes_of(path, uri), shown_path(path))
         models = root.look("model")
         if len(models) != 1 or root.look("world"):
@@ -239,11 +242,12 @@ def _named(element: Element, strict: bool) -> str:
     return name
 
 
-def _another(element: Element, name: str, taken: set[str]) -> str:
-    """A name for the second of two things of one name, in files where that was allowed."""
-    count = 2
+def _another(element: Element, name: str, taken: set[str], often: dict[str, int]) -> str:
+    """A name for the second of two things of one name, in files where that was allowed; ``often``: the last number of each."""
+    count = often.get(name, 1) + 1
     while f"{name}_{count}" in taken:
         count += 1
+    often[name] = count
     reason = f"called {name}_{count}: another thing around it has the name"
     element.set_aside("name", Fate.CARRIED, reason, Severity.INFORMATION)
     return f"{name}_{count}"

@@ -84,15 +84,18 @@ class Names:
 
     def __init__(self, taken: Iterable[str] = ()):
         self._taken = {"world", *taken}
+        self._often: dict[str, int] = {}
+        """The next number for each name that is wanted more than once."""
 
     def give(self, text: str, element: Element | None = None) -> str:
         """A name made of a text; an element whose name changes is told so."""
         plain = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:LONGEST_NAME]
         if not re.match(r"[A-Za-z_]", plain):
             plain = f"_{plain}"
-        name, count = plain, 2
+        name, count = plain, self._often.get(plain, 2)
         while name in self._taken:
             name, count = f"{plain}_{count}", count + 1
+        self._often[plain] = count
         self._taken.add(name)
         if element is not None and name != element.attributes.get("name", "").strip():
             element.set_aside("name", Fate.CARRIED, f"called {name} in the spec", Severity.INFORMATION)

@@ -33,6 +33,10 @@ HARMLESS = frozenset({"compile", "exec", "object.__getattr__", "builtins.id", "s
 """Audited operations of an evaluation that reach nothing outside it."""
 
 
+ADDRESS = re.compile(r" at 0x[0-9a-f]{6,}>")
+"""How Python shows what has no text of its own."""
+
+
 class Refused(Exception):
     """What the program asks for and does not get."""
 
@@ -75,9 +79,20 @@ class Program:
         xacro.init_stacks(self._names[0])
         document = self._parsed(text, 0)
         xacro.process_doc(document, mappings=self.arguments, verbosity=0)
+        self._demand_texts(document)
         output = _Output()
         document.writexml(output, addindent="  ", newl="\n")
         return "".join(output.parts)
+
+    def _demand_texts(self, document: Any) -> None:
+        """Raise Refused where the value of an expression was a function or a table of names: its text has an address in memory,
+        which is another in each run."""
+        for element in document.getElementsByTagName("*"):
+            texts = [child.data for child in element.childNodes if child.nodeType == child.TEXT_NODE]
+            for text in (*dict(element.attributes.items()).values(), *texts):
+                if ADDRESS.search(text):
+                    self._note(element)
+                    raise Refused(f"an expression whose value has no text: {ADDRESS.sub('>', text)[:80]}")
 
     # --- what xacro calls -------------------------------------------------------------------------------------
 

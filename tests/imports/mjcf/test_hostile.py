@@ -6,6 +6,8 @@ import pytest
 
 from simspec.cli import main
 from simspec.errors import SpecError
+from simspec.imports.mjcf import surfaces
+from simspec.imports.mjcf.bodies import Names
 from simspec.language.foreign import ImportOptions
 from tests.imports.mjcf.models import read, written
 
@@ -23,6 +25,11 @@ def nested(count: int, depth: int) -> str:
 HOSTILE = {
     "nested replicate": (model(nested(100, 5)), "too many elements"),
     "composite": (model('<body><composite type="cable" count="100000 100000 1"/></body>'), "too many elements"),
+    "long counts": (model('<replicate count="' + "9" * 4000 + '">' + BODY + "</replicate>"), "too many elements"),
+    "many long counts": (
+        model(f'<body><composite count="{" ".join(["9" * 4000] * 500)}"/></body>'),
+        "too many elements",
+    ),
     "count": (model('<replicate count="1e300">' + BODY + "</replicate>"), "whole number"),
     "depth": (model("<body>" * 220 + "</body>" * 220), "within each other"),
     "entities": ('<!DOCTYPE a [<!ENTITY b "c">]>' + model(BODY), "DOCTYPE"),
@@ -85,3 +92,37 @@ def test_a_link_does_not_lead_out(tmp_path):
 def test_the_command_ends_with_2(tmp_path, capsys):
     assert main(["check", str(written(tmp_path, model(nested(100, 5))))]) == 2
     assert "too many elements" in capsys.readouterr().err
+
+
+def test_a_long_chain_of_includes_is_refused(tmp_path):
+    for number in range(300):
+        (tmp_path / f"a{number}.xml").write_text(f'<mujoco><include file="a{number + 1}.xml"/></mujoco>')
+    with pytest.raises(SpecError, match=r"a199\.xml:1:1: .* more than 200 files that include each other in a chain"):
+        read(written(tmp_path, model(BODY, '<include file="a0.xml"/>')))
+
+
+def test_too_many_different_surfaces_are_refused(tmp_path, monkeypatch):
+    """Geoms that nothing touches do not count: nobody holds them against others."""
+    monkeypatch.setattr(surfaces, "MOST_SURFACES", 5)
+    geom = '<geom size="1" friction="{} 1 1" contype="{}" conaffinity="0"/>'
+    bare = "".join(geom.format(number, 0) for number in range(20))
+    assert read(written(tmp_path, model(f"<body><freejoint/>{bare}</body>")))
+    felt = "".join(geom.format(number, 1) for number in range(6))
+    with pytest.raises(SpecError, match="too many different surfaces of contact"):
+        read(written(tmp_path, model(f"<body><freejoint/>{felt}</body>")))
+
+
+def test_many_equal_names_are_given_in_few_steps(monkeypatch):
+    """Each of 20,000 names that are one to the language asks for two names, not for all that were given before it."""
+
+    class Counting(set):
+        asked = 0
+
+        def __contains__(self, name):
+            Counting.asked += 1
+            return super().__contains__(name)
+
+    names = Names(Counting())
+    given = {names.give("n" * 200 + str(number), "") for number in range(20_000)}
+    assert len(given) == 20_000
+    assert Counting.asked < 50_000

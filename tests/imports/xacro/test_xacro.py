@@ -156,6 +156,8 @@ HOSTILE = {
     "half a character": ("<link name=\"${'\\ud800'}\"/>", "half a character: '\\ud800'"),
     "half a character in a path": ("<xacro:include filename=\"${'\\ud800.xacro'}\"/>", "no such file"),
     "half a character in a message": ('<xacro:property name="a" value="${xacro.fatal(\'\\ud800\')}"/>${a}', "?"),
+    "a table of names": ('<link name="${xacro}"/>', "whose value has no text"),
+    "a function": ('<link name="a"><visual name="${sin} ${lambda: 1}"/></link>', "whose value has no text"),
     "unknown macro": ("<xacro:leg/>", "unknown macro"),
 }
 

@@ -1,0 +1,53 @@
+"""Elements of foreign files: their accounts are bounded, whatever the depth of the tree they are in."""
+
+from __future__ import annotations
+
+import pytest
+
+from simspec.errors import SpecError
+from simspec.imports import elements
+from simspec.imports.elements import DEEPEST, MOST_LABELS, parse
+
+
+def deep(count: int, inside: str) -> bytes:
+    opening = "".join(f'<a name="{"n" * 50}{depth:03}">' for depth in range(count))
+    return f"<r>{opening}{inside}{'</a>' * count}</r>".encode()
+
+
+def test_paths_of_deep_trees_are_short():
+    root = parse(deep(DEEPEST - 2, '<b x="1"/>' * 50), "a.xml")
+    for element in root.within():
+        element.take()
+        for name in element.attributes:
+            element.word(name)
+    accounts = list(root.accounts())
+    assert len(accounts) == 1 + 2 * (DEEPEST - 2) + 2 * 50
+    assert max(len(account.what) for account in accounts) < 80 * (sum(MOST_LABELS) + 2)
+    last = accounts[-2].what.split("/")
+    assert last[0].endswith("000]")
+    assert last[MOST_LABELS[0]] == "..."
+    assert last[-2].endswith(f"{DEEPEST - 3}]")
+    assert last[-1] == "b"
+
+
+def test_paths_of_shallow_trees_are_whole():
+    count = sum(MOST_LABELS) - 1
+    root = parse(deep(count, "<b/>"), "a.xml")
+    *_, last = root.within()
+    assert last.path.count("/") == count
+    assert "..." not in last.path
+
+
+def test_accounts_are_in_the_order_of_the_file_and_say_once_what_is_lost():
+    root = parse(b"<r><a><b/><c><d/></c></a><e><f/></e><g/></r>", "a.xml")
+    (a,) = root.children("a")
+    a.children("b")
+    root.children("g")
+    assert [account.what for account in root.accounts()] == ["r", "a", "a/b", "a/c", "e", "g"]
+
+
+def test_attributes_are_counted_before_they_are_read(monkeypatch):
+    monkeypatch.setattr(elements, "MOST_ATTRIBUTES", 10)
+    assert parse(b"<r " + b" ".join(b"a%d='1'" % number for number in range(10)) + b"/>", "a.xml")
+    with pytest.raises(SpecError, match=r"a\.xml:1:1: .*too large"):
+        parse(b"<r " + b" ".join(b"a%d='1'" % number for number in range(11)) + b"/>", "a.xml")
