@@ -82,7 +82,7 @@ def engine_data() -> dict[str, Any]:
                 | ({"needs": {setting.needs[0]: list(setting.needs[1])}} if setting.needs else {})
                 | _frictionless(setting)
                 | ({} if setting.kinematic is None else {"kinematic": setting.kinematic})
-                | ({} if setting.rubbing is None else {"rubbing": setting.rubbing})
+                | ({} if setting.light is None else {"light": setting.light})
                 for key, setting in engine.SETTINGS.items()
             },
             "support": {feature.value: _support_data(entry) for feature, entry in support(engine).items()},
@@ -161,8 +161,8 @@ def markdown() -> str:
                 default += f"; free balls without friction: `{setting.frictionless}`"
             if setting.kinematic is not None:
                 default += f"; beside kinematic bodies: `{setting.kinematic}`"
-            if setting.rubbing is not None:
-                default += f"; with dry friction in joints: `{setting.rubbing}`"
+            if setting.light is not None:
+                default += f"; with constraints or dry friction in joints: `{setting.light}`"
             if setting.by_pair:
                 allowed = f"{allowed}{'; ' if allowed else ''}also by pair of materials"
             lines.append(f"| `{key}` | {default} | {allowed} | {_cell(setting.meaning)} |")

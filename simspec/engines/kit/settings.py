@@ -87,8 +87,9 @@ class Setting:
     """Another setting and a value: where a spec states that, the default is the ordinary one in such worlds, too."""
     kinematic: Value | None = None
     """The default in worlds with kinematic bodies, which are 1e5 times as heavy as all else that moves; None: the same."""
-    rubbing: Value | None = None
-    """The default in worlds with dry friction in joints, which may be much lighter than all else; None: the same."""
+    light: Value | None = None
+    """The default in worlds with constraints or dry friction in joints, which may be of bodies much lighter than all else;
+    None: the same."""
     by_pair: ByPair | None = None
     """Where each pair of materials may have a value of its own (``engines.NAME.pairs``): in which contacts it acts."""
 
@@ -113,8 +114,8 @@ def resolve_settings(engine: type[HasSettings], world: World) -> dict[str, Value
     stated = dict(world.options(engine.NAME).settings)
     defaults = default_settings(engine, stated, balls_alone(world))
     known = engine.SETTINGS.items()
-    if len(rubbing(world)):
-        defaults |= {name: setting.rubbing for name, setting in known if setting.rubbing is not None}
+    if world.constraints or len(rubbing(world)):
+        defaults |= {name: setting.light for name, setting in known if setting.light is not None}
     if world.motions:
         defaults |= {name: setting.kinematic for name, setting in known if setting.kinematic is not None}
     return defaults | stated

@@ -9,6 +9,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.proof.verify import verify
 from simspec.testing.worlds import with_options
+from tests import constrained
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -57,3 +58,8 @@ def test_a_light_joint_with_dry_friction_is_held_beside_a_heavy_one():
     assert verify(world, ["mujoco"], levels={"L6"}).failures() == []
     stated = with_options(world, "mujoco", settings=(("tolerance", 1e-8),))
     assert verify(stated, ["mujoco"], levels={"L6"}).failures()
+
+
+def test_a_world_with_constraints_is_solved_for_its_light_bodies_too():
+    assert resolve_settings(find_engine("mujoco"), constrained.follower())["tolerance"] == 1e-14
+    assert resolve_settings(find_engine("mujoco"), constrained.hinges())["tolerance"] == 1e-8
