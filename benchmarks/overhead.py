@@ -63,7 +63,16 @@ def bare_drake(engine, steps, every):
     return time.perf_counter() - started
 
 
-BARE = {"mujoco": bare_mujoco, "pybullet": bare_pybullet, "dart": bare_dart, "drake": bare_drake}
+def bare_ode(engine, steps, every):
+    """The part in C alone: ODE's own loop, dSpaceCollide and dWorldStep with a callback, has to be in C."""
+    step, sim = engine._simulation.library.sim_step, engine._simulation.sim
+    started = time.perf_counter()
+    for _ in range(steps // every):
+        step(sim, every, None)
+    return time.perf_counter() - started
+
+
+BARE = {"mujoco": bare_mujoco, "pybullet": bare_pybullet, "dart": bare_dart, "drake": bare_drake, "ode": bare_ode}
 
 
 def measure(name: str, folder: Path, steps: int, every: int, rounds: int) -> tuple[float, float]:
