@@ -27,8 +27,11 @@ import numpy as np
 import simspec
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.registry import engines
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, SpecError, UnsupportedError
 from simspec.proof.verify import LEVELS, verify
+from simspec.runner.case import Case
+from simspec.runner.execution import run_case
 from simspec.scratch import scratch_folder
 from simspec.world.kinematics import initial_state
 from simspec.world.types import World
@@ -74,8 +77,11 @@ def diverges(world: World) -> str:
     return f"semi-implicit Euler itself leaves all bounds at this timestep (the oracle too, without contact, at step {step})"
 
 
-def attempt(seed: int, names: list[str], levels: set[str], folder: Path | None) -> tuple[list[str], dict[str, str]]:
-    """What went wrong with one seed, a line each, and which engines refused it why."""
+def attempt(
+    seed: int, names: list[str], levels: set[str], folder: Path | None, warm: WarmProcesses | None = None
+) -> tuple[list[str], dict[str, str]]:
+    """What went wrong with one seed, a line each, and which engines refused it why. ``warm``: processes that engines are forked
+    from."""
     data, files = with_words(seed, spec(seed))
     with scratch_folder("random") as scratch:
         place = folder / f"random-{seed}" if folder is not None else scratch
@@ -87,14 +93,14 @@ def attempt(seed: int, names: list[str], levels: set[str], folder: Path | None) 
             (place / f"random-{seed}.yaml").write_text(given.to_yaml(), encoding="utf-8")
         world = given.resolve()
     wrong = []
-    found = verify(world, left, levels=levels)
+    found = verify(world, left, levels=levels, warm=warm)
     for engine, check in found.failures():
         wrong.append(
             f"{engine} {check.level} {check.name}: {check.where} {check.worst} of {check.tolerance}; {check.detail}"
         )
     for name in left:
         try:
-            run = simspec.run(world, name)
+            run = run_case(Case(world, name), warm=warm)
             if run.failed and not (cause := diverges(world)):
                 wrong.append(f"{name} run: {run.failed}")
             elif run.failed:
@@ -119,20 +125,21 @@ def main() -> int:
     seeds = asked.seeds or range(asked.first, asked.first + asked.count)
     invalid, causes, began = [], collections.Counter(), time.monotonic()
     compared = collections.Counter()
-    for seed in seeds:
-        levels = set(LEVELS) if asked.contact_every and seed % asked.contact_every == 0 else set(LEVELS) - {"L5"}
-        try:
-            wrong, refused = attempt(seed, names, levels, asked.write)
-        except SpecError as error:
-            wrong, refused = [f"spec: {problem.path}: {problem.message}" for problem in error.problems], {}
-        except Exception as error:  # whatever it is, it is what this tool looks for
-            wrong, refused = [f"crash: {''.join(traceback.format_exception(error))}"], {}
-        causes.update(f"{engine}: {why}" for engine, why in refused.items())
-        compared.update(name for name in names if name not in refused)
-        if wrong:
-            invalid.append(seed)
-        said = "; ".join(f"{engine} refuses: {why}" for engine, why in refused.items())
-        print(f"{seed}: {'INVALID' if wrong else 'ok'} {said}", *wrong, sep="\n    ", flush=True)
+    with WarmProcesses() as warm:
+        for seed in seeds:
+            levels = set(LEVELS) if asked.contact_every and seed % asked.contact_every == 0 else set(LEVELS) - {"L5"}
+            try:
+                wrong, refused = attempt(seed, names, levels, asked.write, warm)
+            except SpecError as error:
+                wrong, refused = [f"spec: {problem.path}: {problem.message}" for problem in error.problems], {}
+            except Exception as error:  # whatever it is, it is what this tool looks for
+                wrong, refused = [f"crash: {''.join(traceback.format_exception(error))}"], {}
+            causes.update(f"{engine}: {why}" for engine, why in refused.items())
+            compared.update(name for name in names if name not in refused)
+            if wrong:
+                invalid.append(seed)
+            said = "; ".join(f"{engine} refuses: {why}" for engine, why in refused.items())
+            print(f"{seed}: {'INVALID' if wrong else 'ok'} {said}", *wrong, sep="\n    ", flush=True)
     print(
         f"\n{len(seeds)} worlds in {time.monotonic() - began:.0f} s; proven and run: {dict(compared)}; invalid: {invalid}"
     )
