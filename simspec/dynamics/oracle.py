@@ -289,13 +289,10 @@ class Oracle:
                     continue
                 tree.timestep = self.timestep
                 part_q, part_v = q[at_q], v[at_v]
-                for done in range(begin + 1, end + 1):
-                    part_q, part_v = tree.step(part_q, part_v, constant[at_v])
-                    if rounded is not None:
-                        part_q, part_v = rounded(part_q), rounded(part_v)
-                    if done % every == 0 or done == steps:
-                        row = -(-done // every) - part.start
-                        all_q[row, at_q], all_v[row, at_v] = part_q, part_v
+                for row, done in enumerate(range(begin, end, every)):
+                    ahead = min(every, end - done)
+                    part_q, part_v = tree.advanced(part_q, part_v, constant[at_v], ahead, rounded)
+                    all_q[row, at_q], all_v[row, at_v] = part_q, part_v
             if count:
                 yield all_q, all_v
                 q, v = all_q[-1].copy(), all_v[-1].copy()

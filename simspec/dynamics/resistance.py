@@ -31,7 +31,7 @@ class Resisted:
         """Force and torque (6,) at the joint's origin, for the joint's velocity (linear, angular), all in its own axes;
         ``orientation`` (3, 3): of these axes in the world."""
         spin = twist[3:]
-        through = twist[:3] + np.cross(spin, self.centre) - orientation.T @ np.array(self.fluid.velocity)
+        through = twist[:3] + _cross(spin, self.centre) - orientation.T @ np.array(self.fluid.velocity)
         linear, angular = self.viscous
         force, torque = -linear * through, -angular * spin
         for index, axis in enumerate(self.axes.T):
@@ -41,4 +41,9 @@ class Resisted:
             force = force - 0.5 * self.fluid.density * width * height * abs(along) * along * axis
             stirred = length * (width**4 + height**4) / 64.0
             torque = torque - self.fluid.density * stirred * abs(about) * about * axis
-        return np.concatenate([force, torque + np.cross(self.centre, force)])
+        return np.concatenate([force, torque + _cross(self.centre, force)])
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a × b (3,), to the bit what numpy's gives, which takes ten times as long for two vectors."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

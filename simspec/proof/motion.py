@@ -8,6 +8,7 @@ the tolerance to mean something.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -23,7 +24,7 @@ from simspec.proof.inside import CALM, MIDDLE, Stops, calmed, followers, inside,
 from simspec.proof.precision import PRECISIONS, Precision, Rounded
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.rotations import rotation_error
-from simspec.world.types import World
+from simspec.world.types import Record, World
 
 STEPS = 2000
 WORK = 2_600_000
@@ -79,12 +80,31 @@ class Motion:
         return self.precision.tolerance(self.floor)
 
 
+KEPT = 24
+"""Motions that a process keeps: those of the worlds of a self-test, or of a sweep that changes an engine's settings."""
+_kept: dict[tuple[World, Precision], Motion] = {}
+
+
 def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> Motion:
     """Choose a beginning that stays off the limits, run the oracle, and run it again disturbed in the last bits.
 
     Motion is compared up to the instant at which the tolerance would become larger than ``precision.loosest``: a chaotic world
     multiplies the last bit without end, and within 0.1 m and rad everything agrees.
+
+    Worlds that differ in nothing but their name, what is recorded and expected, and engines' options share a motion, whose
+    arrays are not to be changed: it takes seconds, and comparing worlds milliseconds.
     """
+    same = dataclasses.replace(world, name="", record=Record(), expectations=(), engines=(), frames=())
+    known = _kept.get((same, precision))
+    if known is None:
+        known = _plan(world, oracle, precision)
+        if len(_kept) >= KEPT:
+            _kept.pop(next(iter(_kept)), None)
+        _kept[same, precision] = known
+    return known
+
+
+def _plan(world: World, oracle: Oracle, precision: Precision) -> Motion:
     most = min(STEPS, max(FEWEST, WORK // max(1, oracle.nv)))
     best: _Beginning | None = None
     for attempt in range(TRIES + len(GENTLER)):
@@ -110,7 +130,8 @@ def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int, precisi
     """What the oracle makes of a beginning, with its floor, as far as that can be used."""
     q, v, effort, steps, ends = begun.q, begun.v, begun.effort, begun.steps, begun.ends
     every = EVERY if steps >= 10 * EVERY else LOOK
-    exact = _poses(oracle, _motion(oracle, q, v, effort, steps, every)[0])
+    rows = [min(done, steps) for done in range(0, steps + every, every)]
+    exact = _poses(oracle, begun.states[[-(-row // LOOK) for row in rows]])
     floors = np.zeros(len(exact))
     generator = np.random.default_rng(SEED + 200)
     for run in range(DISTURBED):
@@ -143,6 +164,8 @@ class _Beginning:
     effort: np.ndarray
     steps: int
     ends: str
+    states: np.ndarray
+    """The oracle's, every ``LOOK`` steps, and after the last."""
 
 
 def _tried(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, most: int) -> _Beginning:
@@ -161,7 +184,7 @@ def _tried(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: n
     for why, bad in reasons.items():
         if bad.any() and (until := max(0, int(np.argmax(bad)) - 1) * LOOK) < steps:
             ends, steps = why, until
-    return _Beginning(q, v, effort, steps, ends)
+    return _Beginning(q, v, effort, steps, ends, states)
 
 
 def _near_limits(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:

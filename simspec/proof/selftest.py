@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,7 +13,9 @@ from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.defects import NAMES, Plant
 from simspec.engines.kit.process import side_by_side
 from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import UnsupportedError
+from simspec.proof.certificate import Certificate
 from simspec.proof.checks import NOTHING
 from simspec.proof.selftest_worlds import SMALLER, WORLDS
 from simspec.proof.verify import LEVELS, Probes, prepare, verify
@@ -23,6 +27,7 @@ DEADLINE = 400.0
 WORKERS = 2
 READ_BACK = LEVELS[:5]
 """Levels at which an engine is asked what it holds, and nothing moves."""
+BUT_CONTACT = tuple(level for level in LEVELS if level != "L5")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,30 +95,65 @@ def self_test(
     not notice.
 
     Before the first defect of a world, the world itself must verify: a proof that refuses a sound world catches nothing.
-    Raises AssertionError when it does not.
+    Contact (L5) is measured in it before the first defect that is looked for there. Raises AssertionError where it does not
+    verify.
     """
     say = progress or (lambda text: None)
     outcomes: list[Outcome] = []
-    for engine in engines:
-        bench = _Bench(engine, pythons or {}, every_level)
-        names = [name for name in NAMES if defects is None or name in defects]
-        for world in dict.fromkeys(NAMES[name] for name in names):
-            say(f"{engine}: the sound world “{world}”")
-            bench.open(world)
-        say(f"{engine}: {len(names)} defects")
-        with side_by_side(WORKERS) as pool:
-            outcomes.extend(pool.map(bench.plant, names))
+    with WarmProcesses() as warm:
+        for engine in engines:
+            bench = _Bench(engine, pythons or {}, every_level, warm)
+            names = [name for name in NAMES if defects is None or name in defects]
+            for world in dict.fromkeys(NAMES[name] for name in names):
+                say(f"{engine}: the sound world “{world}”")
+                bench.open(world)
+            say(f"{engine}: {len(names)} defects")
+            with side_by_side(WORKERS) as pool:
+                outcomes.extend(pool.map(bench.plant, names))
     return SelfTest(tuple(outcomes))
 
 
-class _Bench:
-    """One engine's sound worlds, compiled and with their probes."""
+class _Sound:
+    """A sound world of one engine: compiled, with its probes, and proven to be sound at the levels that it was asked about."""
 
-    def __init__(self, engine: str, pythons: Mapping[str, str], every_level: bool):
+    def __init__(self, name: str, world: World, compiled: Compiled, prove: Callable[..., Certificate]):
+        self.name, self.world, self.compiled = name, world, compiled
+        self._prove = prove
+        self._precision = find_engine(compiled.engine).PRECISION
+        self._probes: dict[tuple[str, ...], Probes] = {}
+        self._proven: set[str] = set()
+        self._lock = threading.Lock()
+
+    def probes(self, levels: tuple[str, ...]) -> Probes:
+        """Those of some levels, at which the world itself verifies. Raises AssertionError where it does not."""
+        with self._lock:
+            if levels not in self._probes:
+                self._probes[levels] = prepare(self.world, levels, self._precision)
+            new = tuple(level for level in levels if level not in self._proven)
+            if new:
+                self._demand(new)
+                self._proven.update(levels)
+            return self._probes[levels]
+
+    def _demand(self, levels: tuple[str, ...]) -> None:
+        engine = self.compiled.engine
+        certificate = self._prove(self.world, [engine], compiled={engine: self.compiled}, levels=levels)
+        if not certificate.valid:
+            _, check = certificate.failures()[0]
+            raise AssertionError(
+                f"{engine}: the sound world {self.name!r} fails {check.level} {check.name}: {check.detail}"
+            )
+
+
+class _Bench:
+    """One engine's sound worlds."""
+
+    def __init__(self, engine: str, pythons: Mapping[str, str], every_level: bool, warm: WarmProcesses):
         self.engine = engine
         self._tries = (LEVELS,) if every_level else (READ_BACK, LEVELS)
-        self._pythons = pythons
-        self._sound: dict[str, tuple[World, Compiled, list[Probes]] | str] = {}
+        self._sound_at = LEVELS if every_level else BUT_CONTACT
+        self._prove = functools.partial(verify, pythons=pythons, deadline=DEADLINE, warm=warm)
+        self._sound: dict[str, _Sound | str] = {}
 
     def open(self, name: str) -> None:
         world = WORLDS[name](self.engine)
@@ -124,16 +164,8 @@ class _Bench:
             if name in SMALLER:
                 self.open(SMALLER[name][0])
             return
-        numbers = find_engine(self.engine).PRECISION
-        probes = prepare(world, precision=numbers)
-        certificate = verify(world, [self.engine], probes=probes, pythons=self._pythons, deadline=DEADLINE)
-        if not certificate.valid:
-            _, check = certificate.failures()[0]
-            raise AssertionError(
-                f"{self.engine}: the sound world {name!r} fails {check.level} {check.name}: {check.detail}"
-            )
-        others = [prepare(world, levels, numbers) for levels in self._tries if levels != LEVELS]
-        self._sound[name] = (world, compiled, [*others, probes])
+        sound = self._sound[name] = _Sound(name, world, compiled, self._prove)
+        sound.probes(self._sound_at)
 
     def plant(self, defect: str) -> Outcome:
         sound = self._sound[NAMES[defect]]
@@ -142,23 +174,20 @@ class _Bench:
             sound = self._sound[smaller] if defect in fitting else sound
         if isinstance(sound, str):
             return Outcome(self.engine, defect, None, reason=sound)
-        world, compiled, probes = sound
-        plant = defects_of(compiled.dialect)[defect]
+        plant = defects_of(sound.compiled.dialect)[defect]
         if isinstance(plant, str):
             return Outcome(self.engine, defect, None, reason=plant)
         with scratch_folder("defect") as place:
             folder = place / self.engine
-            write_folder(plant(compiled.files), folder)
-            for levels, chosen in zip(self._tries, probes, strict=True):
-                certificate = verify(
-                    world,
+            write_folder(plant(sound.compiled.files), folder)
+            for levels in self._tries:
+                certificate = self._prove(
+                    sound.world,
                     [self.engine],
-                    compiled={self.engine: compiled},
+                    compiled={self.engine: sound.compiled},
                     artifacts={self.engine: folder},
                     levels=levels,
-                    probes=chosen,
-                    pythons=self._pythons,
-                    deadline=DEADLINE,
+                    probes=sound.probes(levels),
                 )
                 failures = [check for _, check in certificate.failures()]
                 # what could not be compared because the text was refused says nothing of the engine

@@ -16,6 +16,7 @@ from simspec.contact.meeting import meeting_laws
 from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
+from simspec.engines.kit import process
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.precision import DOUBLE
@@ -174,7 +175,7 @@ def verify(
     by engine (default: written to a temporary one); ``pythons``: interpreters by engine;
     ``locate``: places in the spec, for errors; ``progress``: called with a line when something begins; ``probes``: from
     :func:`prepare`, to use again; ``cache``: take contact figures that were measured before; ``warm``: processes that engines
-    are forked from (not for contact).
+    are forked from (default: its own, since an engine is asked twice where there is contact).
     An engine that fails is a failed check with its message, the others go on.
     Raises UnsupportedError when the world cannot be compiled for one of the engines.
     """
@@ -184,6 +185,9 @@ def verify(
         compiled = compile_world(world, engines, locate, pythons=pythons)
     not_compared = left_out(world, levels)
     with contextlib.ExitStack() as stack:
+        warm = warm or stack.enter_context(WarmProcesses())
+        for name in compiled:
+            process.begin(name, (pythons or {}).get(name), warm)
         folders = dict(artifacts or {})
         if not set(compiled) <= set(folders):
             place = stack.enter_context(scratch_folder("verify"))
@@ -222,7 +226,7 @@ def verify(
         if "L5" in levels and meeting_laws(world):
             sound = {name: (folders[name], read[name]) for name in replies if name in read}
             say("measuring contact")
-            figures, contact = _contact(world, sound, pythons or {}, deadline, cache, say)
+            figures, contact = _contact(world, sound, pythons or {}, deadline, cache, say, warm)
         for name, compilation in compiled.items():
             checks = [*texts[name], *contact.get(name, [])]
             answered = replies.get(name) if name not in refused else refused[name]
@@ -264,6 +268,7 @@ def _contact(
     deadline: float,
     cache: bool,
     say: Callable[[str], None],
+    warm: WarmProcesses,
 ) -> tuple[dict[str, list[Figure]], dict[str, list[Check]]]:
     """Level L5 in every engine, side by side: figures and checks by engine. ``files``: by engine the folder of artifacts, and
     the model that the independent reader made of it."""
@@ -273,7 +278,7 @@ def _contact(
         measuring = {}
         for name, (folder, read) in files.items():
             try:
-                asked = measure(world, name, folder, pythons.get(name), deadline, cache, read)
+                asked = measure(world, name, folder, pythons.get(name), deadline, cache, read, warm)
                 measuring[name] = stack.enter_context(asked)
             except (UnsupportedError, EngineError) as error:
                 checks[name] = [not_measured(error)]

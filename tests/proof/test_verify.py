@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import pytest
 
+from simspec.dynamics.oracle import Oracle
 from simspec.errors import SpecError, UnsupportedError
+from simspec.proof import motion, selftest
 from simspec.proof.certificate import Certificate
+from simspec.proof.checks import Check
 from simspec.proof.judge import judge
 from simspec.proof.selftest import defects_of, self_test
 from simspec.proof.verify import LEVELS, verify
@@ -108,6 +112,35 @@ def test_every_planted_defect_is_caught(engine):
     assert found.planted >= (30 if DEFECTS[engine] is None else 3)
     for outcome in found.outcomes:
         assert outcome.caught is not None or outcome.reason
+
+
+def test_a_sound_world_is_proven_once_at_each_level_that_it_is_asked_about():
+    world, asked, valid = worlds.every_joint(), [], [True, True, False]
+
+    def prove(of, engines, *, compiled, levels):
+        asked.append(levels)
+        return SimpleNamespace(
+            valid=valid[len(asked) - 1],
+            failures=lambda: [("mujoco", Check("L6", "motion", 1, 0.0, 1.0, "", "it moves"))],
+        )
+
+    sound = selftest._Sound("any", world, SimpleNamespace(engine="mujoco"), prove)
+    sound.probes(("L0", "L1"))
+    assert sound.probes(("L0", "L1")) is sound.probes(("L0", "L1"))
+    sound.probes(("L0", "L1", "L3"))
+    assert asked == [("L0", "L1"), ("L3",)]
+    with pytest.raises(AssertionError, match="the sound world 'any' fails L6 motion: it moves"):
+        sound.probes(("L1", "L6"))
+
+
+def test_worlds_of_other_engine_options_share_a_motion_and_others_do_not():
+    world = worlds.world(worlds.tree(["fixed", "hinge", "hinge"], 11))
+    planned = motion.plan(world, Oracle(world))
+    other = dataclasses.replace(worlds.with_options(world, "mujoco", accept=("inertia",)), name="other")
+    assert motion.plan(other, Oracle(other)) is planned
+    for physics in ({"gravity": (0.0, 0.0, -9.0)}, {"timestep": 0.5 * world.physics.timestep}):
+        changed = dataclasses.replace(world, physics=dataclasses.replace(world.physics, **physics))
+        assert motion.plan(changed, Oracle(changed)) is not planned
 
 
 def test_a_defect_that_changes_nothing_is_an_error():

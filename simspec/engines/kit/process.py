@@ -26,6 +26,7 @@ from simspec.ending import end_if_told
 from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
 from simspec.engines.kit.answers import read_answers
+from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import demand_version, program_of
 from simspec.engines.kit.installing import not_installed
 from simspec.engines.kit.registry import find_engine
@@ -171,6 +172,20 @@ def start(
             _at_work.discard(running)
 
 
+def begin(engine: str, python: str | None, warm: WarmProcesses | None) -> None:
+    """Have the warm process of an engine started that requests will be forked from, without waiting for it; nothing of one that
+    is a program of its own, or without ``warm``."""
+    kind = find_engine(engine)
+    own = getattr(kind.command, "__func__", None) is not Engine.command.__func__  # type: ignore[attr-defined]
+    if warm is not None and not own:
+        warm.begin(kind, program_of(python or sys.executable), _environment())
+
+
+def _environment() -> dict[str, str]:
+    """The environment of engines' processes."""
+    return {**ONE_THREAD, **os.environ, "PYTHONNOUSERSITE": "1"}
+
+
 class Running:
     """An engine process at work: a keeper (``keeper.py``), and below it whatever the engine makes of it."""
 
@@ -190,7 +205,7 @@ class Running:
         self._started = time.perf_counter()
         self._ends = self._started + deadline
         self._deadline = deadline
-        environment = {**ONE_THREAD, **os.environ, "PYTHONNOUSERSITE": "1"}
+        environment = _environment()
         # the process itself starts in its own folder
         program = program_of(python)
         words = [program, keeper.__file__, str(folder), str(deadline + GRACE), str(RECORDED_BYTES), *(command or ())]

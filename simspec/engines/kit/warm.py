@@ -59,7 +59,7 @@ class Forked:
 
 
 class _Server:
-    """One warm process. ``usable``: whether it has imported its engine."""
+    """One warm process."""
 
     def __init__(self, program: str, python: str, environment: Mapping[str, str]):
         self._lock = threading.Lock()
@@ -75,7 +75,15 @@ class _Server:
                 start_new_session=True,
             )
         self._connection.settimeout(START)
-        self.usable = bool(self._heard().get("ready"))
+        self._ready: bool | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Whether it has imported its engine; waits until it says so when it is first asked."""
+        with self._lock:
+            if self._ready is None:
+                self._ready = bool(self._heard().get("ready"))
+            return self._ready
 
     def _heard(self) -> dict[str, Any]:
         """What it tells; empty when it is gone or says nothing sensible in time."""
@@ -100,11 +108,11 @@ class _Server:
                 try:
                     socket.send_fds(self._connection, [message], [theirs for _, theirs in ends])
                 except OSError:
-                    self.usable = False
+                    self._ready = False
                     return None
                 pid = self._heard().get("pid")
             if not isinstance(pid, int):
-                self.usable = False
+                self._ready = False
                 return None
             kept.pop_all()
             (stdin, _), (stdout, _), (ending, _) = ends
@@ -145,12 +153,19 @@ class WarmProcesses:
         """A keeper of a request in ``folder``, forked from the engine's warm process in an interpreter; ``words``: interpreter,
         seconds and bytes. None where there can be none, and a new process must be started."""
         python, seconds, most = words
+        server = self._server(engine, python, environment)
+        return server.fork(folder, seconds, most) if server is not None and server.usable else None
+
+    def begin(self, engine: type[Engine], python: str, environment: Mapping[str, str]) -> None:
+        """Start an engine's warm process and do not wait for it: it imports the engine while other things are done."""
+        self._server(engine, python, environment)
+
+    def _server(self, engine: type[Engine], python: str, environment: Mapping[str, str]) -> _Server | None:
         program = f"{engine.__module__}:{engine.__qualname__}"
         with self._lock:
             if (program, python) not in self._servers:
                 self._servers[program, python] = _start(program, python, environment)
-            server = self._servers[program, python]
-        return server.fork(folder, seconds, most) if server is not None and server.usable else None
+            return self._servers[program, python]
 
     def close(self) -> None:
         """End all warm processes."""

@@ -25,6 +25,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.process import Answer, Operation, Running, call, start
 from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check, failed
 from simspec.proof.contact import cache, compliance, friction, impact, oblique, size, spin
@@ -155,9 +156,10 @@ def measure(
     deadline: float,
     use_cache: bool,
     read: ReadBack | None = None,
+    warm: WarmProcesses | None = None,
 ) -> Iterator[Measuring]:
     """Begin to measure what ``engine_name`` makes of the contact law in the artifacts of ``folder``; ``read`` is what the
-    independent reader made of them (default: read here).
+    independent reader made of them (default: read here); ``warm``: processes that the engine is forked from.
 
     Raises UnsupportedError when the law that the files hold cannot be compiled, EngineError when the engine is missing.
     """
@@ -186,7 +188,9 @@ def measure(
         running = None
         ends = time.monotonic() + deadline
         if operations:
-            running = stack.enter_context(start(engine_name, place, operations, python=python, deadline=deadline))
+            running = stack.enter_context(
+                start(engine_name, place, operations, python=python, deadline=deadline, warm=warm)
+            )
         yield Measuring(engine, tuple(jobs), tuple(operations), running, place, python, ends, use_cache)
 
 

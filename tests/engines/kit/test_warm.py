@@ -117,6 +117,18 @@ def test_what_becomes_of_a_process_is_told_as_of_a_new_one(stub, what):
     assert [error.partition(" in ")[0] for error in forked] == [place, place]
 
 
+def test_a_warm_process_that_was_begun_is_not_waited_for_until_it_is_asked(stub):
+    folder = stub("refuse")
+    with WarmProcesses() as warm:
+        process.begin("stub", None, None)  # without any, nothing happens
+        process.begin("stub", None, warm)
+        (server,) = warm._servers.values()
+        assert server._ready is None
+        with start("stub", folder, [Operation("read_back")], warm=warm) as running:
+            assert type(running._process).__name__ == "Forked"
+        assert [*warm._servers.values()] == [server]
+
+
 def test_a_forked_process_has_a_deadline(stub):
     with WarmProcesses() as warm:
         assert "no result within its deadline of 0.3 s" in error_of(stub("hang"), warm, deadline=0.3)
