@@ -28,7 +28,7 @@ setup: .venv/ready
 .venv/ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info[:2] == (3, 11) else "simspec needs Python 3.11 (wheels of pybullet end there); say make PYTHON=/path/to/python3.11")'
 	$(PYTHON) -m venv .venv
-	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[all,test]'
+	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[all,test,rapier]'
 	touch $@
 
 # SIMSPEC_DEMANDED_ENGINES=all make test fails where one is not there; by default its tests are skipped, and named
@@ -88,7 +88,7 @@ generated: setup
 lock:
 	rm -rf .venv-lock
 	$(PYTHON) -m venv .venv-lock
-	.venv-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[all,test]'
+	.venv-lock/bin/pip install --quiet --disable-pip-version-check --editable '.[all,test,rapier]'
 	(sed -n '/^#/p' constraints.txt; .venv-lock/bin/pip freeze --exclude-editable) > constraints.new
 	mv constraints.new constraints.txt
 	rm -rf .venv-lock

@@ -19,6 +19,8 @@ from packaging.requirements import Requirement
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.installing import not_installed
 from simspec.engines.kit.registry import engines
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 
 DEMANDED = "SIMSPEC_DEMANDED_ENGINES"
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -62,6 +64,10 @@ INSTALLED = [name for name in engines() if name not in LEFT_OUT]
 def having(wanted: Callable[[type[Engine]], bool]) -> list[str]:
     """Those of which ``wanted`` is true."""
     return [name for name in INSTALLED if wanted(engines()[name])]
+
+
+JOINTED = having(lambda engine: engine.SUPPORT[Feature.JOINT_HINGE].level is not Level.UNSUPPORTED)
+"""Those that have joints, which most worlds of tests need: what an engine without them refuses is asked by the suites."""
 
 
 def each(names: Iterable[str] | None = None) -> list[Any]:

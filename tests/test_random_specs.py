@@ -13,14 +13,14 @@ import simspec
 from simspec.proof.verify import LEVELS
 from simspec.support.features import Feature
 from simspec.support.needs import needs
-from tests.installed import INSTALLED
+from tests.installed import JOINTED
 from tests.random_specs import spec
 from tests.random_words import with_words
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ROOT = Path(__file__).resolve().parent.parent
-ENGINES = sorted(INSTALLED)
+ENGINES = sorted(JOINTED)
 RARE = {
     Feature.IMPACT_FRICTION,
     Feature.TREE_SIZE,

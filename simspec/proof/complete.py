@@ -37,7 +37,7 @@ from simspec.proof.complete_asking import Answers, Plant, ask
 from simspec.proof.complete_scenes import Seen, course_of, glimpses_of, scenes_of
 from simspec.proof.complete_verdicts import CompleteTest, Verdict, unused_rows
 from simspec.proof.mutation_worlds import WORLDS
-from simspec.proof.selftest_worlds import SMALLER
+from simspec.proof.selftest_smaller import SMALLER
 from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import from_plain

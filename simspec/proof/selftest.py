@@ -17,7 +17,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import UnsupportedError
 from simspec.proof.certificate import Certificate
 from simspec.proof.checks import NOTHING
-from simspec.proof.selftest_worlds import SMALLER, WORLDS
+from simspec.proof.selftest_smaller import EVERY, SMALLER
 from simspec.proof.verify import LEVELS, Probes, prepare, verify
 from simspec.scratch import scratch_folder
 from simspec.world.types import World
@@ -156,7 +156,7 @@ class _Bench:
         self._sound: dict[str, _Sound | str] = {}
 
     def open(self, name: str) -> None:
-        world = WORLDS[name](self.engine)
+        world = EVERY[name](self.engine)
         try:
             compiled = compile_world(world, [self.engine])[self.engine]
         except UnsupportedError as error:
@@ -168,10 +168,12 @@ class _Bench:
         sound.probes(self._sound_at)
 
     def plant(self, defect: str) -> Outcome:
-        sound = self._sound[NAMES[defect]]
-        if isinstance(sound, str) and NAMES[defect] in SMALLER:
-            smaller, fitting = SMALLER[NAMES[defect]]
-            sound = self._sound[smaller] if defect in fitting else sound
+        name = NAMES[defect]
+        sound = self._sound[name]
+        while isinstance(self._sound[name], str) and name in SMALLER:
+            name, fitting = SMALLER[name]
+            if defect in fitting and not isinstance(self._sound[name], str):
+                sound = self._sound[name]
         if isinstance(sound, str):
             return Outcome(self.engine, defect, None, reason=sound)
         plant = defects_of(sound.compiled.dialect)[defect]

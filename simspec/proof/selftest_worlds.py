@@ -476,17 +476,3 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "sum friction": sum_friction,
 }
 """By name, each for one engine: what an engine has only approximately or outside is asked for there."""
-
-SMALLER: Mapping[str, tuple[str, frozenset[str]]] = {
-    "model": (
-        "core",
-        frozenset(
-            (
-                *("mass", "centre of mass", "inertia, diagonal", "inertia, sign of a product", "body dropped"),
-                *("joint type", "axis", "axis reversed", "joint origin, position", "joint origin, orientation"),
-                *("initial position", "initial velocity", "gravity", "timestep"),
-            )
-        ),
-    )
-}
-"""The world that takes another's place where an engine refuses that one, and the defects that it can hold."""

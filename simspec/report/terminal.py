@@ -15,6 +15,7 @@ from simspec.comparison.runs import QUANTITIES, summary
 from simspec.comparison.study import Study
 from simspec.compiler import Compiled
 from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.precision import DOUBLE
 from simspec.errors import MOST_PROBLEMS, Problem, SimspecError, SpecError
 from simspec.report.differences import differences, repeatability
 from simspec.report.final import final_table
@@ -190,7 +191,9 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
 def _verdict(proof: EngineProof) -> Text:
     """Valid or not, and which parts that does not speak of."""
     levels = [name for name in proof.not_compared if " " not in name]
-    more = Text(f"\n{', '.join(levels)} not compared", style="dim") if levels else Text()
+    more = Text() if proof.precision == DOUBLE else Text(f"\n{proof.precision} precision", style="dim")
+    if levels:
+        more += Text(f"\n{', '.join(levels)} not compared", style="dim")
     if proof.unchecked:
         more += Text(f"\nnot checked: {', '.join(proof.unchecked)}", style="dim")
     return verdict(proof.valid, "valid", "NOT VALID") + more

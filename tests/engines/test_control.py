@@ -17,14 +17,14 @@ from simspec.testing.driving import driven, wheel, with_targets
 from simspec.world.control import Controller
 from simspec.world.kinematics import CollisionFilter, initial_state
 from simspec.world.types import Body, Inertial, Joint
-from tests.installed import INSTALLED
+from tests.installed import JOINTED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 AT_ONCE = 250
 
 
-@pytest.fixture(params=INSTALLED)
+@pytest.fixture(params=JOINTED)
 def name(request) -> str:
     return request.param
 
@@ -59,7 +59,7 @@ def test_efforts_of_control_are_not_left_behind(loaded):
 def test_a_saved_run_keeps_what_was_asked_and_given(tmp_path):
     from simspec.runner.store import load_run
 
-    found = run(with_targets(driven(wheel()), [0.2]), INSTALLED[0])
+    found = run(with_targets(driven(wheel()), [0.2]), JOINTED[0])
     found.save(tmp_path / "run")
     again = load_run(tmp_path / "run")
     for channel in ("control.target", "control.effort"):
@@ -76,7 +76,7 @@ def test_a_law_that_lets_a_joint_fall_is_compared_until_it_comes_near_its_limit(
     world = worlds.world(
         (body,), controllers=(Controller("weak", ("lift",), "pd", kp=(0.1,), kd=(0.1,), effort_limits=(None,)),)
     )
-    certificate = verify(worlds.accepting(world, *INSTALLED), INSTALLED, levels=["L7"])
+    certificate = verify(worlds.accepting(world, *JOINTED), JOINTED, levels=["L7"])
     # 9.81 t²/2 = 0.18 m after 0.19 s
     for proof in certificate.engines.values():
         (check,) = proof.level("L7")

@@ -10,14 +10,14 @@ import simspec
 from simspec.runner.execution import run
 from simspec.runner.expectations import evaluate
 from simspec.selection import supporting
-from tests.installed import INSTALLED
+from tests.installed import INSTALLED, JOINTED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 ROOT = Path(__file__).resolve().parent.parent.parent
 SPECS = sorted((ROOT / "specs" / "motion").glob("*.yaml"))
 ENGINES = {
     "pushed-box": INSTALLED,
-    "slow-control": INSTALLED,
+    "slow-control": JOINTED,
     "moving-platform": INSTALLED,
     "conveyor": ("mujoco",),
     "falling-in-air": INSTALLED,

@@ -25,12 +25,12 @@ from simspec.world.types import (
     Shape,
     World,
 )
-from tests.installed import INSTALLED
+from tests.installed import JOINTED
 from tests.proof.contact_probing import ACCEPT
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ENGINES = sorted(INSTALLED)
+ENGINES = sorted(JOINTED)
 SIZES = {
     "sphere": (0.05,),
     "box": (0.1, 0.2, 0.3),

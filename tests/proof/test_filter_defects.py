@@ -10,11 +10,11 @@ from simspec.compiler import compile_world, write_folder
 from simspec.proof.verify import prepare, verify
 from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests import filters, worlds
-from tests.installed import INSTALLED
+from tests.installed import JOINTED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ENGINES = sorted(INSTALLED)
+ENGINES = sorted(JOINTED)
 
 
 @pytest.fixture(scope="module", params=ENGINES)

@@ -14,7 +14,7 @@ from simspec.runner.store import load_run
 from simspec.testing.bench import Bench
 from simspec.testing.contact_suite import two_materials_on_one_body
 from simspec.world.types import Record, Shape
-from tests.installed import INSTALLED
+from tests.installed import JOINTED
 from tests.runner import synthetic
 
 BALL = tuple(Shape(f"ball_{number}", "sphere", (0.1,)) for number in range(3))
@@ -107,7 +107,7 @@ def test_groups_that_are_not_those_of_the_table_are_refused(tmp_path):
         load_run(tmp_path / "other")
 
 
-@pytest.mark.parametrize("engine", INSTALLED)
+@pytest.mark.parametrize("engine", JOINTED)
 def test_every_engine_that_is_shipped_tells_the_shapes(engine, tmp_path):
     """A box of two shapes of one material, on two tiles: an engine may tell them as a group."""
     world = Bench(engine, None, tmp_path).allowed(two_materials_on_one_body("a", "a"))

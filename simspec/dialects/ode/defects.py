@@ -2,53 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
 
-from simspec.dialects.kit import world_defects
-from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, STEP, Plant, sidecar
-
-
-def _law(names: set[str], change: Callable[[dict[str, Any]], None]) -> Plant:
-    """A defect in the law of two materials."""
-
-    def edit(content: dict[str, Any]) -> None:
-        change(next(law for law in content["laws"] if {law["first"], law["second"]} == names))
-
-    return sidecar(edit)
-
-
-def _first(change: Callable[[dict[str, Any]], None]) -> Plant:
-    """A defect in the first law."""
-    return sidecar(lambda content: change(content["laws"][0]))
-
-
-def _number(name: str, by: float = 0.0, times: float = 1.0) -> Callable[[dict[str, Any]], None]:
-    return lambda law: law.update({name: law[name] * times + by})
-
-
-def _exchanged(content: dict[str, Any]) -> None:
-    """Ice and rubber, and rubber with itself, have each other's law."""
-    one = next(law for law in content["laws"] if {law["first"], law["second"]} == {"ice", "rubber"})
-    other = next(law for law in content["laws"] if law["first"] != law["second"] and law is not one)
-    names = ("first", "second")
-    for key in {*one, *other} - set(names):
-        one[key], other[key] = other[key], one[key]
-
+from simspec.dialects.kit import law_defects
+from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
 
 DEFECTS: Mapping[str, Plant | str] = {
-    **world_defects.DEFECTS,
-    "friction": _first(_number("friction", by=-STEP)),
-    "restitution": _first(_number("restitution", by=-STEP)),
-    "pair value": _law({"ice", "rubber"}, _number("friction", times=0.5)),
-    "torsional friction": _first(_number("torsional_friction", times=0.5)),
-    "rolling friction": _first(_number("rolling_friction", times=0.5)),
-    "copy filter": sidecar(_exchanged),
+    **law_defects.DEFECTS,
     "hardness": "ODE's contacts have the common hardness alone, which has no numbers",
     "free armature": "ODE has no armature of free bodies",
     "ball armature": "ODE has no armature of balls",
     **dict.fromkeys(GROUND, "simspec gives ODE no height fields"),
     "mesh, margin": "ODE has no margin around hulls, and no file has a number for one",
     **dict.fromkeys(MARGINS, "ODE's contact begins where shapes touch"),
-    **dict.fromkeys(BELTS, "world.json has no surfaces that move by themselves"),
 }

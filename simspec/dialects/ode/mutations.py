@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from simspec.dialects.kit.law_defects import ADDED_LAW
 from simspec.dialects.kit.mutations import Addition, Inert
 from simspec.dialects.kit.world_mutations import SYMMETRIC, WORLD, table
-
-LAW = '{"first": "nothing", "second": "nothing", "friction": 0.5, "restitution": 0}'
 
 BODILESS = "ODE has no body for what cannot move or has no mass"
 INERTIAL = ("bodies.*.mass", "bodies.*.centre_of_mass.*", "bodies.*.inertia.*")
@@ -18,7 +17,7 @@ TABLE = table(
         Addition("", "9.81", "strength"),
         Addition("settings", "true", "sleeping"),
         Addition("settings", "true", "native_motion"),
-        Addition("laws", LAW),
+        Addition("laws", ADDED_LAW),
         Addition("laws.*", "0.1", "adhesion"),
     ),
     (

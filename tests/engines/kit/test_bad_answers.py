@@ -32,9 +32,9 @@ from simspec.runner import execution as runner
 from simspec.runner.case import Case
 from simspec.runner.execution import run_all
 from tests import worlds
-from tests.installed import INSTALLED
+from tests.installed import JOINTED
 
-ENGINES = tuple(INSTALLED)
+ENGINES = tuple(JOINTED)
 QUICK = 0.7
 """s that a hanging process is given."""
 

@@ -24,7 +24,7 @@ from simspec.proof.probes import dynamics_operation
 from simspec.support.declarations import EXACT
 from simspec.support.features import Feature
 from tests import worlds
-from tests.installed import INSTALLED
+from tests.installed import JOINTED
 
 HAS: dict[str, Any] = {
     name: lambda self, *arguments, name=name: self.note(name)
@@ -177,7 +177,7 @@ def test_every_operation_says_what_it_needs():
     assert OPERATIONS["read_back"].needs is Condition.ASKED, "it reads the initial state, too"
 
 
-@pytest.mark.parametrize("name", INSTALLED)
+@pytest.mark.parametrize("name", JOINTED)
 def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_path):
     world = worlds.with_options(
         worlds.gripper(), name, accept=("contact.cone.elliptic", "contact.friction.impact", "joint.limits.position")

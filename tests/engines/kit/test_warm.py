@@ -18,7 +18,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError
 from simspec.testing.bench import run_operation
 from tests import worlds
-from tests.installed import INSTALLED
+from tests.installed import JOINTED
 
 STUB = """
 import os, time, threading
@@ -85,7 +85,7 @@ def error_of(folder, warm, deadline=30.0) -> str:
     return str(raised.value)
 
 
-@pytest.mark.parametrize("name", INSTALLED)
+@pytest.mark.parametrize("name", JOINTED)
 def test_a_forked_process_gives_the_bits_of_a_new_one_and_keeps_nothing(name, tmp_path):
     world = worlds.with_options(worlds.world(worlds.tree(["fixed", "hinge", "hinge"], 3)), name)
     folder = tmp_path / name

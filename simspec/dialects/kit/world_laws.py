@@ -1,0 +1,74 @@
+"""A world as ``world.json`` with a table of laws in the sidecar, for engines that are given a law at every point of contact and
+combine no numbers of shapes (rule ``table``). A dialect of such an engine is a subclass of both classes with a name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.sidecar import common_fields
+from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.world_document import world_document
+from simspec.dialects.kit.world_sidecar import WorldSidecar
+from simspec.formats.kit.forms import check_distinct, check_known
+from simspec.formats.world.format import WORLD, WorldJson
+from simspec.formats.world.tree import Copy, Document
+from simspec.language.vocabulary import HARDNESS_KINDS
+from simspec.support.declarations import GATHERED, Table
+from simspec.world.types import PairContact, ReadBack, World
+
+NOTHING = Copy(0, 0.0, 0.0, 0.0, 0.0)
+"""What shapes have for numbers: the table has all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LawSidecar(WorldSidecar):
+    """Settings, where the frames of free roots are, and laws of materials."""
+
+    laws: tuple[PairContact, ...]
+    """The law of every two materials that meet, by their sorted names."""
+
+    def check(self) -> None:
+        WorldSidecar.check(self)
+        check_distinct(((law.first, law.second) for law in self.laws), "sidecar.laws")
+        check_known((law.hardness.kind for law in self.laws), HARDNESS_KINDS, "sidecar.laws, kinds of hardness")
+        for index, law in enumerate(self.laws):
+            at = f"sidecar.laws.{index}"
+            if law.first > law.second:
+                raise ValueError(f"{at}: {law.first!r} and {law.second!r} are not sorted")
+            if not law.collide:
+                raise ValueError(f"{at} is of materials that pass through each other")
+
+    def check_document(self, document: Document) -> None:
+        """Raise ValueError where the sidecar is of another world than ``document``, or where shapes have numbers of their own,
+        which nothing would go by."""
+        WorldSidecar.check_document(self, document)
+        told = {(law.first, law.second) for law in self.laws}
+        meets = {(one, other) for one, other, _ in document.meets}
+        if told != meets or any(layer for *_, layer in document.meets):
+            raise ValueError(f"the materials that meet in {WORLD} are not those of sidecar.laws")
+        for body in document.bodies:
+            for shape in body.shapes:
+                if shape.copies and shape.copies != (NOTHING,):
+                    raise ValueError(f"the shape {shape.name!r} of {WORLD} has numbers beside those of sidecar.laws")
+
+
+LAW_SUPPORT: Table = {**WorldJson.SUPPORT, **GATHERED}
+"""What such files can say."""
+
+
+def lowered(dialect: Dialect, kind: type[LawSidecar], world: World, target: Target) -> Lowered:
+    """The document of ``world``, whose shapes have no numbers of their own, and its sidecar, of the dialect's ``kind``."""
+    document, offsets = world_document(world, target)
+    # those of the plan, which in a probe of two materials may have more than meet there
+    every = {(law.first, law.second): law for law in world.contact.pairs}
+    laws = tuple(every[one, other] for one, other, _ in document.meets)
+    fields = common_fields(dialect.NAME, dialect.FORMAT, world, target, offsets)
+    return Lowered(document, kind(**fields, laws=laws))
+
+
+def raised(document: Document, sidecar: LawSidecar) -> ReadBack:
+    """The model that document and sidecar mean: see ``dialects/kit/world_model.py``."""
+    from simspec.dialects.kit.world_model import world_model
+
+    return replace(world_model(document, sidecar), laws=sidecar.laws)

@@ -1,0 +1,208 @@
+"""A world as Rapier holds it: made from the document of ``world.json`` and its sidecar by calls of its API.
+
+What cannot move are Rapier's fixed bodies, a free root and all that is fixed to it is one dynamic body. Shapes are colliders
+without density, so that masses are those that bodies are told. Facts marked *measured*: rapier3d 0.36.1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from simspec.dialects.rapier.sidecar import RapierSidecar
+from simspec.engines.rapier.laws import Laws
+from simspec.errors import EngineError
+from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, Shape, parent_of
+from simspec.world import frames
+from simspec.world.types import Pose, Quaternion, Vector3
+
+NAME = "rapier"
+ERROR_REDUCTION = 0.01
+"""β of the common law (:class:`simspec.world.types.Hardness`)."""
+RIGID = 1000.0
+"""ω dt of contacts, where their damping ratio is then 49,500: the share ω dt / (ω dt + 2 ζ) of an overlap that a step takes
+away is β, and nothing gives way beside that (measured: the contact law to three digits from 0.5 to 8 ms)."""
+PREDICTION = 1e-6
+"""m by which two shapes may be apart and have a contact: from 1e-3 on what slides hops."""
+FASTEST = 1e6
+"""m/s: Rapier holds speeds below a largest one, 400 m/s by itself, and those that an overlap is undone with below 3 m/s."""
+LARGEST, SMALLEST = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
+"""Numbers of single precision."""
+SHAPES = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
+Settings = Mapping[str, Any]
+
+
+def single(values: Iterable[float], what: str) -> tuple[float, ...]:
+    """Numbers that Rapier can hold. Raises EngineError for others: it would take zero or infinity in silence."""
+    found = tuple(values)
+    for value in found:
+        if not math.isfinite(value) or abs(value) > LARGEST or 0.0 < abs(value) < SMALLEST:
+            raise EngineError(NAME, f"has single precision, in which there is no {value!r} ({what})")
+    return found
+
+
+class Built:
+    """``world``: Rapier's. ``bodies``: the handle of each body's rigid body, its own or that which carries it; ``carrier``: the
+    row of that body, −1 of what cannot move; ``local``: each body's pose in it, in the world of what cannot move.
+    ``shapes``: (body, name) of every collision shape, in the order of their numbers; ``colliders`` their handles."""
+
+    def __init__(self, rapier: Any, document: Document, told: RapierSidecar):
+        self.rapier, self.document = rapier, document
+        self.world = rapier.PhysicsWorld(gravity=rapier.Vec3(*single(document.gravity, "gravity")))
+        self.world.set_num_threads(1)
+        if document.friction_cone != "elliptic":
+            raise EngineError(NAME, f"does not support the friction cone {document.friction_cone}")
+        self.settings = told.settings
+        configure(rapier, self.world, single((document.timestep,), "timestep")[0], told.settings)
+        self.bodies: list[Any] = []
+        self.carrier: list[int] = []
+        self.local: list[Pose] = []
+        self.shapes: list[tuple[int, str]] = []
+        self.colliders: list[Any] = []
+        rows = {body.name: row for row, body in enumerate(document.bodies)}
+        for row, body in enumerate(document.bodies):
+            self._body(row, body, None if parent_of(body.joint) is None else rows[parent_of(body.joint) or ""])
+        materials = []
+        for row, body in enumerate(document.bodies):
+            for shape in body.shapes:
+                if shape.copies:
+                    self._shape(row, shape)
+                    materials.append(shape.material)
+        groups = [document.bodies[row].group for row, _ in self.shapes]
+        places = [(self.carrier[row], row) for row, _ in self.shapes]
+        self.laws = Laws(rapier, document, told.laws, self.colliders, materials, groups, places)
+        self.laws.install(self.world)
+        for handle in dict.fromkeys(self.bodies):
+            self.world.rigid_bodies[handle].recompute_mass_properties_from_colliders(self.world.colliders)
+
+    def _body(self, row: int, body: Body, parent: int | None) -> None:
+        joint = body.joint
+        if isinstance(joint, FreeJoint):
+            self.carrier.append(row)
+            self.local.append(Pose())
+            self.bodies.append(self._dynamic(body))
+            return
+        if not isinstance(joint, FixedJoint):
+            driven = isinstance(joint, AxisJoint) and joint.servo is not None
+            raise EngineError(
+                NAME, f"does not support the {joint.kind} {joint.name!r}" + " and its controller" * driven
+            )
+        carrier = -1 if parent is None else self.carrier[parent]
+        pose = joint.origin if parent is None else frames.compose(self.local[parent], joint.origin)
+        self.carrier.append(carrier)
+        self.local.append(pose)
+        if carrier >= 0:
+            if body.mass or any(body.inertia):
+                raise EngineError(
+                    NAME, f"does not support the mass of {body.name!r}, which is fixed to a body that moves"
+                )
+            self.bodies.append(self.bodies[carrier])
+            return
+        builder = self.rapier.RigidBody.fixed().position(isometry(self.rapier, pose, f"pose of {body.name}"))
+        if body.mass:
+            builder = builder.additional_mass_properties(self._mass(body))
+        self.bodies.append(self.world.add_body(builder))
+
+    def _dynamic(self, body: Body) -> Any:
+        if not body.mass > 0.0:
+            raise EngineError(NAME, f"does not support {body.name!r}, which moves and has no mass")
+        if not regular(body.inertia):
+            raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no inverse")
+        builder = self.rapier.RigidBody.dynamic().additional_mass_properties(self._mass(body))
+        # the gyroscopic torque is given before every step: Rapier's own is implicit, and 4e-4 off after 2 s (measured)
+        builder = builder.can_sleep(False).gyroscopic_forces(False).allow_fast_rotation(True)
+        return self.world.add_body(builder)
+
+    def _mass(self, body: Body) -> Any:
+        moments, axes = principal(body.inertia)
+        single((body.mass, *body.centre_of_mass), f"mass and centre of {body.name}")
+        single(moments, f"inertia of {body.name}")
+        vector = self.rapier.Vec3
+        return self.rapier.MassProperties(
+            vector(*body.centre_of_mass), body.mass, vector(*moments), self.rapier.Rotation3(*axes)
+        )
+
+    def _shape(self, row: int, shape: Shape) -> None:
+        builder = collider_of(self.rapier, shape)
+        if builder is None:
+            raise EngineError(NAME, f"does not support the {shape.kind} {shape.name!r}")
+        if shape.kind == "plane" and self.carrier[row] >= 0:
+            raise EngineError(NAME, f"does not support the plane {shape.name!r} on a body that moves")
+        pose = shape.pose if self.carrier[row] < 0 else frames.compose(self.local[row], shape.pose)
+        placed = frames.compose(pose, AXES[shape.kind]) if shape.kind in AXES else pose
+        builder = builder.density(0.0).user_data(len(self.shapes))
+        builder = builder.position(isometry(self.rapier, placed, f"pose of {shape.name}"))
+        self.shapes.append((row, shape.name))
+        self.colliders.append(self.world.add_collider(builder, self.bodies[row]))
+
+
+_HALF = math.sqrt(0.5)
+AXES: Mapping[str, Pose] = {
+    "cylinder": Pose(quaternion=(_HALF, _HALF, 0.0, 0.0)),
+    "capsule": Pose(quaternion=(_HALF, _HALF, 0.0, 0.0)),
+}
+"""How Rapier's shapes stand in the world's: their axis is y."""
+
+
+def collider_of(rapier: Any, shape: Shape) -> Any:
+    """A builder of a collider; None of a shape that Rapier does not have."""
+    size = single(shape.size, f"size of {shape.name}")
+    made = rapier.Collider
+    match shape.kind:
+        case "sphere":
+            return made.ball(*size)
+        case "box":
+            return made.cuboid(*(0.5 * edge for edge in size))
+        case "cylinder":
+            return made.cylinder(0.5 * size[1], size[0])
+        case "capsule":
+            return made.capsule_y(0.5 * size[1], size[0])
+        case "plane":
+            return made.halfspace(rapier.Vec3(0.0, 0.0, 1.0))
+    return None
+
+
+def configure(rapier: Any, world: Any, timestep: float, settings: Settings) -> None:
+    """The parameters of the integration, of which Rapier would choose all for itself."""
+    held = world.integration_parameters
+    held.dt = timestep
+    held.num_solver_iterations = 1  # each is a step of its own, of a share of the time
+    held.num_internal_pgs_iterations = int(settings["iterations"])
+    held.num_internal_stabilization_iterations = 0  # they would take the speed away that undoes an overlap
+    held.friction_model = rapier.FrictionModel.SIMPLIFIED
+    damping = 0.5 * RIGID * (1.0 / ERROR_REDUCTION - 1.0)
+    held.contact_softness = rapier.SpringCoefficients(RIGID / (2.0 * math.pi * timestep), damping)
+    held.static_contact_softness = rapier.SpringCoefficients(RIGID / (2.0 * math.pi * timestep), damping)
+    held.normalized_allowed_linear_error = 0.0
+    held.normalized_prediction_distance = PREDICTION
+    held.normalized_max_corrective_velocity = FASTEST
+    held.normalized_max_linear_velocity = FASTEST
+    held.contact_recycling = held.contact_clustering = False
+    held.warmstart_coefficient = 1.0
+
+
+def isometry(rapier: Any, pose: Pose, what: str) -> Any:
+    place = rapier.Vec3(*single(pose.position, what))
+    return rapier.Isometry3(place, rapier.Rotation3(*pose.quaternion))
+
+
+def tensor(inertia: Sequence[float]) -> np.ndarray:
+    """(3, 3) of xx, yy, zz, xy, xz, yz."""
+    xx, yy, zz, xy, xz, yz = inertia
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def regular(inertia: Sequence[float]) -> bool:
+    """Whether Rapier can invert a tensor: of a moment that is none it makes a body that never turns, without a word."""
+    return bool(np.linalg.eigvalsh(tensor(inertia))[0] > 0.0)
+
+
+def principal(inertia: Sequence[float]) -> tuple[Vector3, Quaternion]:
+    """Principal moments and the axes that they are about."""
+    moments, axes = np.linalg.eigh(tensor(inertia))
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] *= -1.0
+    return tuple(moments.tolist()), frames.from_matrix(axes.tolist())

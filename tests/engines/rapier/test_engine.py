@@ -1,0 +1,256 @@
+"""What is Rapier's own: everything that it holds, its laws by a hook, numbers of single precision, what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from simspec.compiler import compile_world
+from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.engines.rapier.engine import Rapier
+from simspec.errors import EngineError, UnsupportedError
+from simspec.formats.kit.text import json_text
+from simspec.formats.world.format import WORLD
+from simspec.proof.comparator import inventory_checks
+from simspec.proof.precision import PRECISIONS
+from simspec.proof.selftest_worlds import WORLDS
+from simspec.testing.worlds import accepting
+from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
+from tests.planted import SHARED
+
+pytestmark = pytest.mark.skipif(Rapier.version() is None, reason="rapier3d is not installed")
+DT, GRAVITY = 0.001, 9.81
+
+
+@pytest.fixture
+def load(load_files):
+    """A function that compiles and loads a world, with its files changed on the way."""
+
+    def of(world, change=lambda content, sidecar: None):
+        files = dict(compile_world(world, ["rapier"])["rapier"].files)
+        content, sidecar = json.loads(files[WORLD]), json.loads(files[SIDECAR])
+        change(content, sidecar)
+        return load_files(Rapier, files | {WORLD: json_text(content), SIDECAR: json_text(sidecar)})
+
+    return of
+
+
+def ball(name, at, velocity=(0.0,) * 6, kind="sphere", size=(0.1,), material="m"):
+    joint = Joint(f"{name}_joint", "free", position=(*at, 1.0, 0.0, 0.0, 0.0), velocity=velocity)
+    inertial = Inertial(2.0, inertia=(0.02, 0.02, 0.02, 0.0, 0.0, 0.0))
+    return Body(name, name, inertial, joint, (Shape(name, kind, size, material=material),))
+
+
+def scene(*bodies, law=(0.5, 0.0), **more):
+    """Bodies over a floor, of materials m and floor."""
+    floor = Body(
+        "floor", "floor", Inertial(0.0), Joint("floor_joint", "fixed"), (Shape("floor", "plane", (), material="floor"),)
+    )
+    names = sorted({"floor", *(shape.material for body in bodies for shape in body.shapes)})
+    pairs = tuple(PairContact(one, other, *law, **more) for index, one in enumerate(names) for other in names[index:])
+    contact = Contact(materials=tuple(Material(name) for name in names), pairs=pairs)
+    return World("scene", (floor, *bodies), contact, Physics((0.0, 0.0, -GRAVITY), DT, 100))
+
+
+def shared():
+    for name in SHARED:
+        try:
+            compile_world(accepting(WORLDS[name]("rapier"), "rapier"), ["rapier"])
+        except UnsupportedError:
+            continue
+        yield name
+
+
+@pytest.mark.parametrize("name", list(shared()))
+def test_the_inventory_is_what_the_world_demands(name, load):
+    world = accepting(WORLDS[name]("rapier"), "rapier")
+    held = load(world).read_back()
+    (check,) = inventory_checks(
+        Rapier.expected_inventory(world, held.neutral), held.inventory, PRECISIONS[Rapier.PRECISION]
+    )
+    assert check.passed, check.detail
+    assert check.count > 100
+
+
+def test_the_inventory_has_every_field_of_the_installed_version():
+    import rapier3d
+
+    from simspec.engines.rapier import inventory
+
+    def fields(of):
+        return {name for name in dir(of) if name[0] != "_" and not callable(getattr(of, name))}
+
+    world = rapier3d.PhysicsWorld()
+    body = world.rigid_bodies[world.add_body(rapier3d.RigidBody.dynamic())]
+    collider = world.colliders[world.add_collider(rapier3d.Collider.ball(1.0))]
+    assert fields(world.integration_parameters) == {*inventory.NUMBERS, *inventory.APART}
+    elsewhere = (
+        "activation angvel body_type center_of_mass colliders enabled_rotations enabled_translations inv_mass linvel "
+    )
+    elsewhere += (
+        "is_dynamic is_fixed is_kinematic is_moving is_sleeping local_center_of_mass locked_axes mass mass_properties "
+    )
+    elsewhere += "next_position position rotation soft_body soft_cluster translation user_force user_torque"
+    assert fields(body) == {*inventory.BODY, *elsewhere.split()}
+    elsewhere = "deformable_mesh_ref mass mass_properties material parent position position_wrt_parent rotation "
+    elsewhere += "rotation_wrt_parent shape translation translation_wrt_parent volume"
+    assert fields(collider) == {*inventory.COLLIDER, *inventory.WORDS, *inventory.GROUPS, *elsewhere.split()}
+
+
+CHANGES = {
+    "sweeps": lambda world, body, shape: setattr(world.integration_parameters, "num_internal_pgs_iterations", 4),
+    "stabilisation": lambda world, body, shape: setattr(
+        world.integration_parameters, "num_internal_stabilization_iterations", 1
+    ),
+    "prediction": lambda world, body, shape: setattr(
+        world.integration_parameters, "normalized_prediction_distance", 2e-6
+    ),
+    "a body's damping": lambda world, body, shape: setattr(body, "linear_damping", 1e-3),
+    "a body's axes": lambda world, body, shape: setattr(body, "enabled_rotations", (True, True, False)),
+    "gyroscopic forces": lambda world, body, shape: setattr(body, "gyroscopic_forces_enabled", True),
+    "a skin": lambda world, body, shape: setattr(shape, "contact_skin", 1e-3),
+    "a sensor": lambda world, body, shape: setattr(shape, "is_sensor", True),
+    "a shape's friction": lambda world, body, shape: setattr(shape, "friction", 0.1),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_whatever_else_is_changed_in_the_live_engine_is_seen(change, load):
+    world = scene(ball("ball", (0.0, 0.0, 0.1)), law=(0.5, 0.5))
+    engine = load(world)
+    sim = engine._simulation
+    change(sim.world, sim.bodies[0], sim.world.colliders[sim.built.colliders[1]])
+    held = engine.read_back()
+    (check,) = inventory_checks(Rapier.expected_inventory(world, held.neutral), held.inventory, PRECISIONS["single"])
+    assert not check.passed
+
+
+def test_every_two_materials_have_their_own_law(load):
+    """Boxes that slide on a floor: each is braked by its own μ g, by the hook; with one law for all no hook is called."""
+    boxes = [
+        ball(name, (float(row), 0.0, 0.1), (1.0, *[0.0] * 5), "box", (0.2, 0.2, 0.2), name)
+        for row, name in enumerate("abc")
+    ]
+    boxes = [
+        dataclasses.replace(one, joint=dataclasses.replace(one.joint, velocity=(0.0, 1.0, *[0.0] * 4))) for one in boxes
+    ]
+    world = scene(*boxes)
+    mu = {"a": 0.2, "b": 0.4, "c": 0.7}
+    pairs = tuple(
+        dataclasses.replace(pair, friction=mu[pair.first]) if pair.second == "floor" and pair.first in mu else pair
+        for pair in world.contact.pairs
+    )
+    engine = load(dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs)))
+    engine.step(100)
+    speeds = engine.get_state()[1].reshape(3, 6)[:, 1]
+    assert speeds == pytest.approx([1.0 - one * GRAVITY * 0.1 for one in mu.values()], abs=1e-4)
+    assert load(world)._simulation.built.laws.uniform == (0.5, 0.0, 0.0)
+    assert engine._simulation.built.laws.uniform is None
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_an_impact_that_slips_has_the_friction_of_its_whole_impulse(restitution, load):
+    engine = load(scene(ball("ball", (0.0, 0.0, 0.1 + 1.5e-3), (6.0, 0.0, -2.0, *[0.0] * 3)), law=(0.5, restitution)))
+    engine.step(4)
+    slowed = 6.0 - engine.get_state()[1][0]
+    assert slowed == pytest.approx(0.5 * (1.0 + restitution) * 2.0, rel=0.03)
+
+
+def test_what_approaches_slower_than_the_threshold_does_not_bounce(load):
+    speeds = []
+    for speed in (0.4, 0.6):
+        world = scene(
+            ball("ball", (0.0, 0.0, 0.1001), (0.0, 0.0, -speed, *[0.0] * 3)), law=(0.0, 0.5), restitution_threshold=0.5
+        )
+        engine = load(world)
+        engine.step(3)
+        speeds.append(engine.get_state()[1][2])
+    assert speeds[0] == pytest.approx(0.0, abs=0.02)
+    assert speeds[1] == pytest.approx(0.3, abs=0.03)
+
+
+def test_an_overlap_is_left_by_the_common_law(load):
+    engine = load(scene(ball("ball", (0.0, 0.0, 0.1 - 5e-5))))
+    engine.step(1)
+    assert engine.get_state()[1][2] == pytest.approx(0.01 * 5e-5 / DT, rel=1e-3)
+
+
+def test_states_that_are_set_forget_and_states_that_are_moved_to_do_not(load):
+    world = scene(*(ball(str(row), (0.0, 0.0, 0.1 + 0.2 * row), kind="box", size=(0.2, 0.2, 0.2)) for row in range(4)))
+    engine, fresh = load(world), load(world)
+    engine.step(50)
+    q, v = engine.get_state()
+    fresh.set_state(q, v)
+    engine.set_state(q, v)
+    for one in (engine, fresh):
+        one.step(1)
+    assert engine.get_state()[1].tobytes() == fresh.get_state()[1].tobytes()
+    engine.move_to(q, v)
+    assert engine.get_state()[0] == pytest.approx(q, abs=1e-7)
+
+
+def test_shapes_of_bodies_without_mass_are_parts_of_what_carries_them(load):
+    world = scene(ball("ball", (0.0, 0.0, 0.5)))
+    shape = Shape("foot", "sphere", (0.05,), Pose((0.0, 0.0, -0.1)), "m")
+    foot = Body("foot", "ball", Inertial(0.0), Joint("foot_joint", "fixed", "ball", Pose((0.0, 0.0, -0.2))), (shape,))
+    engine = load(dataclasses.replace(world, bodies=(*world.bodies, foot)))
+    held = {body.name: body for body in engine.read_back().bodies}
+    assert held["foot"].joint.origin.position == pytest.approx((0.0, 0.0, -0.2))
+    assert held["foot"].shapes[0].pose.position == pytest.approx((0.0, 0.0, -0.1), abs=1e-7)
+    engine.step(2000)
+    assert engine.get_state()[0][2] == pytest.approx(0.35, abs=1e-3)  # it stands on its foot
+    assert {tuple(sorted(pair)) for pair in engine.detect_contacts().tolist()} == {(0, 2)}
+
+
+def heavy_foot(world):
+    joint = Joint("foot_joint", "fixed", "ball", Pose((0.0, 0.0, -0.2)))
+    foot = Body("foot", "ball", Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0)), joint)
+    return dataclasses.replace(world, bodies=(*world.bodies, foot))
+
+
+def moving_plane(world):
+    shape = Shape("plate", "plane", (), material="m")
+    return dataclasses.replace(world, bodies=(world.bodies[0], dataclasses.replace(world.bodies[1], shapes=(shape,))))
+
+
+@pytest.mark.parametrize(
+    ("change", "why"), [(heavy_foot, "common centre of mass of 'foot'"), (moving_plane, "'plate' does")]
+)
+def test_what_simspec_does_not_tell_rapier_is_refused_by_name(change, why):
+    with pytest.raises(UnsupportedError, match=why):
+        compile_world(change(scene(ball("ball", (0.0, 0.0, 0.5)))), ["rapier"])
+
+
+def of(name):
+    return lambda content: next(body for body in content["bodies"] if body["name"] == name)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda content: of("ball")(content).update(mass=0.0), "moves and has no mass"),
+        (lambda content: of("ball")(content).update(inertia=[0.02, 0.02, 0.0, 0.0, 0.0, 0.0]), "has no inverse"),
+        (lambda content: of("ball")(content).update(mass=1e39), "there is no 1e[+]39"),
+        (lambda content: of("ball")(content).update(mass=1e-42), "there is no 1e-42"),
+        (lambda content: content.update(friction_cone="pyramid-inscribed"), "cone"),
+    ],
+)
+def test_numbers_that_rapier_takes_in_silence_are_refused(change, why, load):
+    def edit(content, sidecar):
+        change(content)
+        sidecar["friction_cone"] = content["friction_cone"]
+
+    with pytest.raises(EngineError, match=why):
+        load(scene(ball("ball", (0.0, 0.0, 0.5))), edit)
+
+
+def test_a_state_that_is_no_longer_finite_is_an_error(load):
+    engine = load(scene(ball("ball", (0.0, 0.0, 0.5))))
+    with pytest.raises(EngineError, match="there is no nan"):
+        engine.set_state(np.full(7, math.nan), np.zeros(6))
+    with pytest.raises(EngineError, match="the state of ball is no longer finite"):
+        engine.step(3, np.array([0.0, 0.0, 0.0, 3e38, 3e38, 3e38]))
