@@ -30,6 +30,8 @@ def meeting_materials(world: World) -> frozenset[tuple[str, str]]:
     allowed = CollisionFilter(world)
     found: set[tuple[str, str]] = set()
     for index, one in enumerate(chosen):
+        if len(found) == len(world.contact.pairs):
+            break  # all that there are
         for other in chosen[index + 1 :]:
             if len(found) < len(world.contact.pairs) and allowed.may_touch(one.name, other.name):
                 for a in {shape.material for shape in one.shapes if shape.collision}:

@@ -44,11 +44,14 @@ class Graph:
         """The link that a frame is fixed to; None: the world. Raises SpecError at the element that asks."""
         scope, name = self.home(scope, name, asking)
         known: set[str] = set()
-        while name in scope.frames and name not in known:  # a chain may be longer than Python's calls within each other
+        walked: list[tuple[int, str]] = []
+        # a chain may be longer than Python's calls within each other
+        while name in scope.frames and name not in known and (id(scope), name) not in self._attached:
             further = scope.frames[name].word("attached_to") or MODEL
             if SEPARATOR in further or further == MODEL:
                 break
             known.add(name)
+            walked.append((id(scope), name))
             scope, name = self.home(scope, further, scope.frames[name])
         key = (id(scope), name)
         if key in self._open or name in known:
@@ -57,6 +60,8 @@ class Graph:
             self._open.append(key)
             self._attached[key] = self._link(scope, name, asking)
             self._open.pop()
+        for one in walked:  # each frame of a chain asks
+            self._attached[one] = self._attached[key]
         return self._attached[key]
 
     def _link(self, scope: Scope, name: str, asking: Element) -> Link | None:

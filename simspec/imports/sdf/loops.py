@@ -19,6 +19,8 @@ CLOSED: Final = ("ball", "hinge", "fixed")
 """Kinds of joints that a constraint stands for."""
 
 _Key = tuple[int, str]
+_WORLD: Final = (0, "")
+"""Stands for the world among links: no object has this ``id``."""
 
 
 def spanning(joints: Sequence[JointRead]) -> tuple[dict[_Key, JointRead], list[JointRead]]:
@@ -27,12 +29,15 @@ def spanning(joints: Sequence[JointRead]) -> tuple[dict[_Key, JointRead], list[J
     in the order of the file."""
     of_child: dict[_Key, JointRead] = {}
     closing: list[JointRead] = []
+    above: dict[_Key, _Key] = {}
     for joint in sorted(joints, key=_order):
         child = (id(joint.child[0]), joint.child[1])
-        if child in of_child or _is_above(child, joint, of_child):
+        parent = _WORLD if joint.parent is None else (id(joint.parent[0]), joint.parent[1])
+        # a link that carries the parent already is the topmost of that: it hangs on nothing yet
+        if child in of_child or _topmost(parent, above) == child:
             closing.append(joint)
         else:
-            of_child[child] = joint
+            of_child[child], above[child] = joint, parent
     position = {id(joint): index for index, joint in enumerate(joints)}
     return of_child, sorted(closing, key=lambda joint: position[id(joint)])
 
@@ -45,17 +50,14 @@ def _order(joint: JointRead) -> tuple[bool, int]:
     return joint.parent is not None, rank
 
 
-def _is_above(child: _Key, joint: JointRead, of_child: dict[_Key, JointRead]) -> bool:
-    """Whether a link carries the parent of one of its joints."""
-    above = joint
-    while above.parent is not None:
-        key = (id(above.parent[0]), above.parent[1])
-        if key == child:
-            return True
-        if key not in of_child:
-            return False
-        above = of_child[key]
-    return False
+def _topmost(key: _Key, above: dict[_Key, _Key]) -> _Key:
+    """The link that a link hangs on in the end, or the world. The way there becomes shorter for the next that asks."""
+    top = key
+    while top in above:
+        top = above[top]
+    while key != top:
+        above[key], key = top, above[key]
+    return top
 
 
 def refused(joint: JointRead) -> Iterator[Problem]:

@@ -148,7 +148,9 @@ def _massless(read: ModelRead, root: BodyRead, repair: tuple[str, ...], problems
 
 
 def _bodies(graph: Graph, model: Scope, joints: list[JointRead], meshes: Meshes, problems: list[Problem]) -> ModelRead:
-    of_child, closing = spanning(joints)
+    of_child, closed_by = spanning(joints)
+    closing = {id(joint) for joint in closed_by}
+    held = _held(of_child)
     names, joint_names = Names(), Names()
     bodies: dict[tuple[int, str], BodyRead] = {}
     for scope in model.within():
@@ -160,7 +162,7 @@ def _bodies(graph: Graph, model: Scope, joints: list[JointRead], meshes: Meshes,
             offset = _offset(joint)
             frame = graph.in_scope(model, scope).then(graph.pose(scope, name, element)).then(at(offset))
             try:
-                is_static = scope.static or _is_held(key, of_child)
+                is_static = scope.static or key in held
                 content = read_link(element, offset, meshes, scope.folder, static=is_static)
             except SpecError as error:
                 problems.extend(error.problems)
@@ -187,7 +189,7 @@ def _bodies(graph: Graph, model: Scope, joints: list[JointRead], meshes: Meshes,
             if read.second is not None:
                 body.second_name = joint_names.give(f"{joint_name}_{SECOND_AXIS}")
             body.parent = parent
-        elif read in closing and not read.scope.static:
+        elif id(read) in closing and not read.scope.static:
             problems.extend(refused(read))
             if parent is None:
                 problems.append(
@@ -204,16 +206,20 @@ def _bodies(graph: Graph, model: Scope, joints: list[JointRead], meshes: Meshes,
 TO_WORLD: Final = "a loop that is closed by a joint to the world is not supported"
 
 
-def _is_held(key: tuple[int, str], of_child: dict[tuple[int, str], JointRead]) -> bool:
-    """Whether fixed joints hold a link to the world."""
-    for _ in range(len(of_child)):
-        joint = of_child.get(key)
-        if joint is None or joint.kind != "fixed":
-            return False
-        if joint.parent is None:
-            return True
-        key = (id(joint.parent[0]), joint.parent[1])
-    return False
+def _held(of_child: dict[tuple[int, str], JointRead]) -> set[tuple[int, str]]:
+    """The links that fixed joints hold to the world."""
+    below: dict[tuple[int, str] | None, list[tuple[int, str]]] = {}
+    for key, joint in of_child.items():
+        if joint.kind == "fixed":
+            parent = None if joint.parent is None else (id(joint.parent[0]), joint.parent[1])
+            below.setdefault(parent, []).append(key)
+    held: set[tuple[int, str]] = set()
+    waiting = list(below.get(None, ()))
+    while waiting:
+        key = waiting.pop()
+        held.add(key)
+        waiting.extend(below.get(key, ()))
+    return held
 
 
 def _long_name(model: Scope, scope: Scope, name: str) -> str:

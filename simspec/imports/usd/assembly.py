@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
+from simspec.errors import SpecError
 from simspec.imports.draft import Draft, names, numbers
 from simspec.imports.timestep import has_drives, stable_timestep
 from simspec.imports.usd.bodies import Body
@@ -302,7 +303,10 @@ class Assembly:
                         attribute, Fate.LOST, reason, hint="write the actuators as `control:` of the scenario"
                     )
 
-        step = stable_timestep(self.data, self.draft.meshes, leave_out)
+        try:
+            step = stable_timestep(self.data, self.draft.meshes, leave_out)
+        except SpecError:
+            return  # what does not resolve is told by whoever reads the spec, with its places
         if step is not None:
             self.data.setdefault("physics", {})["timestep"] = step
             self.draft.note(("physics", "timestep"), "the file says no timestep; its drives are stable at this one")

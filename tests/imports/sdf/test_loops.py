@@ -169,3 +169,24 @@ def test_names_of_merged_models_are_those_of_the_model_around(tmp_path):
     twice = "<include merge='true'><uri>arm.sdf</uri></include>" * 2
     with pytest.raises(Exception, match="the name of two things"):
         imported(model(link("table") + twice), tmp_path, name="twice.sdf")
+
+
+def test_long_chains_are_read_link_by_link(tmp_path):
+    """Of frames that are attached to one another, and of links that fixed joints hold to the world in the end: each link of a
+    chain is asked once which it hangs on, however long the chain is."""
+    count = 300
+    names = [f"l{number}" for number in range(count)]
+    chain = [
+        joint("fixed", name=f"j{number}", parent=names[number - 1], child=names[number]) for number in range(1, count)
+    ]
+    chain.append(joint("fixed", name="ground", parent="world", child=names[0]))
+    around = joint("fixed", name="closing", parent=names[-1], child=names[0])
+    frame = [
+        f"<frame name='f{number}' attached_to='{f'f{number + 1}' if number < 99 else 'l7'}'/>" for number in range(100)
+    ]
+    text = model("".join(map(link, names)) + "".join(chain) + "".join(frame))
+    data = imported(text, tmp_path).data["model"]
+    assert [body.get("parent") for body in data["bodies"].values()] == [None, *names[:-1]]
+    assert {frame["body"] for frame in data["frames"].values()} == {"l7"}
+    closed = imported(model("".join(map(link, names)) + "".join(chain[:-1]) + around), tmp_path)
+    assert list(closed.data["model"]["constraints"]) == ["closing"]

@@ -284,3 +284,20 @@ def test_numbers_agree_where_single_precision_makes_the_difference():
     assert agree((2.1,), (float(np.float32(2.1)),))
     assert not agree((2.1,), (2.10001,))
     assert not agree((0.0,), (1e-30,))
+
+
+def test_what_does_not_resolve_has_its_place_where_drives_ask_for_a_timestep(tmp_path):
+    """The timestep at which drives are stable is sought in a world of the data alone, which knows no places."""
+    body = 'def Cube "{}" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"])\n{{\n'
+    body += "float physics:mass = 1\n{}\n}}\n"
+    hinge = (
+        'def PhysicsRevoluteJoint "j" (prepend apiSchemas = ["PhysicsDriveAPI:angular"])\n{\n'
+        "rel physics:body0 = </a>\nrel physics:body1 = </b>\nfloat drive:angular:physics:stiffness = 10\n}\n"
+    )
+    inertia = "float3 physics:diagonalInertia = (1, 1, 1)\n"
+    far = 'double3 xformOp:translate = (1e150, 0, 0)\nuniform token[] xformOpOrder = ["xformOp:translate"]'
+    text = HEAD + body.format("a", inertia + far) + body.format("b", inertia + far) + hinge
+    with pytest.raises(SpecError) as error:
+        stage(tmp_path, text)
+    assert all(problem.location is not None for problem in error.value.problems), str(error.value)
+    assert "stage.usda:6:" in str(error.value)
