@@ -28,7 +28,7 @@ from simspec.engines.ode import library
 from simspec.engines.ode.expected import expected
 from simspec.engines.ode.inventory import inventory, neutral
 from simspec.engines.ode.native import CASE, SWITCH, own_steps
-from simspec.engines.ode.pairs import CASES, capsules, cylinders
+from simspec.engines.ode.pairs import CASES, OVERLOOKED, capsules, cylinders
 from simspec.engines.ode.readback import read_back
 from simspec.engines.ode.simulation import Simulation
 from simspec.support.declarations import (
@@ -132,7 +132,8 @@ class Ode(SteppedEngine[Simulation]):
         Feature.FREE_ARMATURE: never("ODE has no armature of free bodies, and contact would ignore a computed one"),
         Feature.SHAPE_CYLINDER: Support(
             Level.EXACT,
-            "by ODE's own code; where one meets cylinders or capsules by libccd, in one point along a line, accepted by name",
+            "by ODE's own code, which overlooks 4 of 100 overlaps with boxes; where one meets cylinders or capsules by libccd, "
+            "in one point along a line, accepted by name",
             refine=cylinders,
             cases=CASES,
         ),
@@ -214,6 +215,10 @@ class Ode(SteppedEngine[Simulation]):
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
+
+    @classmethod
+    def overlooks(cls, world: World) -> frozenset[tuple[str, str]]:
+        return frozenset(OVERLOOKED)
 
     @classmethod
     def prepare(cls) -> None:

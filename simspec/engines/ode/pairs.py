@@ -27,6 +27,14 @@ APPROXIMATE: Mapping[tuple[str, str], str] = {
     ("cylinder", "cylinder"): f"exact, in eight points, where one stands on the other; otherwise {_PORTAL}; {_LINE}",
 }
 """Of cylinders, and what is lost."""
+OVERLOOKED: Mapping[tuple[str, str], str] = {
+    (
+        "box",
+        "cylinder",
+    ): "of 100 random overlaps of a tenth to a half of the smaller one's inner radius it overlooks 4 (of 144 "
+    "six, in six draws of sizes; of spheres, capsules and other cylinders with cylinders none)",
+}
+"""Pairs of which ODE's own code misses some overlaps, as that of the same name in DART does."""
 BOX_AND_CAPSULE = f"box and capsule touch {_LINE}, a box on a capsule by 26 mm"
 
 
