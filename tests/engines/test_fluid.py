@@ -196,6 +196,15 @@ def test_engines_and_oracle_agree_with_a_step_that_is_small(engine):
     assert np.abs(without[-1] - v[-1]).max() > 0.1
 
 
+def has(engine, world):
+    """Whether an engine has all of a world."""
+    try:
+        compile_world(world, [engine])
+    except UnsupportedError:
+        return False
+    return True
+
+
 def test_a_kinematic_body_moves_as_it_is_told_in_a_fluid():
     """The fluid's force of some 1e3 N on a box of 2.4 m moved it by 5e-5 m in nine steps, in every engine."""
     drum = {
@@ -207,7 +216,9 @@ def test_a_kinematic_body_moves_as_it_is_told_in_a_fluid():
     points = [{"at": 0}, {"at": 0.05, "xyz": [0.1, -0.05, 0.02], "rpy": [0.3, 0.2, -0.4]}]
     fluid = {"density": 700, "viscosity": 0.4, "velocity": [0.3, -0.2, 0.5]}
     world = world_of({"drum": drum}, fluid, motion={"drum": {"points": points, "interpolation": "quintic"}})
-    found = verify(world, INSTALLED, levels={"L7"})
+    able = [engine for engine in INSTALLED if has(engine, world)]
+    assert {"mujoco", "pybullet", "dart", "drake"} & set(INSTALLED) <= set(able)
+    found = verify(world, able, levels={"L7"})
     assert [f"{engine} {check}" for engine, check in found.failures()] == []
     assert all(
         any(check.name == "prescribed motion" and check.count for check in proof.checks)
