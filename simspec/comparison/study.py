@@ -17,6 +17,7 @@ from simspec.engines.kit.identity import other_version
 from simspec.engines.kit.installing import not_installed
 from simspec.engines.kit.process import DEADLINE
 from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
 from simspec.runner.case import Case
 from simspec.runner.execution import failed_run, run_case, run_jobs
@@ -129,7 +130,8 @@ def study(
     source     where the world came from, for the runs' provenance
     progress   told what is being done, and of a run the share that is done
 
-    Runs are timed one after the other; only repeats, whose timing does not count, go two at a time. Raises EngineError
+    Runs are timed one after the other, each in a new process; only repeats, whose timing does not count, go two at a time, and
+    are forked from warm processes, as proofs are. Raises EngineError
     when an engine is missing (unless ``keep_going``), UnsupportedError when the world cannot be compiled for one.
     """
     names = list(dict.fromkeys(engines))
@@ -141,7 +143,7 @@ def study(
     there = [name for name in names if name not in absent]
     arrivals = arrivals or Arrivals()
     # engines work from a private copy: the one that is kept may be replaced by another process meanwhile
-    with scratch_folder("study") as place:
+    with WarmProcesses() as warm, scratch_folder("study") as place:
         root = place / "compiled"
         if compiled is None:
             progress("compiling")
@@ -154,10 +156,10 @@ def study(
         artifacts = {name: root / name for name in there}
         certificate = None
         if prove and there:
-            certificate = _prove(world, compiled, artifacts, pythons, deadline, progress)
+            certificate = _prove(world, compiled, artifacts, pythons, deadline, progress, warm)
             arrivals.certificate(certificate)
         runs = _run_each(world, names, absent, artifacts, keep_going, pythons, deadline, source, progress, arrivals)
-        again = _repeat(runs, artifacts, pythons, deadline, progress) if repeats else {}
+        again = _repeat(runs, artifacts, pythons, deadline, progress, warm) if repeats else {}
     floors = {name: floor for name in again if (floor := measure_floor(runs[name], again[name])) is not None}
     for floor in floors.values():
         arrivals.floor(floor)
@@ -178,6 +180,7 @@ def _prove(
     pythons: Mapping[str, str] | None,
     deadline: float,
     progress: Callable[..., None],
+    warm: WarmProcesses,
 ) -> Certificate:
     from simspec.proof.verify import verify
 
@@ -190,6 +193,7 @@ def _prove(
         pythons=pythons or {},
         deadline=deadline,
         progress=progress,
+        warm=warm,
     )
 
 
@@ -235,6 +239,7 @@ def _repeat(
     pythons: Mapping[str, str] | None,
     deadline: float,
     progress: Callable[..., None],
+    warm: WarmProcesses,
 ) -> dict[str, tuple[Run, ...]]:
     """Each engine's run again: unchanged, and with its initial state moved in the last bits."""
     names = [name for name, one in runs.items() if one.recorded and one.failed is None]
@@ -246,5 +251,5 @@ def _repeat(
         for perturb in (0.0, perturbation_of(name))
     ]
     progress(f"repeating {', '.join(names)} for the noise floor")
-    repeated = run_jobs(jobs, pythons=pythons, deadline=deadline)
+    repeated = run_jobs(jobs, pythons=pythons, deadline=deadline, warm=warm)
     return {name: tuple(repeated[2 * index : 2 * index + 2]) for index, name in enumerate(names)}

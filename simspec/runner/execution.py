@@ -304,9 +304,10 @@ def run_jobs(
     pythons: Mapping[str, str] | None = None,
     deadline: float = DEADLINE,
     at_once: int = 2,
+    warm: WarmProcesses | None = None,
 ) -> list[Run]:
     """Run several cases with their artifacts, ``at_once`` side by side: for repeats, whose timing does not count. Engines that
-    fail give failed runs; the order is that of ``jobs``."""
+    fail give failed runs; the order is that of ``jobs``. ``warm``: processes to fork from."""
     runs: list[Run] = []
     for first in range(0, len(jobs), at_once):
         with contextlib.ExitStack() as stack:
@@ -314,7 +315,7 @@ def run_jobs(
             for case, folder in jobs[first : first + at_once]:
                 python = (pythons or {}).get(case.engine)
                 try:
-                    begun = start_case(case, folder, python=python, deadline=deadline)
+                    begun = start_case(case, folder, python=python, deadline=deadline, warm=warm)
                     pending.append(stack.enter_context(begun))
                 except EngineError as error:
                     pending.append(failed_run(case.resolved, case.engine, error, python))
