@@ -107,6 +107,7 @@ def _joints(world: World) -> dict[str, int]:
 def _body(world: World, body: Body, still: bool, joints: Mapping[str, int], native: bool) -> dict[str, HeldValue]:
     held = not still and told_inertial(world, body).mass > 0.0
     found: dict[str, HeldValue] = {"model": body.model, "held": held, "joint": body.joint.name}
+    found["seen"] = ", ".join(shape.name for shape in body.shapes if not shape.collision)
     if not held:
         return found
     found |= {

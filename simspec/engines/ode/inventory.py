@@ -82,6 +82,7 @@ def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
     body = lib.sim_body_of(sim.sim, row)
     found: dict[str, HeldValue] = {"model": sim.document.bodies[row].model, "held": bool(body)}
     found["joint"] = sim.document.bodies[row].joint.name
+    found["seen"] = ", ".join(shape.name for shape in sim.document.bodies[row].shapes if not shape.copies)
     if body:
         found |= {name: finite(getattr(lib, f"dBodyGet{name}")(body)) for name in BODY}
         found["GyroscopicMode"] = float(bool(found["GyroscopicMode"]))  # ODE returns the bit of a flag

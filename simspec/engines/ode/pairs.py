@@ -34,7 +34,7 @@ OVERLOOKED: Mapping[tuple[str, str], str] = {
     ): "of 100 random overlaps of a tenth to a half of the smaller one's inner radius it overlooks 4 (of 144 "
     "six, in six draws of sizes; of spheres, capsules and other cylinders with cylinders none)",
 }
-"""Pairs of which ODE's own code misses some overlaps, as that of the same name in DART does."""
+"""Pairs of which ODE's own code misses some overlaps, as the same code in another engine does."""
 BOX_AND_CAPSULE = f"box and capsule touch {_LINE}, a box on a capsule by 26 mm"
 
 
