@@ -85,7 +85,7 @@ def test_two_free_bodies_are_held_between_them():
     least = np.trace(moved(told, best)[:3, :3])
     for step in np.concatenate([np.eye(3), -np.eye(3)]) * 0.1:
         assert np.trace(moved(told, best + step)[:3, :3]) > least
-    np.testing.assert_allclose(anchors(world)["glue"], best, rtol=1e-12)
+    assert anchors(world) == {}, "what turns is held as the law has it"
 
 
 def test_what_cannot_turn_is_held_where_it_is_told():
