@@ -87,7 +87,7 @@ def corner_mobility() -> np.ndarray:
     return np.array([1 + z * z / about_y + y * y / about_z, 1 + z * z / about_x + x * x / about_z])
 
 
-@pytest.mark.parametrize("engine", [name for name in ENGINES if name != "pybullet"])
+@pytest.mark.parametrize("engine", [name for name in ENGINES if name not in ("pybullet", "rapier")])
 @pytest.mark.parametrize("degrees", DIRECTIONS)
 def test_an_oblong_box_slides_straight(engine, degrees):
     way = slide(degrees, np.ones(2))
@@ -205,7 +205,8 @@ ALL_AT_ONCE = [-0.6, 0.4, 0.4, 0.4, 0.4]
 the others, which press on each other, do not part."""
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+# Rapier has contacts from 1 µm on, its prediction distance
+@pytest.mark.parametrize("engine", [name for name in ENGINES if name != "rapier"])
 def test_the_balls_of_a_cradle_a_nanometre_apart_collide_one_after_the_other(engine):
     np.testing.assert_allclose(cradle(engine, 1e-9), LAST_ALONE, atol=0.03)
 

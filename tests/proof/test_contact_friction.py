@@ -198,7 +198,12 @@ def test_what_has_no_numbers_fails_without_a_traceback(name):
         assert not any(figure.passed for figure in found)
 
 
-ASIDE = {("pybullet", "push-oblong"): 0.2226, ("pybullet", "stop-oblong"): 0.2987}
+ASIDE = {
+    ("pybullet", "push-oblong"): 0.2226,
+    ("pybullet", "stop-oblong"): 0.2987,
+    ("rapier", "push-oblong"): 0.0191,
+    ("rapier", "stop-oblong"): 0.0255,
+}
 """Whose friction is not against the slip, under the elliptic cone, and by how much of the expected value (measured)."""
 
 
