@@ -1,6 +1,6 @@
 # make setup   .venv with everything, at the locked versions
 # make demo    the main job: 216 spheres in every engine that is here, then a robot arm
-# make engines   engines that need more than pip: installed where that is possible (root, apt-get); fails where one is missing then
+# make engines   engines that need more than pip: installed where that is possible (root, apt-get); fails where one is missing then; ENGINES="ode drake" those alone
 # make test    what CI runs: lint, types, stale files, tests
 # make check   lint, types (mypy, strict) and stale files alone
 # make quick   the developer's loop: lint, and the tests that start no engine
@@ -32,9 +32,10 @@ setup: .venv/ready
 	touch $@
 
 # SIMSPEC_DEMANDED_ENGINES=all make test fails where one is not there; by default its tests are skipped, and named
+ENGINES ?= --all
 engines: setup
-	-$(BIN)/simspec engines install --all --yes
-	$(BIN)/simspec engines doctor --all
+	-$(BIN)/simspec engines install $(ENGINES) --yes
+	$(BIN)/simspec engines doctor $(ENGINES)
 
 demo: setup
 	$(BIN)/simspec run specs/spheres-216.yaml --all-engines

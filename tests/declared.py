@@ -19,3 +19,13 @@ def engines_with(*features: Feature) -> list[str]:
             for feature in features
         )
     )
+
+
+PYRAMID_ALONE = ("gazebo",)
+"""Engines that have no elliptic cone, but a pyramid that stands for it where that is accepted by name."""
+
+
+def with_the_cone(*features: Feature) -> list[str]:
+    """The engines of :func:`engines_with` that have the elliptic cone: for tests of what comes out under it. What the others do
+    under their own is tested at home (``tests/engines/NAME``)."""
+    return [name for name in engines_with(*features) if name not in PYRAMID_ALONE]

@@ -343,6 +343,12 @@ DEFECTS: Mapping[str, Mapping[str, Callable[[Files], dict[str, str]]]] = {
         "a copy is not there": _of_shape("pad", lambda shape: shape["copies"].pop()),
         "third shape not solid": _of_shape("brick_ice_too", lambda shape: shape.update(material="", copies=[])),
     },
+    "gazebo": {
+        **OF_WORLD_FILES,
+        "a pair of materials meets no longer": _world_json(lambda content: content["meets"].pop(0)),
+        "a copy is not there": _of_shape("pad", lambda shape: shape["copies"].pop()),
+        "third shape not solid": _of_shape("brick_ice_too", lambda shape: shape.update(material="", copies=[])),
+    },
     "ode": {
         **OF_WORLD_FILES,
         "a pair of materials meets no longer": _json(lambda content: content["laws"][1].update(collide=False)),

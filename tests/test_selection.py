@@ -27,6 +27,7 @@ contact:
 engines:
   mujoco: {accept: [material.restitution]}
   dart: {accept: [material.restitution]}
+  gazebo: {accept: [material.restitution]}
 """
 ALONE = """simspec: 1
 name: ball

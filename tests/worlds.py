@@ -13,14 +13,21 @@ MUJOCO = EngineOptions("mujoco", accept=("contact.friction.impact",))
 """What a world accepts in which something has friction and moves."""
 BULLET = EngineOptions("pybullet", accept=("contact.cone.elliptic",))
 """What a world accepts in which more than balls has friction, under the elliptic cone."""
-ROUGH = (MUJOCO, BULLET)
+GAZEBO = EngineOptions("gazebo", accept=("contact.cone.elliptic",))
+"""What a world accepts in which something has friction, under the elliptic cone."""
+ROUGH = (MUJOCO, BULLET, GAZEBO)
 KINDS = ("sphere", "box", "cylinder", "capsule")
 
 
 def shapes_world(kinds: tuple[str, ...] = KINDS, friction: float = 0.4) -> World:
     """As shipped. DART has no collision detector that gets all these shapes right: what it gets wrong is accepted."""
     accepted = tuple(f"shape.{kind}" for kind in ("capsule", "cylinder", "ellipsoid", "plane"))
-    options = (EngineOptions("dart", accept=accepted), EngineOptions("ode", accept=("shape.cylinder",)), *ROUGH)
+    options = (
+        EngineOptions("dart", accept=accepted),
+        EngineOptions("ode", accept=("shape.cylinder",)),
+        *(MUJOCO, BULLET),
+        dataclasses.replace(GAZEBO, accept=(*GAZEBO.accept, "shape.cylinder")),
+    )
     return dataclasses.replace(shipped.shapes_world(kinds, friction), engines=options)
 
 
@@ -31,7 +38,7 @@ def gripper() -> World:
 
 def one_law(**law: object) -> World:
     """As shipped."""
-    return dataclasses.replace(shipped.one_law(**law), engines=(MUJOCO,))
+    return dataclasses.replace(shipped.one_law(**law), engines=(MUJOCO, GAZEBO))
 
 
 def table(friction: dict[tuple[str, str], float], **law: object) -> World:

@@ -27,6 +27,7 @@ contact:
 engines:
   mujoco: {accept: [material.restitution]}
   dart: {accept: [material.restitution]}
+  gazebo: {accept: [material.restitution]}
 """
 """A world that one engine does not support: it is negotiated for that one, and nothing more."""
 TAKEN = tuple(name for name in INSTALLED if name != "drake")

@@ -13,11 +13,11 @@ import pytest
 import simspec
 from simspec.runner.run import Run
 from simspec.support.features import Feature
-from tests.declared import engines_with
+from tests.declared import with_the_cone
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ENGINES = engines_with(Feature.RESTITUTION)
+ENGINES = with_the_cone(Feature.RESTITUTION)
 
 SCENES = Path(__file__).resolve().parents[2] / "specs" / "contact"
 GRAVITY = 9.81

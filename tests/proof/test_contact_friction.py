@@ -17,7 +17,7 @@ from simspec.proof.contact.law import project
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion
 from simspec.support.features import Feature
 from simspec.world.types import Hardness, PairContact
-from tests.declared import engines_with
+from tests.declared import engines_with, with_the_cone
 from tests.proof import contact_probing as probing
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
@@ -207,7 +207,7 @@ ASIDE = {
 """Whose friction is not against the slip, under the elliptic cone, and by how much of the expected value (measured)."""
 
 
-@pytest.mark.parametrize("engine", engines_with(Feature.RESTITUTION))
+@pytest.mark.parametrize("engine", with_the_cone(Feature.RESTITUTION))
 @pytest.mark.parametrize("name", ["push-oblong", "stop-oblong"])
 def test_an_oblong_slider_shows_whether_friction_is_against_the_slip(engine, name, tmp_path):
     """It would not, were it square: PyBullet's figures must be off by what is declared, the others' in tolerance."""
@@ -249,7 +249,7 @@ def test_pybullets_pyramid_is_exact_for_the_oblong_slider_too(name, tmp_path):
     assert abs(figure.measured / figure.expected - 1.0) < 0.003
 
 
-@pytest.mark.parametrize("engine", engines_with(Feature.RESTITUTION))
+@pytest.mark.parametrize("engine", with_the_cone(Feature.RESTITUTION))
 @pytest.mark.parametrize("name", PROBES)
 def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
     if not probing.installed(engine):

@@ -16,13 +16,13 @@ from simspec.proof.contact.oblique import impact_begins, impact_ends
 from simspec.proof.contact.probe import GRAVITY, Motion
 from simspec.support.features import Feature
 from tests import worlds
-from tests.declared import engines_with
+from tests.declared import with_the_cone
 from tests.proof.contact_probing import law
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 PROBE = oblique.PROBES["oblique"]
-MODES = {name: () for name in engines_with(Feature.RESTITUTION) if name != "mujoco"} | {
+MODES = {name: () for name in with_the_cone(Feature.RESTITUTION) if name != "mujoco"} | {
     "mujoco": (("friction", "coulomb"),)
 }
 """Settings of each engine with which impacts have friction."""

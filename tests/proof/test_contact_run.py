@@ -27,12 +27,12 @@ from simspec.proof.verify import verify
 from simspec.support.features import Feature
 from simspec.world.types import Hardness, PairContact
 from tests import worlds
-from tests.declared import engines_with
+from tests.declared import with_the_cone
 from tests.installed import JOINTED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ENGINES = engines_with(Feature.RESTITUTION)
+ENGINES = with_the_cone(Feature.RESTITUTION)
 SAID_TWICE = ("ode", "rapier")
 """Whose sidecar says the cone too: files that contradict each other are refused."""
 PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}

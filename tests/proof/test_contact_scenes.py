@@ -15,11 +15,11 @@ from simspec.language.study_specs import load_study_file
 from simspec.runner.expectations import evaluate
 from simspec.support.features import Feature
 from simspec.world.canonical import sha256
-from tests.declared import engines_with
+from tests.declared import with_the_cone
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ENGINES = engines_with(Feature.RESTITUTION)
+ENGINES = with_the_cone(Feature.RESTITUTION)
 
 SPECS = Path(__file__).resolve().parents[2] / "specs"
 SCENES = SPECS / "contact"

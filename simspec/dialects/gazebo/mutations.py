@@ -1,0 +1,16 @@
+"""What is beyond the files of a world for the complete self-test: see ``dialects/kit/world_mutations.py``."""
+
+from __future__ import annotations
+
+from simspec.dialects.kit.mutations import Addition, Inert
+from simspec.dialects.kit.world_mutations import table
+
+TABLE = table(
+    {"contact_solver": ("dantzig", "pgs")},
+    (
+        Addition("", "9.81", "strength"),
+        Addition("settings", "true", "sleeping"),
+        Addition("settings", "0.01", "softness"),
+    ),
+    (Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),),
+)

@@ -1,0 +1,188 @@
+"""A world as SDF for gz-physics, and what the part in C++ is told beside it.
+
+Links, joints and shapes are called by numbers in the SDF text, since SDF reserves names and has each once in a model. Shapes
+stand in it once for each layer of the contact plan, with the numbers of their material there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.engines.gazebo.library import NAME
+from simspec.errors import EngineError
+from simspec.formats.sdf import tree as sdf
+from simspec.formats.sdf.format import WORLD as SDF_WORLD
+from simspec.formats.sdf.format import Sdf
+from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, parent_of
+from simspec.world.types import Inertial, Pose
+
+KINDS = ("fixed", "hinge", "slide", "ball", "free")
+"""As the part in C++ numbers them."""
+SHAPES = ("sphere", "box", "cylinder", "capsule", "plane")
+CONE = "pyramid-circumscribed"
+"""The one that DART's solvers have here."""
+DETECTOR = "ode"
+"""DART's collision detector, gz-physics' own choice."""
+STANDS_FOR = Inertial(1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+"""What is written of a body whose inertia SDF does not allow; the part in C++ then sets its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A copy of a collision shape: its name in the SDF text, and where it stands in the document."""
+
+    name: str
+    body: int
+    shape: int
+    material: str
+    layer: int
+
+
+class Plan:
+    """What is made of a document: the SDF text, the units of contact and what of them may touch."""
+
+    def __init__(self, document: Document):
+        self.document = document
+        rows = {body.name: row for row, body in enumerate(document.bodies)}
+        self.parents = [rows.get(parent_of(body.joint) or "", -1) for body in document.bodies]
+        self.roots: list[int] = []
+        """Of each body the root of its tree."""
+        self.groups: list[int] = []
+        """Of each body a number of its rigid group, -1 where it cannot move."""
+        for row, body in enumerate(document.bodies):
+            parent = self.parents[row]
+            self.roots.append(row if parent < 0 else self.roots[parent])
+            still = -1 if parent < 0 else self.groups[parent]
+            self.groups.append(still if isinstance(body.joint, FixedJoint) else row)
+        self.units = [
+            Unit(f"s{row}_{place}_{copy.layer}", row, place, shape.material, copy.layer)
+            for row, body in enumerate(document.bodies)
+            for place, shape in enumerate(body.shapes)
+            for copy in shape.copies
+        ]
+        self._by_body: dict[int, list[Unit]] = {}
+        for unit in self.units:
+            self._by_body.setdefault(unit.body, []).append(unit)
+        self._check()
+        self.text = Sdf().write(self._world())[SDF_WORLD]
+        self.excluded = np.array(
+            sorted(
+                min(rows[one], rows[other]) * len(rows) + max(rows[one], rows[other])
+                for one, other in document.apart.bodies
+            ),
+            dtype=np.int64,
+        )
+        self.classes, self.meet = self._classes()
+
+    def _check(self) -> None:
+        for row, body in enumerate(self.document.bodies):
+            if isinstance(body.joint, AxisJoint) and body.joint.servo is not None:
+                raise EngineError(NAME, f"has no controller of its own, which joint {body.joint.name!r} has")
+            for shape in body.shapes:
+                if shape.copies and shape.kind not in SHAPES:
+                    raise EngineError(NAME, f"does not support the {shape.kind} {shape.name!r}")
+                if shape.copies and shape.kind == "plane" and self.groups[row] >= 0:
+                    raise EngineError(NAME, f"does not support the plane {shape.name!r} on a body that moves")
+                for copy in shape.copies:
+                    if copy.torsional_friction or copy.rolling_friction or copy.hardness is not None:
+                        raise EngineError(
+                            NAME, f"has no torsional or rolling friction, and no hardness, of {shape.name!r}"
+                        )
+
+    def _classes(self) -> tuple[list[int], np.ndarray]:
+        """Of each unit the number of its class, and which classes meet (classes, classes)."""
+        layers = {frozenset((one, other)): layer for one, other, layer in self.document.meets}
+        ignored = {frozenset(pair) for pair in self.document.apart.groups}
+        keys = [(self.document.bodies[unit.body].group, unit.material, unit.layer) for unit in self.units]
+        known = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+        meet = np.zeros((len(known), len(known)), dtype=np.uint8)
+        for one, row in known.items():
+            for other, column in known.items():
+                meet[row, column] = (
+                    layers.get(frozenset((one[1], other[1]))) == one[2] == other[2]
+                    and frozenset((one[0], other[0])) not in ignored
+                )
+        return [known[key] for key in keys], meet
+
+    # --- the text ---------------------------------------------------------------------------------------------
+
+    def _world(self) -> sdf.World:
+        members: dict[int, list[int]] = {}
+        for row, root in enumerate(self.roots):
+            members.setdefault(root, []).append(row)
+        models = tuple(
+            sdf.Model(
+                f"t{root}",
+                Pose(),
+                False,
+                True,
+                tuple(self._link(row) for row in rows),
+                tuple(self._joint(row) for row in rows if not isinstance(self.document.bodies[row].joint, FreeJoint)),
+            )
+            for root, rows in members.items()
+        )
+        return sdf.World("w", self.document.timestep, self.document.gravity, models)
+
+    def _link(self, row: int) -> sdf.Link:
+        body, parent = self.document.bodies[row], self.parents[row]
+        pose = Pose() if isinstance(body.joint, FreeJoint) else body.joint.origin
+        inertial = Inertial(body.mass, body.centre_of_mass, body.inertia) if proper(body) else STANDS_FOR
+        shapes = tuple(
+            sdf.Shape(
+                unit.name,
+                body.shapes[unit.shape].kind,
+                body.shapes[unit.shape].size,
+                body.shapes[unit.shape].pose,
+                self._surface(unit),
+                None,
+            )
+            for unit in self._by_body.get(row, ())
+        )
+        return sdf.Link(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, True, shapes)
+
+    def _surface(self, unit: Unit) -> sdf.Surface:
+        copies = self.document.bodies[unit.body].shapes[unit.shape].copies
+        copy = next(copy for copy in copies if copy.layer == unit.layer)
+        return sdf.Surface(copy.friction, 0.0, copy.restitution, 0.0)
+
+    def _joint(self, row: int) -> sdf.Joint:
+        """A joint of the text. Damping there is DART's own, implicit one, which with an effort against it is armature; springs
+        and damping of the world are efforts."""
+        joint = self.document.bodies[row].joint
+        parent = None if self.parents[row] < 0 else f"b{self.parents[row]}"
+        told = sdf.Joint(f"j{row}", joint.kind, parent, f"b{row}")
+        if not isinstance(joint, AxisJoint):
+            return told
+        return sdf.Joint(
+            told.name,
+            joint.kind,
+            parent,
+            told.child,
+            joint.axis,
+            joint.position_limits,
+            joint.effort_limit,
+            None,
+            joint.armature / self.document.timestep,
+            joint.dry_friction,
+        )
+
+
+def proper(body: Body) -> bool:
+    """Whether SDF and its reader take the inertia of a body: a mass, and moments of something."""
+    xx, yy, zz, xy, xz, yz = body.inertia
+    moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    return bool(body.mass > 0.0 and moments[0] > 0.0 and moments[0] + moments[1] > moments[2] * (1.0 + 1e-9))
+
+
+def losses(document: Document) -> np.ndarray:
+    """Of each body's joint damping, stiffness, rest and armature (n, 4)."""
+    found = np.zeros((len(document.bodies), 4))
+    for row, body in enumerate(document.bodies):
+        joint = body.joint
+        if isinstance(joint, AxisJoint):
+            found[row] = joint.damping, joint.spring_stiffness, joint.spring_rest, joint.armature
+        elif isinstance(joint, BallJoint):
+            found[row, :2] = joint.damping, joint.spring_stiffness
+    return found

@@ -1,0 +1,91 @@
+"""Everything that gz-physics and its DART hold beside the fields of the read-back, and that can act; what it must be says
+``expected.py``."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+
+from simspec.engines.gazebo.library import asked
+from simspec.engines.gazebo.readback import held_body, held_unit, unit_name
+from simspec.engines.gazebo.simulation import Simulation
+from simspec.engines.kit.expected_filter import named_set
+from simspec.engines.kit.labels import sidecar_labels
+from simspec.world.types import HeldValue, Pose
+
+BIG = 1e308
+"""Stands for infinity, which is no number in JSON."""
+FIT = 1e-12
+"""The tolerance of text, proof level L0."""
+WORLD = (
+    *("error_reduction", "error_reduction_speed", "error_allowance", "force_mixing"),
+    *("most_contacts", "contact_enabled", "filter", "shapes", "skeletons", "links"),
+)
+"""What ``gz_world`` says after gravity and timestep."""
+
+
+def finite(values: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(max(-BIG, min(BIG, float(value))) for value in values)
+
+
+def near(place: Pose) -> bool:
+    """Whether a joint stands at its child's frame, but for what comes of taking SDF's frames apart."""
+    return max(map(abs, (*place.position, *place.quaternion[1:]))) < FIT
+
+
+def inventory(sim: Simulation) -> dict[str, HeldValue]:
+    """Everything else that is held, by name."""
+    lib = sim.library
+    found: dict[str, HeldValue] = dict(sidecar_labels(sim.sidecar))
+    numbers = asked(lib.gz_world, (sim.sim,), lib.gz_world_numbers())
+    found |= {f"world.{name}": value for name, value in zip(WORLD, numbers[4:], strict=True)}
+    found["world.detector"], found["world.solver"] = (
+        lib.gz_detector(sim.sim).decode(),
+        lib.gz_solver(sim.sim).decode(),
+    )
+    for number in range(lib.gz_tree_count(sim.sim)):
+        mobile, timestep, *gravity = asked(lib.gz_skeleton, (sim.sim, number), 5)
+        found[f"tree.{number}.mobile"], found[f"tree.{number}.timestep"] = bool(mobile), timestep
+        found[f"tree.{number}.gravity"] = tuple(gravity)
+    for row, body in enumerate(sim.document.bodies):
+        for name, value in _body(sim, row).items():
+            found[f"body.{body.name}.{name}"] = value
+    for number, unit in enumerate(sim.plan.units):
+        held, name = held_unit(sim, number), unit_name(sim, unit)
+        found[f"unit.{name}.of"] = sim.names[unit.body]
+        found[f"unit.{name}.second_friction"] = held.friction[1]
+        found[f"unit.{name}.slip"] = held.slip
+        found[f"unit.{name}.direction"] = (*held.direction, held.in_frame)
+        found[f"unit.{name}.collidable"] = held.collidable
+    return found | _filter(sim)
+
+
+def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
+    told, held = sim.document.bodies[row], held_body(sim, row)
+    return {
+        "model": told.model,
+        "joint": told.joint.name,
+        "shapes": tuple(shape.name for shape in told.shapes),
+        "at_child": near(held.in_child),
+        "actuator": held.actuator,
+        "flags": held.flags,
+        "enforced": held.enforced,
+        "velocity_limits": finite(held.velocity),
+        "force_limits": finite(held.force),
+        "damping": held.damping,
+        "spring": held.stiffness,
+        "rest": held.rest,
+    }
+
+
+def _filter(sim: Simulation) -> dict[str, HeldValue]:
+    """For every copy of a shape the others that it does not touch, itself not counted."""
+    names = [unit_name(sim, unit) for unit in sim.plan.units]
+    apart = np.zeros((len(names), len(names)), dtype=np.uint8)
+    sim.library.gz_apart(sim.sim, apart.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)))
+    np.fill_diagonal(apart, 0)
+    return {
+        f"apart.{name}": named_set(names[other] for other in np.nonzero(row)[0].tolist())
+        for name, row in zip(names, apart, strict=True)
+    }
