@@ -13,12 +13,16 @@ import pytest
 
 from simspec.errors import Problem, SpecError
 from simspec.imports.sdf.importer import Sdf
+from simspec.meshes.child import READERS
+from simspec.meshes.files import MeshError, open_mesh
+from simspec.meshes.reading import read_surfaces
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path.insert(0, str(ROOT / "tools" / "fuzz"))
 
 import judge  # noqa: E402 - a script beside the package
 from cases import Fuzz  # noqa: E402
+from seeds import MESHES, SUFFIX, seeds  # noqa: E402
 
 CASES = range(15)
 
@@ -28,6 +32,17 @@ def test_a_case_is_its_number(tmp_path):
         one, other = (Fuzz(language, tmp_path / name) for name in "ab")
         assert [one.files(case) for case in range(5)] == [other.files(case) for case in range(5)]
     assert one.files(0)[1] != one.files(1)[1]
+
+
+def test_every_reader_of_meshes_begins_with_files_that_are_read(tmp_path):
+    files = []
+    for kind in MESHES:
+        for number, seed in enumerate(seeds(kind)):
+            file = tmp_path / f"seed{number}{SUFFIX[kind]}"
+            file.write_bytes(seed.content)
+            files.append(open_mesh(file))
+    assert not [answer for answer in read_surfaces(files) if isinstance(answer, MeshError)]
+    assert {SUFFIX[kind] for kind in MESHES} == set(READERS)
 
 
 def test_importers_of_xml_stand_some_cases(tmp_path):

@@ -18,7 +18,7 @@ from warm import Forked
 
 KINDS = {"usd": ("usd", "usd", "usd", "usdc", "usdz"), "meshes": MESHES}
 """What is fuzzed of a language, where that is more than one kind of file."""
-BINARY = ("stl", "glb", "usdc", "usdz", "ply")
+BINARY = ("stl", "glb", "usdc", "usdz", "ply", "msh")
 MESH_SPEC = """simspec: 1
 name: mesh
 contact: {materials: {m: {friction: 1}}}

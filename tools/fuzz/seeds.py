@@ -6,6 +6,7 @@ A seed is a main file and the files beside it, as bytes. Everything is made in t
 from __future__ import annotations
 
 import functools
+import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -42,9 +43,10 @@ SUFFIX = {
     "glb": ".glb",
     "gltf": ".gltf",
     "ply": ".ply",
+    "msh": ".msh",
 }
 """The end of the name of the changed file, by what is fuzzed."""
-MESHES = ("obj", "stl", "dae", "glb", "gltf", "ply")
+MESHES = ("obj", "stl", "dae", "glb", "gltf", "ply", "msh")
 LANGUAGES = ("xacro", "urdf", "mjcf", "sdf", "usd", "meshes", "simspec")
 
 
@@ -64,6 +66,9 @@ def box_of(kind: str) -> bytes:
 
 
 def _exported(mesh: Any, kind: str) -> bytes:
+    if kind == "msh":  # numbers of vertices, normals, places in a texture and faces, then these
+        points, corners = np.asarray(mesh.vertices, "<f4"), np.asarray(mesh.faces, "<i4")
+        return struct.pack("<4i", len(points), 0, 0, len(corners)) + points.tobytes() + corners.tobytes()
     words = {"embed_buffers": True} if kind == "gltf" else {}
     made = mesh.export(file_type=kind, **words)
     if isinstance(made, dict):
