@@ -15,11 +15,12 @@ from typing import Any
 from simspec.arguments import print_json
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.diagnosis import State, diagnose
-from simspec.engines.kit.environments import is_whole, making, mark, python_of
+from simspec.engines.kit.environments import making, python_of
 from simspec.engines.kit.identity import EngineId, parse
 from simspec.engines.kit.installed import Instance, instances
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError
+from simspec.outputs.begun import begin, finish, is_whole
 from simspec.report.screen import say
 
 DEADLINE = 3600.0
@@ -122,18 +123,15 @@ def _instance(label: EngineId, place: Path) -> Instance:
 def _make(place: Path, commands: Sequence[Sequence[str]], told: Sequence[dict[str, Any]]) -> str | None:
     """Make an environment anew by its commands; why it is not whole, None where it is."""
     try:
-        if place.exists():
-            shutil.rmtree(place)  # begun by simspec, and not whole: its own file says so
-        place.mkdir(parents=True)
-        mark(place, whole=False)
+        begin(place)
     except OSError as error:
-        return f"{place}: {error.strerror}"
+        return f"{place}: {error.strerror}" if error.strerror else str(error)
     for command, one in zip(commands, told, strict=True):
         one["code"], why = _run(command)
         one["ran"] = one["code"] is not None
         if why is not None:
             return f"{one['words']}: {why}"
-    mark(place, whole=True)
+    finish(place)
     return None
 
 

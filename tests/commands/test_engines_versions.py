@@ -10,12 +10,11 @@ import pytest
 
 from simspec import cli
 from simspec.arguments import interpreters
-from simspec.engines.kit import environments
 from simspec.engines.kit.environments import making, requirement
 from simspec.engines.kit.identity import parse
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
-from tests.commands.test_engines import answer
+from simspec.outputs import begun
 from tests.files import program
 
 VENV = """#!/bin/sh
@@ -36,6 +35,11 @@ def made(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "version").write_text("3.17.4")
     return tmp_path / "data" / "simspec" / "engines"
+
+
+def answer(capsys, *words: str, code: int = 0):
+    assert cli.main(["engines", *words, "--json"]) == code
+    return json.loads(capsys.readouterr().out)["engines"]
 
 
 def asked(place) -> list[str]:
@@ -90,11 +94,11 @@ def test_another_version_than_the_label_says_is_told(made, capsys, tmp_path):
     assert "is version 3.1.7, not 3.17" in row["problem"]
 
 
-@pytest.mark.parametrize("made_by_others", ["", "nonsense", '{"label": "mujoco@3.1", "whole": true}'])
+@pytest.mark.parametrize("made_by_others", ["", "nonsense", '{"name": "mujoco@3.1", "whole": true}'])
 def test_a_folder_that_simspec_did_not_make_stays(made, capsys, made_by_others):
     place = made / "mujoco@3.17"
     place.mkdir(parents=True)
-    (place / environments.MADE).write_text(made_by_others)
+    (place / begun.BEGUN).write_text(made_by_others)
     (place / "mine").write_text("")
     program(place / "bin" / "python", "#!/bin/sh\n")
     assert interpreters(None) == {}
@@ -106,10 +110,8 @@ def test_a_folder_that_simspec_did_not_make_stays(made, capsys, made_by_others):
 
 def test_an_environment_of_another_user_is_not_started(made, capsys, monkeypatch):
     answer(capsys, "install", "mujoco@3.17", "--yes")
-    monkeypatch.setattr(environments.os, "geteuid", lambda: os.getuid() + 1)
-    monkeypatch.setattr(
-        environments.os, "fstat", lambda descriptor: os.stat_result([0o100644, 0, 0, 1, 4242, *[0] * 5])
-    )
+    monkeypatch.setattr(begun.os, "geteuid", lambda: os.getuid() + 1)
+    monkeypatch.setattr(begun.os, "fstat", lambda descriptor: os.stat_result([0o100644, 0, 0, 1, 4242, *[0] * 5]))
     assert interpreters(None) == {}
 
 

@@ -1,15 +1,11 @@
 """Versions of engines in environments of their own: made by simspec in the user's data folder, and found there by label.
 
-A folder ``engines/NAME@VERSION`` is one environment. A file in it says that simspec made it and whether it is whole: one whose
-making broke off is not used, and is made anew; a folder without that file is nobody's to touch.
+A folder ``engines/NAME@VERSION`` is one environment, whole or begun (``outputs/begun.py``).
 """
 
 from __future__ import annotations
 
-import json
-import os
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -21,13 +17,10 @@ from simspec.engines.kit.diagnosis import requirements
 from simspec.engines.kit.identity import EngineId, parse
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EngineError, SpecError
+from simspec.outputs.begun import is_whole
 from simspec.outputs.cache import data_folder
 
 FOLDER: Final = "engines"
-MADE: Final = "simspec-environment.json"
-"""The file that says whose an environment is: ``{"label": LABEL, "whole": true or false}``."""
-MOST_MADE: Final = 10_000
-"""Bytes of that file."""
 BESIDE: Final = ("numpy",)
 """What the worker needs in an engine's interpreter."""
 LAWS: Final = "pin"
@@ -61,25 +54,6 @@ def _known(label: str) -> bool:
     except SpecError:
         return False
     return engine.name in engines() and bool(engine.version) and engine.label == label
-
-
-def is_whole(place: Path) -> bool | None:
-    """Whether the environment at ``place`` is whole; None: there is none that simspec made for this user."""
-    try:
-        with (place / MADE).open("rb") as stream:
-            if os.fstat(stream.fileno()).st_uid not in (os.geteuid(), 0):
-                return None  # a program of somebody else is not started unasked
-            told = json.loads(stream.read(MOST_MADE))
-    except (OSError, ValueError, RecursionError):
-        return None
-    if not isinstance(told, Mapping) or told.get("label") != place.name:
-        return None
-    return told.get("whole") is True
-
-
-def mark(place: Path, whole: bool) -> None:
-    """Say of the environment at ``place`` that simspec made it, and whether it is whole. Raises OSError."""
-    (place / MADE).write_text(json.dumps({"label": place.name, "whole": whole}) + "\n", encoding="utf-8")
 
 
 def requirement(engine: type[Engine], version: str) -> str:
