@@ -79,7 +79,10 @@ NAMED_ELSEWHERE = {
     ("dialects/pybullet/mutations.py", "gazebo"): "an element of the language",
     **{("imports/urdf", part): "the same" for part in ("gazebo", "Gazebo", "GAZEBO")},
     ("dialects/gazebo", "DART"): "the library that is that engine's own engine",
-    **{("engines/gazebo", part): "the same, by its detector" for part in ("DART", "dart", "ode", "Sdf", "SDF", "sdf")},
+    **{
+        ("engines/gazebo", part): "the same, by its detector"
+        for part in ("DART", "Dart", "dart", "ode", "Sdf", "SDF", "sdf")
+    },
     ("imports/xacro/importer.py", "urdf"): "what xacro files expand to: the importer that reads it",
     ("imports/xacro/importer.py", "URDF"): "the same, in messages",
     ("imports/urdf/table.py", '"mujoco"'): "an element of the files that are read",
