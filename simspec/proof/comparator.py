@@ -338,10 +338,13 @@ class _Comparison(BesideBodies):
         name = HULL if SHAPES[shape.kind].points else FIELD
         wrong = SHAPES[other.kind].wrong_size(other.size)
         deviation = None
+        tolerance = self.hull_tolerance if name == HULL else max(self.tolerance, 0.0 if self.text else SINGLE)
         if wrong is None:
             try:
-                own = within(shape.size, other.rounding) if name == HULL else shape.size
-                deviation = (hull_distance if name == HULL else field_distance)(own, other.size)
+                if name == HULL:
+                    deviation = hull_distance(within(shape.size, other.rounding), other.size, tolerance)
+                else:
+                    deviation = field_distance(shape.size, other.size)
             except HullError as error:
                 wrong = f"with {other.rounding} m around it: {error}"
         count = len(shape.size) // 3
@@ -350,7 +353,6 @@ class _Comparison(BesideBodies):
             if name == HULL
             else f"its surface is off by {deviation:.3g} of its extent"
         )
-        tolerance = self.hull_tolerance if name == HULL else max(self.tolerance, 0.0 if self.text else SINGLE)
         self.tally.add(self.levels["geometry"], name, tolerance, deviation, at, detail)
 
     def pairs(self) -> None:

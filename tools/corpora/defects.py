@@ -1,4 +1,4 @@
-"""Hard defects of URDF files, found without simspec: what no importer can make a model of unasked."""
+"""Hard defects of URDF and SDF files, found without simspec: what no importer can make a model of unasked."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ that has a range says neither; an inertial has no mass or
 no moments, a mass or a principal moment is below 0, or the largest moment exceeds the sum of the others (by more than 10⁻⁶ of
 it); what a joint moves has no mass or no moments. They are found by a reader of its own (`tools/corpora/defects.py`), which
 shares nothing with the importer."""
+SDF_RULE = """An SDF file has a *hard defect* where it is not well-formed; a file that it names is not in the package; or
+a link of a model that is not static, and that no joint fixes to the world, has a mass or a moment that is not above 0, or
+moments of which the largest exceeds the sum of the others (by more than 10⁻⁶ of it)."""
 SLACK = 1e-6
 """Relative: by so much may moments break an inequality, as numbers that are written with seven digits do."""
 MOVING = ("revolute", "continuous", "prismatic", "planar", "floating")
@@ -44,6 +47,58 @@ def defects(path: Path, root: Path) -> list[str]:
     except ValueError:
         kinds.append("no number")
     return list(dict.fromkeys(kinds))
+
+
+def sdf_defects(path: Path, root: Path) -> list[str]:
+    """The kinds of hard defects of an SDF file in a package."""
+    try:
+        document = ElementTree.fromstring(path.read_bytes())
+    except ElementTree.ParseError:
+        return ["not well-formed"]
+    kinds = []
+    for address in document.iter("uri"):
+        text = (address.text or "").strip()
+        if text.startswith(("model:", "package:", "file:")):
+            found = bool(_named(root, text.rpartition("/")[2]))
+        else:  # beside the file that names it
+            found = "://" in text or (path.parent / text).exists()
+        if not found:
+            kinds.append("a file that is not there")
+    for model in document.iter("model"):
+        if model.findtext("static", "").strip() in ("true", "1"):
+            continue
+        fixed = {
+            joint.findtext("child", "").strip()
+            for joint in model.findall("joint")
+            if joint.get("type") == "fixed" and joint.findtext("parent", "").strip() == "world"
+        }
+        for link in model.findall("link"):
+            try:
+                kinds += [] if link.get("name") in fixed else _sdf_mass(link.find("inertial"))
+            except ValueError:
+                kinds.append("no number")
+    return list(dict.fromkeys(kinds))
+
+
+def _sdf_mass(inertial: Any) -> list[str]:
+    """What is wrong with a mass and its moments; SDF has 1 where a number is left out, and 0 off the diagonal."""
+    if inertial is None:
+        return []
+    tensor = inertial.find("inertia")
+    told = {} if tensor is None else {element.tag: float(element.text or "") for element in tensor}
+    xx, yy, zz = (told.get(word, 1.0) for word in ("ixx", "iyy", "izz"))
+    xy, xz, yz = (told.get(word, 0.0) for word in ("ixy", "ixz", "iyz"))
+    low, middle, high = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    kinds = ["what moves has no mass"] if float(inertial.findtext("mass", "1")) <= 0.0 else []
+    if low <= 0.0:
+        kinds.append("a moment that is not above 0")
+    elif high > (low + middle) * (1.0 + SLACK):
+        kinds.append("the triangle inequality")
+    return kinds
+
+
+DEFECTS = {"urdf": defects, "sdf": sdf_defects}
+"""By language: languages that are not named have no rule."""
 
 
 def _names(links: list[Any], joints: list[Any]) -> list[str]:

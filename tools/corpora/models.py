@@ -53,6 +53,8 @@ LANGUAGES = {
 """Ends of names, the language, and what a file of it contains."""
 PART = re.compile(rb"<(worldbody|link|model|link\s|body|xacro)|PXR-USDC|PhysicsRigidBodyAPI")
 """Without one of these a file is a part of another."""
+ENGINES = ("dart", "drake", "mujoco", "pybullet")
+"""Engines that files are asked of, and that the page is about, where they are installed."""
 SKIPPED = ("random_urdfs/", "dm_control/mjcf/test_assets", "dm_control/mujoco/testing")
 """Folders that are left out: a thousand files alike, and files that are wrong on purpose."""
 

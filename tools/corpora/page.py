@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from defects import RULE, defects
-from models import Model
+from defects import DEFECTS, RULE, SDF_RULE
+from models import ENGINES, Model
 from refusals import why
 from run import STAGES, stored
 
@@ -82,14 +82,14 @@ def write(models: Sequence[Model], results: Path) -> None:
         File(
             model,
             *(stored(results, stage, model) for stage in STAGES),
-            tuple(defects(model.path, model.root)) if model.language == "urdf" else (),
+            tuple(DEFECTS[model.language](model.path, model.root)) if model.language in DEFECTS else (),
         )
         for model in sorted(models, key=lambda model: (model.package, model.name))
     ]
     files = [file for file in files if file.imported is not None]
-    engines = sorted({name for file in files for name in (*file.proofs, *file.audits)})
+    engines = [name for name in ENGINES if any(name in file.proofs or name in file.audits for file in files)]
     parts = (
-        head(files),
+        head(files, engines),
         aims(files),
         proofs(files, engines),
         audits(files, engines),
@@ -101,7 +101,7 @@ def write(models: Sequence[Model], results: Path) -> None:
     print(f"{PAGE.relative_to(ROOT)}: {len(files)} files")
 
 
-def head(files: Sequence[File]) -> Iterator[str]:
+def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     answers = [one for file in files for one in (file.imported, file.certified, file.apart, file.audited) if one]
     states = {code for one in answers for code in (one["code"], *one.get("older", ()))}
     asked = {stage: sum(getattr(file, stage) is not None for file in files) for stage in ("certified", "audited")}
@@ -114,7 +114,8 @@ def head(files: Sequence[File]) -> Iterator[str]:
     yield ""
     yield (
         f"{len(files)} files of {len({file.model.package for file in files})} packages that pip installs. Each is imported; "
-        f"what simspec compiles of it is certified in every engine (levels L0 to L4 and L6), of which {asked['certified']} "
+        f"what simspec compiles of it is certified in {', '.join(engines[:-1])} and {engines[-1]} (levels L0 to L4 and L6; "
+        f"simspec's other engines are not asked), of which {asked['certified']} "
         f"of {sum(file.is_imported for file in files)} imported files were asked so far; and each file itself is "
         f"[audited](audit.md), of which {asked['audited']} were. Files that were asked are spread over packages and languages. "
         f"`make corpora` goes on where it stopped. The answers are of {len(states)} states of simspec's code, hours or days "
@@ -146,6 +147,8 @@ def aims(files: Sequence[File]) -> Iterator[str]:
     yield ""
     yield " ".join(RULE.split())
     yield ""
+    yield " ".join(SDF_RULE.split())
+    yield ""
     yield "| aim | of | measured | |"
     yield "|---|---|---|---|"
     yield _aim("URDF without hard defect is imported", 98.0, sum(file.is_imported for file in sound), len(sound))
@@ -168,11 +171,15 @@ def aims(files: Sequence[File]) -> Iterator[str]:
     )
     for language, wanted, of in (("sdf", 20, 23), ("usd", 68, 75)):
         own = [file for file in files if file.model.language == language]
+        ruled = " without hard defect" if language in DEFECTS else ""
+        asked = [file for file in own if not file.defects]
         repaired = sum(bool((file.imported or {}).get("repaired")) for file in own)
-        more = f"{repaired} more with rules of repair" if repaired else ""
-        yield _aim(
-            f"{language.upper()} is imported", 100.0 * wanted / of, sum(f.is_imported for f in own), len(own), more
-        )
+        more = [f"{repaired} more of all {len(own)} with rules of repair"] if repaired else []
+        if ruled:
+            more.insert(0, f"{len(own) - len(asked)} of {len(own)} have a hard defect")
+        count = sum(file.is_imported for file in asked)
+        what = f"{language.upper()}{ruled} is imported"
+        yield _aim(what, 100.0 * wanted / of, count, len(asked), ", ".join(more))
 
 
 def _loads(file: File) -> bool:
@@ -302,8 +309,8 @@ def table(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield "## File by file"
     yield ""
     yield (
-        "`hard defect`: of URDF, by the rule above. `certified` and `audit` have one entry for each engine, in the order "
-        f"{names}: yes, apart ({APART}), **no**, – (not supported, by name; the engine does not read the language), "
+        "`hard defect`: of URDF and SDF, by the rules above. `certified` and `audit` have one entry for each engine, in the "
+        f"order {names}: yes, apart ({APART}), **no**, – (not supported, by name; the engine does not read the language), "
         "· (not asked yet); "
         "audit: how many values an engine changes, drops or adds in silence, or that it refuses the file or dies. `s`: import, "
         "certify, audit, each with what earlier files left in the cache, on a busy machine; empty: not asked yet."

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from models import Model, package_folders
+from models import ENGINES, Model, package_folders
 
 HERE = Path(__file__).resolve().parent
 STAGES = ("import", "certify", "apart", "audit")
@@ -166,10 +166,10 @@ def undecided(results: Path, stage: str, model: Model, known: dict[str, Any], am
 
 @functools.cache
 def installed() -> tuple[str, ...]:
-    """The engines that answer here."""
+    """The engines of the page that answer here."""
     from simspec.engines.kit.registry import engines
 
-    return tuple(sorted(name for name, engine in engines().items() if engine.version() is not None))
+    return tuple(name for name in ENGINES if engines()[name].version() is not None)
 
 
 def refusing(results: Path, model: Model) -> list[str]:

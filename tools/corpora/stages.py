@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from models import ENGINES
+
 from simspec.audit.audit import audit, proven
 from simspec.audit.meaning import content_of, language_of
 from simspec.engines.kit.registry import engines
@@ -29,7 +31,7 @@ class Kept:
 
     def __init__(self) -> None:
         self.warm = WarmProcesses()
-        self.engines = [name for name, engine in engines().items() if engine.version() is not None]
+        self.engines = [name for name in ENGINES if engines()[name].version() is not None]
 
     def __enter__(self) -> Kept:
         return self
