@@ -27,7 +27,7 @@ from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.ode import library
 from simspec.engines.ode.expected import expected
 from simspec.engines.ode.inventory import inventory, neutral
-from simspec.engines.ode.native import CASE, SWITCH, own_steps
+from simspec.engines.ode.native import JOINTS, SWITCH
 from simspec.engines.ode.pairs import CASES, OVERLOOKED, capsules, cylinders
 from simspec.engines.ode.readback import read_back
 from simspec.engines.ode.simulation import Simulation
@@ -40,7 +40,6 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     Table,
-    alike,
     exactly,
     never,
     not_here,
@@ -111,10 +110,7 @@ class Ode(SteppedEngine[Simulation]):
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
-        **alike(
-            Support(Level.EXACT, refine=own_steps, cases=(CASE,)),
-            *(Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-        ),
+        **JOINTS,
         **shape_kinds("ODE", ("sphere", "box", "capsule")),
         Feature.JOINT_SEVERAL: never("ODE's bodies have mass, and between two joints of one body stands one without"),
         Feature.LIMIT_POSITION: Support(

@@ -230,9 +230,11 @@ double aim_again(Sim *s) {
     const Law *law = p->law;
     if (!rubs(s, law)) continue;
     double push = normal_force(p), change = fabs(push - p->push) / (push > 0 ? push : 1);
+    int slid = p->sliding, rolled = p->rolls;
     p->push = push;
     if (law->friction > 0 && s->cone == ELLIPTIC) p->sliding = laid_again(p->geom.normal, p->free, p->slip, p->against, &change);
     if (law->rolling > 0) p->rolls = laid_again(p->geom.normal, p->spun, p->turn, p->rolling, &change);
+    if (p->sliding != slid || p->rolls != rolled) change = 1; /* it is bound in another way than it was solved with */
     if (change > most) most = change;
   }
   return most;
