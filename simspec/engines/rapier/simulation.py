@@ -2,12 +2,13 @@
 
 A free body's frame is at its centre of mass, so that its coordinates are those of Rapier's body. Rapier steps as simspec's law
 of motion does, v before x, but for the gyroscopic torque: it has an implicit one. So that is switched off, and −ω × Iω is given
-as a torque before every step, from Rapier's own ω, R and I.
+as a torque before every step, from Rapier's own ω, R and I. Rapier's turn is the unit quaternion along q + ½ ω q dt, which lags
+by (|ω| dt)³ / 12 (measured from 2 to 1,000 rad/s); of what turns fast it is done again, by the exponential of ω dt.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,12 @@ from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import FreeJoint
 from simspec.world import frames
-from simspec.world.rotations import matrices, rotate, unit
+from simspec.world.rotations import exponential, matrices, multiply, rotate, unit
 from simspec.world.sums import JointSum
 from simspec.world.types import Constraint
 
+SLOW = 1e-3
+"""rad, |ω| dt up to which Rapier's own turn is left: it lags by 8e-11 rad then, a thousandth of a rounding."""
 LONG = 1.0
 """s, the step by which mass matrix and bias force are asked: what a step of 1 ms adds to a velocity has few digits in it."""
 
@@ -144,6 +147,7 @@ class Simulation:
             self._give(effort)
             if left == 1 and self.built.shapes:
                 self._last = self._places()
+            before = [body.rotation for body in self.bodies]
             self.world.step()
             if (
                 not self.world.quarantine.is_empty()
@@ -151,6 +155,19 @@ class Simulation:
                 lost = self.world.quarantine.bodies
                 wrong = [self.names[row] for row in self.free if self.built.bodies[row] in lost]
                 raise EngineError(NAME, f"the state of {', '.join(wrong[:3]) or 'a shape'} is no longer finite")
+            self._turn_again(before)
+
+    def _turn_again(self, before: Sequence[Any]) -> None:
+        """Turn what turns fast once more from where it was ``before`` the step; frames are at centres of mass, which stay."""
+        timestep = float(self.world.integration_parameters.dt)
+        turned = np.array([tuple(body.angvel) for body in self.bodies]).reshape(-1, 3) * timestep
+        fast = np.flatnonzero((turned * turned).sum(axis=1) > SLOW**2).tolist()
+        if not fast:
+            return
+        was = np.array([(turn.w, turn.i, turn.j, turn.k) for turn in (before[number] for number in fast)])
+        now = multiply(exponential(turned[fast]), was).tolist()
+        for number, turn in zip(fast, now, strict=True):
+            self.bodies[number].rotation = self.rapier.Rotation3(*turn)
 
     def _give(self, effort: np.ndarray | None) -> None:
         """The forces and torques of the next step, in world axes."""
