@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 from simspec.engines.kit import process
+from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.kit.warm import WarmProcesses
 from tests.installed import LEFT_OUT
 
@@ -24,6 +25,8 @@ def pytest_report_header() -> list[str]:
     return [f"engine left out: {name}: {why}" for name, why in LEFT_OUT.items()]
 
 
+ALONE = "SIMSPEC_TESTS_ALONE"
+"""Names the engine that the tests of this process load, and no other that clashes with it."""
 RUNNER_OWN = {"PYTEST_CURRENT_TEST"}
 """Variables that pytest itself changes from test to test."""
 
@@ -47,6 +50,21 @@ def leaves_nothing_behind():
     if after != before:
         os.chdir(before["folder"])  # the tests that follow are not to fail for this one
     assert after == before
+
+
+@pytest.fixture(autouse=True, scope="session")
+def engines_that_clash_are_alone():
+    """An engine that may not be in one process with others is loaded where a test of its own begins that process."""
+    load = SimulatedEngine.load
+
+    def guarded(engine, folder, sidecar):
+        if engine.CLASHES and os.environ.get(ALONE) != engine.NAME:
+            pytest.skip(f"{engine.NAME}: run in a process of its own by tests/engines/test_alone.py")
+        load(engine, folder, sidecar)
+
+    SimulatedEngine.load = guarded
+    yield
+    SimulatedEngine.load = load
 
 
 def processors() -> set[int]:

@@ -127,6 +127,9 @@ class Gazebo(SteppedEngine[Simulation]):
     DISTRIBUTION: ClassVar[str] = ""
     EXTRA: ClassVar[str] = ""
     NEEDS: ClassVar[Needs] = library.NEEDS
+    CLASHES: ClassVar[Mapping[str, str]] = {
+        "dartpy": "each brings a version of libdart, whose symbols one takes for its own (a segmentation fault, measured)"
+    }
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {

@@ -52,6 +52,8 @@ class Engine:
     """The extra of simspec that installs it; "" where none does."""
     NEEDS: ClassVar[Needs] = Needs()
     """What it needs of the machine beside packages of Python."""
+    CLASHES: ClassVar[Mapping[str, str]] = {}
+    """Packages of Python, of other engines, that may not be in its process, each with the reason (``kit/beside.py``)."""
     PRECISION: ClassVar[str] = DOUBLE
     """The numbers that it computes with, ``double`` or ``single``: tolerances of proofs, and the size of what noise is measured
     by, follow from it."""

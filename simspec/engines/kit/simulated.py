@@ -9,6 +9,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from simspec.engines.kit.arrays import restore_velocities
+from simspec.engines.kit.beside import enter
 from simspec.engines.kit.contract import Engine
 
 
@@ -54,6 +55,7 @@ class SimulatedEngine(Engine, Generic[S], abstract=True):
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
+        enter(type(self))
         self._sim = self._make(folder, sidecar)
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:

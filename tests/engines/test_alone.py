@@ -1,0 +1,52 @@
+"""Engines that may not be in one process with others (``Engine.CLASHES``): their tests, in a process of their own."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from simspec.engines.kit import beside
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.errors import EngineError
+from tests.conftest import ALONE
+from tests.installed import INSTALLED
+
+ROOT = Path(__file__).resolve().parents[2]
+CLASHING = [name for name in INSTALLED if find_engine(name).CLASHES]
+SHARED = ("tests/engines/test_control.py", "tests/engines/test_not_yet.py")
+"""Tests of all engines that load them themselves."""
+TAKES = 300.0
+"""s: ten times what they take."""
+
+
+@pytest.mark.parametrize("name", CLASHING)
+def test_its_tests_in_a_process_of_its_own(name):
+    files = [f"tests/engines/{name}", *SHARED]
+    words = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", name, *files]
+    done = subprocess.run(
+        words, cwd=ROOT, env={**os.environ, ALONE: name}, capture_output=True, text=True, timeout=TAKES, check=False
+    )
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert "process of its own" not in done.stdout
+    passed = re.search(r"(\d+) passed", done.stdout)
+    assert passed is not None
+    assert int(passed[1]) >= 10
+
+
+def test_two_that_clash_are_refused_in_either_order(monkeypatch):
+    """An engine whose package is loaded, or whose neighbour is, says so in place of a segmentation fault."""
+    one, other = (find_engine(name) for name in sorted(engines())[:2])
+    monkeypatch.setattr(one, "CLASHES", {"json": "of the test"})
+    monkeypatch.setattr(beside, "_LOADED", {})
+    with pytest.raises(EngineError, match="has json: of the test"):
+        beside.enter(one)
+    monkeypatch.setattr(one, "CLASHES", {"there_is_none": "of the test"})
+    monkeypatch.setattr(other, "DISTRIBUTION", "there_is_none")
+    beside.enter(one)
+    with pytest.raises(EngineError, match=f"has the engine {one.NAME}: of the test"):
+        beside.enter(other)
