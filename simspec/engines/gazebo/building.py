@@ -15,7 +15,7 @@ from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD as SDF_WORLD
 from simspec.formats.sdf.format import Sdf
-from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, parent_of
+from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Copy, Document, FixedJoint, FreeJoint, parent_of
 from simspec.world.types import Inertial, Pose
 
 KINDS = ("fixed", "hinge", "slide", "ball", "free")
@@ -27,6 +27,9 @@ DETECTOR = "ode"
 """DART's collision detector, gz-physics' own choice."""
 STANDS_FOR = Inertial(1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
 """What is written of a body whose inertia SDF does not allow; the part in C++ then sets its own."""
+
+MOST_RESTITUTION = 1.0
+"""libsdformat's bound; DART has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,9 +146,17 @@ class Plan:
         return sdf.Link(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, True, shapes)
 
     def _surface(self, unit: Unit) -> sdf.Surface:
+        copy = self._copy(unit)
+        return sdf.Surface(copy.friction, 0.0, min(copy.restitution, MOST_RESTITUTION), 0.0)
+
+    def _copy(self, unit: Unit) -> Copy:
         copies = self.document.bodies[unit.body].shapes[unit.shape].copies
-        copy = next(copy for copy in copies if copy.layer == unit.layer)
-        return sdf.Surface(copy.friction, 0.0, copy.restitution, 0.0)
+        return next(copy for copy in copies if copy.layer == unit.layer)
+
+    def lively(self) -> list[tuple[int, float]]:
+        """(unit, restitution) of what SDF cannot say: laws of pairs are products, of which one factor may be above 1."""
+        told = [(number, self._copy(unit).restitution) for number, unit in enumerate(self.units)]
+        return [(number, restitution) for number, restitution in told if restitution > MOST_RESTITUTION]
 
     def _joint(self, row: int) -> sdf.Joint:
         """A joint of the text. Damping there is DART's own, implicit one, which with an effort against it is armature; springs

@@ -11,7 +11,7 @@ from simspec.contact.parts import parts
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.kinematics import trees
+from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Body, HeldValue, World
 
 Settings = Mapping[str, bool | int | float | str]
@@ -45,8 +45,9 @@ def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, H
         found[f"tree.{number}.mobile"] = True
         found[f"tree.{number}.timestep"] = world.physics.timestep
         found[f"tree.{number}.gravity"] = world.physics.gravity
+    groups = rigid_groups(world)
     for body in world.bodies:
-        for name, value in _body(body, world.physics.timestep).items():
+        for name, value in _body(body, world.physics.timestep, groups[body.name] == "world").items():
             found[f"body.{body.name}.{name}"] = value
         for part in parts(body, plan):
             for shape in part.shapes:
@@ -63,12 +64,12 @@ SOLVERS = {"dantzig": "DantzigBoxedLcpSolver", "pgs": "PgsBoxedLcpSolver"}
 """What gz-physics calls DART's solvers."""
 
 
-def _body(body: Body, timestep: float) -> dict[str, HeldValue]:
+def _body(body: Body, timestep: float, still: bool) -> dict[str, HeldValue]:
     joint = body.joint
     none = NONE if joint.kind == "fixed" else (-BIG, BIG)
     limit = joint.effort_limit
     scalar = joint.kind in SCALAR_JOINTS
-    return {
+    found: dict[str, HeldValue] = {
         "model": body.model,
         "joint": joint.name,
         "shapes": tuple(shape.name for shape in body.shapes),
@@ -82,3 +83,7 @@ def _body(body: Body, timestep: float) -> dict[str, HeldValue]:
         "spring": 0.0,
         "rest": 0.0,
     }
+    if still:
+        mass = body.inertial
+        found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
+    return found

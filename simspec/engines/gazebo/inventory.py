@@ -63,7 +63,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
 
 def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
     told, held = sim.document.bodies[row], held_body(sim, row)
-    return {
+    found: dict[str, HeldValue] = {
         "model": told.model,
         "joint": told.joint.name,
         "shapes": tuple(shape.name for shape in told.shapes),
@@ -77,6 +77,10 @@ def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
         "spring": held.stiffness,
         "rest": held.rest,
     }
+    if sim.plan.groups[row] < 0:  # of what cannot move, the read-back compares no mass where there is none
+        mass = held.inertial
+        found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
+    return found
 
 
 def _filter(sim: Simulation) -> dict[str, HeldValue]:

@@ -57,6 +57,7 @@ HOST: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "gz_bodies": (Integer, (Pointer, Integer, Texts, Integers, Numbers)),
     "gz_inertia": (None, (Pointer, Integer, Numbers)),
     "gz_units": (Integer, (Pointer, Integer, Texts, Integers, Integer, Text, Integer, Keys, Integer)),
+    "gz_restitution": (None, (Pointer, Integer, Number)),
     "gz_set": (None, (Pointer, Numbers, Numbers)),
     "gz_get": (None, (Pointer, Numbers, Numbers)),
     "gz_frames": (None, (Pointer, Numbers, Numbers)),

@@ -105,6 +105,8 @@ class Simulation:
                 MOST_CONTACTS,
             )
         )
+        for number, restitution in plan.lively():
+            lib.gz_restitution(self.sim, number, restitution)
 
     def _done(self, failed: int) -> None:
         if failed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import socket
 
 import numpy as np
 import pytest
@@ -138,6 +139,45 @@ def test_friction_is_that_of_the_circumscribed_pyramid(degrees, load):
     for axis in (0, 1):  # each axis has a friction of its own
         wanted = max(0.0, sliding[axis] - 0.5 * 9.81) * 0.2
         assert v[axis] == pytest.approx(wanted, abs=0.01)
+
+
+def _lively(content, _):
+    for body, restitution in zip(content["bodies"], (1.6, 0.5), strict=True):
+        for copy in body["shapes"][0]["copies"]:
+            copy["restitution"] = restitution
+
+
+@installed
+def test_a_number_of_restitution_above_one_is_held_where_a_law_of_a_pair_needs_it(load):
+    """SDF's own are at most 1, and one of the two numbers whose product is a pair's law may be above."""
+    engine = load(boxes(1), _lively)
+    copies = [body.shapes[0].surfaces for body in engine.read_back().bodies]
+    assert [{one.restitution for one in of} for of in copies] == [{1.6}, {0.5}]
+    q, v = engine.get_state()
+    v[2], q[2] = -1.0, q[2] + 0.0005
+    engine.set_state(q, v)
+    engine.step(3)
+    assert engine.get_state()[1][2] == pytest.approx(0.8, abs=0.05)
+
+
+@installed
+def test_a_mass_of_what_cannot_move_is_seen(load):
+    world = told(boxes(1))
+    engine = load(world, lambda content, sidecar: content["bodies"][0].update(mass=0.01))
+    (check,) = inventory_checks(Gazebo.expected_inventory(world, {}), engine.read_back().inventory)
+    assert "floor.mass" in check.detail or "mass" in check.where
+
+
+@installed
+def test_nothing_listens_to_the_network(load, monkeypatch):
+    """gz-common's profiler would, at all addresses, for as long as the process lives."""
+    with socket.socket() as free:
+        free.bind(("", 0))
+        port = free.getsockname()[1]
+    monkeypatch.setenv("RMT_PORT", str(port))
+    load(boxes(1)).step(1)
+    with socket.socket() as other:
+        other.bind(("", port))
 
 
 @installed

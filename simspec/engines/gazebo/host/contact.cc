@@ -81,6 +81,11 @@ int gz_units(Sim *sim, int count, const char **names, const int *numbers, int cl
   }
 }
 
+// The coefficient of restitution of a unit that SDF cannot say.
+void gz_restitution(Sim *sim, int unit, double value) {
+  sim->units[unit].node->getDynamicsAspect()->setRestitutionCoeff(value);
+}
+
 // Whether two units do not touch, for all (units by units).
 void gz_apart(const Sim *sim, unsigned char *found) {
   int count = static_cast<int>(sim->units.size());

@@ -238,8 +238,9 @@ int gz_step(Sim *sim, int count, const double *effort) {
         if (!sound(force)) return 1;
         tree.skeleton->setForces(force);
       }
-      if (sim->fresh) {  // gz-physics' first step says that another process has the socket of its profiler
+      if (sim->fresh) {  // which the profiler's complaint about its port belongs to
         Quiet quiet;
+        Unprofiled unprofiled;
         sim->fresh = false;
         sim->step();
       } else {

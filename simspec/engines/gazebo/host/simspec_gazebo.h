@@ -86,6 +86,14 @@ struct Quiet {
   std::streambuf *before;
 };
 
+// Holds the port of gz-common's profiler while it lives. That begins at a process' first step, would listen on it at all addresses
+// for as long as the process lives, and ends with a message where the port is taken.
+struct Unprofiled {
+  Unprofiled();
+  ~Unprofiled();
+  int held, before;
+};
+
 Eigen::MatrixXd velocity_map(const Sim &sim, const Tree &tree);
 Eigen::Vector3d rotation_vector(const Eigen::Quaterniond &turn);
 bool sound(const Sim &sim);
