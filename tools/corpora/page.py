@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from defects import DEFECTS, RULE, SDF_RULE
+from findings import remark
 from models import ENGINES, Model
 from refusals import why
 from run import STAGES, stored
@@ -210,15 +211,18 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
         kinds = ("certified", "apart", "fails", "refused", "not asked")
         yield f"| {engine} | {' | '.join(str(counts[kind]) for kind in kinds)} |"
     yield ""
-    yield "Every proof that fails:"
+    yield "Every proof that fails, none of them in silence: `simspec verify` tells these reasons, and ends with exit code 1."
     yield ""
     for file in files:
-        for engine, proof in file.proofs.items():
-            if proof["valid"] is False:
-                yield f"- {engine}, {file.model.package} `{file.model.name}`: {_cell(proof['why'])[:200]}"
-        for engine, proof in file.apart_proofs.items():
-            if proof["valid"] is False:
-                yield f"- {engine}, {file.model.package} `{file.model.name}`, {APART}: {_cell(proof['why'])[:200]}"
+        for asked, answer, among in (
+            ("", file.certified, file.proofs),
+            (f", {APART}", file.apart, file.apart_proofs),
+        ):
+            for engine, proof in among.items():
+                if proof["valid"] is False:
+                    name, why = file.model.name, _cell(proof["why"])
+                    told = remark(engine, name, why, (answer or {})["code"] == RESTORED)
+                    yield f"- {engine}, {file.model.package} `{name}`{asked}: {why[:200]}{told}"
         for answer in (file.certified or {}, file.apart or {}) if file.is_imported else ():
             for word in ("late", "died", "crash", "again"):
                 if word in answer:

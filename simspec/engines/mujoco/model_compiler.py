@@ -197,8 +197,8 @@ def _mesh(mesh: Any, model: Any) -> dict[str, Any]:
 
 def stable_step(model: Any) -> float | None:
     """The longest timestep (s) at which dampers and springs of joints and fixed tendons, and a viscous fluid, that are explicit
-    in time do not diverge, at the reference configuration and some others; None where there are none, or more coordinates than
-    is looked at.
+    in time do not diverge, at the reference configuration and some others; None where there are none, no coordinates, or more
+    than is looked at.
 
     While 2 dt D + dt² K < 4 M no deviation grows; the largest eigenvalues of M⁻¹ D and M⁻¹ K bound it from the safe side.
     """
@@ -217,7 +217,7 @@ def stable_step(model: Any) -> float | None:
     own = np.diag(damping), np.diag(stiffness)
     damping = own[0] + along.T @ (np.array(model.tendon_damping)[:, None] * along)
     stiffness = own[1] + along.T @ (np.array(model.tendon_stiffness)[:, None] * along)
-    if not (damping.any() or stiffness.any() or model.opt.viscosity) or model.nv > MOST_COORDINATES:
+    if not (damping.any() or stiffness.any() or model.opt.viscosity) or not 0 < model.nv <= MOST_COORDINATES:
         return None
     data, generator, shortest = mujoco.MjData(model), np.random.default_rng(0), np.inf
     for posture in range(POSTURES):

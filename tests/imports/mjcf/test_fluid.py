@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from simspec.errors import SpecError
 from simspec.imports.mjcf.equality import deviations
 from simspec.imports.mjcf.features import FEATURES
 from simspec.language.foreign import ImportOptions, Severity
+from tests.imports.mjcf.models import read, written
 
 SWIMMER = """<mujoco><option density="4000" viscosity="0.1" wind="0.1 0.2 0.3" timestep="0.01"/><worldbody><body name="torso">
 <joint axis="1 0 0" type="slide"/><joint axis="0 1 0" type="slide"/><joint axis="0 0 1"/>
@@ -55,3 +57,13 @@ def test_what_a_fluid_does_by_another_law_is_told(tmp_path, old, new, feature):
     found, _, lost = imported(tmp_path, SWIMMER.replace(old, new))
     assert set(lost) == {FEATURES[feature].reason}
     assert found.passive > 1e-3
+
+
+@pytest.mark.parametrize("viscosity", ["0", "0.1"])
+def test_where_nothing_moves_a_fluid_says_nothing_of_the_timestep(tmp_path, viscosity):
+    """A model without coordinates, whose mass matrix has no largest eigenvalue."""
+    still = f'<mujoco><option viscosity="{viscosity}" timestep="0.01"/><worldbody>{{}}</worldbody></mujoco>'
+    what = read(written(tmp_path, still.format('<body><geom type="box" size="1 1 1"/></body>')))
+    assert what.data["physics"]["timestep"] == 0.01
+    with pytest.raises(SpecError, match="this model has no bodies"):
+        read(written(tmp_path, still.format("")))
