@@ -55,6 +55,8 @@ PART = re.compile(rb"<(worldbody|link|model|link\s|body|xacro)|PXR-USDC|PhysicsR
 """Without one of these a file is a part of another."""
 ENGINES = ("dart", "drake", "mujoco", "pybullet")
 """Engines that files are asked of, and that the page is about, where they are installed."""
+ENGINE_DEADLINE = 240.0
+"""s for one engine and one file: robots of 100 links take 60 on a machine that does much else."""
 SKIPPED = ("random_urdfs/", "dm_control/mjcf/test_assets", "dm_control/mujoco/testing")
 """Folders that are left out: a thousand files alike, and files that are wrong on purpose."""
 

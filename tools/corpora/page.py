@@ -10,7 +10,7 @@ from typing import Any
 
 from defects import DEFECTS, RULE, SDF_RULE
 from findings import remark
-from models import ENGINES, Model
+from models import ENGINE_DEADLINE, ENGINES, Model
 from refusals import why
 from run import STAGES, stored
 
@@ -117,7 +117,7 @@ def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
         f"{len(files)} files of {len({file.model.package for file in files})} packages that pip installs. Each is imported; "
         f"what simspec compiles of it is certified in {', '.join(engines[:-1])} and {engines[-1]} (levels L0 to L4 and L6; "
         f"simspec's other engines are not asked), of which {asked['certified']} "
-        f"of {sum(file.is_imported for file in files)} imported files were asked so far; and each file itself is "
+        f"of {sum(file.is_imported for file in files)} imported files were asked so far{_left(files)}; and each file itself is "
         f"[audited](audit.md), of which {asked['audited']} were. Files that were asked are spread over packages and languages. "
         f"`make corpora` goes on where it stopped. The answers are of {len(states)} states of simspec's code, hours or days "
         "apart: what was repaired meanwhile counts only where it was asked again (`--anew`, `--failed`). They are kept in "
@@ -132,6 +132,12 @@ def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
         whole = sum(file.is_whole for file in own)
         cells = (language, len(own), kinds["imported"], whole, kinds["refused"], kinds["failed"], kinds["unread"])
         yield f"| {' | '.join(map(str, cells))} |"
+
+
+def _left(files: Sequence[File]) -> str:
+    """Of how many bodies the imported files are that no engine was asked of."""
+    bodies = [(file.imported or {})["bodies"] for file in files if file.is_imported and file.certified is None]
+    return f" (the others have {min(bodies)} to {max(bodies)} bodies)" if bodies else ""
 
 
 def _kind(file: File) -> str:
@@ -201,7 +207,8 @@ def proofs(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
     yield (
         "What an engine does only approximately, or simspec beside it, is accepted here. Of a file that an engine refuses, the "
         f"same model {APART} (`contact.self_collision: false`, or `--no-self-collision`) is certified in that engine, where "
-        f"that is what it lacks; so far asked of {told} files."
+        f"that is what it lacks; so far asked of {told} files. An engine has {ENGINE_DEADLINE:g} s for a file, and "
+        "had 60 in some earlier verdicts."
     )
     yield ""
     yield f"| engine | certified | certified {APART} | fails its proof | not supported, by name | not asked yet |"

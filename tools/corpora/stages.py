@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from models import ENGINES
+from models import ENGINE_DEADLINE, ENGINES
 
 from simspec.audit.audit import audit, proven
 from simspec.audit.meaning import content_of, language_of
@@ -20,8 +20,6 @@ from simspec.language.foreign import Fate, Imported, ImportOptions, Severity, im
 from simspec.language.load import load
 from simspec.report.plain import plain
 
-ENGINE_DEADLINE = 240.0
-"""s for one engine and one file: robots of 100 links take 60 on a machine that does much else."""
 MOST = 20
 """Problems and losses of a file that are kept, of each kind."""
 
