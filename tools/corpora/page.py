@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -165,7 +166,8 @@ def aims(files: Sequence[File]) -> Iterator[str]:
         apart = f"{counts['apart']} of them {APART}, " if counts["apart"] else ""
         left = sum(file.verdict(engine) == "refused" and file.apart is None for file in asked)
         untried = f" ({left} of these not asked yet {APART})" if left else ""
-        more = f"{apart}{counts['refused']} not supported and so named{untried}, {counts['fails']} failed"
+        reasons = _features(asked, engine)
+        more = f"{apart}{counts['refused']} not supported and so named{untried}{reasons}, {counts['fails']} failed"
         certified = counts["certified"] + counts["apart"]
         yield _aim(f"of those that were asked, certified in {engine}", wanted, certified, len(asked), more)
     loaded = [file for file in files if file.model.language == "mjcf" and _loads(file)]
@@ -187,6 +189,17 @@ def aims(files: Sequence[File]) -> Iterator[str]:
         count = sum(file.is_imported for file in asked)
         what = f"{language.upper()}{ruled} is imported"
         yield _aim(what, 100.0 * wanted / of, count, len(asked), ", ".join(more))
+
+
+def _features(files: Sequence[File], engine: str) -> str:
+    """What an engine lacks of files that it refuses, where that was kept: the first that it names of each."""
+    counts: collections.Counter[str] = collections.Counter()
+    for file in files:
+        if file.verdict(engine) == "refused":
+            why = file.apart_proofs.get(engine, file.proofs[engine])["why"]
+            counts.update(re.findall(r"does not support ([\w.]+)", why)[:1])
+    told = ", ".join(f"{name} {count}" for name, count in counts.most_common(4))
+    return f" ({told})" if told else ""
 
 
 def _loads(file: File) -> bool:
