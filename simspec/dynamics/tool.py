@@ -27,6 +27,9 @@ NUDGE = 0.02
 stretched arm that should come back."""
 POSTURE_STEPS = 20, 1e-7
 """Steps towards the posture of an arm with joints to spare, and the rad or m of a step that is not worth it."""
+NEAR_SINGULAR = 1e-3, 1e-6, 60
+"""A pose is nearly singular where a singular value of J is below this share of the largest; the m and rad within which a way
+along such a direction is tried, and its most steps."""
 SEARCHES = 40
 """Postures all over the limits from which a place that is not on a path is sought when the arm gets stuck on its way there."""
 
@@ -109,6 +112,8 @@ class Tool:
                 solution = min(solution, other, key=_farness)
                 if solution.reached:
                     break
+        if not solution.reached and _farness(solution) <= NEAR_SINGULAR[1]:
+            solution = min(solution, self._along_the_weak(target, solution, turning), key=_farness)
         if solution.reached and len(self.joints) > self._rank(turning):
             solution = self._towards(solution, start if nominal is None else nominal, target, turning)
         return solution
@@ -156,10 +161,47 @@ class Tool:
                 break
             else:
                 damping *= 10.0
+        return self._solution(q, error, turning)
+
+    def _solution(self, q: np.ndarray, error: np.ndarray, turning: bool) -> Solution:
         edge = (q[self._q] <= self._low) | (q[self._q] >= self._high)
         names = tuple(name for name, there in zip(self.joints, edge, strict=True) if there)
         angle = float(np.linalg.norm(error[3:])) if turning else 0.0
         return Solution(q, float(np.linalg.norm(error[:3])), angle, names)
+
+    def _along_the_weak(self, target: Any, solution: Solution, turning: bool) -> Solution:
+        """On from a nearly singular pose, where what is left of the error lies along the direction that J hardly gives.
+
+        With the singular value σ an error e takes a motion e/σ, which is large, and whose second order in the other directions
+        is far larger than e: damped steps, each of which must bring the whole error down, come no farther. Here a step along
+        that direction is judged after the others have been brought back: Newton's method on the curve of their solutions.
+        """
+        rows = 6 if turning else 3
+        q, error = solution.positions, self._error(solution.positions, target)
+        scale = 1.0
+        for _ in range(NEAR_SINGULAR[2]):
+            left, values, right = np.linalg.svd(self.jacobian(q)[:rows], full_matrices=False)
+            if values[-1] == 0.0 or values[-1] > NEAR_SINGULAR[0] * values[0] or solution.reached:
+                break
+            along = float(left[:, -1] @ error[:rows]) / float(values[-1])
+            tried = q.copy()
+            tried[self._q] += scale * math.copysign(min(abs(along), LARGEST_TURN), along) * right[-1]
+            tried, new_error = self._brought_back(target, tried, rows)
+            if np.linalg.norm(new_error[:rows]) < np.linalg.norm(error[:rows]):
+                q, error, scale = tried, new_error, min(1.0, 2.0 * scale)
+                solution = self._solution(q, error, turning)
+            else:
+                scale /= 2.0
+        return solution
+
+    def _brought_back(self, target: Any, q: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
+        """From ``q`` to where only the weakest direction of J is off, within the limits, and the error there."""
+        for _ in range(4):  # each squares the error: 1e-1, 1e-2, 1e-4, 1e-8, 1e-16
+            left, values, right = np.linalg.svd(self.jacobian(q)[:rows], full_matrices=False)
+            step = right[:-1].T @ (left[:, :-1].T @ self._error(q, target)[:rows] / np.maximum(values[:-1], 1e-6))
+            q = q.copy()
+            q[self._q] = np.clip(q[self._q] + step, self._low, self._high)
+        return q, self._error(q, target)
 
     def _rank(self, turning: bool) -> int:
         """How many directions the joints can move the frame in, at almost all postures."""

@@ -134,6 +134,10 @@ def test_two_links_against_the_closed_form(distance, direction, side):
 @given(ANGLES, st.integers(0, 5))
 @example([0.0] * 6, 0)
 @example([1.0, -1.0, 0.0, 0.5, 0.0, 0.3], 1)
+@example([0.0, 0.0, 0.5, -1.0, 5.96e-08, 0.0], 0)
+@example([0.0, 0.0, 0.5, -1.0, 5.96e-08, 0.0], 5)
+@example([0.7, -0.4, 3e-8, 0.2, 1.0, -0.6], 2)
+@example([0.7, -0.4, 1e-6, 0.2, -3e-7, -0.6], 3)
 def test_every_place_that_the_arm_can_have_is_found(angles, seed):
     world, tool, _ = robot()
     q = initial_state(world)[0]
