@@ -123,8 +123,9 @@ def renamed(element: Element, name: str, given: str) -> None:
 
 
 def plain(value: float) -> float:
-    """The same number; a whole one as an int, and no negative zero."""
-    return int(value) if value == math.floor(value) and abs(value) < WHOLE else value
+    """The same number; a whole one as an int, and no negative zero. Those that are none (twice the half size of 1e308) are left
+    to the language, which refuses them at their place."""
+    return int(value) if abs(value) < WHOLE and value == math.floor(value) else value
 
 
 def numbers(values: Sequence[float]) -> list[float]:

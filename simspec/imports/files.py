@@ -61,7 +61,8 @@ class Files:
         if self.options.project is None:
             return ()
         named = [*self._named().values(), *self._folders()]
-        return tuple(dict.fromkeys((self.options.project.resolve(), *(folder.resolve() for folder in named))))
+        # unlike Path.resolve, realpath has an answer for links that lead to themselves: there is nothing below them
+        return tuple(Path(os.path.realpath(folder)) for folder in dict.fromkeys((self.options.project, *named)))
 
     def content(self) -> bytes:
         """The file itself. Raises SpecError where it cannot be read."""
@@ -114,7 +115,7 @@ class Files:
         for folder in list(self.path.resolve().parent.parents)[:MOST_ABOVE]:
             if self.roots and not any(folder.is_relative_to(root) for root in self.roots):
                 return None
-            found = (folder / text).resolve()
+            found = Path(os.path.realpath(folder / text))
             inside = not self.roots or any(found.is_relative_to(root) for root in self.roots)
             if inside and found.is_file() and not Path(text).is_absolute():
                 self.above[text] = folder

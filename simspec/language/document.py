@@ -180,11 +180,14 @@ def events(text: str, file: str) -> Iterator[Any]:
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
     from ruamel.yaml.reader import ReaderError
 
-    count = 0
+    count = depth = 0
     try:
         for event in YAML(typ="safe", pure=True).parse(text):
             count += 1
             if count > MOST_EVENTS:
+                break
+            depth += _deeper(event)
+            if depth > DEEPEST + 1:  # whoever builds data has said it one level before, with its path
                 break
             yield event
     except ReaderError as error:
@@ -202,11 +205,21 @@ def events(text: str, file: str) -> Iterator[Any]:
         raise SpecError([Problem(f"not YAML: {what}", location=place, hint=hint)]) from None
     except YAMLError as error:
         raise SpecError([Problem(f"not YAML: {error}", location=Location(file, 1, 1))]) from None
+    if depth > DEEPEST + 1:
+        place = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
+        raise SpecError([Problem(f"nested deeper than {DEEPEST} levels", location=place)])
     if count > MOST_EVENTS:
         place = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
         hint = "write repeated bodies once, with array:; put long trajectories into a CSV file"
         message = "the file has too many keys and values, counted from its beginning to here"
         raise SpecError([Problem(message, location=place, allowed=f"{MOST_EVENTS:,}", hint=hint)])
+
+
+def _deeper(event: Any) -> int:
+    """By how much the event opens or closes a mapping or a list. The parser takes 2 ms for each level that is never closed."""
+    from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
+
+    return isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
 
 
 def event_count(data: Any) -> int:

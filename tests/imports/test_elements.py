@@ -6,6 +6,7 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.imports import elements
+from simspec.imports.draft import plain
 from simspec.imports.elements import DEEPEST, MOST_LABELS, parse
 
 
@@ -51,3 +52,14 @@ def test_attributes_are_counted_before_they_are_read(monkeypatch):
     assert parse(b"<r " + b" ".join(b"a%d='1'" % number for number in range(10)) + b"/>", "a.xml")
     with pytest.raises(SpecError, match=r"a\.xml:1:1: .*too large"):
         parse(b"<r " + b" ".join(b"a%d='1'" % number for number in range(11)) + b"/>", "a.xml")
+
+
+def test_what_is_too_much_is_counted(monkeypatch):
+    monkeypatch.setattr(elements, "MOST_TAGS", 10)
+    with pytest.raises(SpecError, match=r"too large\n  found:   .*11 tags"):
+        parse(b"<r>" + b"<a/>" * 9 + b"</r>", "a.xml")
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
+def test_what_is_no_number_is_left_to_the_language(value):
+    assert repr(plain(value)) == repr(value)

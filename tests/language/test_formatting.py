@@ -127,6 +127,12 @@ def test_what_is_no_spec_is_left_alone(text):
         format_text(text, "f")
 
 
+@pytest.mark.parametrize("text", ["[" * 5000, "{" * 5000, "- " * 5000, "{a: " * 5000])
+def test_what_is_nested_deeply_is_refused_before_it_is_read_on(text):
+    with pytest.raises(SpecError, match=r"f:1:\d+: .*nested deeper than 40 levels"):
+        format_text(text, "f")
+
+
 def test_a_text_that_moves_into_brackets_is_quoted():
     text = "simspec: 1\nengines:\n  e:\n    settings:\n      a: x, y\n      b: no {mapping}\n      c: 'it''s'\n      d: plain\n"
     tidy = format_text(text, "f")

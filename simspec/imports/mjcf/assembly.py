@@ -9,14 +9,14 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
-from simspec.imports.elements import DEEPEST, Element, parse
+from simspec.imports.elements import DEEPEST, MOST_BODIES, SPLIT, Element, parse
 from simspec.imports.files import Files
 from simspec.language.foreign import Account
 
 ROOT: Final = "mujoco"
 """The name of the outermost element."""
-MOST_ELEMENTS: Final = 200_000
-"""Elements of a model with all replicates; a body of 100,000 takes the compiler minutes."""
+MOST_ELEMENTS: Final = 60_000
+"""Elements of a model with all replicates; one body of 100,000 takes the compiler minutes."""
 MOST_COPIES: Final = 10**9
 """What counts of copies are taken for where they are larger: more than is allowed of anything. Products of numbers of thousands
 of digits would take minutes."""
@@ -116,7 +116,7 @@ class _Builder:
         self._model_names: dict[Path, str] = {}
         self._chain: list[Path] = []
         self._line = 1
-        self._elements = 0
+        self._elements = self._bodies = 0
         self._bytes = 0
 
     def assembly(self, root: Element) -> Assembly:
@@ -162,9 +162,13 @@ class _Builder:
             raise element.error(f"<{element.tag}>: {REFUSED[element.tag]}", hint="remove it")
         if element.tag == "replicate":
             copies = min(copies * _count(element, "count"), MOST_COPIES)
-        self._elements += copies * (_cells(element) if element.tag == "composite" else 1)
+        made = copies * (_cells(element) if element.tag == "composite" else 1)
+        self._elements += made
         if self._elements > MOST_ELEMENTS:
-            raise element.error("too many elements, replicates counted", allowed=f"{MOST_ELEMENTS:,}")
+            raise element.error("too many elements, replicates counted", allowed=f"{MOST_ELEMENTS:,}", hint=SPLIT)
+        self._bodies += made if element.tag in ("body", "composite") else 0
+        if self._bodies > MOST_BODIES:
+            raise element.error("too many bodies, replicates counted", allowed=f"{MOST_BODIES:,}", hint=SPLIT)
         self.lines[self._line] = element
         attributes = self._attributes(element, folders, path)
         begin = " ".join((element.tag, *(f"{name}={quoteattr(value)}" for name, value in attributes.items())))

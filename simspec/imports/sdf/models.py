@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports.elements import Element, parse
+from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse
 from simspec.imports.files import Files
 from simspec.imports.sdf.values import Placed, flag, flag_of, lost, pose_of, text_of, unused
 from simspec.language.foreign import Fate, Severity
@@ -23,7 +23,6 @@ MOST_INCLUDES: Final = 1_000
 """Includes of one file, those of included files counted: each is a copy of a model."""
 DEEPEST: Final = 20
 """Models within each other."""
-MOST_LINKS: Final = 20_000
 ENDS: Final = (".sdf", ".world", ".xml")
 CONFIGURATION: Final = "model.config"
 SEPARATOR: Final = "::"
@@ -132,7 +131,7 @@ class Reader:
                 if child.tag == "joint" and not strict and name in taken:
                     name = _another(child, name, taken, often)
                 tables[child.tag][name] = child.take()
-                self._links += child.tag == "link"
+                self._links += child.tag in ("link", "frame")
             else:
                 read = self._include if child.tag == "include" else self.model
                 inner = read(child.take(), scope.version, folder, scope, chain)
@@ -146,8 +145,8 @@ class Reader:
             if name in taken:
                 raise child.error(f"{name!r} is the name of two things in one model")
             taken.add(name)
-            if self._links > MOST_LINKS:
-                raise child.error(f"more than {MOST_LINKS:,} links")
+            if self._links > MOST_BODIES:
+                raise child.error(f"more than {MOST_BODIES:,} links and frames", hint=SPLIT)
 
     def _merge(self, element: Element, scope: Scope, inner: Scope, taken: set[str]) -> None:
         """Make the names of an included model names of the scope around it. Raises SpecError for those that are taken."""

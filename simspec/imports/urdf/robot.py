@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import Draft, names, renamed
-from simspec.imports.elements import Element
+from simspec.imports.elements import MOST_BODIES, SPLIT, Element
 from simspec.imports.files import Files
 from simspec.imports.timestep import add_timestep
 from simspec.imports.urdf import chains as chain_rules
@@ -139,6 +139,9 @@ class Robot:
     def _read(self) -> None:
         known = colours(self.root)
         elements = self.root.children("link")
+        if len(elements) > MOST_BODIES:
+            found = f"{len(elements):,}"
+            raise elements[MOST_BODIES].error("too many links", found, f"{MOST_BODIES:,}", SPLIT)
         for element, given in zip(elements, _given(elements, WORLD), strict=True):
             with self.draft.collecting():
                 self._link(element, known, given)

@@ -22,7 +22,10 @@ LARGEST_LAYER = 256 * 2**20
 LARGEST_DATA = 900 * 2**20
 """Bytes of data of this process; the libraries that it maps, 0.6 GB of addresses, are not among them."""
 MOST_LAYERS = 1000
-MOST_PRIMS = 50_000
+MOST_PRIMS = 30_000
+"""Prims of a stage, those of instances counted; as many take 7 s of processor time."""
+MOST_BODIES = 8_000
+"""Bodies of a stage, as of the files of all languages."""
 DEEPEST = 200
 """Prims within each other."""
 MOST_NUMBERS = 6_000_000
@@ -241,7 +244,7 @@ class _Reader:
 
         stage = self.stage
         prims: list[dict[str, Any]] = []
-        cache = UsdGeom.XformCache()
+        cache, bodies = UsdGeom.XformCache(), 0
         walk = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
         for prim in walk:
             if prim.IsPseudoRoot():
@@ -251,6 +254,9 @@ class _Reader:
             if prim.GetPath().pathElementCount > DEEPEST:
                 raise RefusedError(f"more than {DEEPEST} prims within each other")
             prims.append(self._prim(prim, cache))
+            bodies += "PhysicsRigidBodyAPI" in prims[-1]["schemas"]
+            if bodies > MOST_BODIES:
+                raise RefusedError(f"more than {MOST_BODIES:,} bodies")
         default = stage.GetDefaultPrim()
         return {
             "metres": self._value(float(UsdGeom.GetStageMetersPerUnit(stage))),

@@ -35,6 +35,8 @@ HOSTILE = {
     "entities": ('<!DOCTYPE a [<!ENTITY b "c">]>' + model(BODY), "DOCTYPE"),
     "nan": (model('<body pos="nan 0 0"><freejoint/><geom size="1"/></body>'), "refuses it"),
     "infinite": (model('<body pos="inf 0 0"><freejoint/><geom size="1"/></body>'), "."),
+    "many bodies": (model('<replicate count="8001">' + BODY + "</replicate>"), "too many bodies, replicates counted"),
+    "a cable": (model('<body><composite type="cable" count="8001 1 1"/></body>'), "too many bodies"),
     "empty": (model(""), "no bodies"),
     "other root": ("<robot/>", "begins with"),
     "unknown": (model("<bodyy/>"), "refuses it"),
@@ -92,6 +94,16 @@ def test_a_link_does_not_lead_out(tmp_path):
 def test_the_command_ends_with_2(tmp_path, capsys):
     assert main(["check", str(written(tmp_path, model(nested(100, 5))))]) == 2
     assert "too many elements" in capsys.readouterr().err
+
+
+def test_a_size_that_is_no_number_when_it_is_doubled_is_refused_at_its_place(tmp_path, capsys):
+    text = model(
+        '<body><freejoint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>\n<geom type="box" size="1 1 1e308"/></body>'
+    )
+    assert main(["check", str(written(tmp_path, text))]) == 2
+    assert (
+        "model.xml:2:1: error: model.bodies.body_1.shapes.0.box.size.2: not a usable number" in capsys.readouterr().err
+    )
 
 
 def test_a_long_chain_of_includes_is_refused(tmp_path):

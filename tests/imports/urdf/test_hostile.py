@@ -37,6 +37,9 @@ FILES = {
 }
 
 
+FILES["too many links"] = b'<robot name="r">' + b"".join(b'<link name="l%d"/>' % n for n in range(8_001)) + b"</robot>"
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_each_is_refused_with_its_place(tmp_path, name):
     assert refused(FILES[name], tmp_path)
@@ -105,3 +108,10 @@ def test_only_the_file_itself_is_opened(tmp_path):
             Urdf().read(tmp_path / "r.urdf", "r.urdf", ImportOptions(project=tmp_path))
         assert any("r.urdf" in path for path in opened)
         assert all("r.urdf" in path or path.endswith((".py", ".pyc", ".so")) for path in opened), opened
+
+
+def test_a_folder_of_packages_that_is_a_link_to_itself_has_nothing(tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "robot.urdf").write_text(two_links())
+    for words in ({"packages": {"p": str(tmp_path / "loop")}}, {"package_path": (str(tmp_path / "loop"),)}):
+        assert Urdf().read(tmp_path / "robot.urdf", "robot.urdf", ImportOptions(project=tmp_path, **words)).data
