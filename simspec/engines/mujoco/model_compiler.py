@@ -69,6 +69,10 @@ POSTURES, MOST_COORDINATES = 6, 300
 """Configurations at which the stability of dampers and springs is looked at, and the most coordinates of a model for that."""
 
 
+MEMORY_OF_A_STATE = 2**28
+"""Bytes that the engine is told to take for one state of a large model (measured: 2,000 free bodies need under 64 MiB)."""
+
+
 class ModelCompiler:
     """How importers start this program."""
 
@@ -205,6 +209,8 @@ def stable_step(model: Any) -> float | None:
     import mujoco
     import numpy as np
 
+    if not 0 < model.nv <= MOST_COORDINATES:  # the matrices below are dense
+        return None
     damping, stiffness = np.array(model.dof_damping), np.zeros(model.nv)
     for joint, kind in enumerate(model.jnt_type):
         count = {0: 0, 1: 3}.get(int(kind), 1)
@@ -217,7 +223,7 @@ def stable_step(model: Any) -> float | None:
     own = np.diag(damping), np.diag(stiffness)
     damping = own[0] + along.T @ (np.array(model.tendon_damping)[:, None] * along)
     stiffness = own[1] + along.T @ (np.array(model.tendon_stiffness)[:, None] * along)
-    if not (damping.any() or stiffness.any() or model.opt.viscosity) or not 0 < model.nv <= MOST_COORDINATES:
+    if not (damping.any() or stiffness.any() or model.opt.viscosity):
         return None
     data, generator, shortest = mujoco.MjData(model), np.random.default_rng(0), np.inf
     for posture in range(POSTURES):
@@ -298,6 +304,18 @@ def dynamics(model: Any, count: int, seed: int, spread: float) -> list[dict[str,
     return answers
 
 
+def _model(spec: Any) -> Any:
+    """The compiled model. The engine guesses the memory of one state by the square of the coordinates: for 1,000 free
+    bodies it is refused below 900 MiB, and compiling needs little of it. Where it does not get that, it is told an amount."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        if "Could not allocate memory" not in str(error):
+            raise
+    spec.memory = MEMORY_OF_A_STATE
+    return spec.compile()
+
+
 def answer(asked: dict[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
     """Compile the first of the files; the others are what it names. Raises what the engine raises."""
     import mujoco
@@ -306,7 +324,7 @@ def answer(asked: dict[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
     models = {name: content for name, content in others if name.endswith(".xml")}
     assets = {name: content for name, content in others if name not in models}
     spec = mujoco.MjSpec.from_string(main.decode(), include=models, assets=assets)
-    model = spec.compile()
+    model = _model(spec)
     answered: dict[str, Any] = {"version": mujoco.mj_versionString(), "model": compiled(spec, model)}
     if "random" in asked and model.nv:
         answered["dynamics"] = dynamics(model, *asked["random"])

@@ -91,6 +91,12 @@ def test_a_link_does_not_lead_out(tmp_path):
         read(path, ImportOptions(project=project))
 
 
+def test_a_thousand_free_bodies_are_read(tmp_path):
+    """The engine's own guess of the memory that one state of them takes is above what its process may have."""
+    imported = read(written(tmp_path, model(f'<replicate count="1200" offset="3 0 0">{BODY}</replicate>')))
+    assert len(imported.data["bodies"]) == 1200
+
+
 def test_the_command_ends_with_2(tmp_path, capsys):
     assert main(["check", str(written(tmp_path, model(nested(100, 5))))]) == 2
     assert "too many elements" in capsys.readouterr().err
