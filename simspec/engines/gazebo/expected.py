@@ -54,6 +54,7 @@ def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, H
                 name = f"unit.{shape.name}.{part.layer}"
                 found[f"{name}.of"] = body.name
                 found[f"{name}.second_friction"] = part.surface.friction or 0.0
+                found[f"{name}.restitution"] = part.surface.restitution or 0.0
                 found[f"{name}.slip"] = (-1.0, -1.0)  # none
                 found[f"{name}.direction"] = (0.0, 0.0, 0.0, False)
                 found[f"{name}.collidable"] = True

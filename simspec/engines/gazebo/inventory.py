@@ -55,6 +55,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
         held, name = held_unit(sim, number), unit_name(sim, unit)
         found[f"unit.{name}.of"] = sim.names[unit.body]
         found[f"unit.{name}.second_friction"] = held.friction[1]
+        found[f"unit.{name}.restitution"] = held.restitution
         found[f"unit.{name}.slip"] = held.slip
         found[f"unit.{name}.direction"] = (*held.direction, held.in_frame)
         found[f"unit.{name}.collidable"] = held.collidable

@@ -169,6 +169,17 @@ def test_a_mass_of_what_cannot_move_is_seen(load):
 
 
 @installed
+def test_a_restitution_whose_product_with_every_other_is_zero_is_seen(load):
+    world = told(boxes(1))
+    engine = load(
+        world, lambda content, sidecar: content["bodies"][0]["shapes"][0]["copies"][0].update(restitution=0.01)
+    )
+    (check,) = inventory_checks(Gazebo.expected_inventory(world, {}), engine.read_back().inventory)
+    assert not check.passed
+    assert "restitution" in check.detail
+
+
+@installed
 def test_nothing_listens_to_the_network(load, monkeypatch):
     """gz-common's profiler would, at all addresses, for as long as the process lives."""
     with socket.socket() as free:
