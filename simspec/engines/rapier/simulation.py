@@ -3,12 +3,13 @@
 A free body's frame is at its centre of mass, so that its coordinates are those of Rapier's body. Rapier steps as simspec's law
 of motion does, v before x, but for the gyroscopic torque: it has an implicit one. So that is switched off, and −ω × Iω is given
 as a torque before every step, from Rapier's own ω, R and I. Rapier's turn is the unit quaternion along q + ½ ω q dt, which lags
-by (|ω| dt)³ / 12 (measured from 2 to 1,000 rad/s); of what turns fast it is done again, by the exponential of ω dt.
+by (|ω| dt)³ / 12 (measured from 2 to 1,000 rad/s); what turns fast is turned on by the rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import FreeJoint
 from simspec.world import frames
-from simspec.world.rotations import exponential, matrices, multiply, rotate, unit
+from simspec.world.rotations import exponential_of, matrices, multiply_of, rotate, unit
 from simspec.world.sums import JointSum
 from simspec.world.types import Constraint
 
@@ -60,7 +61,8 @@ class Simulation:
         self.free = [row for row, carrier in enumerate(self.built.carrier) if carrier == row]
         self._spins: list[tuple[int, np.ndarray]] = []
         self._given = False
-        self._last: dict[int, np.ndarray] = {}
+        self._last: list[Any] = []
+        """Rapier's poses of the bodies that move, before the last step."""
         self._pristine = self.built.world.snapshot()
         self._take(self.built.world)
         q, v = np.zeros((len(self.free), 7)), np.zeros((len(self.free), 6))
@@ -101,7 +103,7 @@ class Simulation:
         for body, state, speed, spin in rows:
             body.position = rapier.Isometry3(rapier.Vec3(*state[:3]), rapier.Rotation3(*state[3:]))
             body.linvel, body.angvel = rapier.Vec3(*speed[:3]), rapier.Vec3(*spin)
-        self._last = {}
+        self._last = []
 
     def _moving(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move."""
@@ -146,8 +148,7 @@ class Simulation:
         for left in range(count, 0, -1):
             self._give(effort)
             if left == 1 and self.built.shapes:
-                self._last = self._places()
-            before = [body.rotation for body in self.bodies]
+                self._last = [body.position for body in self.bodies]
             self.world.step()
             if (
                 not self.world.quarantine.is_empty()
@@ -155,19 +156,20 @@ class Simulation:
                 lost = self.world.quarantine.bodies
                 wrong = [self.names[row] for row in self.free if self.built.bodies[row] in lost]
                 raise EngineError(NAME, f"the state of {', '.join(wrong[:3]) or 'a shape'} is no longer finite")
-            self._turn_again(before)
+            self._turn_on()
 
-    def _turn_again(self, before: Sequence[Any]) -> None:
-        """Turn what turns fast once more from where it was ``before`` the step; frames are at centres of mass, which stay."""
+    def _turn_on(self) -> None:
+        """Turn what turns fast by the rest of its turn, about the axis of both; frames are at centres of mass, which stay."""
         timestep = float(self.world.integration_parameters.dt)
-        turned = np.array([tuple(body.angvel) for body in self.bodies]).reshape(-1, 3) * timestep
-        fast = np.flatnonzero((turned * turned).sum(axis=1) > SLOW**2).tolist()
-        if not fast:
-            return
-        was = np.array([(turn.w, turn.i, turn.j, turn.k) for turn in (before[number] for number in fast)])
-        now = multiply(exponential(turned[fast]), was).tolist()
-        for number, turn in zip(fast, now, strict=True):
-            self.bodies[number].rotation = self.rapier.Rotation3(*turn)
+        fast = (SLOW / timestep) ** 2
+        for body in self.bodies:
+            spin = body.angvel
+            if spin.norm_squared() > fast:
+                angle = timestep * spin.norm()
+                share = (angle - 2.0 * math.atan(0.5 * angle)) / angle * timestep
+                rest = exponential_of((share * spin.x, share * spin.y, share * spin.z))
+                turn = body.rotation
+                body.rotation = self.rapier.Rotation3(*multiply_of(rest, (turn.w, turn.i, turn.j, turn.k)))
 
     def _give(self, effort: np.ndarray | None) -> None:
         """The forces and torques of the next step, in world axes."""
@@ -248,10 +250,6 @@ class Simulation:
 
     # --- contact ----------------------------------------------------------------------------------------------
 
-    def _places(self) -> dict[int, np.ndarray]:
-        """Poses (7,) of what carries colliders, by its row, −1 − row of what cannot move."""
-        return {row: pose_of(body.position) for row, body in zip(self.free, self.bodies, strict=True)}
-
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts that the last step used."""
         rows: list[tuple[tuple[int, int], np.ndarray, np.ndarray, float, float]] = []
@@ -292,7 +290,7 @@ class Simulation:
         if carrier < 0:
             place = pose_of(self.world.rigid_bodies[self.built.bodies[row]].position)
         else:
-            place = self._last[carrier]
+            place = pose_of(self._last[self.free.index(carrier)])
         found: np.ndarray = place[:3] + rotate(place[3:], local)
         return found
 
