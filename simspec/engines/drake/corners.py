@@ -71,6 +71,12 @@ def held_at(place: Sequence[float]) -> tuple[float, ...]:
     return tuple(value if abs(value) > least else 0.0 for value in place)
 
 
+def reach_of(place: Sequence[float]) -> float:
+    """How far a shape is from its body's origin: the round-off of a centre in the body's frame is of this size, and the centre
+    itself may be anything smaller."""
+    return max(map(abs, place))
+
+
 def spread(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """At most ``MOST_CORNERS`` of ``points`` (n, 3), in their order: the one that is furthest from the origin, and then again
     and again the one that is furthest from those that are taken."""

@@ -12,7 +12,7 @@ from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.control.native import natives
 from simspec.engines.drake.building import ERROR_REDUCTION
-from simspec.engines.drake.corners import ANY_RESOLUTION, FACED, Part, corners, held_at, hydroelastic
+from simspec.engines.drake.corners import ANY_RESOLUTION, FACED, Part, corners, held_at, hydroelastic, reach_of
 from simspec.engines.drake.inventory import finite
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed, named_set
 from simspec.formats.kit.passes import recentre_free_roots
@@ -167,7 +167,7 @@ def _surface(
     found[f"surface.{name}.properties"] = named_set(PROPERTIES)
     for index, (kind, size, centre) in enumerate(balls):
         place = frames.add(shape.pose.position, frames.rotate(shape.pose.quaternion, centre))
-        found[f"surface.{name}.corner{index}"] = (kind, *held_at(place), *size)
+        found[f"surface.{name}.corner{index}"] = (kind, *held_at(place), *size, reach_of(shape.pose.position))
     return found
 
 

@@ -10,7 +10,7 @@ import itertools
 from typing import Any
 
 from simspec.engines.drake.building import told_name
-from simspec.engines.drake.corners import FACED, held_at
+from simspec.engines.drake.corners import FACED, held_at, reach_of
 from simspec.engines.drake.readback import (
     SHAPE,
     SIZES,
@@ -156,6 +156,7 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Hel
     }
     found[f"surface.{name}.parts"] = tuple(parts)
     found[f"surface.{name}.properties"] = named_set({word for one in parts.values() for word in properties(sim, one)})
+    reach = reach_of(inspector.GetPoseInFrame(parts[SHAPE]).translation().tolist())
     for part, one in parts.items():
         if part != SHAPE:
             kind, size = kind_and_size(sim, one)
@@ -163,6 +164,7 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Hel
                 kind,
                 *held_at(inspector.GetPoseInFrame(one).translation().tolist()),
                 *size,
+                reach,
             )
     return found
 

@@ -158,8 +158,9 @@ def test_every_class_is_asked():
     assert set(CLASSES) == set(GETTERS)
 
 
-def test_what_a_rotation_leaves_of_nothing_is_nothing(load):
-    """Ends of capsules beside the origin, whose y and z are 0 but for the round-off of a sum."""
+@pytest.mark.parametrize("end", [(0.002, 0.0, 0.0), (4e-4, 4.9e-10, -3e-9), (0.0, 0.0, 2e-12)])
+def test_what_a_rotation_leaves_of_nothing_is_nothing(end, load):
+    """Ends of capsules beside the origin, whose y and z are 0, or next to it, but for the round-off of a sum."""
     base = worlds.shapes_world(("capsule",))
     turns = [frames.from_rpy(0.3 * index, 0.2 + index, 0.7 * index) for index in range(6)]
     solid = next(shape for body in base.bodies for shape in body.shapes if shape.collision)
@@ -169,7 +170,7 @@ def test_what_a_rotation_leaves_of_nothing_is_nothing(load):
             name=f"end{index}",
             kind="capsule",
             size=(0.002, 0.1),
-            pose=Pose(frames.subtract((0.002, 0.0, 0.0), frames.rotate(turn, (0.0, 0.0, 0.05))), turn),
+            pose=Pose(frames.subtract(end, frames.rotate(turn, (0.0, 0.0, 0.05))), turn),
         )
         for index, turn in enumerate(turns)
     )
