@@ -11,10 +11,6 @@ FINDINGS = {
         "off by 1.3e-9, where 1e-9 is tolerated; mass matrix and bias force agree. Loops are closed by two points of an axis, "
         "so that rows of the constraints are redundant, or nearly so: singular values of 1e-17 and of 7e-4"
     ),
-    ("drake", "g1_29dof_rev_1_0.urdf"): (
-        "a false alarm: the centre of a ball of 0.1 mm in a corner is held 1.4e-17 m off in a coordinate of −4.9e-10 m, which "
-        "is compared by its own size, and not by the shape's"
-    ),
 }
 """By engine and file."""
 ENGINE_TIME = ("no result within its deadline", "without a result", "code 137")
