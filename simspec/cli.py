@@ -27,9 +27,9 @@ from simspec.arguments import (
 from simspec.cli_engines import add_engines
 from simspec.cli_experiments import add_experiments, add_reports
 from simspec.cli_files import add_audit, add_imports
-from simspec.commands.guard import command
+from simspec.commands.guard import command, report_error
 from simspec.ending import in_order
-from simspec.errors import EXIT_OK
+from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.robot_files import NO_WORDS, RobotFiles, reads_robot_files
 
 app = typer.Typer(
@@ -440,8 +440,23 @@ def _main(arguments: list[str]) -> int:
 
         print(f"simspec {version('simspec')}")
         return EXIT_OK
+    if (problem := _empty(arguments)) is not None:
+        return report_error(SpecError([problem]), "--json" in arguments)
     app(arguments, prog_name="simspec")  # ends with SystemExit, whose code is the command's
     return EXIT_OK
+
+
+def _empty(arguments: list[str]) -> Problem | None:
+    """What is wrong with arguments of which one is empty: as a path it would be the current folder, and no name is empty."""
+    for index, word in enumerate(arguments):
+        if not word or (word.startswith("--") and word.endswith("=")):
+            before = f" after {arguments[index - 1]}" if index and not word else ""
+            return Problem(
+                f"an argument of the command line is empty: the word {index + 1}{before}",
+                found=" ".join(map(repr, arguments)),
+                hint="is a variable of the shell empty? write . for the current folder",
+            )
+    return None
 
 
 if __name__ == "__main__":

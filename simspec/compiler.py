@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simspec.artifacts import Artifacts
-from simspec.contact.meeting import Pair, meeting_laws
 from simspec.contact.plan import MOST_SPLIT_MATERIALS, ContactPlan, contact_plan
 from simspec.contact.reachability import impact_needs, pair_needs, unreachable
 from simspec.control.native import fed_forward
@@ -28,6 +27,7 @@ from simspec.support.features import Feature
 from simspec.support.needs import Need, needs
 from simspec.support.negotiation import Decision, negotiate
 from simspec.world.canonical import canonical_json
+from simspec.world.meeting import Pair, meeting_laws
 from simspec.world.types import EngineOptions, World
 
 WORLD_FILE = "world.json"

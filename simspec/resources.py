@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from simspec.errors import Problem, SpecError
+from simspec.reading import kind
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -39,7 +40,11 @@ def find_spec(name: str) -> Path:
     import difflib
 
     near = difflib.get_close_matches(path.stem, library, 1)
-    what = "is a folder, not a spec" if path.is_dir() else "no such file, and no such scenario in the library"
+    try:
+        there: str | None = kind(path.stat().st_mode)
+    except (OSError, ValueError):  # nothing is there, or nothing can be: a name too long, or with a zero byte
+        there = None
+    what = f"is {there}, not a spec" if there else "no such file, and no such scenario in the library"
     raise SpecError(
         [
             Problem(

@@ -159,6 +159,22 @@ def test_a_folder_is_no_spec(folder):
     assert "is a folder, not a spec" in simspec("check", ".", code=2).stderr
 
 
+def test_a_fifo_is_no_spec(folder):
+    os.mkfifo(folder / "pipe.yaml")
+    assert "is a FIFO, not a spec" in simspec("check", "pipe.yaml", code=2).stderr
+
+
+@pytest.mark.parametrize("words", [("--out", ""), ("--out=",), ("-e", "")])
+@pytest.mark.parametrize("as_json", [False, True])
+def test_an_empty_argument_is_refused_before_anything_is_written(folder, capfd, words, as_json):
+    before = sorted(folder.iterdir())
+    assert cli.main(["run", "fall.yaml", "--engine", "mujoco", *words, *(["--json"] if as_json else [])]) == 2
+    said = capfd.readouterr()
+    text = json.loads(said.out)["error"]["problems"][0]["message"] if as_json else said.err
+    assert "an argument of the command line is empty" in text
+    assert sorted(folder.iterdir()) == before
+
+
 def test_a_folder_that_cannot_be_written_is_an_error(folder):
     (folder / "generated").write_text("in the way")
     done = simspec("compile", "fall.yaml", code=2)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.contact.meeting import solid_shapes
 from simspec.errors import Problem, SpecError
 from simspec.runner.run import Run
+from simspec.world.meeting import solid_shapes
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body
 

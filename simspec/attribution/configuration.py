@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.compiler import compile_world, missing_options
-from simspec.contact.meeting import Pair
 from simspec.control.request import to_request
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
@@ -23,6 +22,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import initial_state
+from simspec.world.meeting import Pair
 from simspec.world.types import EngineOptions, PairSettings, World
 
 Floats = NDArray[np.float64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 
-from simspec.contact.meeting import Pair
 from simspec.contact.rules import NOT_COMBINED, Rules
 from simspec.language.vocabulary import COMBINED_QUANTITIES
+from simspec.world.meeting import Pair
 from simspec.world.types import Hardness, PairContact, Surface, World
 
 

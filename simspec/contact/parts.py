@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import ContactPlan
+from simspec.world.meeting import solid_shapes
 from simspec.world.types import Body, Shape, Surface
 
 

@@ -18,10 +18,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from simspec.contact.inversion import invert
-from simspec.contact.meeting import Pair, meeting_laws
 from simspec.contact.rules import Rules, combine, same
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.world.derived import derived
+from simspec.world.meeting import Pair, meeting_laws
 from simspec.world.types import PairContact, Surface, World
 
 MOST_SPLIT_MATERIALS = 32

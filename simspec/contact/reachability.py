@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from simspec.contact.meeting import Pair, meeting_laws
 from simspec.contact.plan import ContactPlan, contact_plan
 from simspec.contact.rules import Rules, combine, same
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.support.features import Feature
 from simspec.support.needs import Need
+from simspec.world.meeting import Pair, meeting_laws
 from simspec.world.types import World
 
 _FEATURES = {

@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping
 from functools import partial
 
-from simspec.contact.meeting import meeting_laws, shape_pairs
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules, combined
 from simspec.control.native import natives
@@ -28,6 +27,7 @@ from simspec.world.gathering import gathered, rigid_members, summed, told_gravit
 from simspec.world.hull import HullError
 from simspec.world.inset import thickened, within
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import meeting_laws, shape_pairs
 from simspec.world.shapes import SHAPES
 from simspec.world.tuples import ordered, quaternion
 from simspec.world.types import (

@@ -9,7 +9,6 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 
-from simspec.contact.meeting import meeting_laws
 from simspec.proof.checks import NOTHING, Check, failed
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
@@ -17,6 +16,7 @@ from simspec.proof.motionless import motionless
 from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK, no_ball_stops, nothing_stops
 from simspec.proof.touch.plan import nothing_to_try
 from simspec.world.kinematics import rubbing
+from simspec.world.meeting import meeting_laws
 from simspec.world.types import VELOCITY_SIZE, World
 
 NOT_ASKED = "not asked for"

@@ -12,7 +12,6 @@ import numpy as np
 
 from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, compile_world, write_folder
-from simspec.contact.meeting import meeting_laws
 from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
@@ -54,6 +53,7 @@ from simspec.proof.touch.plan import Meetings
 from simspec.scratch import scratch_folder
 from simspec.support.declarations import Level
 from simspec.world.canonical import sha256
+from simspec.world.meeting import meeting_laws
 from simspec.world.types import ReadBack, World
 
 LEVELS = ("L0", "L1", "L2", "L3", "L4", "L5", "L6", "L7")

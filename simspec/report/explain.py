@@ -11,7 +11,6 @@ from typing import Any
 from rich.table import Table
 
 from simspec.compiler import Compiled, write_folder
-from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.contact.plan import ContactPlan, contact_plan
 from simspec.contact.rules import Rules
 from simspec.dialects.kit.contract import dialects
@@ -23,6 +22,7 @@ from simspec.report.kit import table
 from simspec.report.terminal import decisions
 from simspec.scratch import scratch_folder
 from simspec.world.control import Controller
+from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import Hardness, PairContact, Surface, World
 
 SIGNS: Mapping[str, str] = {"max": "max", "min": "min", "product": "×", "cross": "crossed with"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -10,8 +10,9 @@ from simspec.support.features import Feature
 from simspec.world.carriers import is_carrier, joined, owner_of
 from simspec.world.gathering import singular
 from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
+from simspec.world.meeting import meeting_laws
 from simspec.world.tuples import ordered
-from simspec.world.types import Follow, Inertial, World
+from simspec.world.types import Follow, Inertial, PairContact, World
 
 LARGE_TREE = 127
 
@@ -62,8 +63,12 @@ class Need:
     paths: tuple[str, ...]
 
 
-def needs(world: World) -> list[Need]:
-    """Every feature that ``world`` uses, with the paths that use it."""
+def needs(world: World, laws: Iterable[PairContact] | None = None) -> list[Need]:
+    """Every feature that ``world`` uses, with the paths that use it.
+
+    ``laws``: those of the pairs of materials that count; without them those of the pairs that can meet in this world (a file
+    for other worlds keeps all of them).
+    """
     found: dict[Feature, list[str]] = {Feature.GRAVITY: ["physics.gravity"], Feature.TIMESTEP: ["physics.timestep"]}
 
     def note(feature: Feature, path: str) -> None:
@@ -116,7 +121,7 @@ def needs(world: World) -> list[Need]:
         if len(bodies) > LARGE_TREE:
             note(Feature.TREE_SIZE, f"bodies.{root}")
     _beside_bodies(world, note)
-    _contact_needs(world, note)
+    _contact_needs(world, meeting_laws(world).values() if laws is None else laws, note)
     return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
 
 
@@ -155,13 +160,15 @@ def _inertia_needs(inertial: Inertial) -> Iterator[tuple[Feature, str]]:
         yield Feature.INERTIA_SINGULAR, "inertia"
 
 
-def _contact_needs(world: World, note: Callable[[Feature, str], None]) -> None:
+def _contact_needs(world: World, laws: Iterable[PairContact], note: Callable[[Feature, str], None]) -> None:
     if any(shape.collision for body in world.bodies for shape in body.shapes):
         note(Feature(f"contact.cone.{world.contact.friction_cone}"), "contact.friction_cone")
     for pair in world.contact.pairs:
+        if not pair.collide:
+            note(Feature.PASSING_PAIRS, f"contact.pairs.{pair.first}.{pair.second}.collide")
+    for pair in laws:
         path = f"contact.pairs.{pair.first}.{pair.second}"
         if not pair.collide:
-            note(Feature.PASSING_PAIRS, f"{path}.collide")
             continue
         for quantity, feature in _CONTACT_FEATURES:
             if getattr(pair, quantity):

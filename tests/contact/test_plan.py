@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.contact.meeting import meeting_laws, shape_pairs
 from simspec.contact.parts import parts
 from simspec.contact.plan import MOST_SPLIT_MATERIALS, contact_plan
 from simspec.contact.reachability import pair_needs
 from simspec.contact.rules import Rules, combine
 from simspec.language.vocabulary import COMBINED_QUANTITIES
+from simspec.world.meeting import meeting_laws, shape_pairs
 from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, World
 from tests import worlds
 

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.contact.meeting import balls_alone, frictionless
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.engines.kit.settings import check_settings, default_settings, resolve_settings
 from simspec.errors import UnsupportedError
 from simspec.report.matrix import engine_data
+from simspec.world.meeting import balls_alone, frictionless
 from simspec.world.types import Body, EngineOptions, Inertial, Joint, PairContact, World
 from tests import worlds
 

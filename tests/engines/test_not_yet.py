@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.contact.meeting import meeting_laws
 from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.dialects.kit.contract import dialects
@@ -23,6 +22,7 @@ from simspec.support.declarations import EXACT, Attempt, combine
 from simspec.support.features import Feature
 from simspec.testing.driving import wheel
 from simspec.world.control import Controller
+from simspec.world.meeting import meeting_laws
 from simspec.world.types import Hardness, World
 from tests import constrained, worlds
 from tests.installed import INSTALLED

@@ -7,7 +7,6 @@ import math
 
 import pytest
 
-from simspec.contact.meeting import shape_pairs
 from simspec.contact.parts import surfaces
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
@@ -16,6 +15,7 @@ from simspec.proof.distances import held_apart
 from simspec.world import frames
 from simspec.world.fluid import Box, Fluid
 from simspec.world.inset import inset
+from simspec.world.meeting import shape_pairs
 from simspec.world.sums import JointSum
 from simspec.world.types import (
     Body,

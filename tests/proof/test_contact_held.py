@@ -9,7 +9,6 @@ from xml.etree import ElementTree
 import pytest
 
 from simspec.compiler import compile_world, write_folder
-from simspec.contact.meeting import meeting_laws
 from simspec.contact.plan import contact_plan
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
@@ -18,6 +17,7 @@ from simspec.errors import UnsupportedError
 from simspec.proof.contact import held as module
 from simspec.proof.contact.held import held, of_pair
 from simspec.proof.selftest_worlds import WORLDS
+from simspec.world.meeting import meeting_laws
 from simspec.world.types import Hardness, PairContact
 from tests import worlds
 

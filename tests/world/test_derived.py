@@ -8,12 +8,12 @@ import weakref
 
 import pytest
 
-from simspec.contact.meeting import meeting_laws
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.world import canonical, derived
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import layout_of, rigid_groups, trees
+from simspec.world.meeting import meeting_laws
 from tests import worlds
 
 

@@ -11,8 +11,8 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import ContactPlan
+from simspec.world.meeting import solid_shapes
 from simspec.world.types import Body, World
 
 Part = tuple[str, int]

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from simspec.contact.meeting import meeting_kinds, solid_shapes
 from simspec.errors import Problem
 from simspec.support.declarations import acceptance
+from simspec.world.meeting import meeting_kinds, solid_shapes
 from simspec.world.types import World
 
 Pairs = Mapping[tuple[str, str], str]

@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from simspec.contact.meeting import balls_alone, excluded_pairs, solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.dart.copies import Node, Nodes, class_name
 from simspec.dialects.dart.detectors import TINY_FRICTION, detector_of, problems
@@ -52,6 +51,7 @@ from simspec.support.declarations import (
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.meeting import balls_alone, excluded_pairs, solid_shapes
 from simspec.world.types import Body, Inertial, Pose, Quaternion, ReadBack, Shape, Vector3, World
 
 COPY = "{body}.{index}"

@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from simspec.contact.meeting import Pair
 from simspec.contact.plan import ContactPlan
 from simspec.contact.rules import Rules
+from simspec.world.meeting import Pair
 from simspec.world.types import Surface
 
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.contact.meeting import excluded_pairs, solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.control.native import natives
 from simspec.dialects.kit.target import Target, known
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.world import tree
 from simspec.world.gathering import NOTHING
+from simspec.world.meeting import excluded_pairs, solid_shapes
 from simspec.world.types import Body, Joint, Shape, Surface, Vector3, World
 
 NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")

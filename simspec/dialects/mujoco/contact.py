@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 
-from simspec.contact.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.dialects.kit.target import Target
 from simspec.dialects.mujoco.choices import MATERIAL_CLASS, VISUAL_CLASS
 from simspec.dialects.mujoco.names import COULOMB
@@ -14,6 +13,7 @@ from simspec.formats.mjcf.from_world import dimensions, margins_of
 from simspec.formats.mjcf.tree import Attributes, Default, Value
 from simspec.formats.mjcf.tree import Pair as ExplicitPair
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.types import Body, Hardness, PairContact, Surface, World
 
 SPRING_IMPEDANCE = 1e-4

@@ -7,7 +7,6 @@ import functools
 from collections.abc import Mapping
 from typing import ClassVar
 
-from simspec.contact.meeting import excluded_pairs
 from simspec.control.native import natives
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.settings import NeededSetting
@@ -76,6 +75,7 @@ from simspec.support.features import Feature
 from simspec.world.anchors import anchors
 from simspec.world.carriers import absorbed
 from simspec.world.gathering import least_moment, rigid_members
+from simspec.world.meeting import excluded_pairs
 from simspec.world.types import ReadBack, Surface, World
 
 LEAST_INERTIA = 1e-15

@@ -10,12 +10,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 
-from simspec.contact.meeting import excluded_pairs, meeting_laws
 from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.pybullet.sidecar import CollisionFilter, FilterClass
 from simspec.errors import Problem
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import excluded_pairs, meeting_laws
 from simspec.world.types import Body, Hardness, Surface, World
 
 FILTER_BITS = 31

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
-from simspec.contact.meeting import excluded_pairs, meeting_laws, shape_pairs
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.coordinates import Coordinates
@@ -43,6 +42,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
+from simspec.world.meeting import excluded_pairs, meeting_laws, shape_pairs
 from simspec.world.types import Body, Hardness, ReadBack, Shape, World
 
 _SIDECAR = "in the sidecar, for the engine's own calls"

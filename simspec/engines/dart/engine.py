@@ -13,7 +13,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.meeting import frictionless
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
@@ -65,6 +64,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
+from simspec.world.meeting import frictionless
 from simspec.world.types import Body, HeldValue, ReadBack, World
 
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"

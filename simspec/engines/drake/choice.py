@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.control.native import natives
 from simspec.support.declarations import Level, Refinement, not_here
 from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import World
 
 MOST_TAMSI, BODY_SECONDS = 8, 0.008

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
@@ -54,6 +53,7 @@ from simspec.support.declarations import (
 from simspec.support.features import Feature
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import solid_shapes
 from simspec.world.types import VELOCITY_SIZE, HeldValue, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.control.native import natives
 from simspec.engines.drake.building import ERROR_REDUCTION
@@ -19,6 +18,7 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.world import frames
 from simspec.world.gathering import NOTHING
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import solid_shapes
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, HeldValue, Shape, World
 
 APPROXIMATIONS = {"sap": "kSap", "tamsi": "kTamsi"}

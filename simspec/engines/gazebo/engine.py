@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.meeting import frictionless, solid_shapes
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.gazebo import library
@@ -53,6 +52,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import frictionless, solid_shapes
 from simspec.world.types import Body, HeldValue, ReadBack, World
 
 TINY_FRICTION = 0.001

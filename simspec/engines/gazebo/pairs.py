@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.contact.meeting import meeting_kinds
 from simspec.support.declarations import Level, Refinement
+from simspec.world.meeting import meeting_kinds
 from simspec.world.types import World
 
 _PORTAL = "by libccd, to 1 µm in depth (overlaps below that can be missed)"

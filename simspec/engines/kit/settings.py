@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
-from simspec.contact.meeting import Pair, balls_alone
 from simspec.errors import Problem
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.world.kinematics import rubbing
+from simspec.world.meeting import Pair, balls_alone
 from simspec.world.types import PairContact, World
 
 Value = bool | int | float | str
@@ -82,7 +82,7 @@ class Setting:
     """Where a value nearer to the exact solution is known: a much finer one than the default, at whatever cost. ``simspec
     explain`` asks with it whether a difference comes from the accuracy."""
     frictionless: Value | None = None
-    """The default in worlds of free balls without friction (:func:`simspec.contact.meeting.balls_alone`); None: the same."""
+    """The default in worlds of free balls without friction (:func:`simspec.world.meeting.balls_alone`); None: the same."""
     frictionless_unless: tuple[str, Value] | None = None
     """Another setting and a value: where a spec states that, the default is the ordinary one in such worlds, too."""
     kinematic: Value | None = None

@@ -10,7 +10,6 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from simspec.contact.meeting import Pair, meeting_laws, shape_pairs
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import natives
@@ -23,6 +22,7 @@ from simspec.world.canonical import sha256
 from simspec.world.carriers import absorbed
 from simspec.world.gathering import told_gravity_scale, told_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups
+from simspec.world.meeting import Pair, meeting_laws, shape_pairs
 from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Quaternion, Surface, Weld, World
 
 SOLVERS = {"pgs": 0, "cg": 1, "newton": 2}

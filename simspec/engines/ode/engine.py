@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from simspec.contact.meeting import solid_shapes
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
@@ -49,6 +48,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import solid_shapes
 from simspec.world.types import HeldValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for ODE"

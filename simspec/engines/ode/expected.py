@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart
 from simspec.engines.ode.building import ERROR_REDUCTION
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import Body, HeldValue, World
 
 OWN_TYPES = {"hinge": "hinge", "slide": "slider", "ball": "ball", "fixed": "fixed"}

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from simspec.contact.meeting import frictionless, meeting_laws
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Level, Refinement
 from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.meeting import frictionless, meeting_laws
 from simspec.world.types import Body, Shape, World
 
 CONE = (

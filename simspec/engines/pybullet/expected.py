@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.contact.meeting import meeting_laws
 from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.pybullet.beside import held_beside
@@ -21,6 +20,7 @@ from simspec.engines.pybullet.inventory import JOINT_INFO, OF_THE_READ_BACK
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups, trees
+from simspec.world.meeting import meeting_laws
 from simspec.world.types import Body, HeldValue, Inertial, Surface, World
 
 LOAD_FLAGS = 2 | 8 | 128 | 8192 | 131072

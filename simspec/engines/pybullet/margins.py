@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from simspec.contact.meeting import meeting_kinds
 from simspec.contact.plan import contact_plan
 from simspec.dialects.pybullet.hulls import faces_meet, margins_of
 from simspec.engines.kit.contract import Engine
@@ -14,6 +13,7 @@ from simspec.engines.pybullet.meshes import KEPT
 from simspec.support.declarations import Level, Refinement, not_here
 from simspec.world.hull import HullError
 from simspec.world.inset import THINNEST, outside
+from simspec.world.meeting import meeting_kinds
 from simspec.world.types import Shape, World
 
 HALVES: Final[Mapping[str, Callable[[Sequence[float]], float]]] = {

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from simspec.contact.meeting import excluded_pairs, meeting_laws, solid_shapes
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import excluded_pairs, meeting_laws, solid_shapes
 from simspec.world.types import Body, HeldValue, PairContact, World
 
 Settings = Mapping[str, bool | int | float | str]

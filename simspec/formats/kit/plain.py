@@ -62,7 +62,7 @@ class Plain:
 def losses(world: World, table: Table, more: Iterable[Loss] = ()) -> tuple[Loss, ...]:
     """What a format with this table does not carry of a world, in the order of the features; then ``more``."""
     lost = []
-    for need in needs(world):
+    for need in needs(world, world.contact.pairs):
         support = table[need.feature].in_world(world)
         if support.level is not Level.EXACT:
             lost.append(Loss(need.feature.value, FATES[support.level], support.how, need.paths))

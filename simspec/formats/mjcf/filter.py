@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from simspec.contact.meeting import solid_shapes
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.mjcf.tree import Attributes
+from simspec.world.meeting import solid_shapes
 from simspec.world.types import World
 
 Kind = tuple[str, str]

@@ -10,7 +10,6 @@ import functools
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from simspec.contact.meeting import Pair, excluded_pairs, meeting_laws, shape_pairs, solid_shapes
 from simspec.control.native import natives
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import gather
@@ -51,6 +50,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world.carriers import absorbed, is_carrier
+from simspec.world.meeting import Pair, excluded_pairs, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.types import Joint, PairContact, Pose, Shape, World
 
 KEYFRAME: Final = "initial"

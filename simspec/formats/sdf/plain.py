@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from itertools import combinations
 from typing import Final
 
-from simspec.contact.meeting import meeting_laws
 from simspec.formats.kit.axes import readable
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.sdf import tree
@@ -28,6 +27,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
+from simspec.world.meeting import meeting_laws
 from simspec.world.types import Body, Inertial, PairContact, Pose, Shape, World
 
 SIZES: Final = {

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
-from simspec.contact.meeting import solid_shapes
 from simspec.formats.usd.several import carriers, several
 from simspec.world.kinematics import trees
+from simspec.world.meeting import solid_shapes
 from simspec.world.types import Body, World
 
 ROOT: Final = "World"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from simspec.contact.meeting import meeting_laws
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.usd.names import model_of
 from simspec.formats.usd.several import apart, carriers, several
@@ -23,6 +22,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import trees
+from simspec.world.meeting import meeting_laws
 from simspec.world.types import World
 
 KINDS: Final = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from simspec.contact.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.contact.plan import ContactPlan, contact_plan
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import read_sidecar
@@ -21,6 +20,7 @@ from simspec.engines.kit.settings import idle_settings
 from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.support.features import Feature
+from simspec.world.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.tuples import ordered, vector3
 from simspec.world.types import (
     Contact,

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from simspec.compiler import Compiled, compile_world, write_folder
-from simspec.contact.meeting import meeting_laws
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
@@ -35,6 +34,7 @@ from simspec.proof.contact.split import joined, split
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
 from simspec.world.kinematics import layout_of
+from simspec.world.meeting import meeting_laws
 from simspec.world.types import Body, Physics, ReadBack, World
 
 LEVEL = "L5"

@@ -13,12 +13,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from simspec.contact.meeting import meeting_laws, solid_shapes
 from simspec.proof.contact.probe import Figure
 from simspec.world import frames, shapes
 from simspec.world.heightfield import Field, field_of
 from simspec.world.hull import hull_of
 from simspec.world.kinematics import initial_state, layout_of
+from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.tuples import ordered, vector3
 from simspec.world.types import Body, Contact, Inertial, Joint, Pose, Shape, World
 

@@ -11,7 +11,6 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.contact import meeting
-from simspec.contact.meeting import meeting_kinds
 from simspec.dialects.dart import detectors as skel_detectors
 from simspec.dialects.dart.detectors import LESSER_EVIL, ORDER, OVERLOOKED, SOUND, UNSOUND, choose, flaws
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
@@ -22,6 +21,7 @@ from simspec.proof.touch.geometry import gap, solids, transform
 from simspec.support.declarations import Level
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter
+from simspec.world.meeting import meeting_kinds
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
 from tests.files import write
