@@ -163,7 +163,9 @@ def load_spec(
         robot_files.check_effect(spec)
     if duration_of_model and spec.is_model_without_duration(sets):
         sets.append(f"physics.duration={duration_of_model}")
-        print(f"{name} is a model without a duration: --set {sets[-1]}", file=sys.stderr)
+        from simspec.report.screen import say
+
+        say(f"{name} is a model without a duration: --set {sets[-1]}", error=True)
         spec = load(find_spec(name), sets=tuple(sets), allow_outside=allow_outside, options=options)
     world = spec.resolve()
     if problems := check_at_timestep(spec):

@@ -181,6 +181,19 @@ def test_a_folder_that_cannot_be_written_is_an_error(folder):
     assert "generated" in done.stderr
 
 
+def test_a_name_that_a_terminal_obeys_is_shown_escaped(folder):
+    """In whatever is said of a file: an error, a note, a file that is written."""
+    name, robot = "\x1b[31mred\n.yaml", "\x1b[31mred\n.urdf"
+    (folder / name).write_text(FALL.replace("mass: 1,", "mass: -1,"))
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
+    (folder / robot).write_text(f'<robot name="r"><link name="a">{inertial}</link></robot>')
+    commands = (("check", name), ("accept", robot, "-e", "mujoco"), ("run", robot, "-e", "mujoco", "--no-repeats"))
+    for words in commands:
+        done = CliRunner().invoke(cli.app, list(words))
+        assert "\x1b[31mred" not in done.output
+        assert "\\x1b[31mred\\n" in done.output
+
+
 def test_an_engine_that_there_is_not(folder):
     found = data("run", "fall.yaml", "--engine", "havok", code=3)["error"]
     assert found["engine"] == "havok"

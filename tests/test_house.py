@@ -360,6 +360,22 @@ def test_one_part_writes_for_everybody(path):
     assert not writes(ast.parse(path.read_text(encoding="utf-8")))
 
 
+SAYERS = {"report/screen.py", "cli.py", "engines/kit/installed.py"}
+"""Modules that print: the one that escapes what is not seen or does more than be seen, the version, and a child's script."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for path in MODULES if path.relative_to(PACKAGE).as_posix() not in SAYERS],
+    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
+)
+def test_nothing_is_printed_but_by_what_escapes_it(path):
+    """A file's name may hold what a terminal obeys."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    calls = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    assert not [call.lineno for call in calls if isinstance(call, ast.Name) and call.id == "print"]
+
+
 TEMPORARY = {"scratch.py", "mapped.py", "ending.py"}
 """Modules that may make temporary files themselves: what a killed process leaves must be known to the next by its marker, or
 have no name."""

@@ -20,6 +20,7 @@ from simspec.language.strict import near
 from simspec.outputs.writing import write_file
 from simspec.report.plain import text
 from simspec.report.reasons import link
+from simspec.report.screen import say
 from simspec.resources import resource_folder
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import NotTaken, Selection, refusal
@@ -110,12 +111,13 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
         sys.stdout.write(text({"file": path, "written": bool(wanted), "added": wanted, "not_taken": not_taken}))
         return EXIT_OK
     for name, refused in not_taken.items():
-        print(f"not for {name}: {refused}")
+        say(f"not for {name}: {refused}")
     for name, keys in wanted.items():
         for key, features in keys.items():
             for feature, why in features.items():
-                print(f"engines.{name}.{key}: {feature}  # {why}\n    {link(name, feature)}")
-    print(f"{path}: {'written' if wanted else 'no entries missing'}")
+                say(f"engines.{name}.{key}: {feature}  # {why}")
+                say(f"    {link(name, feature)}")
+    say(f"{path}: {'written' if wanted else 'no entries missing'}")
     return EXIT_OK
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,7 +68,7 @@ class Reports:
                 say(f"{self.step_summary}: no room for another summary", error=True)
         if self.annotate:
             for line in annotation_lines(suites, warnings):
-                print(line, file=sys.stderr if as_json else sys.stdout)
+                say(line, error=as_json)
 
 
 NO_REPORTS = Reports()

@@ -14,7 +14,7 @@ from simspec.comparison.worlds import diff_worlds
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.report import differences
 from simspec.report.plain import diff_data, plain, text
-from simspec.report.screen import console
+from simspec.report.screen import console, say
 from simspec.report.session import show_diff
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.runner.store import load_run
@@ -62,5 +62,5 @@ def diff_specs(a: World, b: World, as_json: bool) -> int:
     elif changes:
         console().print(differences.changes(changes))
     else:
-        print("no differences")
+        say("no differences")
     return EXIT_FAILED if changes else EXIT_OK

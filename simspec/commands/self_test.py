@@ -10,7 +10,7 @@ from simspec.report import terminal
 from simspec.report.complete import complete_data, show_complete
 from simspec.report.plain import text
 from simspec.report.progress import progress
-from simspec.report.screen import console
+from simspec.report.screen import console, say
 
 
 def self_test(engines: Sequence[str], pythons: Mapping[str, str], as_json: bool) -> int:
@@ -32,7 +32,7 @@ def complete_self_test(engines: Sequence[str], as_json: bool) -> int:
     """Try every change that compiled files can suffer, and say what was missed."""
     from simspec.proof.complete import complete_self_test as plant
 
-    result = plant(engines, progress=lambda line: print(line, file=sys.stderr, flush=True))
+    result = plant(engines, progress=lambda line: say(line, error=True))
     if as_json:
         sys.stdout.write(text(complete_data(result)))
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,7 +11,7 @@ from typing import Protocol
 from rich.text import Text
 
 from simspec.errors import visible
-from simspec.report.screen import console
+from simspec.report.screen import console, say
 
 EVERY = 10.0
 """s between two lines where there is no terminal: a run of a minute leaves six, and silence never means that it hangs."""
@@ -91,4 +90,4 @@ def progress(enabled: bool = True) -> Iterator[Progress]:
 
 def _tell(told: Told, ended: threading.Event) -> None:
     while not ended.wait(EVERY):
-        print(told.line(), file=sys.stderr, flush=True)
+        say(told.line(), error=True)

@@ -40,8 +40,8 @@ class Screen(Console):
 
 
 def say(line: str, error: bool = False) -> None:
-    """One line on standard output, or standard error, as it is."""
-    print(visible(line), file=sys.stderr if error else sys.stdout)
+    """One line on standard output, or standard error, now, as long as it is."""
+    print(visible(line), file=sys.stderr if error else sys.stdout, flush=True)
 
 
 def console(error: bool = False) -> Console:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.contact import meeting
 from simspec.dialects.dart import detectors as skel_detectors
 from simspec.dialects.dart.detectors import LESSER_EVIL, ORDER, OVERLOOKED, SOUND, UNSOUND, choose, flaws
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
@@ -19,7 +18,7 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.proof.touch.geometry import gap, solids, transform
 from simspec.support.declarations import Level
-from simspec.world import frames
+from simspec.world import frames, meeting
 from simspec.world.kinematics import CollisionFilter
 from simspec.world.meeting import meeting_kinds
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape

@@ -205,7 +205,7 @@ def test_everything_that_a_world_needs_is_carried_or_listed():
     for make in WORLDS.values():
         world = make()
         listed = {loss.feature: loss for loss in Mjcf().plain(world).losses}
-        for need in needs(world):
+        for need in needs(world, world.contact.pairs):
             assert (SUPPORT[need.feature].level is Level.EXACT) is (need.feature.value not in listed), need.feature
             if need.feature.value in listed:
                 assert listed[need.feature.value].paths == need.paths

@@ -263,7 +263,7 @@ def test_everything_that_a_world_needs_is_carried_or_listed():
     for make in WORLDS.values():
         world = make()
         listed = {loss.feature: loss for loss in Sdf().plain(world).losses}
-        for need in needs(world):
+        for need in needs(world, world.contact.pairs):
             carried = SUPPORT[need.feature].in_world(world).level is Level.EXACT
             if not carried:
                 assert listed[need.feature.value].paths == need.paths

@@ -136,7 +136,7 @@ def test_everything_that_a_world_needs_is_carried_or_listed():
     for world in every_feature():
         plain = Urdf().plain(world)
         listed = {loss.feature: loss for loss in plain.losses if loss.fate is not Fate.PLACEHOLDER}
-        for need in needs(world):
+        for need in needs(world, world.contact.pairs):
             carried = SUPPORT[need.feature].level is Level.EXACT
             assert carried is (need.feature.value not in listed), need.feature
             if not carried:

@@ -222,7 +222,7 @@ def test_usd_cores_own_reader_of_physics_finds_the_same(tmp_path, profile):
 def test_what_is_lost_is_listed():
     world = library("box-on-ramp")
     lost = {loss.feature: loss.fate for loss in Usd().plain(world).losses}
-    for need in needs(world):
+    for need in needs(world, world.contact.pairs):
         assert (need.feature.value in lost) or SUPPORT[need.feature].level is Level.EXACT
     assert lost[Feature.HARDNESS_COMMON.value] is Fate.LEFT_OUT
     assert lost[Feature.TIMESTEP.value] is Fate.BESIDE
