@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -440,7 +442,7 @@ def _main(arguments: list[str]) -> int:
 
         print(f"simspec {version('simspec')}")
         return EXIT_OK
-    if (problem := _empty(arguments)) is not None:
+    if (problem := _empty(arguments) or _not_text(arguments)) is not None:
         return report_error(SpecError([problem]), "--json" in arguments)
     app(arguments, prog_name="simspec")  # ends with SystemExit, whose code is the command's
     return EXIT_OK
@@ -456,6 +458,19 @@ def _empty(arguments: list[str]) -> Problem | None:
                 found=" ".join(map(repr, arguments)),
                 hint="is a variable of the shell empty? write . for the current folder",
             )
+    return None
+
+
+def _not_text(arguments: list[str]) -> Problem | None:
+    """What is wrong with arguments, or a current folder, that are not UTF-8: no spec, certificate or engine can name them."""
+    told = [(f"the word {index + 1} of the command line", word) for index, word in enumerate(arguments)]
+    with contextlib.suppress(FileNotFoundError):  # a folder that was removed; said where a file is asked for in it
+        told.append(("the path of the current folder", os.getcwd()))
+    for what, word in told:
+        try:
+            word.encode()
+        except UnicodeEncodeError:
+            return Problem(f"{what} is not UTF-8 text", found=repr(word), hint="rename the file or the folder")
     return None
 
 

@@ -175,6 +175,20 @@ def test_an_empty_argument_is_refused_before_anything_is_written(folder, capfd, 
     assert sorted(folder.iterdir()) == before
 
 
+def test_names_that_are_not_text_are_refused(folder, capsys, monkeypatch):
+    """Engines and certificates name files in UTF-8: what is not so would be told as an engine's fault."""
+    name = os.fsdecode(b"bad\xff")
+    (folder / f"{name}.yaml").write_text(FALL)
+    assert cli.main(["check", f"{name}.yaml"]) == 2
+    assert "the word 2 of the command line is not UTF-8 text" in capsys.readouterr().err
+    (folder / name).mkdir()
+    (folder / name / "fall.yaml").write_text(FALL)
+    monkeypatch.chdir(folder / name)
+    assert cli.main(["run", "fall.yaml", "-e", "mujoco", "--json"]) == 2
+    assert "the current folder is not UTF-8 text" in capsys.readouterr().out
+    assert [path.name for path in (folder / name).iterdir()] == ["fall.yaml"]
+
+
 def test_a_folder_that_cannot_be_written_is_an_error(folder):
     (folder / "generated").write_text("in the way")
     done = simspec("compile", "fall.yaml", code=2)
