@@ -72,7 +72,8 @@ def test_each_world_is_kept_as_soon_as_it_is_done_and_only_those_named(monkeypat
     monkeypatch.setattr(selftest, "RESULTS", tmp_path / "results.json")
     caught = Verdict("mujoco", "ball", "model.xml", "scaled", "a@b", "a@b", "1 to 2", "caught")
 
-    def test(engines, worlds, progress, keep):
+    def test(engines, worlds, done, progress, keep):
+        assert not done
         keep("ball", [caught], 7.2)
         assert set(selftest.read()["mujoco"]) == {"gone", "ball"}, "written before the next world begins"
         return CompleteTest((caught,))
@@ -86,3 +87,27 @@ def test_each_world_is_kept_as_soon_as_it_is_done_and_only_those_named(monkeypat
     selftest.measure("mujoco", [], results)
     assert set(selftest.read()["mujoco"]) == {"ball"}
     assert "| ball |" in page.read_text(encoding="utf-8")
+
+
+def test_a_run_that_was_stopped_goes_on_where_it_was(monkeypatch, tmp_path):
+    """What is kept of another version, or missed something, is tried again."""
+    page = tmp_path / "page.md"
+    page.write_text(f"{selftest.BEGIN}{selftest.END}", encoding="utf-8")
+    monkeypatch.setattr(selftest, "PAGE", page)
+    monkeypatch.setattr(selftest, "RESULTS", tmp_path / "results.json")
+    version = str(find_engine("mujoco").version())
+    sound = RESULTS["one"]["arm"] | {"version": version}
+    missing = sound | {"rows": {"all": ROW | {"missed": 1}}}
+    results = {"mujoco": {"sound": sound, "older": RESULTS["one"]["arm"], "missing": missing}}
+    caught = Verdict("mujoco", "missing", "model.xml", "scaled", "a@b", "a@b", "1 to 2", "caught")
+
+    def test(engines, worlds, done, progress, keep):
+        assert done == {"sound"}
+        keep("missing", [caught], 1.0)
+        return CompleteTest((caught,))
+
+    monkeypatch.setattr(selftest, "complete_self_test", test)
+    selftest.measure("mujoco", [], results, go_on=True)
+    kept = selftest.read()["mujoco"]
+    assert set(kept) == {"sound", "missing"}
+    assert kept["missing"]["rows"]["all"]["missed"] == 0

@@ -1,7 +1,8 @@
 """Runs the complete self-test and puts its tables into docs/proof.md.
 
-``python tools/selftest.py [ENGINE ...] [--world NAME ...]``: with engines or worlds named, only theirs are made anew. Results
-are kept by engine and world, each with the version of the engine and the date. Printed are missed changes, and declarations of
+``python tools/selftest.py [ENGINE ...] [--world NAME ...] [--go-on]``: with engines or worlds named, only theirs are made anew;
+with ``--go-on`` what a run that was stopped has left, what missed something, and what is kept of another version. Results are
+kept by engine and world, each with the version of the engine and the date. Printed are missed changes, and declarations of
 something inert that no change needs; exits 1 when a change was missed, and the table says so.
 """
 
@@ -41,22 +42,29 @@ def of_world(version: str, verdicts: Sequence[Verdict], seconds: float) -> dict[
     }
 
 
-def measure(engine: str, worlds: Sequence[str], results: Results) -> None:
-    """Test ``worlds`` (none named: all) in an engine, and write each as soon as it is done."""
+def measure(engine: str, worlds: Sequence[str], results: Results, go_on: bool = False) -> None:
+    """Test ``worlds`` (none named: all) in an engine, and write each as soon as it is done. ``go_on``: but those that are kept
+    of this version of it, with nothing missed."""
     kept = results.setdefault(engine, {})
     version = str(find_engine(engine).version())
+    sound = {world for world, one in kept.items() if one["version"] == version and not one["rows"]["all"]["missed"]}
+    done = sound if go_on else set()
 
     def keep(world: str, verdicts: Sequence[Verdict], seconds: float) -> None:
         kept[world] = of_world(version, verdicts, seconds)
         write(results)
+        for one in verdicts:
+            if one.verdict == "missed":
+                print("MISSED", engine, world, one.file, one.place, one.kind, one.change, one.why, sep="  ", flush=True)
 
-    found = complete_self_test([engine], worlds=worlds, progress=lambda line: print(line, flush=True), keep=keep)
-    for one in found.missed:
-        print("MISSED", engine, one.world, one.file, one.place, one.kind, one.change, one.why, sep="  ")
+    found = complete_self_test(
+        [engine], worlds=worlds, done=done, progress=lambda line: print(line, flush=True), keep=keep
+    )
     for row in found.unused.get(engine, ()):
         print("NOT NEEDED", engine, row, sep="  ")
     if not worlds:
-        results[engine] = {world: kept[world] for world in dict.fromkeys(one.world for one in found.verdicts)}
+        tried = {one.world for one in found.verdicts}
+        results[engine] = {world: one for world, one in kept.items() if world in tried | done}
         write(results)
 
 
@@ -126,10 +134,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("engines", nargs="*", metavar="ENGINE")
     parser.add_argument("--world", action="append", default=[], dest="worlds", metavar="NAME")
+    parser.add_argument("--go-on", action="store_true")
     given = parser.parse_args()
     results = read()
     for engine in given.engines or [name for name in engines() if find_engine(name).version() is not None]:
-        measure(engine, given.worlds, results)
+        measure(engine, given.worlds, results, given.go_on)
     missed = sum(one["rows"]["all"]["missed"] for worlds in results.values() for one in worlds.values())
     print(f"missed: {missed}")
     return 1 if missed else 0

@@ -132,11 +132,6 @@ def _publish(stage: staging.Stage, names: Iterable[str], folder: Path, kind: str
     staging.publish(stage, place.path, place.status is not None)
 
 
-def _in_the_way(here: Path) -> Problem:
-    message = f"{str(here)!r} has the name of a file that simspec writes, and was not written by simspec"
-    return Problem(message, hint="move it elsewhere")
-
-
 def _take_along(old: Path, marker: Marker, fresh: Path) -> None:
     """Link what is not simspec's from the old folder into the new one: it is there before and after the exchange."""
     for base, folders, files in os.walk(old):
@@ -144,17 +139,20 @@ def _take_along(old: Path, marker: Marker, fresh: Path) -> None:
         links = [name for name in folders if os.path.islink(os.path.join(base, name))]
         foreign = [name for name in [*files, *links] if not marker.owns((relative / name).as_posix())]
         empty = not files and not folders
-        for name in folders:
-            there = fresh / relative / name
-            if os.path.lexists(there) and not there.is_dir():
-                raise SpecError([_in_the_way(Path(base) / name)])
         if foreign or empty:
             os.makedirs(fresh / relative, exist_ok=True)
             shutil.copymode(base, fresh / relative)
         for name in foreign:
             here, there = Path(base) / name, fresh / relative / name
             if os.path.lexists(there):
-                raise SpecError([_in_the_way(here)])
+                raise SpecError(
+                    [
+                        Problem(
+                            f"{str(here)!r} has the name of a file that simspec writes, and was not written by simspec",
+                            hint="move it elsewhere",
+                        )
+                    ]
+                )
             try:
                 os.link(here, there, follow_symlinks=False)
             except OSError as error:

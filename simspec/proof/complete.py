@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
@@ -36,8 +36,7 @@ from simspec.proof.checks import Check
 from simspec.proof.complete_asking import Answers, Plant, ask
 from simspec.proof.complete_scenes import Seen, course_of, glimpses_of, scenes_of
 from simspec.proof.complete_verdicts import CompleteTest, Verdict, unused_rows
-from simspec.proof.mutation_worlds import WORLDS
-from simspec.proof.selftest_smaller import SMALLER
+from simspec.proof.mutation_worlds import STAND_INS, WORLDS
 from simspec.proof.verify import Probes, engine_checks, prepare, read_back_checks, verify
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import from_plain
@@ -68,14 +67,15 @@ def complete_self_test(
     engines: Sequence[str],
     *,
     worlds: Sequence[str] = (),
+    done: Collection[str] = (),
     only: Callable[[Mutation], bool] | None = None,
     progress: Callable[[str], None] | None = None,
     keep: Callable[[str, Sequence[Verdict], float], None] = lambda world, verdicts, seconds: None,
 ) -> CompleteTest:
-    """Try every mutation of every world (or of those named) in every engine.
+    """Try every mutation of every world (or of those named) in every engine, but of those that are ``done``.
 
     ``only`` chooses among the mutations; ``keep`` is called with each world as soon as it is done, and the seconds it took. A
-    world that only stands in for another (``SMALLER``) is left out for engines that support that one, unless it is named.
+    world that only stands in for another (``STAND_INS``) is left out for engines that support that one, unless it is named.
     Raises AssertionError when an unchanged world does not verify, or does not move twice alike: then nothing could be said.
     """
     say = progress or (lambda text: None)
@@ -88,12 +88,18 @@ def complete_self_test(
         stand_ins: dict[str, str] = {}
         for name in worlds or WORLDS:
             larger = stand_ins.get(name)
-            bench = f"stands in for the world {larger!r}, which the engine has" if larger else _Bench.of(engine, name)
+            bench: _Bench | str
+            if name in done:
+                bench, larger = "was done before", larger or name
+            elif larger:
+                bench = f"stands in for the world {larger!r}, which the engine has"
+            else:
+                bench = _Bench.of(engine, name)
+            if name in STAND_INS and not worlds and (larger or not isinstance(bench, str)):
+                stand_ins[STAND_INS[name]] = larger or name
             if isinstance(bench, str):
                 skipped[f"{engine}, {name}"] = bench
                 continue
-            if name in SMALLER and not worlds:
-                stand_ins[SMALLER[name][0]] = name
             begun = time.monotonic()
             of_world = bench.verdicts(only or (lambda mutation: True))
             tried += of_world
@@ -102,7 +108,7 @@ def complete_self_test(
             say(f"{engine}, {name}: {len(of_world)} mutations, {missed} missed, {spent:.0f} s")
             keep(name, of_world, spent)
         verdicts += tried
-        if not worlds and only is None:
+        if not worlds and not done and only is None:
             unused[engine] = unused_rows(table_of(find_engine(engine).DIALECT), tried)
     versions = {engine: str(find_engine(engine).version()) for engine in engines}
     return CompleteTest(tuple(verdicts), skipped, versions, time.monotonic() - started, unused)

@@ -32,8 +32,6 @@ WORK = 2_600_000
 bodies do not make each one's motion harder to tell."""
 EVERY, LOOK = 40, 10
 """Steps between two instants that are compared; the second where there are few, and when a beginning is tried."""
-AT_ONCE = 10
-"""Instants of a beginning that is tried after which it is asked whether it has ended: many end soon."""
 SECONDS = 2.0
 """Time in which motion comes as far as it should: what falls for 8 s, as in 2,000 steps of 4 ms, is 300 m away at 80 m/s, where
 the round-off of one engine is a hundred times the others' (measured)."""
@@ -173,19 +171,7 @@ class _Beginning:
 def _tried(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, most: int) -> _Beginning:
     """How far the oracle comes from a beginning, looked at every ``LOOK`` steps: up to ``most``, or until a joint comes within
     5 % of its range to a limit, or turns too fast."""
-    states, speeds = np.array([q], dtype=float), np.array([v], dtype=float)
-    ends, steps = "", 0
-    while steps < most and not ends:
-        ahead = min(AT_ONCE * LOOK, most - steps)
-        more = _motion(oracle, states[-1], speeds[-1], effort, ahead, LOOK)
-        states, speeds = (np.concatenate([known, new[1:]]) for known, new in zip((states, speeds), more, strict=True))
-        ends, steps = _ending(world, oracle, states, speeds, steps + ahead)
-    return _Beginning(q, v, effort, steps, ends, states)
-
-
-def _ending(world: World, oracle: Oracle, states: np.ndarray, speeds: np.ndarray, steps: int) -> tuple[str, int]:
-    """Why a motion of ``steps`` steps, looked at every ``LOOK`` of them, cannot be compared to its end, and how far it can; ""
-    where it can."""
+    states, speeds = _motion(oracle, q, v, effort, most, LOOK)
     reasons = {
         "then a joint comes near a limit": _near_limits(world, oracle, states),
         f"then something turns by more than {LARGEST_TURN:g} rad in a step": ~(
@@ -194,11 +180,11 @@ def _ending(world: World, oracle: Oracle, states: np.ndarray, speeds: np.ndarray
     }
     slid = f"then something slides more than {LARGEST_SLIDE:g} m away"
     reasons[slid] = ~(_slides(world, oracle, states) <= LARGEST_SLIDE)
-    ends = ""
+    ends, steps = "", most
     for why, bad in reasons.items():
         if bad.any() and (until := max(0, int(np.argmax(bad)) - 1) * LOOK) < steps:
             ends, steps = why, until
-    return ends, steps
+    return _Beginning(q, v, effort, steps, ends, states)
 
 
 def _near_limits(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Setting, idle_settings
 from simspec.proof import selftest_worlds
+from simspec.proof.selftest_smaller import EVERY, SMALLER
 from simspec.proof.selftest_worlds import FREE, STILL, TENSOR
 from simspec.world.carriers import joined
 from simspec.world.control import Controller, Trajectory
@@ -207,14 +208,32 @@ def cone(name: str) -> Callable[[str], World]:
     return made
 
 
+def light_shapes(engine: str) -> World:
+    """The same where what is welded to a moving body has no mass."""
+    world = shapes(engine)
+    bodies = tuple(
+        dataclasses.replace(body, inertial=Inertial(0.0)) if body.name == "knob" else body for body in world.bodies
+    )
+    return dataclasses.replace(world, name="self-test-light-shapes", bodies=bodies)
+
+
 def settings(engine: str) -> World:
     """The bench with every setting of the engine other than it is by default, but those that then do nothing."""
-    world = selftest_worlds.bench(engine)
+    return _with_settings(selftest_worlds.bench(engine), "self-test-settings")
+
+
+def settings_on_floor(engine: str) -> World:
+    """The same of a ball on a floor."""
+    return _with_settings(hard("common", Hardness())(engine), "self-test-settings-on-floor")
+
+
+def _with_settings(world: World, name: str) -> World:
     (options,) = world.engines
+    engine = options.engine
     every = {name: _other(setting) for name, setting in sorted(find_engine(engine).SETTINGS.items())}
     idle = idle_settings(find_engine(engine), every)
     used = tuple((name, value) for name, value in every.items() if name not in idle)
-    return dataclasses.replace(world, name="self-test-settings", engines=(dataclasses.replace(options, settings=used),))
+    return dataclasses.replace(world, name=name, engines=(dataclasses.replace(options, settings=used),))
 
 
 def pairs(engine: str) -> World:
@@ -299,11 +318,12 @@ def _other(setting: Setting) -> bool | int | float | str:
 
 
 WORLDS: Mapping[str, Callable[[str], World]] = {
-    **selftest_worlds.WORLDS,
+    **EVERY,
     "bouncing": bouncing,
     "rolling": uneven("rolling"),
     "native control": native,
     "shapes": shapes,
+    "light shapes": light_shapes,
     "weightless": weightless,
     "several joints": several_joints,
     "ellipsoid": ellipsoid,
@@ -314,7 +334,14 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "inscribed pyramid": cone("pyramid-inscribed"),
     "circumscribed pyramid": cone("pyramid-circumscribed"),
     "settings": settings,
+    "settings on a floor": settings_on_floor,
     "choices": choices,
     "pairs": pairs,
 }
 """By name, each for one engine."""
+STAND_INS: Mapping[str, str] = {
+    **{name: smaller for name, (smaller, _) in SMALLER.items()},
+    "shapes": "light shapes",
+    "settings": "settings on a floor",
+}
+"""The world that takes another's place where an engine refuses that one; it comes after that."""

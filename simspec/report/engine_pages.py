@@ -6,6 +6,8 @@ Nothing of it depends on what is installed, so that whether it is current has on
 from __future__ import annotations
 
 import collections
+import dataclasses
+import functools
 import inspect
 import json
 import re
@@ -13,16 +15,20 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from simspec.compiler import WORLD_FILE, needed_decisions
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.installing import how_to_install
 from simspec.engines.kit.registry import engines, format_of
+from simspec.errors import UnsupportedError
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.reading import read_bytes
 from simspec.proof.certificate import Certificate
 from simspec.report.matrix import NOT_YET, SIGNATURE, WORDS, support, word
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
+from simspec.world.canonical import from_plain
+from simspec.world.types import World
 
 PAGE = "engines.md"
 STUDY = "docs/studies/fair-speed"
@@ -35,6 +41,7 @@ HEAD = f"""# Engines
 Each engine as it declares itself. All features side by side stand in the [support matrix](support-matrix.md), what the levels
 of a certificate compare in [proof.md](proof.md). `simspec engines doctor` says what of this is installed here and works.
 """
+PLACES = re.compile(r" \(and \d+ more places\)")
 LEVELS = (*WORDS.values(), NOT_YET)
 
 
@@ -52,7 +59,7 @@ def markdown(root: Path) -> str:
     for engine in engines().values():
         lines += [f"## {engine.TITLE or engine.NAME}", "", *_about(engine), ""]
         lines += [*_facts(engine, certificates, costs), ""]
-        lines += [*_support(engine), *_settings(engine), *_deviations(engine), *_certified(engine, certificates)]
+        lines += [*_support(engine), *_settings(engine), *_deviations(engine), *_certified(engine, certificates, root)]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -141,8 +148,8 @@ def _where(one: Deviation) -> str:
     return ", ".join(part for part in parts if part) or "everywhere"
 
 
-def _certified(engine: type[Engine], certificates: Mapping[str, Certificate]) -> Iterator[str]:
-    """In how many scenarios of the library each level was compared."""
+def _certified(engine: type[Engine], certificates: Mapping[str, Certificate], root: Path) -> Iterator[str]:
+    """In how many scenarios of the library each level was compared, and why others have no certificate of it."""
     if not certificates:
         return
     proofs = {name: one.engines[engine.NAME] for name, one in certificates.items() if engine.NAME in one.engines}
@@ -162,8 +169,32 @@ def _certified(engine: type[Engine], certificates: Mapping[str, Certificate]) ->
     )
     yield f"{valid} of {len(proofs)} certificates are valid, of {len(certificates)} scenarios of the library. Compared: {told}."
     if lacking := sorted(set(certificates) - set(proofs)):
-        yield f"Without it: {', '.join(lacking)}."
+        yield from ("", "Without it, each for the first reason that there is:", "")
+        reasons: dict[str, list[str]] = {}
+        for name in lacking:
+            reasons.setdefault(_refusal(engine, _world(root / "generated" / name / WORLD_FILE)), []).append(name)
+        yield from (f"- {', '.join(names)}: {_line(why)}" for why, names in reasons.items())
     yield ""
+
+
+@functools.cache
+def _world(file: Path) -> World:
+    """The world that a scenario of the library was compiled from."""
+    world: World = from_plain(World, json.loads(read_bytes(file, LARGEST)))
+    return world
+
+
+def _refusal(engine: type[Engine], world: World) -> str:
+    """Why an engine does not have a world: what it does not support, else what the world does not accept."""
+    every = tuple(feature.value for feature in Feature)
+    options = dataclasses.replace(world.options(engine.NAME), accept=every, outside=every)
+    others = tuple(one for one in world.engines if one.engine != engine.NAME)
+    for tried in (dataclasses.replace(world, engines=(*others, options)), world):
+        try:
+            needed_decisions(tried, engine.NAME)
+        except UnsupportedError as error:
+            return PLACES.sub("", error.problems[0].message)
+    return "it is supported, and was not certified yet"
 
 
 def _certificates(root: Path) -> dict[str, Certificate]:

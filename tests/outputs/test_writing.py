@@ -147,21 +147,6 @@ def test_a_file_of_somebody_else_is_never_in_the_way(root):
     assert picture(root) == before
 
 
-@pytest.mark.parametrize("name", ["a.txt", "engine/model.xml", "engine/more.xml"])
-@pytest.mark.parametrize("full", [True, False])
-def test_a_folder_of_somebody_else_is_never_in_the_way(root, name, full):
-    write_folder(OLD, Path("out"), COMPILED)
-    there = root / "out" / name
-    there.unlink(missing_ok=True)
-    there.mkdir()
-    if full:
-        (there / "notes.txt").write_text(MINE)
-    before = picture(root)
-    with pytest.raises(SpecError, match=rf"{name}.*was not written by simspec"):
-        write_folder(NEW, Path("out"), COMPILED)
-    assert picture(root) == before
-
-
 def test_an_edited_file_of_simspecs_is_simspecs(root):
     """By its name in the marker: a merge conflict in generated/ is repaired by compiling again."""
     write_folder(OLD, Path("out"), COMPILED)

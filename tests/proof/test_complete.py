@@ -6,6 +6,7 @@ import dataclasses
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,7 +15,7 @@ from simspec.dialects.kit.mutations import Inert, MutationTable
 from simspec.proof import complete, complete_asking
 from simspec.proof.complete import complete_self_test
 from simspec.proof.complete_verdicts import CompleteTest, Verdict
-from simspec.proof.mutation_worlds import WORLDS
+from simspec.proof.mutation_worlds import STAND_INS, WORLDS
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -66,6 +67,20 @@ def test_what_is_declared_inert_must_move_as_before(seen, monkeypatch):
     assert verdicts["inertial@mass", "scaled"] == "missed"
     assert verdicts["mujoco@model", "word"] == "inert"
     assert not found.passed
+
+
+@pytest.mark.parametrize(
+    ("refused", "tried"), [("", "whole other"), ("whole", "part other"), ("whole part", "bit other")]
+)
+def test_a_stand_in_is_tried_where_the_world_itself_is_refused(refused, tried, monkeypatch):
+    monkeypatch.setattr(complete, "WORLDS", dict.fromkeys(("whole", "part", "bit", "other")))
+    monkeypatch.setattr(complete, "STAND_INS", {"whole": "part", "part": "bit"})
+    bench = SimpleNamespace(verdicts=lambda only: [])
+    monkeypatch.setattr(complete._Bench, "of", lambda engine, name: "no" if name in refused.split() else bench)
+    done = []
+    found = complete_self_test(["mujoco"], keep=lambda world, verdicts, seconds: done.append(world))
+    assert done == tried.split()
+    assert {*done, *(name.removeprefix("mujoco, ") for name in found.skipped)} == {"whole", "part", "bit", "other"}
 
 
 def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkeypatch):
@@ -164,7 +179,8 @@ def test_a_world_that_stands_in_for_another_is_left_out_where_that_one_is_suppor
 
     monkeypatch.setattr(complete._Bench, "of", bench_of)
     found = complete_self_test(["mujoco"])
-    assert {one.world for one in found.verdicts} == set(WORLDS) - {"core" if large else "model"}
+    others = set(STAND_INS.values()) - {"core"}
+    assert {one.world for one in found.verdicts} == set(WORLDS) - others - {"core" if large else "model"}
     assert ("mujoco, core" in found.skipped) == large
     assert found.unused["mujoco"], "no row was needed"
     named = complete_self_test(["mujoco"], worlds=["model", "core"])

@@ -56,10 +56,22 @@ def test_certificates_are_judged_and_counted(tmp_path):
     shutil.copytree(ROOT / "generated" / "coupled-gripper", tmp_path / "generated" / "coupled-gripper")
     told = part(engine_pages.markdown(tmp_path), "dart")
     assert "1 of 1 certificates are valid, of 2 scenarios of the library." in told
-    assert "Without it: coupled-gripper." in told
+    assert "\n- coupled-gripper: DART does not support constraint.coupling: " in told
     assert "L6 in 1" in told
     assert "L5" not in told.split("### Certificates")[1]
     assert "cost of a step" not in told
+
+
+def test_every_scenario_without_a_certificate_is_named_with_the_reason(page):
+    library = {path.stem for path in (ROOT / "specs").glob("*.yaml")}
+    for name in engines():
+        told = part(page, name).split("### Certificates")[1]
+        rows = re.findall(r"^- ([a-z0-9, -]+): (.+)$", told, re.MULTILINE)
+        lacking = {scenario for scenarios, _ in rows for scenario in scenarios.split(", ")}
+        (count,) = re.findall(r"\d+ of (\d+) certificates are valid", told)
+        assert len(lacking) == len(library) - int(count)
+        assert lacking <= library
+        assert all("does not support" in why or "only approximately" in why for _, why in rows)
 
 
 def test_a_damaged_certificate_is_an_error(tmp_path):

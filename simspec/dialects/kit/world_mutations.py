@@ -47,7 +47,8 @@ def table(
     inert: Sequence[Inert] = (),
 ) -> MutationTable:
     """The table of a dialect. ``settings``: by name the words of the engine's settings that are words. ``sidecar_additions``:
-    fields of the sidecar, and settings, that other engines have and this one does not. ``inert``: rows of its own."""
+    fields of the sidecar, and settings, that other engines have and this one does not. ``inert``: rows of its own, before
+    those of all."""
     return MutationTable(
         words={
             "bodies.*.joint.kind": (*JOINT_KINDS, UNKNOWN),
@@ -58,5 +59,5 @@ def table(
         },
         integers=frozenset({"schema", "meets.*.2", "bodies.*.shapes.*.copies.*.layer"}),
         additions={WORLD: ADDITIONS, "sidecar.json": tuple(sidecar_additions)},
-        inert=(*INERT, *inert),
+        inert=(*inert, *INERT),
     )

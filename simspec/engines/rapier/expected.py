@@ -62,6 +62,9 @@ def expected(
             own = _of("fixed" if still else "dynamic", neutral)
             if not still:
                 own |= {"gyroscopic_forces_enabled": False, "allow_fast_rotation": True, "sleeps": False}
+            else:
+                mass = body.inertial
+                own |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
             own["colliders"] = " ".join(sorted(owns.get(body.name, ())))
             found |= {f"{at}.{name}": value for name, value in own.items()}
         for shape in solid_shapes(body):

@@ -6,7 +6,7 @@ from typing import Any
 
 from simspec.engines.kit.expected_filter import named_set
 from simspec.engines.kit.labels import sidecar_labels
-from simspec.engines.rapier.readback import kind_of
+from simspec.engines.rapier.readback import inertial, kind_of
 from simspec.engines.rapier.simulation import Simulation
 from simspec.world.types import HeldValue
 
@@ -48,6 +48,11 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
             found |= {f"body.{body.name}.{name}": value for name, value in of_body(held).items()}
             told = " ".join(sorted(sim.built.shapes[number[handle]][1] for handle in held.colliders))
             found[f"body.{body.name}.colliders"] = told
+        if sim.built.carrier[row] < 0:
+            mass = inertial(sim, row)
+            found[f"body.{body.name}.mass"] = mass.mass
+            found[f"body.{body.name}.centre_of_mass"] = mass.centre_of_mass
+            found[f"body.{body.name}.inertia"] = mass.inertia
     for handle, (row, name) in zip(sim.built.colliders, sim.built.shapes, strict=True):
         collider = world.colliders[handle]
         found |= {f"shape.{name}.{key}": value for key, value in of_collider(collider).items()}

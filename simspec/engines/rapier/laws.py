@@ -107,6 +107,10 @@ class Laws:
             or (self.materials[one], self.materials[other]) not in self.table
         )
 
+    def slippery(self, material: str) -> bool:
+        """Whether a material has no friction with any."""
+        return not any(friction for pair, (friction, *_) in self.table.items() if material in pair)
+
     # --- what Rapier calls ------------------------------------------------------------------------------------
 
     def filter_contact_pair(self, ctx: Any) -> Any:
