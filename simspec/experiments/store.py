@@ -20,6 +20,7 @@ import json
 import os
 import platform
 import re
+import zlib
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from io import BytesIO
@@ -226,7 +227,7 @@ class Store:
                 content = file.read(LARGEST_WORLD + 1)
         except FileNotFoundError:
             raise SpecError([Problem(f"{path} is missing")]) from None
-        except (OSError, EOFError, ValueError) as error:
+        except (OSError, EOFError, ValueError, zlib.error) as error:
             raise SpecError([Problem(f"{path} cannot be read: {str(error)[:200]}")]) from None
         if len(content) > LARGEST_WORLD:
             raise SpecError([Problem(f"{path}: a world of more than {LARGEST_WORLD:,} bytes")])

@@ -172,9 +172,21 @@ def test_a_run_under_another_s_key_is_not_it(store):
     assert "is the run of another key" in "".join(index.notes)
 
 
-def test_a_damaged_world_is_named_and_stored_again_while_its_runs_stay(store):
+EDITED = gzip.compress(b'{"name": "edited"}')
+DAMAGED_WORLDS = {
+    "edited": EDITED,
+    "empty": b"",
+    "cut": EDITED[:-12],
+    "no deflate": EDITED[:10] + b"\xff" * 12 + EDITED[22:],
+    "checksum": EDITED[:-8] + bytes(8),
+    "no gzip": b"world",
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED_WORLDS.values(), ids=DAMAGED_WORLDS)
+def test_a_damaged_world_is_named_and_stored_again_while_its_runs_stay(store, damage):
     (name,) = os.listdir(store.path / "worlds")
-    (store.path / "worlds" / name).write_bytes(gzip.compress(b'{"name": "edited"}'))
+    (store.path / "worlds" / name).write_bytes(damage)
     with pytest.raises(SpecError, match=name):
         store.load(KEYS[0])
     with store.writing():
