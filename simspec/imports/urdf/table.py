@@ -137,6 +137,7 @@ TABLE: Final = (
         "and a hinge, `joints`; a floating joint from the root `world` is a free root",
     ),
     Row("joint/@dont_collapse", "", LOST, INFORMATION, "an instruction to one program's converter"),
+    Row("joint/preserveFixedJoint", "", LOST, INFORMATION, "no fixed joint is removed"),
     Row("joint/origin", "`joint.origin`"),
     Row("joint/origin/@xyz", "`joint.origin.xyz`"),
     Row("joint/origin/@rpy", "`joint.origin.rpy`"),
@@ -166,7 +167,7 @@ TABLE: Final = (
     ),
     Row(
         "joint/mimic",
-        "`constraints.NAME.follow`, of the joint's name",
+        "`constraints.NAME.follow`, of the joint's name; the leader begins where all are within their limits, nearest to 0",
         LOST,
         PHYSICS,
         "this joint moves on its own",

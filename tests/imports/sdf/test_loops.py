@@ -116,6 +116,22 @@ def test_a_joint_follows_another(tmp_path):
         imported(ball, tmp_path)
 
 
+def test_a_joint_that_leads_begins_where_its_follower_is_within_its_limits(tmp_path):
+    limits = "<limit><lower>{}</lower><upper>{}</upper></limit>"
+    words = '<mimic joint="elbow"><multiplier>-2</multiplier><offset>0</offset><reference>0</reference></mimic>'
+    follower = f"<axis>{limits.format(-0.8, -0.3)}{words}</axis>"
+    leader = f"<axis><xyz>0 1 0</xyz>{limits.format(-1, 1)}</axis>"
+    text = model(
+        link("base")
+        + link("arm")
+        + link("tip")
+        + joint("revolute", leader)
+        + joint("prismatic", follower, "s", "arm", "tip")
+    )
+    world = world_of(text, tmp_path)
+    assert [body.joint.position[0] for body in world.bodies[1:]] == pytest.approx([0.15, -0.3], abs=1e-15)
+
+
 @pytest.mark.parametrize("kind", ["universal", "revolute2"])
 def test_two_axes_in_one_joint_are_two_hinges(kind, tmp_path):
     limited = "<limit><lower>-1</lower><upper>1</upper></limit>"

@@ -66,7 +66,7 @@ SPECIMEN = """\
     <visual><origin xyz="0 0 0" rpy="0 0 0"/><geometry><sphere radius="0.05"/></geometry></visual>
   </link>
   <joint name="shoulder" type="revolute" dont_collapse="true">
-    <parent link="base"/>
+    <preserveFixedJoint>1</preserveFixedJoint><parent link="base"/>
     <child link="upper.arm"/>
     <origin xyz="0 0 0.1" rpy="0 1.5707963267948966 0"/>
     <axis xyz="0 1 0" rpy="0 0 0"/>
