@@ -125,6 +125,8 @@ class Files:
     def _target(self, text: str, element: Element, beside: Path) -> Path:
         if match := FIND.fullmatch(text) or PACKAGE.fullmatch(text):
             *_, name, rest = match.groups()
+            if not rest.strip("/") and (beside / name).is_file():
+                return beside / name  # package://wheel.obj: a file without a package, as some write it
             return self.package(name, element) / rest.lstrip("/")
         if match := SCHEME.fullmatch(text):
             scheme, rest = match.groups()

@@ -48,6 +48,12 @@ def test_a_mesh_is_found_by_every_kind_of_path(folder, name):
     assert (shape.kind, len(shape.size)) == ("mesh", 24)
 
 
+def test_a_package_path_of_a_file_alone_is_the_file_beside(folder):
+    (folder / "urdf" / "box.stl").write_bytes((folder / "meshes" / "box.stl").read_bytes())
+    world = load(write(folder, mesh("collision", "package://box.stl"))).resolve()
+    assert world.bodies[1].shapes[0].kind == "mesh"
+
+
 def test_scale_and_the_same_mesh_to_see_and_to_touch(folder):
     both = mesh("visual", NAMES[1], 'scale="2 2 2"') + mesh("collision", NAMES[1], 'scale="2 2 2"')
     file = write(folder, both + mesh("visual", NAMES[1], 'scale="1 -1 1"'))
@@ -106,6 +112,7 @@ OUTSIDE = (
     "{0}/secret.stl",
     "package://inside/../../secret.stl",
     "package://../secret.stl",
+    "package://link.stl",
     "$(find ..)/secret.stl",
     "link.stl",
     "http://127.0.0.1/x.stl",
