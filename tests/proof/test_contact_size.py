@@ -25,7 +25,7 @@ from simspec.world.types import (
     Shape,
     World,
 )
-from tests.installed import JOINTED
+from tests.installed import INSTALLED, JOINTED
 from tests.proof.contact_probing import ACCEPT
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
@@ -158,6 +158,23 @@ def test_a_millimetre_more_is_caught(engine, role, tmp_path):
     (wrong,) = (figure for figure in found if not figure.passed)
     assert wrong.measured == pytest.approx(1e-3, abs=0.75e-3)
     assert "side" in wrong.worst
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_parts_that_are_welded_together_need_no_joint(engine, tmp_path):
+    """Engines without joints have such trees too."""
+    parts = []
+    for root in ("fixed", "free"):
+        below, part = _body(root, "sphere", root), _body(f"{root}_part", "box", "free")
+        part = dataclasses.replace(part, model=root, inertial=Inertial(0.0), joint=Joint(part.name, "fixed", root))
+        parts += [below, part]
+    world = dataclasses.replace(world_of([]), bodies=tuple(parts))
+    world = dataclasses.replace(world, engines=(EngineOptions(engine, (), ACCEPT),))
+    trial = size_trial(world)
+    assert {subject.rsplit(", ", 1)[1] for subject, *_ in trial.shapes} == {"fixed", "free", "part", "fixed part"}
+    found = measured(engine, trial, tmp_path)
+    assert len(found) == 4
+    assert all(figure.passed for figure in found), found
 
 
 def test_a_detector_that_takes_capsules_for_balls_is_caught(tmp_path):

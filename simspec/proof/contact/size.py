@@ -17,7 +17,7 @@ from simspec.proof.contact.probe import Figure
 from simspec.world import frames, shapes
 from simspec.world.heightfield import Field, field_of
 from simspec.world.hull import hull_of
-from simspec.world.kinematics import initial_state, layout_of
+from simspec.world.kinematics import initial_state, layout_of, trees
 from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.tuples import ordered, vector3
 from simspec.world.types import Body, Contact, Inertial, Joint, Pose, Shape, World
@@ -35,6 +35,8 @@ MOST_SHAPES = 100
 TILT = frames.from_axis_angle((2.0 / 7.0, 3.0 / 7.0, 6.0 / 7.0), 0.7)
 """Orientation of the shapes: along no axis, where detection is easiest to get right."""
 THICKER = "the engine holds no shape so thin, as far outside as it declares"
+PART, FIXED_PART = "part", "fixed part"
+"""What is welded to a free body, and to a fixed one."""
 SHAPES, BALLS = "shapes", "balls"
 """Collision groups: only a ball meets a shape."""
 
@@ -237,7 +239,8 @@ _Probed = tuple[str, str, str, tuple[SurfacePoint, ...], Pose]
 
 def size_trial(world: World) -> SizeTrial | None:
     """A world with each distinct collision shape of ``world`` (kind, size, and whether it sits on a fixed body, with a mass or
-    without, a free one, or one that hangs in a tree) and a ball for each; None when nothing in the world can touch.
+    without, a free one, or one that hangs in a tree, of joints or of parts that are welded together) and a ball for each; None
+    when nothing in the world can touch.
 
     Contact laws and options of engines are the world's own.
     """
@@ -248,10 +251,13 @@ def size_trial(world: World) -> SizeTrial | None:
         partners.setdefault(first, (second, margin))
         partners.setdefault(second, (first, margin))
     distinct: dict[tuple[str, tuple[float, ...], float, float | None, str, bool], tuple[Shape, str, str]] = {}
+    welded = _welded(world)
     for body in world.bodies:
-        role = "child" if body.joint.parent is not None else "free" if body.joint.kind == "free" else "fixed"
+        role = "free" if body.joint.kind == "free" else "fixed"
+        if body.joint.parent is not None:
+            role = welded.get(body.name, "child")
         # an engine may hold a fixed body with a mass as a link, and one without as no more than a place
-        weighs = role == "fixed" and body.inertial.mass > 0.0
+        weighs = role not in ("child", "free") and body.inertial.mass > 0.0
         for shape in solid_shapes(body):
             if shape.material in partners:
                 partner, margin = partners[shape.material]
@@ -294,6 +300,15 @@ def size_trial(world: World) -> SizeTrial | None:
     if not probed:
         return None
     return _states(trial_world, probed, len(distinct) - len(chosen) + unprobed)
+
+
+def _welded(world: World) -> dict[str, str]:
+    """The roles of bodies in trees in which nothing but the root moves: engines without joints have these."""
+    found: dict[str, str] = {}
+    for root, *others in trees(world).values():
+        if root.joint.kind in ("free", "fixed") and all(body.joint.kind == "fixed" for body in others):
+            found |= dict.fromkeys((body.name for body in others), PART if root.joint.kind == "free" else FIXED_PART)
+    return found
 
 
 def _last(margin: float | None) -> float:
@@ -343,6 +358,14 @@ def _carrier(name: str, shape: Shape, role: str, place: Pose, weighs: bool) -> l
         joint = Joint(name, "free", position=(*place.position, *place.quaternion), velocity=(0.0,) * 6)
         return [Body(name, name, heavy, joint, (solid,), SHAPES)]
     root = f"{name}_root"
+    if role in (PART, FIXED_PART):
+        below = Joint(root, "fixed", None, place)
+        if role == PART:
+            below = Joint(root, "free", position=(*place.position, *place.quaternion), velocity=(0.0,) * 6)
+        return [
+            Body(root, root, heavy, below, (), SHAPES),
+            Body(name, root, heavy if weighs else Inertial(0.0), Joint(name, "fixed", root), (solid,), SHAPES),
+        ]
     joint = Joint(name, "hinge", root, Pose(), (0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
     return [
         Body(root, root, Inertial(0.0), Joint(root, "fixed", None, place), (), SHAPES),
