@@ -23,7 +23,8 @@ def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> di
             friction = {name: found[name]["friction"] for name in names}
             solved = _cross(names, values, friction)
         elif rule == "product":
-            solved = _product(names, values, own)
+            bounded = quantity == "restitution" and rules.most_restitution < math.inf
+            solved = _product(names, values, own, bounded)
         elif rule == "harmonic":
             solved = _harmonic(names, values, own)
         elif rule in NOT_COMBINED:
@@ -55,11 +56,14 @@ def _extreme(
     return {name: inverse(found) if found else own[name] for name, found in partners.items()}
 
 
-def _product(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float]) -> dict[str, float]:
+def _product(
+    names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float], bounded: bool
+) -> dict[str, float]:
     """Of the product rule: a material with a pair above zero has a number above zero, all others zero.
 
     What meets itself has the root of that value; from there values spread along pairs. Where nothing is known (a ramp
-    and a box, one of each), the first keeps the root of its own value.
+    and a box, one of each), the first keeps the root of its own value, unless others are above one then and
+    ``bounded`` is true.
     """
     positive = {pair: value for pair, value in values.items() if value > 0.0}
     needed = {name for pair in positive for name in pair}
@@ -70,7 +74,7 @@ def _product(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[st
         if first == second:
             found[first] = math.sqrt(value)
             known.add(first)
-    open_pairs = [pair for pair in sorted(positive) if pair[0] != pair[1]]
+    open_pairs, starts = [pair for pair in sorted(positive) if pair[0] != pair[1]], []
     while open_pairs:
         half_known = next((pair for pair in open_pairs if (pair[0] in known) != (pair[1] in known)), None)
         if half_known is None:
@@ -79,13 +83,38 @@ def _product(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[st
                 break
             found[start] = math.sqrt(own[start]) if own[start] > 0.0 else 1.0
             known.add(start)
+            starts.append(start)
         else:
             given, asked = half_known if half_known[0] in known else half_known[::-1]
             found[asked] = positive[half_known] / found[given]
             known.add(asked)
         open_pairs = [pair for pair in open_pairs if not (pair[0] in known and pair[1] in known)]
     assert known == needed
+    for start in starts if bounded else ():
+        _level(found, positive, start)
     return found
+
+
+def _level(found: dict[str, float], positive: Mapping[Pair, float], start: str) -> None:
+    """Where what hangs together with ``start`` has a number above one, the same products with none, if there are: numbers of
+    one side multiplied, of the other divided."""
+    side, queue = {start: 0}, [start]
+    for name in queue:
+        for pair in positive:
+            if name not in pair:
+                continue
+            other = pair[1] if pair[0] == name else pair[0]
+            if other not in side:
+                side[other] = 1 - side[name]
+                queue.append(other)
+            elif side[other] == side[name]:  # a ring of an odd number of pairs says how large each is
+                return
+    largest = [max((found[name] for name in side if side[name] == which), default=1.0) for which in (0, 1)]
+    if max(largest) <= 1.0:
+        return
+    factor = math.sqrt(largest[1] / largest[0])
+    for name, which in side.items():
+        found[name] *= factor if which == 0 else 1.0 / factor
 
 
 def _harmonic(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float]) -> dict[str, float]:

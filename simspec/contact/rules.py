@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from simspec.language.vocabulary import COMBINED_QUANTITIES, ENGINE_RULES
@@ -27,6 +28,8 @@ class Rules:
     hardness: str = "none"
     """same: both shapes hold the pair's; table: with the law of every two materials; none: the engine holds no hardness with
     its shapes."""
+    most_restitution: float = math.inf
+    """The largest number of a shape; the engine takes more for none."""
 
     @property
     def table(self) -> bool:
@@ -51,6 +54,8 @@ def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> fl
     rule: str = getattr(rules, quantity)
     values: tuple[float, float] = (getattr(first, quantity), getattr(second, quantity))
     a, b = values
+    if quantity == "restitution" and max(values) > rules.most_restitution:
+        return 0.0
     if rule == "max":
         return max(a, b)
     if rule == "min":

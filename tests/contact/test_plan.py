@@ -10,19 +10,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from simspec.contact.inversion import invert
 from simspec.contact.parts import parts
 from simspec.contact.plan import MOST_SPLIT_MATERIALS, contact_plan
 from simspec.contact.reachability import pair_needs
 from simspec.contact.rules import Rules, combine
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.world.meeting import meeting_laws, shape_pairs
-from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, World
+from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, Surface, World
 from tests import worlds
 
 ENGINE_RULES = {
     "max": Rules("max", "max", "max", "max", "same"),
     "product": Rules("product", "product", "cross", "cross", "same"),
     "min": Rules("min", "product"),
+    "bounded": Rules("min", "product", most_restitution=1.0),
 }
 every_rule = pytest.mark.parametrize("rules", ENGINE_RULES.values(), ids=ENGINE_RULES)
 
@@ -66,6 +68,7 @@ def random_table(count: int, seed: int, hard: bool = False) -> World:
 def check(world: World, rules: Rules) -> None:
     plan = contact_plan(world, rules, True)
     assert not plan.missed
+    assert all(surface.restitution <= rules.most_restitution for surface in plan.numbers.values())
     assert set(plan.layer_of) == set(meeting_laws(world))
     for pair, law in meeting_laws(world).items():
         layer = plan.layer_of[pair]
@@ -190,3 +193,26 @@ def test_bodies_are_split_by_material_and_layer():
         (material, layer) for material in ("m0", "m1") for layer in plan.layers(material)
     }
     assert all(part.surface == plan.numbers[part.material, part.layer] for part in found)
+
+
+def test_a_number_above_an_engines_bound_is_none_and_is_not_needed_where_others_give_the_same():
+    """DART takes a shape's restitution above 1 for 0: the hardest of three balls did not bounce at all."""
+    rules = ENGINE_RULES["bounded"]
+    assert combine(rules, Surface(0.5, restitution=0.5), Surface(0.5, restitution=1.4))["restitution"] == 0.0
+    laws = {("dull", "floor"): 0.3, ("floor", "hard"): 0.8, ("floor", "lively"): 0.5}
+    numbers = invert(
+        table_world({pair: PairContact(*pair, 0.5, value) for pair, value in laws.items()}),
+        rules,
+        {pair: PairContact(*pair, 0.5, value) for pair, value in laws.items()},
+    )
+    for (one, other), value in laws.items():
+        assert combine(rules, numbers[one], numbers[other])["restitution"] == pytest.approx(value)
+    assert max(surface.restitution for surface in numbers.values()) < 1.0
+
+
+def test_laws_that_no_numbers_within_the_bound_give_are_in_layers():
+    """What hardly bounces off itself would need a number of 5 to bounce off another."""
+    laws = {("a", "a"): 0.01, ("a", "b"): 0.5, ("b", "b"): 0.9}
+    world = table_world({pair: PairContact(*pair, 0.5, value) for pair, value in laws.items()})
+    check(world, ENGINE_RULES["bounded"])
+    assert contact_plan(world, ENGINE_RULES["bounded"], True).layered
