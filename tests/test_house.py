@@ -92,6 +92,7 @@ NAMED_ELSEWHERE = {
     ("formats/usd/binary.py", "Sdf"): "a module of the writer, of scene description foundations",
     ("imports/usd/child.py", "Sdf"): "a module of the reader, of scene description foundations",
     ("imports/usd/child.py", "SDF_FORMAT_ARGS"): "a word of its paths",
+    **{("imports/usd", part): "a prefix of the language's schemas" for part in ("physx", "Physx", "PhysX")},
     ("imports/usd/fates.py", "Skel"): "types of prims, of skeletons",
     ("imports/usd/shapes.py", '"sdf"'): "an approximation of the language, by signed distance fields",
     ("language/hint_words_bodies.py", "sdf_shape"): "a word for signed distance fields",

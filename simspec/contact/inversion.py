@@ -25,6 +25,8 @@ def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> di
         elif rule == "product":
             bounded = quantity == "restitution" and rules.most_restitution < math.inf
             solved = _product(names, values, own, bounded)
+        elif rule == "mean":
+            solved = _mean(names, values, own, rules.most_restitution if quantity == "restitution" else math.inf)
         elif rule == "harmonic":
             solved = _harmonic(names, values, own)
         elif rule in NOT_COMBINED:
@@ -115,6 +117,16 @@ def _level(found: dict[str, float], positive: Mapping[Pair, float], start: str) 
     factor = math.sqrt(largest[1] / largest[0])
     for name, which in side.items():
         found[name] *= factor if which == 0 else 1.0 / factor
+
+
+def _mean(
+    names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float], largest: float
+) -> dict[str, float]:
+    """Of the mean (a₁ + a₂) / 2 = c, with numbers up to ``largest``: beyond it there are none, which is checked."""
+    names = list(names)
+    touched = {name for pair in values for name in pair}
+    found = _sums(names, {pair: 2.0 * value for pair, value in values.items()})
+    return {name: min(found[name], largest) if name in touched else own[name] for name in names}
 
 
 def _harmonic(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float]) -> dict[str, float]:

@@ -62,6 +62,8 @@ def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> fl
         return min(a, b)
     if rule == "product":
         return a * b
+    if rule == "mean":
+        return 0.5 * (a + b)
     if rule == "harmonic":
         return 2.0 * a * b / (a + b) if a + b else 0.0
     if rule == "cross":

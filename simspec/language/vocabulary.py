@@ -30,7 +30,7 @@ COMBINED_QUANTITIES = ("friction", "torsional_friction", "rolling_friction", "re
 stands for."""
 COMBINATIONS = ("min", "max", "product", "mean", "geometric-mean")
 """How the language makes the law of a pair from two materials."""
-ENGINE_RULES = ("max", "min", "product", "harmonic", "cross", "table", "none")
+ENGINE_RULES = ("max", "min", "product", "mean", "harmonic", "cross", "table", "none")
 """How an engine makes one number from two shapes'. harmonic: 2 μ₁ μ₂ / (μ₁ + μ₂); cross: s₁ μ₂ + s₂ μ₁ with the sliding
 friction μ; table: the engine combines nothing and holds the law of every two materials; none: the engine lacks it."""
 

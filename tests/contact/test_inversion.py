@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import random
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.contact.inversion import _cross, _harmonic
+from simspec.contact.inversion import _cross, _harmonic, _mean
 from simspec.contact.rules import Rules, combined
 from simspec.world.types import Surface
 
@@ -57,6 +58,30 @@ def test_the_harmonic_mean_is_inverted(values):
     for (one, other), value in values.items():
         pair = [Surface(numbers[name]) for name in (one, other)]
         assert combined(rules, "friction", *pair) == pytest.approx(value, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {("a", "a"): 0.5},
+        {("a", "b"): 0.3},
+        {("a", "a"): 0.2, ("a", "b"): 0.5},
+        {("a", "b"): 0.0, ("b", "c"): 0.7},
+        {("a", "b"): 0.4, ("a", "c"): 0.5, ("b", "c"): 0.6},
+    ],
+)
+def test_the_mean_is_inverted(values):
+    numbers = _mean(("a", "b", "c", "d"), values, dict.fromkeys("abcd", 0.2), math.inf)
+    for (one, other), value in values.items():
+        pair = [Surface(numbers[name]) for name in (one, other)]
+        assert combined(Rules("mean", "mean"), "friction", *pair) == pytest.approx(value, abs=1e-15)
+    assert numbers["d"] == 0.2  # it meets nothing
+
+
+def test_what_no_mean_gives_comes_out_otherwise():
+    """A number below zero, or above the largest that a shape can hold."""
+    assert _mean("ab", {("a", "a"): 0.5, ("a", "b"): 0.2}, dict.fromkeys("ab", 0.2), math.inf)["b"] == 0.0
+    assert _mean("ab", {("a", "a"): 0.1, ("a", "b"): 0.8}, dict.fromkeys("ab", 0.2), 1.0)["b"] == 1.0
 
 
 def test_what_no_harmonic_mean_gives_comes_out_otherwise():

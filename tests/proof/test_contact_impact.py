@@ -149,7 +149,8 @@ def test_a_soft_floor_is_measured_as_deep(tmp_path):
     assert not any(figure.passed for figure in found if figure.probe == "rest")
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+# PhysX leaves no speed, as it declares; its own tests look at the overlap
+@pytest.mark.parametrize("engine", [name for name in ENGINES if name != "physx"])
 def test_overlap(engine, tmp_path):
     found = figures(engine, OVERLAP, law(friction=0.0), tmp_path)
     assert [figure.expected for figure in found] == pytest.approx([1e-4, 5e-4])

@@ -33,7 +33,7 @@ from tests.installed import JOINTED
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ENGINES = with_the_cone(Feature.RESTITUTION)
-SAID_TWICE = ("ode", "rapier")
+SAID_TWICE = ("ode", "physx", "rapier")
 """Whose sidecar says the cone too: files that contradict each other are refused."""
 PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
 DEADLINE = 120.0

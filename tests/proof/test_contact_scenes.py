@@ -39,10 +39,16 @@ QUICK = (
 TOWERS = ("tower-boxes", "tower-cylinders")
 GRAVITY = 9.81
 
-REFUSED = {("newtons-cradle", "rapier"): "joint.fixed"}
+REFUSED = {
+    ("newtons-cradle", "rapier"): "joint.fixed",
+    ("newtons-cradle", "physx"): "joint.fixed",
+    ("spinning-disc", "physx"): "shape.cylinder",
+    ("tower-cylinders", "physx"): "shape.cylinder",
+}
 """Scenes that an engine does not support, each with the feature."""
-MISSES = {("tripod", "rapier"): 1}
-"""How many expectations of a scene an engine misses, as it declares: what spins fast as it slides is braked too strongly."""
+MISSES = {("tripod", "rapier"): 1, ("tripod", "physx"): 1, ("card-house", "physx"): 2}
+"""How many expectations of a scene an engine misses, as it declares: what spins fast as it slides is braked too strongly, and
+cards that slide on their edges in PhysX."""
 
 WRONG = {
     "slide-24, a circumscribed pyramid": ("slide-24", "dart", ("contact.friction_cone=pyramid-circumscribed",)),
@@ -138,7 +144,9 @@ def test_a_tower_of_boxes_stands(engine):
     assert all(outcome.passed for outcome in found if outcome.kind == "displacement")
 
 
-@pytest.mark.parametrize("engine", [name for name in ENGINES if name != "dart"])
+@pytest.mark.parametrize(
+    "engine", [name for name in ENGINES if name != "dart" and ("tower-cylinders", name) not in REFUSED]
+)
 def test_a_tower_of_cylinders_stands(engine):
     """All of the ten seconds; DART takes half a minute for them, and has one second in the next test."""
     assert all(outcome.passed for outcome in outcomes("tower-cylinders", engine))

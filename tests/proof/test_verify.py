@@ -102,9 +102,10 @@ def test_what_cannot_be_compiled_is_refused_for_all_engines_at_once():
 SOME: Mapping[str, tuple[str, ...]] = {
     "drake": ("armature", "ball damping", "ball spring", "restitution", "rolling friction", "dry friction", "hardness"),
     "rapier": ("mass", "friction", "restitution", "copy filter", "shape size", "gravity", "excluded pair dropped"),
+    "physx": ("mass", "friction", "restitution", "copy filter", "shape size", "gravity", "excluded pair dropped"),
 }
-"""Which are planted where not all: Rapier has fewer, since it has no joints. Drake's contact probes take minutes: ``verify
---self-test --engine drake`` plants all 40."""
+"""Which are planted where not all: Rapier and PhysX have fewer, since they have no joints. Drake's contact probes take minutes:
+``verify --self-test --engine drake`` plants all 40."""
 
 
 @pytest.mark.parametrize("engine", INSTALLED)

@@ -1,0 +1,57 @@
+"""How a world is told to PhysX: as ``world.json``, with the threshold of restitution, one for all pairs, in the sidecar."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.sidecar import Sidecar, common_fields
+from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.world_document import world_document
+from simspec.dialects.physx.sidecar import PhysxSidecar
+from simspec.formats.world.format import WorldJson
+from simspec.formats.world.tree import Document
+from simspec.support.declarations import GATHERED, Refinement, Support, Table, not_here
+from simspec.support.features import Feature
+from simspec.world.meeting import meeting_laws
+from simspec.world.types import ReadBack, World
+
+
+def thresholds(world: World) -> list[float]:
+    """The different thresholds of restitution (m/s) of what meets and bounces, in order."""
+    return sorted({law.restitution_threshold for law in meeting_laws(world).values() if law.restitution})
+
+
+def _one_threshold(world: World) -> Refinement | None:
+    found = thresholds(world)
+    several = f"PhysX has one threshold for all that bounces, and the pairs here have {', '.join(f'{x:g}' for x in found)} m/s"
+    return not_here(several if len(found) > 1 else None)
+
+
+class PhysxDialect(Dialect):
+    """The world and its contact plan as JSON, and the threshold."""
+
+    NAME: ClassVar[str] = "physx"
+    FORMAT: ClassVar[str] = "world"
+    SUPPORT: ClassVar[Table] = {
+        **WorldJson.SUPPORT,
+        **GATHERED,
+        Feature.RESTITUTION_THRESHOLD: Support(
+            WorldJson.SUPPORT[Feature.RESTITUTION_THRESHOLD].level,
+            "one for all pairs that bounce",
+            refine=_one_threshold,
+        ),
+    }
+    SIDECAR: ClassVar[type[Sidecar]] = PhysxSidecar
+
+    def lower(self, world: World, target: Target) -> Lowered:
+        """The document of ``world`` with the copies of the target's plan, and its sidecar."""
+        document, offsets = world_document(world, target)
+        fields = common_fields(self.NAME, self.FORMAT, world, target, offsets)
+        return Lowered(document, PhysxSidecar(**fields, restitution_threshold=max(thresholds(world), default=0.0)))
+
+    def raise_(self, document: Document, sidecar: PhysxSidecar) -> ReadBack:
+        """See ``dialects/kit/world_model.py``."""
+        from simspec.dialects.kit.world_model import world_model
+
+        return world_model(document, sidecar)

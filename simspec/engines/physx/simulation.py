@@ -1,0 +1,352 @@
+"""A world in PhysX, in its initial state: stepping, efforts, mass properties.
+
+A free body's frame is at its centre of mass, so that its coordinates are those of PhysX's actor. PhysX steps as simspec's law
+of motion does, v before x, but for how bodies turn (``turning.py``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simspec.dialects.kit.passive import Passive
+from simspec.dialects.physx.sidecar import PhysxSidecar
+from simspec.engines.physx.building import FASTEST, FASTEST_LINEAR, LEAST, NAME, SCALE, Built, lengths
+from simspec.engines.physx.touching import Depths, Recovery, contact_rows, depths, pressed, touching_pairs
+from simspec.engines.physx.turning import Turns, turns
+from simspec.errors import EngineError
+from simspec.formats.world.format import WorldJson
+from simspec.formats.world.tree import Document, FreeJoint
+from simspec.world import frames
+from simspec.world.rotations import cross, matrices, rotate
+from simspec.world.sums import JointSum
+from simspec.world.types import Constraint
+
+TINY = 1e-6
+"""s: the step by which contacts of a state are asked for."""
+SMALL = 1e-9
+"""Share of a body's own moment, as a torque: by such a torque its speed is so small that no gyroscopic term is seen."""
+SLOW = 1e-3
+"""rad/s up to which PhysX turns a body by itself: what it is off by then is 3e-7 rad after 2 s. Round-off in contacts without
+friction turns balls at 3e-4."""
+NO_FORCE = np.zeros(3)
+
+
+class Simulation:
+    """A loaded world. ``free``: the rows of bodies that move by themselves, each with seven coordinates and six velocities."""
+
+    def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
+        try:
+            self.document: Document = WorldJson().read(folder)
+            self._told = PhysxSidecar.of(sidecar)
+            self._told.check_document(self.document)
+        except (ValueError, FileNotFoundError) as error:
+            raise EngineError(NAME, str(error)) from error
+        self.sidecar = sidecar
+        self.passive: Passive | None = self._told.passive
+        self.constraints: tuple[Constraint, ...] = self._told.constraints or ()
+        self.sums: tuple[JointSum, ...] = self._told.sums or ()
+        if self.constraints or self.sums:
+            raise EngineError(NAME, "does not support constraints between bodies")
+        self._probes: Built | None = None
+        self._contact = True
+        try:
+            self._take(Built(self.document, self._told))
+        except KeyError as error:
+            raise EngineError(NAME, f"the sidecar's settings lack {error}") from error
+        self.names = [body.name for body in self.document.bodies]
+        self.offsets = np.array([body.frame_offset for body in self._told.bodies], dtype=float).reshape(-1, 3)
+        self.number = {row: index for index, row in enumerate(self.free)}
+        self.masses = np.array([actor.mass for actor in self.bodies], dtype=float)
+        self.tensors = np.array([held_tensor(actor) for actor in self.bodies]).reshape(-1, 3, 3)
+        q, v = np.zeros((len(self.free), 7)), np.zeros((len(self.free), 6))
+        for number, row in enumerate(self.free):
+            joint = self.document.bodies[row].joint
+            assert isinstance(joint, FreeJoint)
+            turn = frames.normalise(joint.position[3:])
+            q[number], v[number, :3] = (*joint.position[:3], *turn), joint.velocity[:3]
+            v[number, 3:] = frames.rotate(frames.conjugate(turn), joint.velocity[3:])
+        self.move_to(q.ravel(), v.ravel())
+
+    def _take(self, built: Built) -> None:
+        """Step this scene from now on."""
+        self.built = built
+        self.timestep = float(built.system.timestep)
+        self.free = [row for row, carrier in enumerate(built.carrier) if carrier == row]
+        self.bodies = self._actors(built)
+        self.entities = [built.entities[row] for row in self.free]
+        self.rows = {actor: index for index, actor in enumerate(self.bodies)}
+        self.units = {shape: index for index, shape in enumerate(built.shapes)}
+        self._fastest = np.full(len(self.free), LEAST)
+        """m/s: how fast PhysX may push each body out of what it overlaps."""
+        self._recovery = Recovery(len(self.free), self.timestep)
+        self._begun = False
+        """Whether a state was set since the last step."""
+        self._found: list[Any] = []
+        """PhysX's contacts of the last step."""
+
+    # --- state ------------------------------------------------------------------------------------------------
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put the simulation into the state (q, v), as if it had been loaded in it: contacts of earlier steps are forgotten."""
+        self._take(Built(self.document, self._told))
+        if not self._contact:
+            self._part(self.built)
+        self.move_to(q, v)
+
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        """The same with the contacts of earlier steps."""
+        lengths(np.concatenate([q, v]).tolist(), "state")
+        states, speeds = np.asarray(q, dtype=float).reshape(-1, 7).copy(), np.asarray(v, dtype=float).reshape(-1, 6)
+        states[:, 3:] /= np.linalg.norm(states[:, 3:], axis=1, keepdims=True)
+        spins = rotate(states[:, 3:], speeds[:, 3:])
+        pose = self.built.sapien.Pose
+        for entity, body, state, speed, spin in zip(self.entities, self.bodies, states, speeds, spins, strict=True):
+            entity.pose = pose(SCALE * state[:3], state[3:])
+            body.linear_velocity, body.angular_velocity = SCALE * speed[:3], spin
+        self._found, self._begun = [], True
+        if self.built.units and self._contact:
+            self._recovery.begin(self._overlaps())
+
+    def _moving(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move."""
+        poses, speeds = np.empty((len(self.bodies), 7)), np.empty((len(self.bodies), 6))
+        for row, (entity, body) in enumerate(zip(self.entities, self.bodies, strict=True)):
+            pose = entity.pose
+            poses[row, :3], poses[row, 3:] = pose.p, pose.q
+            speeds[row, :3], speeds[row, 3:] = body.linear_velocity, body.angular_velocity
+        poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+        poses[:, :3] /= SCALE
+        speeds[:, :3] /= SCALE
+        return poses, speeds
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """(q, v)."""
+        poses, speeds = self._moving()
+        speeds[:, 3:] = rotate(poses[:, 3:] * (1.0, -1.0, -1.0, -1.0), speeds[:, 3:])
+        return poses.ravel(), speeds.ravel()
+
+    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6) of the body frames as the file has them."""
+        moving, speeds = self._moving()
+        poses, velocities = np.zeros((len(self.names), 7)), np.zeros((len(self.names), 6))
+        for row, carrier in enumerate(self.built.carrier):
+            if carrier == row:
+                poses[row], velocities[row] = moving[self.number[row]], speeds[self.number[row]]
+                continue
+            if carrier < 0:
+                held = pose_of(self.built.entities[row].pose)
+                poses[row] = (*held.position, *held.quaternion)
+                continue
+            local, at, speed = self.built.local[row], moving[self.number[carrier]], speeds[self.number[carrier]]
+            lever = rotate(at[3:], np.array(local.position))
+            poses[row, :3] = at[:3] + lever
+            poses[row, 3:] = frames.multiply(tuple(at[3:].tolist()), local.quaternion)
+            velocities[row, :3], velocities[row, 3:] = speed[:3] + np.cross(speed[3:], lever), speed[3:]
+        return poses, velocities
+
+    # --- steps ------------------------------------------------------------------------------------------------
+
+    def advance(self, count: int, effort: np.ndarray | None) -> None:
+        """Step ``count`` times under a constant effort (nv,), None = zero."""
+        wrench = None
+        if effort is not None:
+            lengths((SCALE * np.asarray(effort)).tolist(), "effort")
+            wrench = np.asarray(effort, dtype=float).reshape(-1, 6)
+            wrench = wrench if wrench.any() else None
+        touching = self._contact and bool(self.built.units)
+        for _ in range(count):
+            turning = self._give(wrench)
+            if touching:
+                self._bound()
+            self.built.system.step()
+            self._begun = False
+            self._found = self.built.system.get_contacts() if touching else []
+            if turning is not None:
+                self._turn(turning)
+        if count:
+            self._check_finite()
+
+    def _check_finite(self) -> None:
+        """Raise EngineError where a state is none any more: PhysX steps on, with no number or with its largest speeds."""
+        for row, entity, body in zip(self.free, self.entities, self.bodies, strict=True):
+            pose, speed, spin = entity.pose, body.linear_velocity, body.angular_velocity
+            most = max(max(map(abs, speed)) / FASTEST_LINEAR, max(map(abs, spin)) / FASTEST)
+            if not (np.isfinite((*pose.p, *pose.q)).all() and most < 0.5):
+                raise EngineError(NAME, f"the state of {self.names[row]} is no longer finite")
+
+    def _give(self, wrench: np.ndarray | None) -> Turns | None:
+        """Give the forces and torques of the next step; how bodies turn in it."""
+        spins = np.array([body.angular_velocity for body in self.bodies], dtype=float).reshape(-1, 3)
+        moved = np.abs(spins).max(axis=1, initial=0.0) > SLOW
+        if wrench is not None:
+            moved |= wrench[:, 3:].any(axis=1)
+        rows, turning = np.flatnonzero(moved), None
+        torques: dict[int, np.ndarray] = {}
+        if len(rows):
+            at = np.array([self.entities[row].pose.q for row in rows], dtype=float)
+            at /= np.linalg.norm(at, axis=1, keepdims=True)
+            own = np.zeros((len(rows), 3)) if wrench is None else wrench[rows, 3:]
+            turning = turns(rows, at, spins[rows], own, self.tensors[rows], self.timestep)
+            torques = dict(zip(rows.tolist(), SCALE * SCALE * turning.torque, strict=True))
+        forces: dict[int, np.ndarray] = {}
+        if wrench is not None:
+            forces = {row: SCALE * wrench[row, :3] for row in np.flatnonzero(wrench[:, :3].any(axis=1)).tolist()}
+        for row in torques.keys() | forces.keys():
+            self.bodies[row].add_force_torque(forces.get(row, NO_FORCE), torques.get(row, NO_FORCE))
+        return turning
+
+    def _turn(self, turning: Turns) -> None:
+        """Give what turned in the last step, and touched nothing in it, the velocity and orientation of the law."""
+        held = pressed(self._found, self.rows)
+        pose = self.built.sapien.Pose
+        for row, spin, turn in zip(turning.rows.tolist(), turning.spin, turning.turn, strict=True):
+            if row not in held:
+                entity = self.entities[row]
+                self.bodies[row].angular_velocity = spin
+                entity.pose = pose(entity.pose.p, turn)
+
+    # --- contact ----------------------------------------------------------------------------------------------
+
+    def _overlaps(self) -> Depths:
+        """The overlaps of the present state, which the scene itself would tell after its next step."""
+        probe = self._probe()
+        return depths(probe.system.get_contacts(), {actor: row for row, actor in enumerate(self._actors(probe))})
+
+    def _actors(self, built: Built) -> list[Any]:
+        """Those that move."""
+        return [built.actors[row] for row in self.free]
+
+    def _probe(self) -> Built:
+        """A second scene in the present state, of which PhysX has found the contacts."""
+        if self._probes is None:
+            self._probes = Built(self.document, self._told)
+            self._probes.system.timestep = TINY
+            if not self._contact:
+                self._part(self._probes)
+        probe = self._probes
+        for row, entity in zip(self.free, self.entities, strict=True):
+            probe.entities[row].pose = entity.pose
+            probe.actors[row].linear_velocity = probe.actors[row].angular_velocity = (0.0, 0.0, 0.0)
+        probe.system.step()
+        return probe
+
+    def _bound(self) -> None:
+        """Bound the speed at which PhysX undoes overlaps in the next step. It tells contacts of where the last step began."""
+        if not self._begun:
+            self._recovery.go_on(depths(self._found, self.rows))
+        speeds = self._recovery.speeds
+        for row in np.flatnonzero(speeds != self._fastest).tolist():
+            self.bodies[row].max_depenetration_velocity = SCALE * float(speeds[row])
+        self._fastest = speeds
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        """The contacts that the last step used."""
+        return contact_rows(self._found, self.units, [unit.body for unit in self.built.units], self.timestep)
+
+    def touching(self) -> np.ndarray:
+        """Pairs (n, 2) of the numbers of copies that touch at the present state."""
+        if not self.built.units or not self._contact:
+            return np.zeros((0, 2), dtype=np.int64)
+        probe = self._probe()
+        return touching_pairs(probe.system.get_contacts(), {shape: row for row, shape in enumerate(probe.shapes)})
+
+    def disable_contact(self) -> None:
+        """Nothing touches anything, now and after states that are set."""
+        self._contact = False
+        self._part(self.built)
+        self._probes = None
+
+    def _part(self, built: Built) -> None:
+        for shape in built.shapes:
+            shape.set_collision_groups([0, 0, 0, 0])
+
+    # --- mass properties --------------------------------------------------------------------------------------
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic and potential energy (J) of the bodies that move."""
+        q, v = self.get_state()
+        poses, speeds = q.reshape(-1, 7), v.reshape(-1, 6)
+        turning = np.einsum("ni,nij,nj->", speeds[:, 3:], self.tensors, speeds[:, 3:])
+        moving = self.masses @ (speeds[:, :3] ** 2).sum(axis=1)
+        centres = poses[:, :3] + rotate(poses[:, 3:], self._centres())
+        return 0.5 * float(moving + turning), -float(self.masses @ (centres @ self.gravity))
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """As PhysX has it (3,), in m/s²."""
+        return np.array(self.built.system.config.gravity, dtype=float) / SCALE
+
+    def _centres(self) -> np.ndarray:
+        held = [body.cmass_local_pose.p for body in self.bodies]
+        return np.array(held, dtype=float).reshape(-1, 3) / SCALE
+
+    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The mass matrix of each body that moves, with its places in v: the inverse of what unit efforts give."""
+        probe = Built(self.document, self._told)
+        self._part(probe)
+        actors, (q, _) = self._actors(probe), self.get_state()
+        turns = matrices(q.reshape(-1, 7)[:, 3:])
+        poses = [entity.pose for entity in self.entities]
+        inverse = np.zeros((len(self.free), 6, 6))
+        moments = np.trace(self.tensors, axis1=1, axis2=2)
+        for column in range(6):
+            for number, (row, actor) in enumerate(zip(self.free, actors, strict=True)):
+                probe.entities[row].pose = poses[number]
+                actor.disable_gravity = True
+                actor.linear_velocity = actor.angular_velocity = (0.0, 0.0, 0.0)
+                force, torque = np.zeros(3), np.zeros(3)
+                if column < 3:
+                    force[column] = SCALE
+                else:
+                    torque = turns[number][:, column - 3] * (SMALL * moments[number] * SCALE * SCALE)
+                actor.add_force_torque(force, torque)
+            probe.system.step()
+            for number, actor in enumerate(actors):
+                size = 1.0 if column < 3 else SMALL * moments[number]
+                speed = np.array(actor.linear_velocity, dtype=float) / SCALE
+                inverse[number, :3, column] = speed / (size * self.timestep)
+                spin = turns[number].T @ np.array(actor.angular_velocity, dtype=float)
+                inverse[number, 3:, column] = spin / (size * self.timestep)
+        masses = np.linalg.inv(inverse)
+        return [(np.arange(6 * row, 6 * row + 6), 0.5 * (mass + mass.T)) for row, mass in enumerate(masses)]
+
+    def bias(self) -> np.ndarray:
+        """Coriolis, centrifugal and gravity forces (nv,): −m g as PhysX has both, and the ω × Iω that it is given."""
+        _, v = self.get_state()
+        spins = v.reshape(-1, 6)[:, 3:]
+        found = np.zeros((len(self.free), 6))
+        found[:, :3] = -self.masses[:, None] * self.gravity
+        found[:, 3:] = cross(spins, np.einsum("nij,nj->ni", self.tensors, spins))
+        return found.ravel()
+
+    def messages(self) -> list[str]:
+        """PhysX says what it thinks on the process's error output."""
+        return []
+
+    def close(self) -> None:
+        """PhysX's scenes are freed with this object."""
+
+
+def unit_of(quaternion: Any) -> np.ndarray:
+    turn = np.array(quaternion, dtype=float)
+    found: np.ndarray = turn / np.linalg.norm(turn)
+    return found
+
+
+def held_tensor(actor: Any) -> np.ndarray:
+    """The inertia (3, 3) of an actor about its centre of mass, in its own axes."""
+    turn = matrices(unit_of(actor.cmass_local_pose.q))
+    found: np.ndarray = turn @ np.diag(np.array(actor.inertia, dtype=float)) @ turn.T
+    return found / (SCALE * SCALE)
+
+
+def pose_of(pose: Any) -> Any:
+    """One of SAPIEN's poses as the world's."""
+    from simspec.world.types import Pose
+
+    x, y, z = (np.array(pose.p, dtype=float) / SCALE).tolist()
+    return Pose((x, y, z), tuple(unit_of(pose.q).tolist()))

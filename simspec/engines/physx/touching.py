@@ -1,0 +1,134 @@
+"""Contacts as PhysX tells them, in its own unit of length: of the beginning of its last step, with that step's impulses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.physx.building import LEAST, SCALE
+
+ERROR_REDUCTION = 0.01
+"""β of the common law (:class:`simspec.world.types.Hardness`)."""
+
+
+@dataclass(frozen=True)
+class Depths:
+    """Overlaps of pairs of bodies. ``rows`` (n, 2), sorted, of those that move, −1 of what cannot; ``depth`` (n,) in m, above
+    zero: the deepest of each pair."""
+
+    rows: np.ndarray
+    depth: np.ndarray
+
+
+class Recovery:
+    """How fast each of ``count`` bodies may be pushed out of what it overlaps in the next step, by the common law.
+
+    By the law an overlap d is (1 − β) d after the step. What is deeper than that is what PhysX's sweeps left over: it begins
+    each step anew, so that a stack would sink in by a hundred times that. So the speed is (β d + what is left over) / dt, of
+    the pair of each body that asks most. PhysX takes the slower of two bodies'.
+    """
+
+    def __init__(self, count: int, timestep: float):
+        self._count, self._timestep = count, timestep
+        self._pairs, self._owed = np.zeros(0, dtype=np.int64), np.zeros(0)
+        self.speeds = np.full(count, LEAST)
+        """m/s, of each body."""
+
+    def begin(self, found: Depths) -> None:
+        """Go by overlaps of the present state: all of them are as the law has them."""
+        self._pairs, self._owed = self._keys(found.rows), found.depth
+        self._set(found.rows, ERROR_REDUCTION * found.depth)
+
+    def go_on(self, found: Depths) -> None:
+        """Go by the overlaps ``found`` where the last step began."""
+        keys = self._keys(found.rows)
+        owed, known = found.depth.copy(), np.zeros(len(keys), dtype=bool)
+        if len(self._pairs):
+            at = np.minimum(np.searchsorted(self._pairs, keys), len(self._pairs) - 1)
+            known = self._pairs[at] == keys
+            owed[known] = np.minimum(self._owed[at[known]], owed[known])
+        left = found.depth - owed
+        # the last step has undone as much of what was not known as it was allowed to
+        undone = np.append(self.speeds, np.inf)[found.rows].min(axis=1, initial=np.inf) * self._timestep
+        owed = np.where(known, (1.0 - ERROR_REDUCTION) * owed, np.maximum(0.0, owed - undone))
+        self._pairs, self._owed = keys, owed
+        self._set(found.rows, ERROR_REDUCTION * owed + left)
+
+    def _keys(self, rows: np.ndarray) -> np.ndarray:
+        found: np.ndarray = (rows[:, 0] + 1) * (self._count + 1) + rows[:, 1] + 1
+        return found
+
+    def _set(self, rows: np.ndarray, way: np.ndarray) -> None:
+        speeds = np.zeros(self._count + 1)
+        np.maximum.at(speeds, rows[:, 0], way)
+        np.maximum.at(speeds, rows[:, 1], way)
+        self.speeds = np.maximum(LEAST, speeds[: self._count] / self._timestep)
+
+
+def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> Depths:
+    """The overlaps among contacts; ``rows``: of the actors that move."""
+    found: dict[tuple[int, int], float] = {}
+    for contact in contacts:
+        depth = -min((point.separation for point in contact.points), default=0.0)
+        if depth > 0.0:
+            one, other = (rows.get(body, -1) for body in contact.bodies)
+            pair = (one, other) if one < other else (other, one)
+            found[pair] = max(depth / SCALE, found.get(pair, 0.0))
+    ordered = sorted(found.items())
+    pairs = np.array([pair for pair, _ in ordered], dtype=np.int64).reshape(-1, 2)
+    return Depths(pairs, np.array([depth for _, depth in ordered], dtype=float))
+
+
+def pressed(contacts: Sequence[Any], rows: Mapping[Any, int]) -> set[int]:
+    """Rows of the bodies on which some contact acts."""
+    return {
+        rows[body]
+        for contact in contacts
+        if any(any(point.impulse) for point in contact.points)
+        for body in contact.bodies
+        if body in rows
+    }
+
+
+def contact_rows(
+    contacts: Sequence[Any], units: Mapping[Any, int], bodies: Sequence[int], timestep: float
+) -> dict[str, np.ndarray]:
+    """The arrays of :meth:`Engine.contacts`; ``units``: the number of each shape, ``bodies``: by that, the row of its body."""
+    rows: list[tuple[tuple[int, int], np.ndarray, np.ndarray, float, float]] = []
+    for contact in contacts:
+        one, other = (units[shape] for shape in contact.shapes)
+        for point in contact.points:
+            normal = np.array(point.normal, dtype=float)
+            force = max(0.0, float(normal @ np.array(point.impulse, dtype=float))) / (SCALE * timestep)
+            if point.separation > 0.0 and not force > 0.0:
+                continue
+            towards = normal if one < other else -normal  # from the second to the first
+            at = np.array(point.position, dtype=float) / SCALE
+            rows.append(((min(one, other), max(one, other)), at, towards, point.separation / SCALE, force))
+    if not rows:
+        return empty_contacts()
+    rows.sort(key=lambda row: row[0])
+    numbers = np.array([row[0] for row in rows], dtype=np.int64)
+    normals = np.array([row[2] for row in rows])
+    return {
+        "body": np.array(bodies, dtype=np.int64)[numbers],
+        "unit": numbers,
+        "position": np.array([row[1] for row in rows]),
+        "normal": normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        "distance": np.array([row[3] for row in rows]),
+        "normal_force": np.array([row[4] for row in rows]),
+    }
+
+
+def touching_pairs(contacts: Sequence[Any], units: Mapping[Any, int]) -> np.ndarray:
+    """Pairs (n, 2) of the numbers of shapes that touch."""
+    found = [
+        tuple(units[shape] for shape in contact.shapes)
+        for contact in contacts
+        if any(point.separation <= 0.0 for point in contact.points)
+    ]
+    return np.array(found, dtype=np.int64).reshape(-1, 2)

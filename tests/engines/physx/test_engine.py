@@ -1,0 +1,395 @@
+"""What is PhysX's own: everything that it holds, its filter, its unit of length, how bodies turn, what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+import random
+
+import numpy as np
+import pytest
+
+from simspec.compiler import compile_world
+from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.engines.physx.engine import PhysX
+from simspec.engines.physx.filters import apart, kinds, touches
+from simspec.engines.physx.turning import turns
+from simspec.errors import EngineError, UnsupportedError
+from simspec.formats.kit.text import json_text
+from simspec.formats.world.format import WORLD
+from simspec.proof.comparator import inventory_checks
+from simspec.proof.precision import PRECISIONS
+from simspec.proof.selftest_worlds import WORLDS
+from simspec.testing.worlds import accepting
+from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
+from tests.planted import SHARED
+
+installed = pytest.mark.skipif(PhysX.version() is None, reason="sapien is not installed")
+DT, GRAVITY = 0.001, 9.81
+
+
+@pytest.fixture
+def load(load_files):
+    """A function that compiles and loads a world, with its files changed on the way."""
+
+    def of(world, change=lambda content, sidecar: None):
+        files = dict(compile_world(world, ["physx"])["physx"].files)
+        content, sidecar = json.loads(files[WORLD]), json.loads(files[SIDECAR])
+        change(content, sidecar)
+        return load_files(PhysX, files | {WORLD: json_text(content), SIDECAR: json_text(sidecar)})
+
+    return of
+
+
+def ball(name, at, velocity=(0.0,) * 6, kind="sphere", size=(0.1,), material="m", turn=(1.0, 0.0, 0.0, 0.0)):
+    joint = Joint(f"{name}_joint", "free", position=(*at, *turn), velocity=velocity)
+    inertial = Inertial(2.0, inertia=(0.02, 0.02, 0.02, 0.0, 0.0, 0.0))
+    return Body(name, name, inertial, joint, (Shape(name, kind, size, material=material),))
+
+
+def scene(*bodies, law=(0.5, 0.0), timestep=DT, **more):
+    """Bodies over a floor, of materials m and floor."""
+    plate = Shape("floor", "plane", (), material="floor")
+    floor = Body("floor", "floor", Inertial(0.0), Joint("floor_joint", "fixed"), (plate,))
+    names = sorted({"floor", *(shape.material for body in bodies for shape in body.shapes)})
+    pairs = tuple(PairContact(one, other, *law, **more) for index, one in enumerate(names) for other in names[index:])
+    contact = Contact(materials=tuple(Material(name) for name in names), pairs=pairs)
+    return World("scene", (floor, *bodies), contact, Physics((0.0, 0.0, -GRAVITY), timestep, 100))
+
+
+def shared():
+    for name in SHARED:
+        try:
+            compile_world(accepting(WORLDS[name]("physx"), "physx"), ["physx"])
+        except UnsupportedError:
+            continue
+        yield name
+
+
+# --- what is held -----------------------------------------------------------------------------------------------
+
+
+@installed
+@pytest.mark.parametrize("name", list(shared()))
+def test_the_inventory_is_what_the_world_demands(name, load):
+    world = accepting(WORLDS[name]("physx"), "physx")
+    held = load(world).read_back()
+    expected = PhysX.expected_inventory(world, held.neutral)
+    (check,) = inventory_checks(expected, held.inventory, PRECISIONS[PhysX.PRECISION])
+    assert check.passed, check.detail
+    assert check.count > 50
+
+
+@installed
+def test_the_inventory_has_every_field_of_the_installed_version():
+    from sapien import physx
+
+    from simspec.engines.physx import inventory
+
+    def fields(of):
+        methods = ("get_", "set_", "add_", "compute_")
+        named = {name for name in dir(of) if name[0] != "_" and not name.startswith(methods)}
+        return named - {"attach", "disable", "enable", "put_to_sleep", "wake_up"}
+
+    assert fields(physx.PhysxSceneConfig()) == {*inventory.SCENE, "gravity"}
+    elsewhere = (
+        "angular_velocity cmass_local_pose collision_shapes entity entity_pose gpu_index gpu_pose_index inertia "
+    )
+    elsewhere += "kinematic_target linear_velocity locked_motion_axes mass max_depenetration_velocity name pose"
+    assert fields(physx.PhysxRigidDynamicComponent()) == {*inventory.BODY, *elsewhere.split()}
+    shape = physx.PhysxCollisionShapeSphere(1.0, physx.PhysxMaterial(0.5, 0.5, 0.0))
+    elsewhere = {"collision_groups", "local_pose", "physical_material", "radius"}
+    assert fields(shape) == {*inventory.SHAPE, *inventory.LENGTHS, *elsewhere}
+    assert fields(shape.physical_material) == {"static_friction", "dynamic_friction", "restitution"}
+
+
+CHANGES = {
+    "a body's damping": lambda sim: setattr(sim.bodies[0], "angular_damping", 1e-3),
+    "a body's sweeps": lambda sim: setattr(sim.bodies[0], "solver_position_iterations", 4),
+    "a body's weight": lambda sim: setattr(sim.bodies[0], "disable_gravity", True),
+    "a body's axes": lambda sim: sim.bodies[0].set_locked_motion_axes([True, *[False] * 5]),
+    "a body's sleep": lambda sim: setattr(sim.bodies[0], "sleep_threshold", 0.01),
+    "a shape's reach": lambda sim: setattr(sim.built.shapes[1], "contact_offset", 0.02),
+    "a shape's rest": lambda sim: setattr(sim.built.shapes[1], "rest_offset", 1e-3),
+    "a shape's filter": lambda sim: sim.built.shapes[1].set_collision_groups([0, 0, 0, 0]),
+    "static friction": lambda sim: setattr(sim.built.shapes[1].physical_material, "static_friction", 0.6),
+}
+
+
+@installed
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_whatever_else_is_changed_in_the_live_engine_is_seen(change, load):
+    world = scene(ball("ball", (0.0, 0.0, 0.1)), law=(0.5, 0.5))
+    engine = load(world)
+    change(engine._simulation)
+    held = engine.read_back()
+    (check,) = inventory_checks(PhysX.expected_inventory(world, held.neutral), held.inventory, PRECISIONS["single"])
+    assert not check.passed
+
+
+# --- the filter -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_relation_of_few_kinds_is_told_by_bits(seed):
+    chance = random.Random(seed)
+    keys = list(range(chance.randint(1, 40)))
+    kind = {key: chance.randrange(6) for key in keys}
+    table = {(a, b): chance.random() < 0.5 for a in range(6) for b in range(a, 6)}
+
+    def meet(one, other):
+        return table[min(kind[one], kind[other]), max(kind[one], kind[other])]
+
+    found = kinds(keys, meet)
+    for one, other in itertools.combinations_with_replacement(keys, 2):
+        assert touches((*found[one], 0, 0), (*found[other], 0, 0)) == meet(one, other)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_pairs_of_bodies_are_kept_apart_by_bits(seed):
+    chance = random.Random(seed)
+    names = [f"b{number}" for number in range(12)]
+    pairs = {tuple(sorted(chance.sample(names, 2))) for _ in range(chance.randint(1, 25))}
+    found = apart(pairs)
+    for pair in itertools.combinations(names, 2):
+        words = [(1, 1, *found.get(name, (0, 0))) for name in pair]
+        assert touches(*words) != (tuple(sorted(pair)) in pairs)
+
+
+def test_bodies_that_all_keep_apart_take_one_bit_and_a_star_takes_one_for_each():
+    names = [f"b{number}" for number in range(50)]
+    assert {bits for bits, _ in apart(itertools.combinations(names, 2)).values()} == {1}
+    with pytest.raises(ValueError, match="here it takes 49"):
+        apart((names[0], other) for other in names[1:])
+
+
+def test_more_than_the_filter_can_say_is_refused_by_name():
+    bodies = [ball(f"b{number}", (float(number), 0.0, 0.1)) for number in range(40)]
+    world = scene(*bodies)
+    star = tuple(("b0", body.name) for body in bodies[1:])
+    world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, excluded_bodies=star))
+    with pytest.raises(UnsupportedError, match="SAPIEN's filter has 32 bits for bodies"):
+        compile_world(world, ["physx"])
+
+
+# --- motion -----------------------------------------------------------------------------------------------------
+
+
+def test_the_torque_that_is_given_makes_the_term_of_physx_that_of_the_law():
+    generator = np.random.default_rng(1)
+    count, dt = 20, 1e-3
+    axes = np.linalg.qr(generator.normal(size=(count, 3, 3)))[0]
+    tensors = np.einsum("nij,nj,nkj->nik", axes, generator.uniform(0.01, 0.02, (count, 3)), axes)
+    spin, torque = generator.normal(size=(count, 3)) * 20.0, generator.normal(size=(count, 3))
+    turn = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    found = turns(np.arange(count), turn, spin, torque, tensors, dt)
+    begins = np.einsum("nij,nj->ni", tensors, spin)
+    given = begins + dt * found.torque
+    own = np.linalg.solve(tensors, given[..., None])[..., 0]
+    turned = given - dt * np.cross(own, given)
+    made = turned * np.linalg.norm(given, axis=1, keepdims=True) / np.linalg.norm(turned, axis=1, keepdims=True)
+    assert made == pytest.approx(begins + dt * (torque - np.cross(spin, begins)), abs=1e-12)
+    assert np.einsum("nij,nj->ni", tensors, found.spin) == pytest.approx(made, abs=1e-12)
+
+
+@installed
+def test_what_touches_turns_as_physx_has_it_and_rolls(load):
+    """A ball with spin on the floor: friction takes it along until it rolls, at 2/7 of the rim's speed."""
+    engine = load(scene(ball("ball", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 0.0, 10.0, 0.0))))
+    engine.step(400)
+    _, v = engine.get_state()
+    inertia, mass, radius = 0.02, 2.0, 0.1
+    rolling = 10.0 * inertia / (inertia + mass * radius**2) * radius
+    assert v[0] == pytest.approx(rolling, rel=1e-3)
+    assert v[4] * radius == pytest.approx(v[0], rel=1e-3)
+
+
+# --- contact ----------------------------------------------------------------------------------------------------
+
+
+@installed
+@pytest.mark.parametrize("friction", [0.02, 0.5])
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 45.0])
+def test_what_begins_to_slide_meets_the_cone_and_not_a_square(friction, degrees, load):
+    """In PhysX's unit nothing slides slower than the speed below which it has a square: 1.41 at 45° where that is the metre."""
+    engine = load(scene(ball("box", (0.0, 0.0, 0.1), kind="box", size=(0.2, 0.2, 0.2)), law=(friction, 0.0)))
+    engine.step(20)
+    force = 1.6 * friction * 2.0 * GRAVITY
+    effort = np.zeros(6)
+    effort[:2] = force * math.cos(math.radians(degrees)), force * math.sin(math.radians(degrees))
+    engine.step(5, effort)
+    speed = float(np.linalg.norm(engine.get_state()[1][:2]))
+    assert speed == pytest.approx(5 * DT * 0.6 * friction * GRAVITY, rel=2e-3)
+
+
+@installed
+@pytest.mark.parametrize("timestep", [5e-4, 4e-3])
+def test_an_overlap_is_left_by_the_common_law_from_the_first_step_on(timestep, load):
+    depth = 5e-4
+    engine = load(scene(ball("ball", (0.0, 0.0, 0.1 - depth)), timestep=timestep))
+    for _ in range(10):
+        engine.step(1)
+        q, v = engine.get_state()
+        assert abs(v[2]) < 1e-6  # as is declared
+        depth, before = 0.1 - q[2], depth
+        assert depth == pytest.approx(0.99 * before, rel=5e-5)
+
+
+@installed
+def test_every_two_materials_have_their_own_law_by_copies(load):
+    still = (0.0, 1.0, *[0.0] * 4)
+    size = (0.2, 0.2, 0.2)
+    boxes = [ball(name, (float(row), 0.0, 0.1), still, "box", size, name) for row, name in enumerate("abc")]
+    world = scene(*boxes)
+    mu = {"a": 0.2, "b": 0.4, "c": 0.7}
+    pairs = tuple(
+        dataclasses.replace(pair, friction=mu[pair.first]) if pair.second == "floor" and pair.first in mu else pair
+        for pair in world.contact.pairs
+    )
+    engine = load(dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs)))
+    assert len(engine._simulation.built.shapes) > 4
+    engine.step(100)
+    speeds = engine.get_state()[1].reshape(3, 6)[:, 1]
+    assert speeds == pytest.approx([1.0 - one * GRAVITY * 0.1 for one in mu.values()], abs=1e-4)
+
+
+@installed
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_an_impact_that_slips_has_the_friction_of_its_whole_impulse(restitution, load):
+    velocity = (6.0, 0.0, -2.0, *[0.0] * 3)
+    engine = load(scene(ball("ball", (0.0, 0.0, 0.1 + 1.5e-3), velocity), law=(0.5 / 2, restitution)))
+    engine.step(4)
+    slowed = 6.0 - engine.get_state()[1][0]
+    assert slowed == pytest.approx(0.25 * (1.0 + restitution) * 2.0, rel=0.03)
+
+
+@installed
+def test_what_rests_does_not_hop_though_it_could_bounce(load):
+    engine = load(scene(ball("box", (0.0, 0.0, 0.1), kind="box", size=(0.2, 0.2, 0.2)), law=(0.5, 0.9)))
+    engine.step(50)
+    assert engine.get_state()[0][2] == pytest.approx(0.1, abs=1e-6)
+
+
+@installed
+def test_what_approaches_slower_than_the_threshold_does_not_bounce(load):
+    speeds = []
+    for speed in (0.4, 0.6):
+        one = ball("ball", (0.0, 0.0, 0.1001), (0.0, 0.0, -speed, *[0.0] * 3))
+        engine = load(scene(one, law=(0.0, 0.5), restitution_threshold=0.5))
+        engine.step(3)
+        speeds.append(engine.get_state()[1][2])
+    assert speeds[0] == pytest.approx(0.0, abs=0.02)
+    assert speeds[1] == pytest.approx(0.3, abs=0.03)
+
+
+@installed
+def test_states_that_are_set_forget_and_states_that_are_moved_to_do_not(load):
+    size = (0.2, 0.2, 0.2)
+    world = scene(*(ball(str(row), (0.0, 0.0, 0.1 + 0.2 * row), kind="box", size=size) for row in range(4)))
+    engine, fresh = load(world), load(world)
+    engine.step(50)
+    q, v = engine.get_state()
+    fresh.set_state(q, v)
+    engine.set_state(q, v)
+    for one in (engine, fresh):
+        one.step(5)
+    assert engine.get_state()[1].tobytes() == fresh.get_state()[1].tobytes()
+    engine.move_to(q, v)
+    assert engine.get_state()[0] == pytest.approx(q, abs=1e-7)
+
+
+@installed
+def test_asking_what_touches_changes_nothing(load):
+    size = (0.2, 0.2, 0.2)
+    bodies = [ball(str(row), (0.01 * row, 0.0, 0.1 + 0.199 * row), kind="box", size=size) for row in range(4)]
+    asked, quiet = load(scene(*bodies)), load(scene(*bodies))
+    for _ in range(5):
+        asked.step(10)
+        quiet.step(10)
+        assert 3 <= len(asked.detect_units()) <= 4
+    assert [part.tobytes() for part in asked.get_state()] == [part.tobytes() for part in quiet.get_state()]
+
+
+@installed
+def test_shapes_of_bodies_without_mass_are_parts_of_what_carries_them(load):
+    world = scene(ball("ball", (0.0, 0.0, 0.5)))
+    shape = Shape("foot", "sphere", (0.05,), Pose((0.0, 0.0, -0.1)), "m")
+    foot = Body("foot", "ball", Inertial(0.0), Joint("foot_joint", "fixed", "ball", Pose((0.0, 0.0, -0.2))), (shape,))
+    engine = load(dataclasses.replace(world, bodies=(*world.bodies, foot)))
+    held = {body.name: body for body in engine.read_back().bodies}
+    assert held["foot"].joint.origin.position == pytest.approx((0.0, 0.0, -0.2))
+    assert held["foot"].shapes[0].pose.position == pytest.approx((0.0, 0.0, -0.1), abs=1e-7)
+    engine.step(2000)
+    assert engine.get_state()[0][2] == pytest.approx(0.35, abs=1e-3)  # it stands on its foot
+    assert {tuple(sorted(pair)) for pair in engine.detect_contacts().tolist()} == {(0, 2)}
+
+
+# --- what is refused --------------------------------------------------------------------------------------------
+
+
+def heavy_foot(world):
+    joint = Joint("foot_joint", "fixed", "ball", Pose((0.0, 0.0, -0.2)))
+    foot = Body("foot", "ball", Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0)), joint)
+    return dataclasses.replace(world, bodies=(*world.bodies, foot))
+
+
+def moving_plane(world):
+    shape = Shape("plate", "plane", (), material="m")
+    return dataclasses.replace(world, bodies=(world.bodies[0], dataclasses.replace(world.bodies[1], shapes=(shape,))))
+
+
+def cylinder(world):
+    shape = Shape("can", "cylinder", (0.1, 0.2), material="m")
+    return dataclasses.replace(world, bodies=(world.bodies[0], dataclasses.replace(world.bodies[1], shapes=(shape,))))
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [(heavy_foot, "common centre of mass of 'foot'"), (moving_plane, "'plate' does"), (cylinder, "is a prism")],
+)
+def test_what_simspec_does_not_tell_physx_is_refused_by_name(change, why):
+    with pytest.raises(UnsupportedError, match=why):
+        compile_world(change(scene(ball("ball", (0.0, 0.0, 0.5)))), ["physx"])
+
+
+def of(name):
+    return lambda content: next(body for body in content["bodies"] if body["name"] == name)
+
+
+def numbers(**values):
+    return lambda content: of("ball")(content)["shapes"][0]["copies"][0].update(values)
+
+
+@installed
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda content: of("ball")(content).update(mass=0.0), "moves and has no mass"),
+        (lambda content: of("ball")(content).update(inertia=[0.02, 0.02, 0.0, 0.0, 0.0, 0.0]), "has no inverse"),
+        (lambda content: of("ball")(content).update(mass=1e39), "there is no 1e[+]39"),
+        (lambda content: of("ball")(content).update(mass=1e-42), "there is no 1e-42"),
+        (lambda content: content.update(friction_cone="pyramid-inscribed"), "cone"),
+        (lambda content: of("ball")(content)["shapes"][0].update(size=[-0.1]), "no sphere of the size -0.1"),
+        (numbers(restitution=1.5), "numbers of 'ball': 0.5 and 1.5"),
+        (numbers(friction=-0.1), "numbers of 'ball': -0.1 and 0"),
+        (numbers(rolling_friction=0.1), "more than friction and restitution of 'ball'"),
+    ],
+)
+def test_numbers_that_physx_takes_in_silence_are_refused(change, why, load):
+    def edit(content, sidecar):
+        change(content)
+        sidecar["friction_cone"] = content["friction_cone"]
+
+    with pytest.raises(EngineError, match=why):
+        load(scene(ball("ball", (0.0, 0.0, 0.5))), edit)
+
+
+@installed
+def test_a_state_that_is_no_longer_finite_is_an_error(load):
+    engine = load(scene(ball("ball", (0.0, 0.0, 0.5))))
+    with pytest.raises(EngineError, match="there is no nan"):
+        engine.set_state(np.full(7, math.nan), np.zeros(6))
+    with pytest.raises(EngineError, match="the state of ball is no longer finite"):
+        engine.step(3, np.array([0.0, 0.0, 0.0, 1e31, 1e31, 1e31]))
