@@ -11,8 +11,9 @@ from simspec.contact.parts import parts
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world.gathering import gathered
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.types import Body, HeldValue, World
+from simspec.world.types import Body, HeldValue, Inertial, World
 
 Settings = Mapping[str, bool | int | float | str]
 BIG = 1e308
@@ -45,9 +46,10 @@ def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, H
         found[f"tree.{number}.mobile"] = True
         found[f"tree.{number}.timestep"] = world.physics.timestep
         found[f"tree.{number}.gravity"] = world.physics.gravity
-    groups = rigid_groups(world)
+    groups, told = rigid_groups(world), gathered(world)
     for body in world.bodies:
-        for name, value in _body(body, world.physics.timestep, groups[body.name] == "world").items():
+        mass = told.get(body.name, body.inertial)
+        for name, value in _body(body, mass, world.physics.timestep, groups[body.name] == "world").items():
             found[f"body.{body.name}.{name}"] = value
         for part in parts(body, plan):
             for shape in part.shapes:
@@ -65,7 +67,7 @@ SOLVERS = {"dantzig": "DantzigBoxedLcpSolver", "pgs": "PgsBoxedLcpSolver"}
 """What gz-physics calls DART's solvers."""
 
 
-def _body(body: Body, timestep: float, still: bool) -> dict[str, HeldValue]:
+def _body(body: Body, mass: Inertial, timestep: float, still: bool) -> dict[str, HeldValue]:
     joint = body.joint
     none = NONE if joint.kind == "fixed" else (-BIG, BIG)
     limit = joint.effort_limit
@@ -84,7 +86,8 @@ def _body(body: Body, timestep: float, still: bool) -> dict[str, HeldValue]:
         "spring": 0.0,
         "rest": 0.0,
     }
+    if mass.mass == 0.0:
+        found["centre_of_mass"] = (0.0, 0.0, 0.0)
     if still:
-        mass = body.inertial
         found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
     return found

@@ -78,8 +78,10 @@ def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
         "spring": held.stiffness,
         "rest": held.rest,
     }
+    mass = held.inertial
+    if told.mass == 0.0:  # nor a centre
+        found["centre_of_mass"] = mass.centre_of_mass
     if sim.plan.groups[row] < 0:  # of what cannot move, the read-back compares no mass where there is none
-        mass = held.inertial
         found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
     return found
 
