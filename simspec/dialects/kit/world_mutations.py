@@ -30,6 +30,7 @@ SEEN = "visual only"
 SYMMETRIC = "the order of elements that are found by name, or of the two names of a pair"
 INERT = (
     Inert("bodies.*.group", "a group that no pair names, or of a body that touches nothing", ("word",), WORLD),
+    Inert("bodies.*.shapes.*.material", "a material of what touches nothing", ("word",), WORLD),
     Inert("*quaternion*", "q and −q are the same rotation", ("sign",), WORLD),
     Inert("bodies.*.joint.position.*", "q and −q are the same rotation", ("sign",), WORLD),
     Inert("bodies.*.shapes.*.pose.quaternion.*", "a rotation within a shape's symmetry", (), WORLD),

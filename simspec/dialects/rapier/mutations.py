@@ -10,8 +10,8 @@ NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
 
 WEIGHTLESS = "Rapier is told no mass properties of what has no mass"
 ROUNDED = "but for roundings to single precision"
-APART = 1e-3
-"""What tumbles on a floor is then up to 3.0e-4 apart after 0.6 s (measured); what turns a shape itself the read-back sees."""
+APART = 0.1
+"""What tumbles on a floor is then up to 3.9e-2 apart after 0.6 s (measured); what turns a shape itself the read-back sees."""
 
 TABLE = table(
     {},
