@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 from simspec.dialects.kit.contract import Dialect, Lowered
@@ -20,6 +21,26 @@ from simspec.world.types import ReadBack, World
 def thresholds(world: World) -> list[float]:
     """The different thresholds of restitution (m/s) of what meets and bounces, in order."""
     return sorted({law.restitution_threshold for law in meeting_laws(world).values() if law.restitution})
+
+
+LIVELIEST = 0.8
+"""The restitution up to which what rests does not hop."""
+FASTEST_HOP = 0.5
+"""m/s up to which that is so: what falls from 13 mm bounces at any timestep."""
+
+
+def threshold(world: World) -> float:
+    """The speed (m/s) below which PhysX is told that nothing bounces: the world's, or that up to which what rests would hop.
+
+    PhysX multiplies a step's speed after gravity was added. In units of g dt: a body that leaves with u stays in the air for up
+    to ⌈2u⌉ steps, and the fall of the step in which it arrives makes the approach less than u + 2 = e a + 2: a < 2 / (1 − e).
+    """
+    laws = [law for law in meeting_laws(world).values() if law.restitution]
+    if not laws:
+        return 0.0
+    livelier = min(LIVELIEST, max(law.restitution for law in laws))
+    hop = 2.0 / (1.0 - livelier) * math.hypot(*world.physics.gravity) * world.physics.timestep
+    return max(min(hop, FASTEST_HOP), *(law.restitution_threshold for law in laws))
 
 
 def _one_threshold(world: World) -> Refinement | None:
@@ -48,7 +69,7 @@ class PhysxDialect(Dialect):
         """The document of ``world`` with the copies of the target's plan, and its sidecar."""
         document, offsets = world_document(world, target)
         fields = common_fields(self.NAME, self.FORMAT, world, target, offsets)
-        return Lowered(document, PhysxSidecar(**fields, restitution_threshold=max(thresholds(world), default=0.0)))
+        return Lowered(document, PhysxSidecar(**fields, restitution_threshold=threshold(world)))
 
     def raise_(self, document: Document, sidecar: PhysxSidecar) -> ReadBack:
         """See ``dialects/kit/world_model.py``."""

@@ -13,7 +13,7 @@ class PhysxSidecar(WorldSidecar):
     """Settings, where the frames of free roots are, and what is one for all contacts."""
 
     restitution_threshold: float
-    """m/s: what approaches slower does not bounce; 0: everything does."""
+    """m/s: what approaches slower does not bounce; 0: nothing has to."""
 
     def check(self) -> None:
         WorldSidecar.check(self)

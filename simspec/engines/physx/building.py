@@ -31,8 +31,6 @@ CONTACT_OFFSET = 1e-5
 12876 J in place of 12627 (measured)."""
 LEAST = 1e-6
 """The least speed (m/s) that PhysX can be told where none is meant."""
-RESTING = 2.0
-"""Steps of gravity: what arrives slower does not bounce. What rests arrives with one in each step, and would hop."""
 FASTEST, FASTEST_LINEAR = 1e6, 1e16
 """rad/s and 1/1024 m/s: PhysX holds speeds below largest ones, turns below 100 rad/s by itself."""
 LARGEST, SMALLEST = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
@@ -126,8 +124,7 @@ class Built:
         held = physx.PhysxSceneConfig()
         held.gravity = lengths(self.document.gravity, "gravity")
         timestep = single((self.document.timestep,), "timestep")[0]
-        resting = RESTING * math.hypot(*self.document.gravity) * timestep
-        held.bounce_threshold = lengths((max(threshold, resting, LEAST),), "restitution_threshold")[0]
+        held.bounce_threshold = lengths((max(threshold, LEAST),), "restitution_threshold")[0]
         held.enable_pcm = False  # contacts of earlier steps would be kept
         held.enable_tgs = False  # by it slow slides stop a quarter too soon, and what rests creeps (measured)
         held.enable_ccd = False

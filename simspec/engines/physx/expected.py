@@ -17,8 +17,10 @@ from simspec.world.types import HeldValue, World
 Settings = Mapping[str, bool | int | float | str]
 LEAST = 1e-6
 """m/s, of what bounces."""
-STEPS = 2.0
-"""Steps of gravity that what bounces arrives with at least."""
+STEPS, LIVELIEST = 2.0, 0.8
+"""Steps of gravity, over 1 − e, that what bounces arrives with at least; e is the largest restitution, or this."""
+FASTEST = 0.5
+"""m/s: what arrives faster bounces all the same."""
 OFFSET = 1e-5
 """m by which shapes reach beyond themselves for contacts."""
 
@@ -27,12 +29,11 @@ def expected(
     world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, HeldValue]
 ) -> dict[str, HeldValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are PhysX's own values."""
-    laws = meeting_laws(world).values()
-    resting = STEPS * math.sqrt(sum(part * part for part in world.physics.gravity)) * world.physics.timestep
+    bouncing = [law for law in meeting_laws(world).values() if law.restitution]
+    step = math.sqrt(sum(part * part for part in world.physics.gravity)) * world.physics.timestep
+    resting = [min(FASTEST, STEPS * step / (1.0 - min(LIVELIEST, law.restitution))) for law in bouncing]
     found: dict[str, HeldValue] = {
-        "scene.bounce_threshold": max(
-            (LEAST, resting, *(law.restitution_threshold for law in laws if law.restitution))
-        ),
+        "scene.bounce_threshold": max((LEAST, *resting, *(law.restitution_threshold for law in bouncing))),
         "scene.enable_ccd": False,
         "scene.enable_enhanced_determinism": True,
         "scene.enable_friction_every_iteration": True,

@@ -32,6 +32,9 @@ def test_lower_and_raise_are_inverse(world):
 def test_one_threshold_is_told():
     world = one_law(friction=0.3, restitution=0.5, restitution_threshold=0.25)
     assert lowered(world).sidecar.restitution_threshold == 0.25
+    world = one_law(friction=0.3, restitution=0.5)
+    assert lowered(world).sidecar.restitution_threshold == pytest.approx(4 * 9.81 * world.physics.timestep)
+    assert lowered(one_law(friction=0.3)).sidecar.restitution_threshold == 0.0
 
 
 def test_no_threshold_is_no_number():

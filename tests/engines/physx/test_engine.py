@@ -273,6 +273,17 @@ def test_what_rests_does_not_hop_though_it_could_bounce(load):
 
 
 @installed
+@pytest.mark.parametrize("restitution", [0.3, 0.5, 0.8])
+@pytest.mark.parametrize("timestep", [1e-3, 4e-3])
+def test_what_falls_a_little_comes_to_rest_at_any_timestep(restitution, timestep, load):
+    engine = load(scene(ball("ball", (0.0, 0.0, 0.1013)), law=(0.5, restitution), timestep=timestep))
+    engine.step(600)
+    q, v = engine.get_state()
+    assert q[2] == pytest.approx(0.1, abs=2e-5)
+    assert abs(v[2]) < 1e-4
+
+
+@installed
 def test_what_approaches_slower_than_the_threshold_does_not_bounce(load):
     speeds = []
     for speed in (0.4, 0.6):
