@@ -26,6 +26,13 @@ TABLE = table(
         *(Inert(site, WEIGHTLESS, ("moved",), WORLD) for site in ("bodies.*.centre_of_mass.*", "bodies.*.inertia.*")),
         Inert("*quaternion*", f"q and −q are the same rotation, {ROUNDED}", ("sign",), WORLD, within=APART),
         Inert(
+            "bodies.*.shapes.*.pose.position.*",
+            f"a translation of a plane within itself, {ROUNDED}",
+            (),
+            WORLD,
+            within=APART,
+        ),
+        Inert(
             "bodies.*.shapes.*.pose.quaternion.*",
             f"a rotation within a shape's symmetry, {ROUNDED}",
             ("swapped",),

@@ -58,6 +58,7 @@ def expected(
         held = still or body.joint.kind == "free"
         at = f"body.{body.name}"
         found |= {f"{at}.model": body.model, f"{at}.joint": body.joint.name, f"{at}.held": held}
+        found[f"{at}.shapes"] = tuple(shape.name for shape in body.shapes)
         if held:
             own = _of("fixed" if still else "dynamic", neutral)
             if not still:

@@ -43,6 +43,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
         own = sim.built.carrier[row] in (-1, row)
         found |= {f"body.{body.name}.model": body.model, f"body.{body.name}.joint": body.joint.name}
         found[f"body.{body.name}.held"] = own
+        found[f"body.{body.name}.shapes"] = tuple(shape.name for shape in body.shapes)
         if own:
             held = world.rigid_bodies[sim.built.bodies[row]]
             found |= {f"body.{body.name}.{name}": value for name, value in of_body(held).items()}
