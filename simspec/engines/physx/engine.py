@@ -139,7 +139,9 @@ class PhysX(SteppedEngine[Simulation]):
             *(Feature.TOUCHING_PAIRS, Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **shape_kinds("PhysX", ("sphere", "box", "capsule")),
-        Feature.SHAPE_CYLINDER: never("PhysX has no cylinder, and SAPIEN's is a prism"),
+        Feature.SHAPE_CYLINDER: never(
+            "PhysX has no cylinder; SAPIEN's is a prism of 32 sides, whose faces lie 0.48 % of the radius inside it (measured)"
+        ),
         Feature.JOINT_FIXED: Support(
             Level.EXACT,
             "of what cannot move, and of bodies without mass on one that moves, which are parts of it",
