@@ -152,6 +152,8 @@ class Built:
         self.colliders.append(self.world.add_collider(builder, self.bodies[row]))
 
 
+NOTHING_ACROSS = 2.0**-27
+"""Products of inertia, of the largest moment, that are none: an eighth of the last bit of single precision."""
 _HALF = math.sqrt(0.5)
 AXES: Mapping[str, Pose] = {
     "cylinder": Pose(quaternion=(_HALF, _HALF, 0.0, 0.0)),
@@ -216,7 +218,16 @@ def regular(inertia: Sequence[float]) -> bool:
 
 
 def principal(inertia: Sequence[float]) -> tuple[Vector3, Quaternion]:
-    """Principal moments and the axes that they are about."""
+    """Principal moments and the axes that they are about: the body's own where the tensor is diagonal.
+
+    Rapier adds what every collider weighs, nothing here, and where one is turned or displaced it finds the axes of the sum
+    anew, by a formula that loses half of all digits where two moments are equal (measured: 1.5e-4 of a cylinder's moments, and
+    up to 4e-2 where the equal ones are the smaller). A sum that is diagonal to the last bit is left as it is. Of tensors that
+    are not, and have equal moments, L1 tells the error.
+    """
+    across = max(map(abs, inertia[3:]))
+    if across <= NOTHING_ACROSS * max(inertia[:3]):
+        return (inertia[0], inertia[1], inertia[2]), (1.0, 0.0, 0.0, 0.0)
     moments, axes = np.linalg.eigh(tensor(inertia))
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] *= -1.0

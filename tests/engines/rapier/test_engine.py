@@ -284,3 +284,16 @@ def test_a_state_that_is_no_longer_finite_is_an_error(load):
         engine.set_state(np.full(7, math.nan), np.zeros(6))
     with pytest.raises(EngineError, match="the state of ball is no longer finite"):
         engine.step(3, np.array([0.0, 0.0, 0.0, 3e38, 3e38, 3e38]))
+
+
+@pytest.mark.parametrize("across", [0.0, 1e-12])
+@pytest.mark.parametrize("moments", [(1.1666666666666668e-4, 1.1666666666666668e-4, 2.5e-5), (0.4, 0.7, 0.4)])
+@pytest.mark.parametrize("at", [Pose((0.0, 0.01, 0.0)), Pose(quaternion=(0.6, 0.8, 0.0, 0.0))])
+def test_moments_that_are_equal_are_held_where_shapes_are_turned_or_displaced(across, moments, at, load):
+    """Rapier adds the masses of colliders, and finds axes of the sum anew: of equal moments by half of the digits."""
+    inertia = (*moments, across * moments[0], 0.0, 0.0)
+    body = dataclasses.replace(ball("body", (0.0, 0.0, 1.0)), inertial=Inertial(0.125, inertia=inertia))
+    turned = dataclasses.replace(body, shapes=(dataclasses.replace(body.shapes[0], pose=at),))
+    held = load(scene(turned)).read_back()
+    found = next(one for one in held.bodies if one.name == "body").inertial.inertia
+    assert found == pytest.approx(inertia, rel=2e-7, abs=2e-7 * max(moments))
