@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from simspec import selection
@@ -18,11 +20,16 @@ WORLD = worlds.spheres(1)
 NEEDED = Feature.SHAPE_SPHERE
 
 
+def without_bounds():
+    return {feature: dataclasses.replace(row, since="", until="") for feature, row in find_engine(NAME).SUPPORT.items()}
+
+
 @pytest.fixture
 def interpreter(tmp_path, monkeypatch):
-    """The engine supports spheres from version 2 on; makes an interpreter that gives a version, and notes each time."""
-    engine = find_engine(NAME)
-    monkeypatch.setattr(engine, "SUPPORT", {**engine.SUPPORT, NEEDED: Support(EXACT.level, since="2")})
+    """The engine supports spheres from version 2 on, and all else in every version; makes an interpreter that gives a version,
+    and notes each time."""
+    unbounded = without_bounds()
+    monkeypatch.setattr(find_engine(NAME), "SUPPORT", {**unbounded, NEEDED: Support(EXACT.level, since="2")})
 
     def of(version: str, code: int = 0) -> str:
         path = tmp_path / f"python-{version}"
@@ -89,6 +96,6 @@ def test_an_interpreter_that_is_not_there_is_an_error(interpreter, tmp_path):
 def test_without_bounds_nobody_is_asked(interpreter, tmp_path, monkeypatch):
     engine = find_engine(NAME)
     python = interpreter("1.5")
-    monkeypatch.setattr(engine, "SUPPORT", {**engine.SUPPORT, NEEDED: EXACT})
+    monkeypatch.setattr(engine, "SUPPORT", without_bounds())
     assert list(compile_world(WORLD, [NAME], pythons={NAME: python})) == [NAME]
     assert asked(tmp_path) == 0

@@ -165,10 +165,12 @@ def outside(how: str, refine: Refine | None = None, short: str = "") -> Support:
     return Support(Level.OUTSIDE, how, short, refine)
 
 
-def approximate(how: str, refine: Refine | None = None, short: str = "", cases: tuple[Refinement, ...] = ()) -> Support:
+def approximate(
+    how: str, refine: Refine | None = None, short: str = "", cases: tuple[Refinement, ...] = (), since: str = ""
+) -> Support:
     """Not exact; allowed where the spec's ``accept`` names it. ``how`` says what the difference is, with its size; ``short`` in
-    one line."""
-    return Support(Level.APPROXIMATE, how, short, refine, cases)
+    one line; ``since`` the first release that has it."""
+    return Support(Level.APPROXIMATE, how, short, refine, cases, since=since)
 
 
 def never(why: str) -> Support:

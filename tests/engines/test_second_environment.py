@@ -23,7 +23,7 @@ from simspec.world.canonical import from_plain
 from simspec.world.types import ReadBack
 from tests import worlds
 
-OTHER_VERSION = "3.3.7"
+OTHER_VERSION = "3.8.1"
 HERE = find_engine("mujoco").version()
 
 
@@ -59,23 +59,23 @@ def test_another_version_in_another_environment_holds_the_same_model(python, tmp
 def test_two_versions_and_another_engine_in_one_run(python, tmp_path, monkeypatch):
     """Each is an engine with a label: a certificate and a run of its own, and every pair in the table of differences."""
     monkeypatch.chdir(tmp_path)
-    asked = ["--engine", "mujoco", "--engine", f"mujoco@3.3={python}", "--engine", "dart"]
+    asked = ["--engine", "mujoco", "--engine", f"mujoco@3.8={python}", "--engine", "dart"]
     done = CliRunner().invoke(cli.app, ["run", "double-pendulum", *asked, "--set", "physics.duration=0.2"])
     assert done.exit_code == 0, done.output
     report = json.loads((tmp_path / "runs" / "double-pendulum" / "report.json").read_text())
-    assert list(report["runs"]) == ["mujoco", "mujoco@3.3", "dart"]
+    assert list(report["runs"]) == ["mujoco", "mujoco@3.8", "dart"]
     certificate = read_certificate(tmp_path / "runs" / "double-pendulum")
     versions = {label: proof.version for label, proof in certificate.engines.items()}
-    assert versions == {"mujoco": HERE, "mujoco@3.3": OTHER_VERSION, "dart": find_engine("dart").version()}
+    assert versions == {"mujoco": HERE, "mujoco@3.8": OTHER_VERSION, "dart": find_engine("dart").version()}
     assert certificate.valid
     assert len(report["diffs"]) == 3
-    other = simspec.load_run(tmp_path / "runs" / "double-pendulum" / "mujoco@3.3")
-    assert other.label == f"mujoco@3.3 {OTHER_VERSION}"
-    assert "mujoco – mujoco@3.3" in done.output
+    other = simspec.load_run(tmp_path / "runs" / "double-pendulum" / "mujoco@3.8")
+    assert other.label == f"mujoco@3.8 {OTHER_VERSION}"
+    assert "mujoco – mujoco@3.8" in done.output
 
 
 @pytest.mark.slow
 def test_a_label_s_version_is_held_against_what_is_at_work(python, tmp_path):
     write_folder(compile_world(worlds.every_joint(), ["mujoco"])["mujoco"].files, tmp_path / "artifacts")
-    with pytest.raises(EngineError, match=rf"mujoco@3\.30: is version {OTHER_VERSION}, not 3\.30"):
-        call("mujoco@3.30", tmp_path / "artifacts", [Operation("read_back")], python=python)
+    with pytest.raises(EngineError, match=rf"mujoco@3\.80: is version {OTHER_VERSION}, not 3\.80"):
+        call("mujoco@3.80", tmp_path / "artifacts", [Operation("read_back")], python=python)

@@ -2,7 +2,7 @@
 
 Only stepping touches the simulation's own data; every question (poses, mass matrix, contacts at a state) is answered from
 a second ``mjData`` of the same model, so that asking cannot change the motion by a single bit. Facts marked *measured*
-were obtained with MuJoCo 4.0.0 and hold in 3.3.7.
+were obtained with MuJoCo 4.0.0.
 """
 
 from __future__ import annotations
