@@ -346,7 +346,7 @@ def spec(seed: int) -> Data:
             "dart": {
                 "accept": [f"shape.{kind}" for kind in ("box", "capsule", "cylinder", "ellipsoid", "plane", "sphere")]
             },
-            "pybullet": {"accept": ["contact.cone.elliptic"]},
+            **{name: {"accept": ["contact.cone.elliptic"]} for name in ("pybullet", "rapier", "physx")},
         },
     }
     if draw.models:

@@ -15,7 +15,11 @@ BULLET = EngineOptions("pybullet", accept=("contact.cone.elliptic",))
 """What a world accepts in which more than balls has friction, under the elliptic cone."""
 GAZEBO = EngineOptions("gazebo", accept=("contact.cone.elliptic",))
 """What a world accepts in which something has friction, under the elliptic cone."""
-ROUGH = (MUJOCO, BULLET, GAZEBO)
+RAPIER = EngineOptions("rapier", accept=("contact.cone.elliptic",))
+"""What a world accepts in which more than balls has friction, under the elliptic cone."""
+PHYSX = EngineOptions("physx", accept=("contact.cone.elliptic",))
+"""What a world accepts in which something has friction, under the elliptic cone."""
+ROUGH = (MUJOCO, BULLET, GAZEBO, RAPIER, PHYSX)
 KINDS = ("sphere", "box", "cylinder", "capsule")
 
 
@@ -25,7 +29,7 @@ def shapes_world(kinds: tuple[str, ...] = KINDS, friction: float = 0.4) -> World
     options = (
         EngineOptions("dart", accept=accepted),
         EngineOptions("ode", accept=("shape.cylinder",)),
-        *(MUJOCO, BULLET),
+        *(MUJOCO, BULLET, RAPIER, PHYSX),
         dataclasses.replace(GAZEBO, accept=(*GAZEBO.accept, "shape.cylinder")),
     )
     return dataclasses.replace(shipped.shapes_world(kinds, friction), engines=options)
@@ -38,7 +42,7 @@ def gripper() -> World:
 
 def one_law(**law: object) -> World:
     """As shipped."""
-    return dataclasses.replace(shipped.one_law(**law), engines=(MUJOCO, GAZEBO))
+    return dataclasses.replace(shipped.one_law(**law), engines=(MUJOCO, GAZEBO, PHYSX))
 
 
 def table(friction: dict[tuple[str, str], float], **law: object) -> World:

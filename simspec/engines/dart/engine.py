@@ -44,6 +44,7 @@ from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.outside import computed, constraints_felt
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.refinements import NO_FRICTION
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.errors import EngineError
@@ -106,7 +107,7 @@ def _held_alone(world: World) -> Refinement | None:
 def _coulomb(world: World) -> Refinement | None:
     """The elliptic cone is exact unless the spec asks for the solver that has only the pyramid, and something has friction."""
     if frictionless(world):
-        return Refinement(Level.VIA_API, "nothing has friction")
+        return NO_FRICTION
     if DANTZIG in world.options("dart").settings:
         return None
     return Refinement(Level.VIA_API, "NsgsFrictionSolver, law Coulomb")

@@ -28,6 +28,7 @@ from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.needs import Needs
 from simspec.engines.kit.outside import computed, constraints_felt
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.refinements import no_friction, planes_still
 from simspec.engines.kit.settings import Group, Setting, resolve_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.support.declarations import (
@@ -44,15 +45,12 @@ from simspec.support.declarations import (
     approximate,
     exactly,
     never,
-    not_here,
     not_yet,
     outside,
     shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import frictionless, solid_shapes
 from simspec.world.types import Body, HeldValue, ReadBack, World
 
 TINY_FRICTION = 0.001
@@ -81,11 +79,6 @@ def _held_alone(world: World) -> Refinement | None:
     return constraints_felt(world, Gazebo.TITLE)
 
 
-def _coulomb(world: World) -> Refinement | None:
-    """No cone matters where nothing has friction."""
-    return Refinement(Level.VIA_API, "nothing has friction") if frictionless(world) else None
-
-
 def _armature_covered(world: World) -> Refinement | None:
     """Not supported where some armature sits in a tree where it is not exact."""
     return armature_felt(world, Gazebo.TITLE, _not_felt)
@@ -96,19 +89,6 @@ def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
         if body.joint.dry_friction or body.joint.position_limits is not None:
             return f"{body.name!r} has dry friction or position limits, whose impulses would ignore the armature"
     return None
-
-
-def _planes_still(world: World) -> Refinement | None:
-    """gz-physics' planes are boxes, which what is behind them meets where they move."""
-    groups = rigid_groups(world)
-    moving = (
-        shape.name
-        for body in world.bodies
-        for shape in solid_shapes(body)
-        if shape.kind == "plane" and groups[body.name] != "world"
-    )
-    name = next(moving, None)
-    return not_here(None if name is None else f"planes are boxes here, and {name!r} would move as one")
 
 
 _TINY = Refinement(
@@ -174,7 +154,7 @@ class Gazebo(SteppedEngine[Simulation]):
         Feature.SHAPE_PLANE: Support(
             Level.EXACT,
             "of bodies that cannot move, as the top of gz-physics' box of 2.1 km: beyond that nothing bears",
-            refine=_planes_still,
+            refine=planes_still("planes are boxes here, and {name} would move as one"),
         ),
         Feature.SHAPE_CYLINDER: Support(
             Level.EXACT,
@@ -214,7 +194,7 @@ class Gazebo(SteppedEngine[Simulation]):
         Feature.HARDNESS_PAIRS: never(_RIGID),
         Feature.CONE_ELLIPTIC: approximate(
             "the circumscribed pyramid: up to 1.41 times the friction between its axes",
-            _coulomb,
+            no_friction,
             "the circumscribed pyramid: between its axes friction is up to 1.41 times that of the cone",
         ),
         Feature.CONE_PYRAMID_INSCRIBED: never("DART has the circumscribed pyramid only here"),

@@ -74,6 +74,29 @@ def empty_contacts() -> dict[str, np.ndarray]:
     }
 
 
+ContactRow = tuple[tuple[int, int], Sequence[float] | np.ndarray, Sequence[float] | np.ndarray, float, float]
+"""One contact: the numbers of its two units, the smaller first, its position and normal (from the second to the first), its
+distance and its normal force."""
+
+
+def contact_arrays(rows: list[ContactRow], bodies: Sequence[int]) -> dict[str, np.ndarray]:
+    """The arrays of :meth:`Engine.contacts` of an engine that tells units; ``bodies``: by unit, the row of its body. Sorted by
+    units: an engine's own order is often that in which they first touched."""
+    if not rows:
+        return empty_contacts()
+    rows = sorted(rows, key=lambda row: row[0])
+    units = np.array([row[0] for row in rows], dtype=np.int64)
+    normals = np.array([row[2] for row in rows])
+    return {
+        "body": np.array(bodies, dtype=np.int64)[units],
+        "unit": units,
+        "position": np.array([row[1] for row in rows]),
+        "normal": normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        "distance": np.array([row[3] for row in rows]),
+        "normal_force": np.array([row[4] for row in rows]),
+    }
+
+
 def restore_velocities(poses: np.ndarray, velocities: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """From states of the *file's* body frames to states of the world's: origin p − R c, velocity v − ω × R c.
 

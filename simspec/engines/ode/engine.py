@@ -21,6 +21,7 @@ from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.needs import Needs
 from simspec.engines.kit.outside import computed, constraints_felt
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.refinements import planes_still
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.ode import library
@@ -41,14 +42,11 @@ from simspec.support.declarations import (
     Table,
     exactly,
     never,
-    not_here,
     not_yet,
     shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import solid_shapes
 from simspec.world.types import HeldValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for ODE"
@@ -69,17 +67,7 @@ def _held_alone(world: World) -> Refinement | None:
     return constraints_felt(world, Ode.TITLE)
 
 
-def _planes_still(world: World) -> Refinement | None:
-    """ODE's planes have no body."""
-    groups = rigid_groups(world)
-    moving = (
-        shape.name
-        for body in world.bodies
-        for shape in solid_shapes(body)
-        if shape.kind == "plane" and groups[body.name] != "world"
-    )
-    name = next(moving, None)
-    return not_here(None if name is None else f"ODE's planes cannot move, as {name!r} does")
+_planes_still = planes_still("ODE's planes cannot move, as {name} does")
 
 
 class Ode(SteppedEngine[Simulation]):

@@ -1,4 +1,4 @@
-"""A world in PhysX, in its initial state: stepping, efforts, mass properties.
+"""A world in PhysX, in its initial state: stepping, efforts, contact.
 
 A free body's frame is at its centre of mass, so that its coordinates are those of PhysX's actor. PhysX steps as simspec's law
 of motion does, v before x, but for how bodies turn (``turning.py``).
@@ -15,20 +15,19 @@ import numpy as np
 from simspec.dialects.kit.passive import Passive
 from simspec.dialects.physx.sidecar import PhysxSidecar
 from simspec.engines.physx.building import FASTEST, FASTEST_LINEAR, LEAST, NAME, SCALE, Built, lengths
+from simspec.engines.physx.masses import held_tensor, mass_matrices, pose_of
 from simspec.engines.physx.touching import Depths, Recovery, contact_rows, depths, pressed, touching_pairs
 from simspec.engines.physx.turning import Turns, turns
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import Document, FreeJoint
 from simspec.world import frames
-from simspec.world.rotations import cross, matrices, rotate
+from simspec.world.rotations import cross, rotate
 from simspec.world.sums import JointSum
 from simspec.world.types import Constraint
 
 TINY = 1e-6
 """s: the step by which contacts of a state are asked for."""
-SMALL = 1e-9
-"""Share of a body's own moment, as a torque: by such a torque its speed is so small that no gyroscopic term is seen."""
 SLOW = 1e-3
 """rad/s up to which PhysX turns a body by itself: what it is off by then is 3e-7 rad after 2 s. Round-off in contacts without
 friction turns balls at 3e-4."""
@@ -285,34 +284,13 @@ class Simulation:
         return np.array(held, dtype=float).reshape(-1, 3) / SCALE
 
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The mass matrix of each body that moves, with its places in v: the inverse of what unit efforts give."""
+        """The mass matrix of each body that moves, with its places in v."""
         probe = Built(self.document, self._told)
         self._part(probe)
-        actors, (q, _) = self._actors(probe), self.get_state()
-        turns = matrices(q.reshape(-1, 7)[:, 3:])
         poses = [entity.pose for entity in self.entities]
-        inverse = np.zeros((len(self.free), 6, 6))
-        moments = np.trace(self.tensors, axis1=1, axis2=2)
-        for column in range(6):
-            for number, (row, actor) in enumerate(zip(self.free, actors, strict=True)):
-                probe.entities[row].pose = poses[number]
-                actor.disable_gravity = True
-                actor.linear_velocity = actor.angular_velocity = (0.0, 0.0, 0.0)
-                force, torque = np.zeros(3), np.zeros(3)
-                if column < 3:
-                    force[column] = SCALE
-                else:
-                    torque = turns[number][:, column - 3] * (SMALL * moments[number] * SCALE * SCALE)
-                actor.add_force_torque(force, torque)
-            probe.system.step()
-            for number, actor in enumerate(actors):
-                size = 1.0 if column < 3 else SMALL * moments[number]
-                speed = np.array(actor.linear_velocity, dtype=float) / SCALE
-                inverse[number, :3, column] = speed / (size * self.timestep)
-                spin = turns[number].T @ np.array(actor.angular_velocity, dtype=float)
-                inverse[number, 3:, column] = spin / (size * self.timestep)
-        masses = np.linalg.inv(inverse)
-        return [(np.arange(6 * row, 6 * row + 6), 0.5 * (mass + mass.T)) for row, mass in enumerate(masses)]
+        bodies = [(probe.entities[row], probe.actors[row]) for row in self.free]
+        masses = mass_matrices(probe.system, bodies, poses, np.trace(self.tensors, axis1=1, axis2=2))
+        return [(np.arange(6 * row, 6 * row + 6), mass) for row, mass in enumerate(masses)]
 
     def bias(self) -> np.ndarray:
         """Coriolis, centrifugal and gravity forces (nv,): −m g as PhysX has both, and the ω × Iω that it is given."""
@@ -329,24 +307,3 @@ class Simulation:
 
     def close(self) -> None:
         """PhysX's scenes are freed with this object."""
-
-
-def unit_of(quaternion: Any) -> np.ndarray:
-    turn = np.array(quaternion, dtype=float)
-    found: np.ndarray = turn / np.linalg.norm(turn)
-    return found
-
-
-def held_tensor(actor: Any) -> np.ndarray:
-    """The inertia (3, 3) of an actor about its centre of mass, in its own axes."""
-    turn = matrices(unit_of(actor.cmass_local_pose.q))
-    found: np.ndarray = turn @ np.diag(np.array(actor.inertia, dtype=float)) @ turn.T
-    return found / (SCALE * SCALE)
-
-
-def pose_of(pose: Any) -> Any:
-    """One of SAPIEN's poses as the world's."""
-    from simspec.world.types import Pose
-
-    x, y, z = (np.array(pose.p, dtype=float) / SCALE).tolist()
-    return Pose((x, y, z), tuple(unit_of(pose.q).tolist()))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.arrays import ContactRow, contact_arrays
 from simspec.engines.physx.building import LEAST, SCALE
 
 ERROR_REDUCTION = 0.01
@@ -73,7 +73,9 @@ def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> Depths:
     """The overlaps among contacts; ``rows``: of the actors that move."""
     found: dict[tuple[int, int], float] = {}
     for contact in contacts:
-        depth = -min((point.separation for point in contact.points), default=0.0)
+        depth = 0.0
+        for point in contact.points:
+            depth = max(depth, -point.separation)
         if depth > 0.0:
             one, other = (rows.get(body, -1) for body in contact.bodies)
             pair = (one, other) if one < other else (other, one)
@@ -98,7 +100,7 @@ def contact_rows(
     contacts: Sequence[Any], units: Mapping[Any, int], bodies: Sequence[int], timestep: float
 ) -> dict[str, np.ndarray]:
     """The arrays of :meth:`Engine.contacts`; ``units``: the number of each shape, ``bodies``: by that, the row of its body."""
-    rows: list[tuple[tuple[int, int], np.ndarray, np.ndarray, float, float]] = []
+    rows: list[ContactRow] = []
     for contact in contacts:
         one, other = (units[shape] for shape in contact.shapes)
         for point in contact.points:
@@ -109,19 +111,7 @@ def contact_rows(
             towards = normal if one < other else -normal  # from the second to the first
             at = np.array(point.position, dtype=float) / SCALE
             rows.append(((min(one, other), max(one, other)), at, towards, point.separation / SCALE, force))
-    if not rows:
-        return empty_contacts()
-    rows.sort(key=lambda row: row[0])
-    numbers = np.array([row[0] for row in rows], dtype=np.int64)
-    normals = np.array([row[2] for row in rows])
-    return {
-        "body": np.array(bodies, dtype=np.int64)[numbers],
-        "unit": numbers,
-        "position": np.array([row[1] for row in rows]),
-        "normal": normals / np.linalg.norm(normals, axis=1, keepdims=True),
-        "distance": np.array([row[3] for row in rows]),
-        "normal_force": np.array([row[4] for row in rows]),
-    }
+    return contact_arrays(rows, bodies)
 
 
 def touching_pairs(contacts: Sequence[Any], units: Mapping[Any, int]) -> np.ndarray:

@@ -7,14 +7,9 @@ cone is exact for balls and along the world's axes only: see ``CONE``.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from simspec.engines.kit.deviations import Deviation
-from simspec.support.declarations import Level, Refinement
-from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import frictionless, meeting_laws
-from simspec.world.types import Body, Shape, World
 
 CONE = (
     "friction has the size μ N, but acts along −D⁻¹ v instead of against the slip v: D is how easily the point of contact is "
@@ -27,39 +22,6 @@ CONE = (
 (``tests/proof/test_contact_findings.py``). Shorter steps and more iterations do not help: Bullet's solver for multibodies
 takes a step along each axis, divided by the axis's own D, and cuts off their sum."""
 CONE_SHORT = "friction acts up to 32° aside of the slip, but for balls and along the axes"
-ROUND_OFF = 1e-9
-"""Relative: what calculating an inertia or a centre of mass may cost."""
-
-
-def only_balls_slide(world: World) -> Refinement | None:
-    """The elliptic cone is exact where all that has friction and moves is a free ball, or nothing has friction."""
-    if frictionless(world):
-        return Refinement(Level.VIA_API, "nothing has friction")
-    rough = {name for pair in meeting_laws(world).values() if pair.friction for name in (pair.first, pair.second)}
-    groups = rigid_groups(world)
-    alone = {root for root, bodies in trees(world).items() if len(bodies) == 1 and bodies[0].joint.kind == "free"}
-    for body in world.bodies:
-        sliding = [shape for shape in body.shapes if shape.collision and shape.material in rough]
-        if sliding and groups[body.name] != "world" and not (body.name in alone and _is_ball(body, sliding)):
-            return None
-    return Refinement(
-        Level.VIA_API, "enableConeFriction=1; nothing in this world but free balls has friction and moves"
-    )
-
-
-def _is_ball(body: Body, shapes: Sequence[Shape]) -> bool:
-    """Whether a point of contact of these shapes is as easily moved along every axis of its plane."""
-    x, y, z, *products = body.inertial.inertia
-    least = ROUND_OFF * max(x, y, z)
-    round_inertia = max(x, y, z) - min(x, y, z) <= least and all(abs(product) <= least for product in products)
-    centred = all(
-        math.dist(shape.pose.position, body.inertial.centre_of_mass) <= ROUND_OFF * shape.size[0]
-        for shape in shapes
-        if shape.kind == "sphere"
-    )
-    return round_inertia and centred and all(shape.kind == "sphere" for shape in shapes)
-
-
 _HOPS = (
     "what rests bounces off each step's fall: PyBullet has restitution at any speed unless the world has a "
     "restitution_threshold"

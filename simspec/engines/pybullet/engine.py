@@ -31,10 +31,11 @@ from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.refinements import only_balls_slide
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
-from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS, only_balls_slide
+from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
@@ -197,7 +198,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.HARDNESS_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api("setCollisionFilterGroupMask"),
         Feature.IMPACT_FRICTION: EXACT,
-        Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide, CONE_SHORT),
+        Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide("enableConeFriction=1"), CONE_SHORT),
         Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
         Feature.KINEMATIC: via_api(HEAVY),

@@ -17,6 +17,7 @@ from simspec.engines.rapier.laws import Laws
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, Shape, parent_of
 from simspec.world import frames
+from simspec.world.principal import principal_axes
 from simspec.world.types import Pose, Quaternion, Vector3
 
 NAME = "rapier"
@@ -218,17 +219,14 @@ def regular(inertia: Sequence[float]) -> bool:
 
 
 def principal(inertia: Sequence[float]) -> tuple[Vector3, Quaternion]:
-    """Principal moments and the axes that they are about: the body's own where the tensor is diagonal.
+    """Principal moments and the axes that they are about: the body's own where the tensor is diagonal but for round-off.
 
     Rapier adds what every collider weighs, nothing here, and where one is turned or displaced it finds the axes of the sum
     anew, by a formula that loses half of all digits where two moments are equal (measured: 1.5e-4 of a cylinder's moments, and
     up to 4e-2 where the equal ones are the smaller). A sum that is diagonal to the last bit is left as it is. Of tensors that
     are not, and have equal moments, L1 tells the error.
     """
-    across = max(map(abs, inertia[3:]))
-    if across <= NOTHING_ACROSS * max(inertia[:3]):
-        return (inertia[0], inertia[1], inertia[2]), (1.0, 0.0, 0.0, 0.0)
-    moments, axes = np.linalg.eigh(tensor(inertia))
-    if np.linalg.det(axes) < 0.0:
-        axes[:, 0] *= -1.0
-    return tuple(moments.tolist()), frames.from_matrix(axes.tolist())
+    x, y, z, *across = inertia
+    if max(map(abs, across)) <= NOTHING_ACROSS * max(x, y, z):
+        across = [0.0, 0.0, 0.0]
+    return principal_axes((x, y, z, *across))

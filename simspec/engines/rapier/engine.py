@@ -17,9 +17,11 @@ from simspec.contact.rules import Rules
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.jointless import jointless
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.precision import SINGLE
+from simspec.engines.kit.refinements import only_balls_slide, planes_still, still_or_light
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.rapier.expected import expected
@@ -32,20 +34,16 @@ from simspec.support.declarations import (
     UNTOLD_FRAMES,
     Attempt,
     Level,
-    Refinement,
     Support,
     Table,
+    approximate,
     exactly,
     never,
-    not_here,
     not_yet,
     shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.gathering import gathered
-from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import solid_shapes
 from simspec.world.types import HeldValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for Rapier"
@@ -53,40 +51,13 @@ _DRIFT = (
     "Rapier's chains of joints step by another law: two hinges are 1e-6 off after 20 steps of 1 ms and 0.24 after 2,000, seven "
     "2.0 (measured), where the round-off of single precision makes 1e-4"
 )
-_JOINTLESS = "there are no joints that it could act on: " + _DRIFT
 _ASIDE = "friction is along K⁻¹ v, K the mobility of the contact: an oblong body is braked up to 1.1° aside of its slip"
 _LAW = "the law of the two materials, written into every pair that touches before it is solved"
-
-
-def _still_or_light(world: World) -> Refinement | None:
-    """What is fixed to a body that moves and has a mass: their common centre of mass is Rapier's coordinate, not the body's."""
-    groups, told = rigid_groups(world), gathered(world)
-    heavy = (
-        body.name
-        for body in world.bodies
-        if body.joint.kind == "fixed" and groups[body.name] != "world" and told.get(body.name, body.inertial).mass > 0.0
-    )
-    name = next(heavy, None)
-    why = (
-        f"Rapier would move the common centre of mass of {name!r} and what it is fixed to, where the coordinates are those of "
-        "one of them: 1e-4 apart after 2 s"
-    )
-    return not_here(None if name is None else why)
-
-
-def _planes_still(world: World) -> Refinement | None:
-    """Half-spaces of Rapier may move; what they do then nobody has measured."""
-    groups = rigid_groups(world)
-    moving = (
-        shape.name
-        for body in world.bodies
-        for shape in solid_shapes(body)
-        if shape.kind == "plane" and groups[body.name] != "world"
-    )
-    name = next(moving, None)
-    return not_here(
-        None if name is None else f"simspec tells Rapier planes of what cannot move alone, and {name!r} does"
-    )
+_still_or_light = still_or_light(
+    "Rapier would move the common centre of mass of {name} and what it is fixed to, where the coordinates are those of "
+    "one of them: 1e-4 apart after 2 s"
+)
+_planes_still = planes_still("simspec tells Rapier planes of what cannot move alone, and {name} does")
 
 
 class Rapier(SteppedEngine[Simulation]):
@@ -103,7 +74,7 @@ class Rapier(SteppedEngine[Simulation]):
     KEEPS_CONTACTS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.DRY_FRICTION_OFF: "simspec gives Rapier no joints, which alone have dry friction",
-        Capability.NATIVE_CONTROLLERS: "simspec gives Rapier no joints, which its motors would drive",
+        Capability.NATIVE_CONTROLLERS: "simspec gives Rapier no joints, which its motors would move",
         Capability.FOREIGN_FILES: "simspec does not use Rapier's loaders of robot files",
         Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
@@ -118,26 +89,18 @@ class Rapier(SteppedEngine[Simulation]):
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
+        **jointless("Rapier", _DRIFT, "motors"),
         **shape_kinds("Rapier", ("sphere", "box", "capsule", "cylinder")),
         Feature.JOINT_FIXED: Support(
             Level.EXACT,
             "of what cannot move, and of bodies without mass on one that moves, which are parts of it",
             refine=_still_or_light,
         ),
-        Feature.JOINT_HINGE: never(_DRIFT),
-        Feature.JOINT_SLIDE: never(_DRIFT),
-        Feature.JOINT_BALL: never(_DRIFT),
-        Feature.JOINT_SEVERAL: never(_DRIFT),
-        Feature.LIMIT_POSITION: never(_JOINTLESS),
-        Feature.DAMPING: never(_JOINTLESS),
-        Feature.BALL_DAMPING: never(_JOINTLESS),
-        Feature.SPRING: never(_JOINTLESS),
-        Feature.BALL_SPRING: never(_JOINTLESS),
-        Feature.DRY_FRICTION: never(_JOINTLESS),
-        Feature.ARMATURE: never(_JOINTLESS),
-        Feature.BALL_ARMATURE: never(_JOINTLESS),
-        Feature.FREE_ARMATURE: never("Rapier has no armature of free bodies, and contact would ignore a computed one"),
-        Feature.SHAPE_PLANE: Support(Level.EXACT, "of bodies that cannot move", refine=_planes_still),
+        Feature.SHAPE_PLANE: Support(
+            Level.EXACT,
+            "of bodies that cannot move",
+            refine=_planes_still,
+        ),
         Feature.SHAPE_MESH: not_yet(_NOT_YET, Attempt.READ_BACK),
         Feature.SHAPE_MARGIN: never("Rapier's contact begins where shapes touch"),
         Feature.MARGIN_PAIRS: never("Rapier's contact begins where shapes touch"),
@@ -161,10 +124,12 @@ class Rapier(SteppedEngine[Simulation]):
         Feature.HARDNESS_PAIRS: never("Rapier has one softness for all that moves, and one for what meets the still"),
         Feature.CONE_PYRAMID_INSCRIBED: never("Rapier's friction is bound by a circle"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("Rapier's friction is bound by a circle"),
-        Feature.CONE_ELLIPTIC: Support(
-            Level.EXACT,
-            "friction model SIMPLIFIED, which takes the points of a pair together: a tripod that slides and spins at 30 rad/s "
-            "stops 6 % short; the other, COULOMB, is a pyramid",
+        Feature.CONE_ELLIPTIC: approximate(
+            "friction model SIMPLIFIED, which takes the points of a pair together, and acts along K⁻¹ v, K the mobility of the "
+            "contact: exact for balls; an oblong body is braked up to 1.1° aside of its slip, and a tripod that slides and "
+            "spins at 30 rad/s stops 6 % short. The other model, COULOMB, is a pyramid",
+            only_balls_slide("friction model SIMPLIFIED"),
+            "what spins as it slides on several points stops up to 6 % short",
         ),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
@@ -172,14 +137,6 @@ class Rapier(SteppedEngine[Simulation]):
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
         Feature.FREE_DAMPING: GIVEN_DAMPING,
         Feature.FLUID: GIVEN_FLUID,
-        Feature.BALL_LIMIT: never("world.json has no limits of balls"),
-        Feature.CONTROL: never(_JOINTLESS),
-        Feature.CONTROL_NATIVE: never("simspec gives Rapier no joints, which its motors would drive"),
-        Feature.CONSTRAINT_LOOP: never("loops are closed by joints: " + _DRIFT),
-        Feature.CONSTRAINT_COUPLING: never(_JOINTLESS),
-        Feature.SUM: never(_JOINTLESS),
-        Feature.SUM_DRY_FRICTION: never(_JOINTLESS),
-        Feature.SUM_LIMITS: never(_JOINTLESS),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "iterations": Setting(

@@ -16,7 +16,7 @@ import numpy as np
 
 from simspec.dialects.kit.passive import Passive
 from simspec.dialects.rapier.sidecar import RapierSidecar
-from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.arrays import ContactRow, contact_arrays, empty_contacts
 from simspec.engines.rapier.building import NAME, Built, single
 from simspec.engines.rapier.turning import (
     SLOW,
@@ -271,7 +271,7 @@ class Simulation:
         """The contacts that the last step used."""
         if not self._stepped:
             return empty_contacts()
-        rows: list[tuple[tuple[int, int], Vector3, Vector3, float, float]] = []
+        rows: list[ContactRow] = []
         timestep = float(self.world.integration_parameters.dt)
         number = self.built.laws.number
         places = self._places()
@@ -287,20 +287,7 @@ class Simulation:
                     at = (0.5 * (here[0] + there[0]), 0.5 * (here[1] + there[1]), 0.5 * (here[2] + there[2]))
                     force = max(0.0, point.impulse) / timestep
                     rows.append(((min(one, other), max(one, other)), at, towards, point.dist, force))
-        if not rows:
-            return empty_contacts()
-        rows.sort(key=lambda row: row[0])  # Rapier's own order is that in which they first touched
-        units = np.array([row[0] for row in rows], dtype=np.int64)
-        bodies = np.array([body for body, _ in self.built.shapes], dtype=np.int64)
-        normals = np.array([row[2] for row in rows])
-        return {
-            "body": bodies[units],
-            "unit": units,
-            "position": np.array([row[1] for row in rows]),
-            "normal": normals / np.linalg.norm(normals, axis=1, keepdims=True),
-            "distance": np.array([row[3] for row in rows]),
-            "normal_force": np.array([row[4] for row in rows]),
-        }
+        return contact_arrays(rows, [body for body, _ in self.built.shapes])
 
     def _places(self) -> Callable[[Any], tuple[Vector3, Quaternion]]:
         """By handle where a body was, and how it was turned, before the last step."""

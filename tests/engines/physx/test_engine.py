@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import json
 import math
 import random
 
@@ -12,74 +11,42 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.physx.engine import PhysX
 from simspec.engines.physx.filters import apart, kinds, touches
 from simspec.engines.physx.turning import turns
 from simspec.errors import EngineError, UnsupportedError
-from simspec.formats.kit.text import json_text
-from simspec.formats.world.format import WORLD
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.precision import PRECISIONS
-from simspec.proof.selftest_worlds import WORLDS
-from simspec.testing.worlds import accepting
-from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
-from tests.planted import SHARED
+from tests.engines.free_bodies import (
+    DT,
+    GRAVITY,
+    NOT_TOLD,
+    ball,
+    check_inventory,
+    check_parts,
+    check_refused,
+    cylinder,
+    loader,
+    of,
+    scene,
+    shared,
+)
 
 installed = pytest.mark.skipif(PhysX.version() is None, reason="sapien is not installed")
-DT, GRAVITY = 0.001, 9.81
 
 
 @pytest.fixture
 def load(load_files):
-    """A function that compiles and loads a world, with its files changed on the way."""
-
-    def of(world, change=lambda content, sidecar: None):
-        files = dict(compile_world(world, ["physx"])["physx"].files)
-        content, sidecar = json.loads(files[WORLD]), json.loads(files[SIDECAR])
-        change(content, sidecar)
-        return load_files(PhysX, files | {WORLD: json_text(content), SIDECAR: json_text(sidecar)})
-
-    return of
-
-
-def ball(name, at, velocity=(0.0,) * 6, kind="sphere", size=(0.1,), material="m", turn=(1.0, 0.0, 0.0, 0.0)):
-    joint = Joint(f"{name}_joint", "free", position=(*at, *turn), velocity=velocity)
-    inertial = Inertial(2.0, inertia=(0.02, 0.02, 0.02, 0.0, 0.0, 0.0))
-    return Body(name, name, inertial, joint, (Shape(name, kind, size, material=material),))
-
-
-def scene(*bodies, law=(0.5, 0.0), timestep=DT, **more):
-    """Bodies over a floor, of materials m and floor."""
-    plate = Shape("floor", "plane", (), material="floor")
-    floor = Body("floor", "floor", Inertial(0.0), Joint("floor_joint", "fixed"), (plate,))
-    names = sorted({"floor", *(shape.material for body in bodies for shape in body.shapes)})
-    pairs = tuple(PairContact(one, other, *law, **more) for index, one in enumerate(names) for other in names[index:])
-    contact = Contact(materials=tuple(Material(name) for name in names), pairs=pairs)
-    return World("scene", (floor, *bodies), contact, Physics((0.0, 0.0, -GRAVITY), timestep, 100))
-
-
-def shared():
-    for name in SHARED:
-        try:
-            compile_world(accepting(WORLDS[name]("physx"), "physx"), ["physx"])
-        except UnsupportedError:
-            continue
-        yield name
+    return loader(PhysX, load_files)
 
 
 # --- what is held -----------------------------------------------------------------------------------------------
 
 
 @installed
-@pytest.mark.parametrize("name", list(shared()))
+@pytest.mark.parametrize("name", list(shared("physx")))
 def test_the_inventory_is_what_the_world_demands(name, load):
-    world = accepting(WORLDS[name]("physx"), "physx")
-    held = load(world).read_back()
-    expected = PhysX.expected_inventory(world, held.neutral)
-    (check,) = inventory_checks(expected, held.inventory, PRECISIONS[PhysX.PRECISION])
-    assert check.passed, check.detail
-    assert check.count > 50
+    check_inventory(name, PhysX, load, 50)
 
 
 @installed
@@ -325,48 +292,15 @@ def test_asking_what_touches_changes_nothing(load):
 
 @installed
 def test_shapes_of_bodies_without_mass_are_parts_of_what_carries_them(load):
-    world = scene(ball("ball", (0.0, 0.0, 0.5)))
-    shape = Shape("foot", "sphere", (0.05,), Pose((0.0, 0.0, -0.1)), "m")
-    foot = Body("foot", "ball", Inertial(0.0), Joint("foot_joint", "fixed", "ball", Pose((0.0, 0.0, -0.2))), (shape,))
-    engine = load(dataclasses.replace(world, bodies=(*world.bodies, foot)))
-    held = {body.name: body for body in engine.read_back().bodies}
-    assert held["foot"].joint.origin.position == pytest.approx((0.0, 0.0, -0.2))
-    assert held["foot"].shapes[0].pose.position == pytest.approx((0.0, 0.0, -0.1), abs=1e-7)
-    engine.step(2000)
-    assert engine.get_state()[0][2] == pytest.approx(0.35, abs=1e-3)  # it stands on its foot
-    assert {tuple(sorted(pair)) for pair in engine.detect_contacts().tolist()} == {(0, 2)}
+    check_parts(load)
 
 
 # --- what is refused --------------------------------------------------------------------------------------------
 
 
-def heavy_foot(world):
-    joint = Joint("foot_joint", "fixed", "ball", Pose((0.0, 0.0, -0.2)))
-    foot = Body("foot", "ball", Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0)), joint)
-    return dataclasses.replace(world, bodies=(*world.bodies, foot))
-
-
-def moving_plane(world):
-    shape = Shape("plate", "plane", (), material="m")
-    return dataclasses.replace(world, bodies=(world.bodies[0], dataclasses.replace(world.bodies[1], shapes=(shape,))))
-
-
-def cylinder(world):
-    shape = Shape("can", "cylinder", (0.1, 0.2), material="m")
-    return dataclasses.replace(world, bodies=(world.bodies[0], dataclasses.replace(world.bodies[1], shapes=(shape,))))
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [(heavy_foot, "common centre of mass of 'foot'"), (moving_plane, "'plate' does"), (cylinder, "is a prism")],
-)
+@pytest.mark.parametrize(("change", "why"), [*NOT_TOLD, (cylinder, "is a prism")])
 def test_what_simspec_does_not_tell_physx_is_refused_by_name(change, why):
-    with pytest.raises(UnsupportedError, match=why):
-        compile_world(change(scene(ball("ball", (0.0, 0.0, 0.5)))), ["physx"])
-
-
-def of(name):
-    return lambda content: next(body for body in content["bodies"] if body["name"] == name)
+    check_refused(change, why, "physx")
 
 
 def numbers(**values):

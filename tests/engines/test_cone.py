@@ -1,4 +1,5 @@
-"""Where PyBullet's elliptic cone is exact, and needs no acceptance: among free balls, and where nothing has friction."""
+"""Where an elliptic cone that is not quite one is exact, and needs no acceptance: among free balls, and where nothing has
+friction."""
 
 from __future__ import annotations
 
@@ -7,10 +8,17 @@ import dataclasses
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.pybullet.contact import only_balls_slide
+from simspec.engines.kit.refinements import only_balls_slide
 from simspec.errors import UnsupportedError
 from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Shape
 from tests import worlds
+
+INEXACT = {
+    "pybullet": "PyBullet supports .* approximately.*22 % of μ N",
+    "rapier": "Rapier supports .* approximately.*6 % short",
+}
+"""Engines whose cone is exact for balls alone, with what they say otherwise."""
+exact = only_balls_slide("by its cone")
 
 
 def balls(friction=0.5, **change):
@@ -55,24 +63,25 @@ NOT = {
 @pytest.mark.parametrize("case", EXACT)
 def test_it_is_exact_for(case):
     world = balls(**EXACT[case])
-    assert "nothing in this world but free balls" in only_balls_slide(world).how
-    compile_world(world, ["pybullet"])
+    assert "nothing in this world but free balls" in exact(world).how
+    compile_world(world, list(INEXACT))
 
 
 @pytest.mark.parametrize("case", NOT)
-def test_it_must_be_accepted_for(case):
+@pytest.mark.parametrize("engine", INEXACT)
+def test_it_must_be_accepted_for(case, engine):
     world = balls(**NOT[case])
-    assert only_balls_slide(world) is None
-    with pytest.raises(
-        UnsupportedError, match=r"PyBullet supports contact\.cone\.elliptic only approximately.*22 % of μ N"
-    ):
-        compile_world(world, ["pybullet"])
-    compile_world(worlds.with_options(world, "pybullet", accept=("contact.cone.elliptic",)), ["pybullet"])
+    assert exact(world) is None
+    reason = INEXACT[engine] if engine == "pybullet" or case != "a ball on a slide" else "does not support joint.slide"
+    with pytest.raises(UnsupportedError, match=reason):
+        compile_world(world, [engine])
+    if reason == INEXACT[engine]:
+        compile_world(worlds.with_options(world, engine, accept=("contact.cone.elliptic",)), [engine])
 
 
 def test_it_does_not_matter_where_nothing_has_friction_and_where_the_pyramid_is_asked_for():
     case = NOT["a box"]
-    assert only_balls_slide(balls(friction=0.0, **case))
+    assert exact(balls(friction=0.0, **case))
     rough = balls(**case)
     contact = dataclasses.replace(rough.contact, friction_cone="pyramid-circumscribed")
     compile_world(dataclasses.replace(rough, contact=contact), ["pybullet"])
@@ -82,9 +91,9 @@ def test_a_pair_that_passes_or_never_meets_does_not_matter():
     case = NOT["a box"]
     rough = balls(**case)
     passing = (PairContact("default", "default", 0.5, 0.0, collide=False),)
-    assert only_balls_slide(dataclasses.replace(rough, contact=dataclasses.replace(rough.contact, pairs=passing)))
+    assert exact(dataclasses.replace(rough, contact=dataclasses.replace(rough.contact, pairs=passing)))
     apart = dataclasses.replace(rough.contact, excluded_bodies=(tuple(sorted(body.name for body in rough.bodies)),))
-    assert only_balls_slide(dataclasses.replace(rough, contact=apart))
+    assert exact(dataclasses.replace(rough, contact=apart))
 
 
 def test_a_ball_that_hangs_on_something_is_none():
@@ -96,11 +105,11 @@ def test_a_ball_that_hangs_on_something_is_none():
         inertial(),
         Joint("arm_joint", "hinge", ball.name, axis=(0.0, 1.0, 0.0), position=(0.0,), velocity=(0.0,)),
     )
-    assert only_balls_slide(dataclasses.replace(world, bodies=(floor, ball, arm))) is None
+    assert exact(dataclasses.replace(world, bodies=(floor, ball, arm))) is None
 
 
 def test_the_floor_may_be_anything():
     world = balls(**EXACT["a ball"])
     floor, ball = world.bodies
     box = Shape("floor_0", "box", (4.0, 4.0, 1.0), Pose((0.0, 0.0, -0.5)), "default")
-    assert only_balls_slide(dataclasses.replace(world, bodies=(dataclasses.replace(floor, shapes=(box,)), ball)))
+    assert exact(dataclasses.replace(world, bodies=(dataclasses.replace(floor, shapes=(box,)), ball)))

@@ -1,0 +1,90 @@
+"""What of a world decides what an engine has of it, where several engines ask the same (``refine`` of their declarations)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+from simspec.support.declarations import Level, Refinement, not_here
+from simspec.world.gathering import gathered
+from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.meeting import frictionless, meeting_laws, solid_shapes
+from simspec.world.types import Body, Shape, World
+
+Refine = Callable[[World], Refinement | None]
+
+ROUND_OFF = 1e-9
+"""Relative: what calculating an inertia or a centre of mass may cost."""
+NO_FRICTION = Refinement(Level.VIA_API, "nothing has friction")
+
+
+def no_friction(world: World) -> Refinement | None:
+    """No cone matters where nothing has friction."""
+    return NO_FRICTION if frictionless(world) else None
+
+
+def only_balls_slide(how: str) -> Refine:
+    """Exact, as ``how`` says, where all that has friction and moves is a free ball; also where nothing has friction."""
+
+    def refine(world: World) -> Refinement | None:
+        if frictionless(world):
+            return NO_FRICTION
+        rough = {name for pair in meeting_laws(world).values() if pair.friction for name in (pair.first, pair.second)}
+        groups = rigid_groups(world)
+        alone = {root for root, bodies in trees(world).items() if len(bodies) == 1 and bodies[0].joint.kind == "free"}
+        for body in world.bodies:
+            sliding = [shape for shape in body.shapes if shape.collision and shape.material in rough]
+            if sliding and groups[body.name] != "world" and not (body.name in alone and _is_ball(body, sliding)):
+                return None
+        return Refinement(Level.VIA_API, f"{how}; nothing in this world but free balls has friction and moves")
+
+    return refine
+
+
+def _is_ball(body: Body, shapes: Sequence[Shape]) -> bool:
+    """Whether a point of contact of these shapes is as easily moved along every axis of its plane."""
+    x, y, z, *products = body.inertial.inertia
+    least = ROUND_OFF * max(x, y, z)
+    round_inertia = max(x, y, z) - min(x, y, z) <= least and all(abs(product) <= least for product in products)
+    centred = all(
+        math.dist(shape.pose.position, body.inertial.centre_of_mass) <= ROUND_OFF * shape.size[0]
+        for shape in shapes
+        if shape.kind == "sphere"
+    )
+    return round_inertia and centred and all(shape.kind == "sphere" for shape in shapes)
+
+
+def still_or_light(why: str) -> Refine:
+    """Not where a body that has a mass is fixed to one that moves, to an engine whose coordinates are those of their common
+    centre of mass. ``why`` names the body as ``{name}``."""
+
+    def refine(world: World) -> Refinement | None:
+        groups, told = rigid_groups(world), gathered(world)
+        heavy = (
+            body.name
+            for body in world.bodies
+            if body.joint.kind == "fixed"
+            and groups[body.name] != "world"
+            and told.get(body.name, body.inertial).mass > 0.0
+        )
+        name = next(heavy, None)
+        return not_here(None if name is None else why.format(name=repr(name)))
+
+    return refine
+
+
+def planes_still(why: str) -> Refine:
+    """Not where a plane would move. ``why`` names it as ``{name}``."""
+
+    def refine(world: World) -> Refinement | None:
+        groups = rigid_groups(world)
+        moving = (
+            shape.name
+            for body in world.bodies
+            for shape in solid_shapes(body)
+            if shape.kind == "plane" and groups[body.name] != "world"
+        )
+        name = next(moving, None)
+        return not_here(None if name is None else why.format(name=repr(name)))
+
+    return refine
