@@ -66,6 +66,8 @@ HOMES = ("engines", "dialects", "formats", "imports")
 """An engine or a format is named in its own packages of these, and nowhere else: in no name, text, comment or docstring."""
 ALSO = {"pybullet": ("bullet",)}
 """What an engine is called besides its name; other engines' packages may say it (a collision detector has the same name)."""
+BUILT_ON = {"mjx": {"mujoco"}}
+"""Engines that are another's dynamics, written anew, told that one's files: their packages import it, and name it."""
 NAMED_ELSEWHERE = {
     ("__init__.py", ">>>"): "the first example that a user reads is one to type in",
     ("formats/mjcf", '"mujoco"'): "the root element of the language",
@@ -246,7 +248,7 @@ def foreign_words(path: str) -> set[str]:
     folder, name = (*path.split("/"), "", "")[:2]
     own = name if folder in HOMES else ""
     if own in ENGINES:
-        return ENGINES - {own}
+        return ENGINES - {own} - BUILT_ON.get(own, set())
     engines = ENGINES | {word for words in ALSO.values() for word in words}
     if own in FORMATS:
         return engines | (FORMATS - {own})

@@ -32,7 +32,8 @@ STANDARD_ERROR = 2
 def install(names: Sequence[str], every: bool, yes: bool, as_json: bool) -> int:
     """Print what installs the engines ``names``, or every known one that is not installed whole; run it with ``yes``.
 
-    A name with a version (``NAME@3.8``) gets an environment of its own, which is found by that label from then on.
+    A name with a version (``NAME@3.8``) gets an environment of its own, which is found by that label from then on; so does an
+    engine that does not go with the packages of others (``Engine.APART``), which is found by its name, too.
 
     Exit code 3 where an engine cannot be installed here, or a command failed or may not be run.
     """
@@ -45,7 +46,11 @@ def install(names: Sequence[str], every: bool, yes: bool, as_json: bool) -> int:
             message = f"{word!r} has an interpreter already"
             raise SpecError([Problem(message, allowed="NAME, NAME@VERSION")])
         engine = find_engine(label.name)
-        rows[label.label] = _version_row(label, yes, as_json) if label.version else _row(engine, yes, as_json)
+        version = label.version or engine.APART
+        if version:
+            rows[label.label] = _version_row(EngineId(label.name, version), yes, as_json)
+        else:
+            rows[label.label] = _row(engine, yes, as_json)
     code = EXIT_OK if all(row["problem"] is None for row in rows.values()) else EXIT_ENGINE
     if as_json:
         print_json({"engines": rows, "exit_code": code})

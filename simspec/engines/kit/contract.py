@@ -50,6 +50,11 @@ class Engine:
     """The versions (``<4``) of which another package has to be installed than ``DISTRIBUTION``, each with its name."""
     EXTRA: ClassVar[str]
     """The extra of simspec that installs it; "" where none does."""
+    APART: ClassVar[str] = ""
+    """The version of an environment of its own that installing it without a version makes, where its packages do not go with
+    those of another engine; "": it is installed here."""
+    BESIDE: ClassVar[tuple[str, ...]] = ()
+    """Packages of Python that its environment has beside the engine's own."""
     NEEDS: ClassVar[Needs] = Needs()
     """What it needs of the machine beside packages of Python."""
     CLASHES: ClassVar[Mapping[str, str]] = {}
@@ -208,6 +213,10 @@ class Engine:
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
         raise NotImplementedError
+
+    def ready(self) -> None:
+        """Do what the first step would do once, so that steps are timed without it: what an engine compiles for a model. The
+        state stays as it is. Optional."""
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         """Quick access to some hinges and slides, at the places ``q`` and ``v`` (n,) of their coordinates."""

@@ -45,7 +45,15 @@ def environments() -> dict[str, str]:
         places = sorted(folder.iterdir()) if folder is not None else []
     except OSError:
         return {}  # there is no such folder, or it is not the user's to read: what is named and missing is told by label
-    return {place.name: str(python_of(place)) for place in places if _known(place.name) and is_whole(place) is True}
+    found = {place.name: str(python_of(place)) for place in places if _known(place.name) and is_whole(place) is True}
+    for (
+        name,
+        engine,
+    ) in engines().items():  # what is not installed here, and has its environment under the version it names
+        label = EngineId(name, engine.APART).label
+        if engine.APART and label in found and engine.version() is None:
+            found[name] = found[label]
+    return found
 
 
 def _known(label: str) -> bool:
@@ -80,5 +88,5 @@ def making(label: EngineId) -> list[list[str]]:
     laws = [str(one).partition(";")[0].strip() for one in requirements(LAWS)]
     return [
         [sys.executable, "-m", "venv", str(place)],
-        [str(python_of(place)), "-m", "pip", "install", asked, *BESIDE, *laws],
+        [str(python_of(place)), "-m", "pip", "install", asked, *BESIDE, *engine.BESIDE, *laws],
     ]

@@ -27,7 +27,9 @@ def not_installed(engine: type[Engine]) -> str:
 
 
 def pip_words(engine: type[Engine]) -> str:
-    """The command that installs its packages of Python; empty where there are none."""
+    """The command that installs its packages of Python, here or in an environment of its own; empty where there are none."""
+    if engine.APART:
+        return f"simspec engines install {engine.NAME} --yes"
     return f"pip install 'simspec[{engine.EXTRA}]'" if engine.EXTRA else ""
 
 

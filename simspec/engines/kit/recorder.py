@@ -304,6 +304,7 @@ def record(
         session, operation["channels"], control, place, operation.get("most", MOST_BYTES), stepper.seconds
     )
     steps, every = operation["steps"], operation["every"]
+    session.ready()
     done = 0
     begun = time.perf_counter()
     progress = operation.get("progress")

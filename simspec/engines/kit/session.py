@@ -183,6 +183,10 @@ class Session:
         """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
         self._at(Condition.CHANGED).step(count, effort)
 
+    def ready(self) -> None:
+        """Do what the first step would do once, so that steps can be timed without it."""
+        self._at(Condition.ASKED).ready()
+
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         """Quick access to some hinges and slides, to read and drive them at every step."""
         return self._at(Condition.CHANGED).actuate(q, v)

@@ -42,10 +42,16 @@ GROUP = {(True, True): 0, (False, True): 2, (True, False): 3, (False, False): 4}
 
 
 def expected_inventory(
-    world: World, settings: Mapping[str, Any], neutral: Mapping[str, Any], rules: Rules, layers: bool
+    world: World,
+    settings: Mapping[str, Any],
+    neutral: Mapping[str, Any],
+    rules: Rules,
+    layers: bool,
+    engine: str = "mujoco",
 ) -> dict[str, Any]:
-    """The inventory that ``world`` makes with all settings (resolved, with defaults) in force."""
-    return _Expected(world, settings, neutral, rules, layers).whole()
+    """The inventory that ``world`` makes with all settings (resolved, with defaults) in force; ``engine``: the name of the one
+    that is told it in MuJoCo's files."""
+    return _Expected(world, settings, neutral, rules, layers, engine).whole()
 
 
 def _flat_impedance(value: float) -> tuple[float, ...]:
@@ -59,10 +65,16 @@ def _by_dof(joint: Joint, number: float, angular: float) -> tuple[float, ...]:
 
 class _Expected:
     def __init__(
-        self, world: World, settings: Mapping[str, Any], neutral: Mapping[str, Any], rules: Rules, layers: bool
+        self,
+        world: World,
+        settings: Mapping[str, Any],
+        neutral: Mapping[str, Any],
+        rules: Rules,
+        layers: bool,
+        engine: str,
     ):
-        self.world, self.settings, self.neutral = world, settings, neutral
-        self.own = {(pair.first, pair.second): dict(pair.settings) for pair in world.options("mujoco").pairs}
+        self.world, self.settings, self.neutral, self.engine = world, settings, neutral, engine
+        self.own = {(pair.first, pair.second): dict(pair.settings) for pair in world.options(engine).pairs}
         self.plan = contact_plan(world, rules, layers)
         self.laws = meeting_laws(world)
         self.dt = world.physics.timestep
@@ -428,7 +440,7 @@ class _Expected:
             "schema": 2,
             "dialect": "mujoco",
             "format": "mjcf",
-            "engine": "mujoco",
+            "engine": self.engine,
             "world": sha256(self.world),
             "settings": settings,
             "bodies": [

@@ -162,18 +162,19 @@ class MujocoSimulation(Engine, abstract=True):
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
         return self.data.qpos[self._q], self.data.qvel[self._v]
 
-    def _at_state(self) -> Any:
-        """The probe's data with kinematics at the present state."""
+    def _at_state(self, velocities: bool = False) -> Any:
+        """The probe's data with kinematics at the present state, and with the bodies' velocities."""
         mujoco, probe = self._mujoco, self._probe
         probe.qpos[:] = self.data.qpos
         probe.qvel[:] = self.data.qvel
         mujoco.mj_kinematics(self.model, probe)
         mujoco.mj_comPos(self.model, probe)
+        if velocities:
+            mujoco.mj_comVel(self.model, probe)
         return probe
 
     def body_states(self) -> tuple[np.ndarray, np.ndarray]:
-        probe, bodies = self._at_state(), self._bodies
-        self._mujoco.mj_comVel(self.model, probe)
+        probe, bodies = self._at_state(velocities=True), self._bodies
         poses = np.concatenate([probe.xpos[bodies], probe.xquat[bodies]], axis=1)
         angular, central = probe.cvel[bodies, :3], probe.cvel[bodies, 3:]
         # cvel is the velocity of the point of the body at its tree's centre of mass
@@ -218,8 +219,7 @@ class MujocoSimulation(Engine, abstract=True):
         return found
 
     def bias_force(self) -> np.ndarray:
-        probe = self._at_state()
-        self._mujoco.mj_comVel(self.model, probe)
+        probe = self._at_state(velocities=True)
         bias = np.zeros(self.model.nv)
         self._mujoco.mj_rne(self.model, probe, 0, bias)
         if self.model.body_gravcomp.any():
@@ -250,9 +250,8 @@ class MujocoSimulation(Engine, abstract=True):
         return Drive(self._mujoco, self.model, self.data, self._v[v], stiffness, damping)
 
     def energy(self) -> tuple[float, float]:
-        mujoco, probe = self._mujoco, self._at_state()
+        mujoco, probe = self._mujoco, self._at_state(velocities=True)
         _composite_inertia(mujoco, self.model, probe)
-        mujoco.mj_comVel(self.model, probe)
         mujoco.mj_tendon(self.model, probe)  # whose springs count
         mujoco.mj_energyPos(self.model, probe)
         mujoco.mj_energyVel(self.model, probe)

@@ -1,0 +1,1 @@
+"""MJX: MuJoCo written in JAX, told by MuJoCo's own files."""

@@ -1,0 +1,160 @@
+"""MJX: an MJCF file in, arrays out. Its declarations; what it does is in ``simulation.py``."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import ClassVar
+
+from simspec.contact.rules import Rules
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.foreign import Own, Reads
+from simspec.engines.kit.native_law import NativeLaw
+from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.engines.mjx.settings import SETTINGS
+from simspec.engines.mjx.simulation import MjxSimulation
+from simspec.engines.mujoco.engine import MuJoCo
+from simspec.engines.mujoco.expected import expected_inventory
+from simspec.support.declarations import Level, Refinement, Support, Table, alike, approximate, never, not_here
+from simspec.support.features import Feature
+from simspec.world.kinematics import layout_of
+from simspec.world.meeting import meeting_kinds, meeting_laws, shape_pairs, solid_shapes
+from simspec.world.types import HeldValue, PairContact, World
+
+MOST_NUMBERS = 1_000_000
+"""Of a step's Jacobian: what each contact there can be has, for every degree of freedom."""
+_TOO_MANY = (
+    f"MJX computes every contact there can be in each step, by a dense matrix, here of more than {MOST_NUMBERS:,} numbers: "
+    "with 64 balls on a floor, which have 800,000, a step takes 50 ms (measured)"
+)
+FACE, RUBBING = 4, 3
+"""Points of contact of two shapes, neither of which is a sphere, and rows of a point with friction."""
+PYRAMIDAL = 0
+"""MuJoCo's number of the cone that frictionless contacts are solved with."""
+SMOOTH = ("ellipsoid", "cylinder")
+"""Kinds that MJX meets others with by searching on distance functions, but planes and spheres."""
+EXACTLY_MET = ("plane", "sphere")
+
+
+def _friction_everywhere(world: World) -> Refinement | None:
+    """Refused where some contacts have friction and others none."""
+    smooth = next((pair for pair, law in meeting_laws(world).items() if not _rubs(law)), None)
+    if smooth is None or not any(map(_rubs, meeting_laws(world).values())):
+        return None
+    return not_here(f"under the elliptic cone MJX has no contacts without friction, which {' and '.join(smooth)} have")
+
+
+def _small_enough(world: World) -> Refinement | None:
+    """Refused where the rows of all contacts there can be, times the degrees of freedom, are too many."""
+    degrees = layout_of(world).nv
+    most = MOST_NUMBERS // max(degrees, 1)
+    kinds = {shape.name: shape.kind for body in world.bodies for shape in solid_shapes(body)}
+    rows = 0
+    for pair, law in meeting_laws(world).items():
+        for one, other in shape_pairs(world, [pair]):
+            points = 1 if "sphere" in (kinds[one], kinds[other]) else FACE
+            rows += points * (RUBBING if _rubs(law) else 1)
+            if rows > most:
+                return not_here(_TOO_MANY)
+    return None
+
+
+def _rubs(law: PairContact) -> bool:
+    return bool(law.friction or law.torsional_friction or law.rolling_friction)
+
+
+def _met_exactly(kind: str, world: World) -> Refinement | None:
+    """Refused where a round shape may meet what MJX has no exact function for."""
+    for pair in sorted(meeting_kinds(world)):
+        if kind in pair:
+            one, other = pair
+            met = other if one == kind else one
+            if met not in EXACTLY_MET:
+                return not_here(
+                    f"a {kind} may meet a {met}: MJX has no function for the two, or one that searches on distance functions"
+                )
+    return None
+
+
+CONTACT = {
+    feature: dataclasses.replace(MuJoCo.SUPPORT[feature], since="", refine=_small_enough)
+    for feature in (
+        Feature.HARDNESS_COMMON,
+        Feature.HARDNESS_TIME_CONSTANT,
+        Feature.HARDNESS_STIFFNESS,
+        Feature.HARDNESS_NATIVE,
+    )
+}
+"""As MuJoCo's, whose bounds are of MuJoCo's releases."""
+
+
+class Mjx(MjxSimulation):
+    """MJX, the JAX form of MuJoCo's dynamics: the same law of contact and the same numbers as in :class:`MuJoCo`, solved by
+    code of its own, with functions of its own for the contacts of every two kinds of shapes.
+
+    Every contact there can be is computed in every step, whether anything touches or not, by dense matrices: a step's cost
+    is that of all pairs of shapes, and of all degrees of freedom cubed.
+    """
+
+    NAME: ClassVar[str] = "mjx"
+    TITLE: ClassVar[str] = "MJX"
+    DIALECT: ClassVar[str] = "mujoco"
+    DISTRIBUTION: ClassVar[str] = "mujoco-mjx"
+    EXTRA: ClassVar[str] = ""
+    APART: ClassVar[str] = "3.17"
+    BESIDE: ClassVar[tuple[str, ...]] = ("filelock",)
+    RULES: ClassVar[Rules] = MuJoCo.RULES
+    LAYERS: ClassVar[bool] = False
+    LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.NATIVE_CONTROLLERS: "simspec drives MJX by efforts",
+        Capability.FOREIGN_FILES: "MJX reads no files: it is given a model that MuJoCo has read",
+        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
+    }
+    FOREIGN: ClassVar[Mapping[str, Reads]] = {}
+    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = {}
+    NATIVE_LAW: ClassVar[NativeLaw | None] = None
+    SUPPORT: ClassVar[Table] = {
+        **MuJoCo.SUPPORT,
+        **CONTACT,
+        Feature.SHAPE_CYLINDER: Support(
+            Level.EXACT,
+            "against planes and spheres, and what never meets anything",
+            refine=functools.partial(_met_exactly, "cylinder"),
+        ),
+        Feature.SHAPE_ELLIPSOID: Support(
+            Level.EXACT, "against planes and spheres", refine=functools.partial(_met_exactly, "ellipsoid")
+        ),
+        Feature.SHAPE_HEIGHTFIELD: never(
+            "MJX meets height fields by prisms of their cells, and with spheres, capsules, boxes and hulls alone"
+        ),
+        Feature.CONTROL_NATIVE: never("simspec drives MJX by efforts"),
+        Feature.CONE_ELLIPTIC: Support(
+            Level.EXACT, "cone=elliptic; a pyramid of one edge where nothing has friction", refine=_friction_everywhere
+        ),
+        Feature.IMPACT_FRICTION: approximate(
+            "most of it is missing, as in MuJoCo: of the speed along the surface that an impact should take away 80 to 90 % "
+            "stays at 1 ms",
+            short="80 to 90 % of the friction in an impact is missing, at 1 ms",
+        ),
+        Feature.SURFACE_VELOCITY: never("MJX has no surfacevel"),
+        **alike(
+            never("simspec's repeated solution of equalities in a step is written for MuJoCo alone"),
+            Feature.CONSTRAINT_COUPLING,
+            Feature.CONSTRAINT_LOOP,
+        ),
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = MuJoCo.CONTACT_DEVIATIONS
+    HULL_PRECISION: ClassVar[float] = MuJoCo.HULL_PRECISION
+    DRY_FRICTION_CREEP: ClassVar[float] = MuJoCo.DRY_FRICTION_CREEP
+    UNREADABLE: ClassVar[Mapping[str, str]] = MuJoCo.UNREADABLE
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        settings = resolve_settings(cls, world)
+        found: dict[str, HeldValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        if not any(map(_rubs, meeting_laws(world).values())):
+            found["opt.cone"] = PYRAMIDAL
+        return found

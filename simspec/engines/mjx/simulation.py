@@ -1,0 +1,178 @@
+"""A loaded MJX model: MuJoCo reads the file, MJX takes the model over and does the rest.
+
+Facts marked *measured* were obtained with MJX 3.17.0 on JAX 0.10.2, in double precision on one processor.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from simspec.engines.kit.arrays import sorted_pairs
+from simspec.engines.kit.contract import Actuation
+from simspec.engines.mjx.held import Held, HeldMujoco
+from simspec.engines.mjx.importing import Modules, begin, import_mjx
+from simspec.engines.mjx.programs import Programs, as_numpy
+from simspec.engines.mujoco.readback import read_back
+from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulation
+from simspec.errors import EngineError
+from simspec.formats.mjcf.format import MODEL
+from simspec.world.types import ReadBack
+
+NO_FRICTION = "no contact has friction: MJX solves such contacts as a pyramid of one edge, which is the same"
+
+
+class MjxSimulation(MujocoSimulation, abstract=True):
+    """The methods of the engine; its declarations are in ``engine.py``."""
+
+    data: Any
+    """The present state, ``qpos`` and ``qvel``, and the contacts of the last step under MuJoCo's names."""
+
+    # --- life -----------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def prepare(cls) -> None:
+        import_mjx()
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self._modules: Modules = begin()
+        super().load(folder, sidecar)
+        self._choose_cone()
+        self._file = self.data
+        self.data = SimpleNamespace(qpos=self._file.qpos.copy(), qvel=self._file.qvel.copy(), ncon=0)
+        self._take_over()
+        self._forget()
+
+    def _choose_cone(self) -> None:
+        """Where no contact there can be has friction, the cone is the pyramid, of one edge: MJX has no other form of it."""
+        option, cones = self.model.opt, self._mujoco.mjtCone
+        self._cone_chosen = False
+        dims = np.asarray(self._modules.make_condim(self.model))
+        if option.cone != cones.mjCONE_ELLIPTIC:
+            return
+        if (dims == 1).all():
+            option.cone, self._cone_chosen = cones.mjCONE_PYRAMIDAL, True
+        elif (dims == 1).any():
+            raise EngineError(self.NAME, f"{MODEL} has contacts with friction and without, under the elliptic cone")
+
+    def _take_over(self) -> None:
+        """Make MJX's model of MuJoCo's, and its programs."""
+        try:
+            self._held = self._modules.mjx.put_model(self.model)
+            self._programs = Programs(self._modules, self._held)
+        except NotImplementedError as error:
+            raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
+
+    def read_back(self) -> ReadBack:
+        held = Held(self._held, self.model)
+        actuation = int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        flags = (int(held.opt.disableflags) & ~actuation) | (self._disabled_by_file & actuation)
+        found = read_back(HeldMujoco(self._modules), held, self._sidecar, flags)
+        if self._cone_chosen:
+            found = dataclasses.replace(found, unreadable={**found.unreadable, "friction_cone": NO_FRICTION})
+        return found
+
+    def log(self) -> list[str]:
+        found = list(self._log)
+        if self._mujoco is not None and not self._sidecar.explicit_pairs:
+            found.append(NO_EXPLICIT_PAIRS)
+        return found
+
+    def close(self) -> None:
+        super().close()
+        for name in ("_held", "_programs", "_file"):
+            self.__dict__.pop(name, None)
+
+    # --- state ----------------------------------------------------------------------------------------------------
+
+    def _forget(self) -> None:
+        self._warm = np.zeros(self.model.nv)
+        self._last: Mapping[str, Any] | None = None
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self.data.qpos[self._q] = q
+        self.data.qvel[self._v] = v
+        self._forget()
+
+    def _at_state(self, velocities: bool = False) -> Any:
+        program = self._programs.move if velocities else self._programs.place
+        found = as_numpy(program(self.data.qpos, self.data.qvel))
+        found.site_xmat = found.site_xmat.reshape(-1, 9)
+        found.qpos, found.qvel = self.data.qpos, self.data.qvel
+        return found
+
+    # --- dynamics -------------------------------------------------------------------------------------------------
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        full = as_numpy(self._programs.weigh(self.data.qpos, self.data.qvel)).mass
+        return [full[np.ix_(self._v[block], self._v[block])] for block in blocks]
+
+    def bias_force(self) -> np.ndarray:
+        found: np.ndarray = as_numpy(self._programs.bias(self.data.qpos, self.data.qvel)).bias
+        return found[self._v]
+
+    def ready(self) -> None:
+        self._programs.step(self.data.qpos, self.data.qvel, self._warm, np.zeros(self.model.nv), 0)
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        applied = np.zeros(self.model.nv)
+        if effort is not None:
+            applied[self._v] = effort
+        last = self._programs.step(self.data.qpos, self.data.qvel, self._warm, applied, count)
+        self.data.qpos, self.data.qvel = np.array(last["q"]), np.array(last["v"])
+        self._warm, self._last = np.array(last["warm"]), last
+
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        return Actuation(self, q, v)
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic by MJX's mass matrix. MJX computes no potential energy: that is MuJoCo's, of the model that it took over."""
+        mujoco, file = self._mujoco, self._file
+        speed = self.data.qvel
+        kinetic = 0.5 * float(speed @ as_numpy(self._programs.weigh(self.data.qpos, self.data.qvel)).mass @ speed)
+        file.qpos[:] = self.data.qpos
+        mujoco.mj_kinematics(self.model, file)
+        mujoco.mj_comPos(self.model, file)
+        mujoco.mj_tendon(self.model, file)
+        mujoco.mj_energyPos(self.model, file)
+        lifted = self.model.body_gravcomp * self.model.body_mass
+        return kinetic, float(file.energy[0] + lifted @ (file.xipos @ self.model.opt.gravity))
+
+    # --- contact --------------------------------------------------------------------------------------------------
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        """Of all contacts there can be, which MJX computes in every step, those that are within their margin."""
+        data = self.data
+        if self._last is None:
+            data.ncon = 0
+            return super().contacts()
+        found, every = as_numpy(self._last), self._programs.blank._impl.contact
+        there = np.flatnonzero(found.dist <= found.includemargin)
+        data.ncon, data.efc_force = len(there), found.force
+        data.contact = SimpleNamespace(
+            geom=found.geom[there],
+            pos=found.pos[there],
+            frame=found.frame[there].reshape(-1, 9),
+            dist=found.dist[there],
+            includemargin=found.includemargin[there],
+            dim=np.asarray(every.dim)[there],
+            efc_address=np.asarray(every.efc_address)[there],
+        )
+        return super().contacts()
+
+    def detect_units(self) -> np.ndarray:
+        found = as_numpy(self._programs.touch(self.data.qpos, self.data.qvel))
+        return sorted_pairs(found.geom[found.dist <= found.includemargin])
+
+    def disable_contact(self) -> None:
+        super().disable_contact()
+        self._take_over()
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        super().disable_dry_friction(v)
+        self._take_over()

@@ -1,0 +1,117 @@
+"""What is MJX's own: what it refuses, that it holds and computes what MuJoCo does of the same files, all its fields."""
+
+from __future__ import annotations
+
+import fnmatch
+
+import numpy as np
+import pytest
+
+import simspec
+from simspec.compiler import compile_world
+from simspec.engines.mjx.engine import Mjx
+from simspec.engines.mjx.held import OF_THE_FILE, Held
+from simspec.engines.mjx.importing import begin
+from simspec.engines.mujoco import fields
+from simspec.engines.mujoco.engine import MuJoCo
+from simspec.errors import UnsupportedError
+from simspec.proof.comparator import inventory_checks
+from simspec.testing import worlds as shipped
+from simspec.testing.worlds import accepting
+from tests import worlds
+
+installed = pytest.mark.skipif(Mjx.version() is None, reason="mujoco-mjx is not installed")
+
+
+def refused(world) -> str:
+    with pytest.raises(UnsupportedError) as error:
+        compile_world(accepting(world, "mjx"), ["mjx"])
+    return str(error.value)
+
+
+def test_shapes_that_it_meets_by_searching_are_refused_by_name():
+    assert "a cylinder may meet a box: MJX has no function" in refused(shipped.shapes_world(("cylinder",)))
+    assert compile_world(accepting(shipped.shapes_world(("sphere",)), "mjx"), ["mjx"])
+
+
+def test_contacts_with_and_without_friction_are_refused_in_one_world():
+    table = {("grey", "grey"): 0.5, ("grey", "smooth"): 0.0, ("smooth", "smooth"): 0.0}
+    assert "MJX has no contacts without friction, which grey and smooth have" in refused(worlds.table(table))
+
+
+def test_too_many_contacts_are_refused():
+    assert compile_world(accepting(worlds.spheres(27), "mjx"), ["mjx"])
+    assert "dense matrix, here of more than 1,000,000 numbers" in refused(worlds.spheres(216))
+
+
+def test_its_files_are_those_of_the_other_engine_that_reads_them():
+    world = shipped.hinges()
+    ours, theirs = (compile_world(world, [name])[name].files["model.xml"] for name in ("mjx", "mujoco"))
+    assert ours.replace('multiccd="disable"', 'multiccd="enable"') == theirs
+
+
+@installed
+def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
+    modules = begin()
+    model = modules.mjx.put_model(modules.mujoco.MjModel.from_xml_string("<mujoco/>"))
+    tables = (
+        getattr(fields, name) for name in ("COUNTS", "NEUTRAL", "EXPECTED", "COVERED", "DERIVED", "INERT", "EMPTY")
+    )
+    looked_at = [row for table in tables for row in table]
+    own = {"opt", "_impl", "_sizes"} | {
+        *("dof_hasfrictionloss", "tendon_hasfrictionloss"),  # of frictionloss, which is compared
+        *("wrap_inside_maxiter", "wrap_inside_tolerance", "wrap_inside_z_init", "is_wrap_inside", "geom_rbound_hfield"),
+    }  # of tendons around shapes, and of height fields, of which there are none
+    names = [*type(model).__dataclass_fields__, *type(model._impl).__dataclass_fields__]
+    missed = [name for name in names if not any(fnmatch.fnmatchcase(name, row) for row in looked_at)]
+    assert set(missed) <= own
+    held = Held(model, None)
+    assert not set(OF_THE_FILE) & set(names)
+    assert not hasattr(held, "geom_surfacevel")
+
+
+@installed
+def test_a_file_that_says_otherwise_is_noticed(load_files):
+    world = accepting(shipped.hinges(), "mjx")
+    files = dict(compile_world(world, ["mjx"])["mjx"].files)
+    for before, after, name in (
+        ('impratio="1000"', 'impratio="999"', "opt.impratio"),
+        ("<worldbody>", '<worldbody><body><joint name="odd"/><geom size="1"/></body>', ""),
+    ):
+        assert before in files["model.xml"]
+        changed = files | {"model.xml": files["model.xml"].replace(before, after, 1)}
+        if not name:
+            with pytest.raises(simspec.EngineError):
+                load_files(Mjx, changed)
+            continue
+        found = load_files(Mjx, changed).read_back()
+        (check,) = inventory_checks(Mjx.expected_inventory(world, found.neutral), found.inventory)
+        assert not check.passed
+        assert name in check.detail
+
+
+@installed
+def test_it_moves_and_touches_as_the_other_engine_does(load_files):
+    world = accepting(shipped.shapes_world(("sphere",)), "mjx", "mujoco")
+    live = [load_files(kind, dict(compile_world(world, [kind.NAME])[kind.NAME].files)) for kind in (Mjx, MuJoCo)]
+    for one in live:
+        one.step(300)
+    ours, theirs = (one.body_states()[0] for one in live)
+    assert np.abs(ours - theirs).max() < 1e-9  # with a box, which touches on its edges, 2e-5
+    ours, theirs = (one.contacts() for one in live)
+    assert sorted(map(tuple, ours["body"].tolist())) == sorted(map(tuple, theirs["body"].tolist()))
+    assert ours["normal_force"].sum() == pytest.approx(theirs["normal_force"].sum(), rel=1e-9)
+    assert np.array_equal(live[0].detect_contacts(), live[1].detect_contacts())
+    assert live[0].energy() == pytest.approx(live[1].energy(), rel=1e-9)
+
+
+@installed
+def test_the_same_run_gives_the_same_bits(load_files):
+    world = accepting(shipped.shapes_world(("box",)), "mjx")
+    files = dict(compile_world(world, ["mjx"])["mjx"].files)
+    runs = []
+    for _ in range(2):
+        live = load_files(Mjx, files)
+        live.step(100)
+        runs.append(live.get_state()[0].tobytes())
+    assert runs[0] == runs[1]
