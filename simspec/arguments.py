@@ -242,15 +242,19 @@ def engines_for_files(words: list[str] | None) -> Selection:
     return selection.named(names_alone(words)) if words else selection.known()
 
 
-def engines_at_work(words: list[str] | None, pythons: Mapping[str, str], demand: bool = True) -> Selection:
+def engines_at_work(
+    words: list[str] | None, pythons: Mapping[str, str], demand: bool = True, files_alone: bool = False
+) -> Selection:
     """The engines that have to run: those that are named, else every installed one. Raises EngineError for a named engine
-    that is not installed (unless ``demand`` is false), SpecError when no engine is."""
+    that is not installed (unless ``demand`` is false, or ``files_alone`` is true and it declares that its files can be proven
+    without it), SpecError when no engine is."""
     from simspec import selection
+    from simspec.engines.kit.registry import find_engine
 
     if words:
         names = engine_names(words)
         if demand:
-            demand_installed(names, pythons)
+            demand_installed([name for name in names if not (files_alone and find_engine(name).FILES_ALONE)], pythons)
         return selection.named(names, pythons)
     found = selection.available(pythons)
     if not found.engines:

@@ -85,6 +85,8 @@ NAMED_ELSEWHERE = {
         ("engines/gazebo", part): "the same, by its detector"
         for part in ("DART", "Dart", "dart", "ode", "Sdf", "SDF", "sdf")
     },
+    ("dialects/webots", "ODE"): "the library of which that engine has a copy",
+    ("engines/webots", "ODE"): "the same",
     ("imports/xacro/importer.py", "urdf"): "what xacro files expand to: the importer that reads it",
     ("imports/xacro/importer.py", "URDF"): "the same, in messages",
     ("imports/urdf/table.py", '"mujoco"'): "an element of the files that are read",
@@ -289,7 +291,7 @@ def test_engines_and_formats_are_named_only_at_home(path):
 
 def test_the_names_are_those_of_the_packages():
     assert {"mujoco", "pybullet", "dart", "drake", "ode"} <= ENGINES
-    assert {"mjcf", "urdf", "skel", "sdf", "usd"} == FORMATS
+    assert {"mjcf", "urdf", "skel", "sdf", "usd", "wbt"} == FORMATS
 
 
 @pytest.mark.parametrize("path", ["proof/motion.py", "engines/kit/worker.py", "help.txt", "formats/world/write.py"])

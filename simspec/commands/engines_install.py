@@ -68,7 +68,7 @@ def _row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
         row["problem"] = found.problems[0]
     commands = [] if row["problem"] else words(engine)
     if not row["problem"] and not commands:
-        row["problem"] = f"{engine.NAME} does not say how it is installed"
+        row["problem"] = engine.NEEDS.elsewhere or f"{engine.NAME} does not say how it is installed"
     for command in commands:
         one: dict[str, Any] = {"words": shlex.join(command), "ran": False, "code": None}
         row["commands"].append(one)

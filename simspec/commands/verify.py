@@ -11,7 +11,7 @@ from simspec import generated
 from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.commands.self_test import complete_self_test, self_test
-from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
+from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
 from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import add_file
@@ -60,7 +60,7 @@ def verify(
         robot_files.check_effect()
     if planted and reports:
         raise SpecError([Problem("--junit, --annotations, --summary and --github require SPEC")])
-    selection = engines_at_work(chosen_engines(engine), pythons)
+    selection = engines_at_work(chosen_engines(engine), pythons, files_alone=not planted)
     if complete and (spec is not None or pythons.keys() & selection.engines):
         raise SpecError([Problem("--complete requires --self-test, and engines of simspec's own interpreter")])
     if complete:
@@ -155,7 +155,10 @@ def verify_world(
             for path_of_plot in show_contact(certificate, world, screen):
                 screen.print(f"{path_of_plot}: written", soft_wrap=True)
         screen.print(f"{path}: {'written' if written else 'unchanged'}", soft_wrap=True)
-    return EXIT_OK if certificate.valid else EXIT_FAILED
+    if certificate.valid:
+        return EXIT_OK
+    # what passed and is not valid was asked of no engine
+    return EXIT_ENGINE if all(proof.passed for proof in certificate.engines.values()) else EXIT_FAILED
 
 
 def show_contact(certificate: Certificate, world: World, screen: Console) -> list[Path]:

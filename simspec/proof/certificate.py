@@ -51,8 +51,19 @@ class EngineProof:
 
     @property
     def valid(self) -> bool:
-        """Whether there are checks and all have passed; a check that compared nothing has not."""
+        """Whether there are checks and all have passed, of the engine and not of its files alone; a check that compared nothing
+        has not passed."""
+        return self.passed and not self.files_alone
+
+    @property
+    def passed(self) -> bool:
+        """Whether there are checks and all have passed, whatever was not checked."""
         return bool(self.checks) and all(check.passed for check in self.checks)
+
+    @property
+    def files_alone(self) -> bool:
+        """Whether only the files were checked (L0), since the engine is not there: nothing is proven of it."""
+        return "L1" in self.not_checked
 
     @property
     def unchecked(self) -> dict[str, str]:
@@ -63,10 +74,13 @@ class EngineProof:
 
     @property
     def verdict(self) -> str:
-        """In a line: ``valid``, in which numbers where these are not doubles, with what was not checked and why; or ``not
-        valid``."""
-        if not self.valid:
+        """In a line: ``valid``, in which numbers where these are not doubles, with what was not checked and why; ``not valid``;
+        or ``not proven`` where the files alone were checked."""
+        if not self.passed:
             return "not valid"
+        if self.files_alone:
+            levels, why = ", ".join(name for name in self.unchecked), self.not_checked["L1"]
+            return f"not proven: the files hold the world (L0); not checked: {levels} ({why})"
         valid = "valid" if self.precision == DOUBLE else f"valid in {self.precision} precision"
         parts = ", ".join(f"{name} ({why})" for name, why in self.unchecked.items())
         return f"{valid}; not checked: {parts}" if parts else valid

@@ -328,6 +328,8 @@ class _Comparison(BesideBodies):
             return
         if shape.margin or other.margin:
             self.note("geometry", "margin", abs(shape.margin - other.margin), f"{at}.margin", f"{other.margin:g} m")
+        if other.material:
+            self.tally.equal(self.levels["geometry"], "material", shape.material, other.material, at)
         layers = self.plan.layers(shape.material)
         if self.tally.equal(self.levels["geometry"], "copies of a shape", len(layers), len(other.surfaces), at):
             for layer, surface in zip(layers, other.surfaces, strict=True):

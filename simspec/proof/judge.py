@@ -19,7 +19,7 @@ from simspec.proof.comparator import FIELD, HULL, SINGLE
 from simspec.proof.contact.run import PROBES, contact_checks, laws
 from simspec.proof.expected import judge as judge_checks
 from simspec.proof.expected import title
-from simspec.proof.lacking import TITLES, not_checked_parts
+from simspec.proof.lacking import TITLES, not_checked_parts, of_files_alone
 from simspec.proof.precision import PRECISIONS
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
 from simspec.world.canonical import sha256
@@ -58,7 +58,11 @@ def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
     """The same for one engine, by name or label. What it is said not to be asked for must be what it declares to lack."""
     known = engines().get(engine_name(engine))
     lacking = {} if known is None else not_checked_parts(world, known, proof.not_compared)
+    alone = known is not None and known.FILES_ALONE and proof.files_alone
+    if alone:
+        lacking = of_files_alone(proof.not_compared, proof.not_checked["L1"])
     faults = judge_checks(world, proof.checks, proof.not_compared, lacking)
+    faults += [proof.verdict] if alone else []
     faults += [
         f"{name} is listed as not checked ({why}), which {engine} does not declare"
         for name, why in proof.not_checked.items()
@@ -113,7 +117,7 @@ def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Ite
 
 def _contact(proof: EngineProof, world: World) -> Iterator[str]:
     """Probes that this world has and the certificate does not, and checks of L5 that are not those of its figures."""
-    if "L5" in proof.not_compared:
+    if "L5" in proof.not_compared or proof.files_alone:
         return
     there = {(figure.probe, figure.subject) for figure in proof.contact}
     for law in laws(world):

@@ -49,7 +49,9 @@ WITHOUT_FRICTION = (
     ),
 )
 """The parts in which joints' dry friction is switched off, where a world has any."""
-TITLES = frozenset({title(*part) for part in NEEDS} | {level for level, _ in NEEDS})
+ASKED = ("L1", "L2", "L3", "L4", "L5", "L6", "L7")
+"""The levels for which an engine is asked: all but that of the files."""
+TITLES = frozenset({title(*part) for part in NEEDS} | {level for level, _ in NEEDS} | set(ASKED))
 """Every name under which a certificate says that a part was not checked."""
 
 
@@ -82,6 +84,12 @@ def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[
         key = level if whole else title(level, name)
         parts[key] = "; ".join(dict.fromkeys([*parts[key].split("; "), why])) if key in parts else why
     return parts
+
+
+def of_files_alone(not_compared: Mapping[str, str], why: str) -> dict[str, str]:
+    """What is not checked of an engine that is not there, which ``why`` says: every level but that of the files, without those
+    that ``not_compared`` names."""
+    return {level: why for level in ASKED if level not in not_compared}
 
 
 WHOLE = ("L3", "L6", "L7")

@@ -18,6 +18,7 @@ from simspec.dynamics.states import random_states
 from simspec.engines.kit import process
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.installing import how_to_install
 from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.engines.kit.registry import find_engine
@@ -33,7 +34,7 @@ from simspec.proof.control import Response, control_checks
 from simspec.proof.dry_friction import SLIDING_CHECK, DryFriction, dry_friction_checks
 from simspec.proof.expected import left_out, shortfalls
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, Followed, Pushed, forces_checks
-from simspec.proof.lacking import MATRIX, not_checked_parts, unchecked
+from simspec.proof.lacking import MATRIX, not_checked_parts, of_files_alone, unchecked
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.motionless import motionless
 from simspec.proof.precision import PRECISIONS, Precision
@@ -176,7 +177,8 @@ def verify(
     ``locate``: places in the spec, for errors; ``progress``: called with a line when something begins; ``probes``: from
     :func:`prepare`, to use again; ``cache``: take contact figures that were measured before; ``warm``: processes that engines
     are forked from (default: its own, since an engine is asked twice where there is contact).
-    An engine that fails is a failed check with its message, the others go on.
+    An engine that fails is a failed check with its message, the others go on. Of one that is not installed and declares so
+    (``Engine.FILES_ALONE``) the files are checked alone: its proof says that, and is not valid.
     Raises UnsupportedError when the world cannot be compiled for one of the engines.
     """
     say = progress or (lambda text: None)
@@ -186,6 +188,10 @@ def verify(
     not_compared = left_out(world, levels)
     with contextlib.ExitStack() as stack:
         warm = warm or stack.enter_context(WarmProcesses())
+        proofs = _of_files_alone(world, compiled, artifacts or {}, pythons or {}, not_compared)
+        order, compiled = tuple(compiled), {name: one for name, one in compiled.items() if name not in proofs}
+        if not compiled:
+            return Certificate(world.name, sha256(world), _oracle_version(), proofs)
         for name in compiled:
             process.begin(name, (pythons or {}).get(name), warm)
         folders = dict(artifacts or {})
@@ -195,8 +201,7 @@ def verify(
                 folders[name] = place / name
                 write_folder(compiled[name].files, folders[name])
         say("choosing probes")
-        numbers = [find_engine(name).PRECISION for name in compiled]
-        probes = probes or prepare(world, levels, (numbers or [DOUBLE])[0])
+        probes = probes or prepare(world, levels, find_engine(next(iter(compiled))).PRECISION)
         running = {}
         refused: dict[str, EngineError] = {}
         for name in compiled:
@@ -207,7 +212,6 @@ def verify(
                 running[name] = stack.enter_context(asked)
             except EngineError as error:
                 refused[name] = error
-        proofs = {}
         texts: dict[str, list[Check]] = {}
         read: dict[str, ReadBack] = {}
         replies: dict[str, Reply] = {}
@@ -232,7 +236,32 @@ def verify(
             answered = replies.get(name) if name not in refused else refused[name]
             proof = _engine_proof(world, compilation, folders[name], checks, answered, probes, not_compared)
             proofs[name] = dataclasses.replace(proof, contact=tuple(figures.get(name, ())))
-    return Certificate(world.name, sha256(world), _oracle_version(), proofs)
+    return Certificate(world.name, sha256(world), _oracle_version(), {name: proofs[name] for name in order})
+
+
+def _of_files_alone(
+    world: World,
+    compiled: Mapping[str, Compiled],
+    artifacts: Mapping[str, Path],
+    pythons: Mapping[str, str],
+    not_compared: Mapping[str, str],
+) -> dict[str, EngineProof]:
+    """The proofs of the engines that are not installed and declare that their files can be proven without them."""
+    proofs = {}
+    for name, compilation in compiled.items():
+        engine = find_engine(name)
+        if not engine.FILES_ALONE or name in pythons or engine.version() is not None:
+            continue
+        with contextlib.ExitStack() as stack:
+            folder = artifacts.get(name)
+            if folder is None:
+                folder = stack.enter_context(scratch_folder("verify")) / name
+                write_folder(compilation.files, folder)
+            checks, _ = _text_checks(world, compilation, folder)
+            parts = of_files_alone(not_compared, f"not installed: {how_to_install(engine)}")
+            proof = _proof(compilation, folder, checks, parts, None)
+        proofs[name] = dataclasses.replace(proof, version="none", not_compared=dict(not_compared))
+    return proofs
 
 
 def _engine_proof(

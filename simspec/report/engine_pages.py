@@ -79,7 +79,9 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate], costs:
         "name": f"`{engine.NAME}`",
         "computes in": f"{engine.PRECISION} precision",
         "version that the certificates are of": ", ".join(sorted(versions)),
-        "install": f"`{how_to_install(engine)}`" if how_to_install(engine) else "",
+        "install": engine.NEEDS.elsewhere or (f"`{how_to_install(engine)}`" if how_to_install(engine) else ""),
+        "proven": "its files alone (L0) where it is not installed: such a certificate is not valid"
+        * engine.FILES_ALONE,
         "packages of Debian": needs,
         "reads": f"`{format_of(engine)}` (dialect `{engine.DIALECT}`)",
         f"of {len(Feature)} features": ", ".join(f"{counts[one]} {one}" for one in LEVELS if counts[one]),
@@ -154,9 +156,6 @@ def _certified(engine: type[Engine], certificates: Mapping[str, Certificate], ro
         return
     proofs = {name: one.engines[engine.NAME] for name, one in certificates.items() if engine.NAME in one.engines}
     yield from (f"### Certificates: {engine.NAME}", "")
-    if not proofs:
-        yield from ("No scenario of the library has a certificate for it.", "")
-        return
     valid = sum(proof.valid for proof in proofs.values())
     levels: collections.Counter[str] = collections.Counter()
     failed: collections.Counter[str] = collections.Counter()
@@ -167,7 +166,8 @@ def _certified(engine: type[Engine], certificates: Mapping[str, Certificate], ro
         f"{level} in {count}" + (f" ({failed[level]} failed)" if failed[level] else "")
         for level, count in sorted(levels.items())
     )
-    yield f"{valid} of {len(proofs)} certificates are valid, of {len(certificates)} scenarios of the library. Compared: {told}."
+    compared = f" Compared: {told}." if told else ""
+    yield f"{valid} of {len(proofs)} certificates are valid, of {len(certificates)} scenarios of the library.{compared}"
     if lacking := sorted(set(certificates) - set(proofs)):
         yield from ("", "Without it, each for the first reason that there is:", "")
         reasons: dict[str, list[str]] = {}

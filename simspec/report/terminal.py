@@ -196,6 +196,8 @@ def _verdict(proof: EngineProof) -> Text:
         more += Text(f"\n{', '.join(levels)} not compared", style="dim")
     if proof.unchecked:
         more += Text(f"\nnot checked: {', '.join(proof.unchecked)}", style="dim")
+    if proof.passed and proof.files_alone:
+        return Text("NOT PROVEN\nits files alone (L0)", style="bold yellow") + more
     return verdict(proof.valid, "valid", "NOT VALID") + more
 
 
@@ -254,7 +256,10 @@ def certificate_notes(certificate: Certificate) -> list[str]:
             if figure.deviation:
                 declared.setdefault(figure.deviation, {})[figure.probe] = None
         notes += [f"{name}: known deviation ({', '.join(of)}): {why}" for why, of in declared.items()]
-        notes += [f"{name}: not checked: {part}: {why}" for part, why in proof.unchecked.items()]
+        if proof.files_alone:
+            notes.append(f"{name}: not checked: {', '.join(proof.unchecked)}: {proof.not_checked['L1']}")
+        else:
+            notes += [f"{name}: not checked: {part}: {why}" for part, why in proof.unchecked.items()]
         if fields := [field for field in proof.not_checked if field not in proof.unchecked]:
             notes.append(f"{name}: not readable back: {', '.join(fields)}")
     if any(figure.deviation for proof in proofs for figure in proof.contact):

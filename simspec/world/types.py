@@ -98,7 +98,8 @@ class Shape:
 
     ``surfaces`` is empty in a world (there everything follows from ``material``); in a read-back it holds the numbers
     that the engine has for this shape, one entry for each copy of it (see ``contact/plan.py``), in the order of
-    their layers, and ``material`` is "". ``margin`` (m): contact has the gap between two surfaces less both margins, so
+    their layers, and ``material`` is "", or the material's name where what is read says it. ``margin`` (m): contact has the gap
+    between two surfaces less both margins, so
     that the shape is felt that far from its surface. ``surface_velocity``: linear (m/s), then angular (rad/s), in the shape's
     axes: at x its surface moves at linear + angular × x, along the surface, while the shape stays. ``rounding`` is of a
     read-back alone: how far (m) an engine keeps around the points of a mesh, whose faces are that much further in, and within a

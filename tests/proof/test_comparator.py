@@ -325,7 +325,7 @@ def test_every_field_is_noticed(level, name, found):
 
 def test_every_field_of_the_types_is_compared_or_known_not_to_be():
     """A field added to the types must be added here, and to the comparator."""
-    left_out = {"Body.model", "Shape.name", "Shape.material", "Shape.colour"}
+    left_out = {"Body.model", "Shape.name", "Shape.colour"}
     named = {
         Body: {"name", "inertial", "joint", "shapes", "collision_group", "model", "gravity_scale", "box"},
         Inertial: {"mass", "centre_of_mass", "inertia"},
@@ -387,6 +387,13 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             with_body(HELD, "link0", **changes) if kind == "Body" else with_shape(HELD, "link0", "shape_box", **changes)
         )
         assert failures(WORLD, found) == []
+
+
+def test_a_material_that_a_file_names_is_the_shapes():
+    (shape,) = (shape for shape in body_of(WORLD, "link0").shapes if shape.name == "shape_box")
+    assert failures(WORLD, with_shape(HELD, "link0", "shape_box", material=shape.material)) == []
+    wrong = failures(WORLD, with_shape(HELD, "link0", "shape_box", material="other"))
+    assert [entry[:2] for entry in wrong] == [("L4", "material")]
 
 
 def test_a_margin_that_the_world_has_not_is_noticed():

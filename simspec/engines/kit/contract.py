@@ -57,6 +57,9 @@ class Engine:
     """Packages of Python that its environment has beside the engine's own."""
     NEEDS: ClassVar[Needs] = Needs()
     """What it needs of the machine beside packages of Python."""
+    FILES_ALONE: ClassVar[bool] = False
+    """Whether a proof of it, where it is named and not installed, goes as far as its files (L0) and says so; such a proof is
+    never valid. Elsewhere an engine that is named and not installed is an error."""
     CLASHES: ClassVar[Mapping[str, str]] = {}
     """Packages of Python, of other engines, that may not be in its process, each with the reason (``kit/beside.py``)."""
     PRECISION: ClassVar[str] = DOUBLE

@@ -75,7 +75,7 @@ def _reason(engine: type[Engine], error: EngineError) -> str:
 def _version(engine: type[Engine]) -> str | None:
     """The version of what there is of the engine itself, also where what it needs beside is missing."""
     library = engine.NEEDS.library
-    return engine.version() or (package_version(library.split()[0]) if library else None)
+    return engine.version() or (package_version(library.split()[0]) if library else engine.NEEDS.found())
 
 
 def _packages(engine: type[Engine], environment: Mapping[str, str] | None) -> tuple[list[str], list[str]]:

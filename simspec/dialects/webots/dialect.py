@@ -1,0 +1,298 @@
+"""How a world is told to Webots: one ``world.wbt`` in which every tree is a nest of Solids and joints, with a sidecar for what
+simspec gives beside it; nothing is left to a default. Facts are of the reference manual and the sources of R2023b."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Final
+
+from simspec.contact.plan import ContactPlan
+from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.joints import springs_of
+from simspec.dialects.kit.settings import NeededSetting
+from simspec.dialects.kit.sidecar import Sidecar, common_fields
+from simspec.dialects.kit.target import Target
+from simspec.dialects.webots.nodes import (
+    bounding,
+    contact_properties,
+    downwards,
+    joint_node,
+    seen,
+    stops,
+    turn,
+    turned_all,
+)
+from simspec.dialects.webots.places import STILL, centres, moved, twists
+from simspec.dialects.webots.sidecar import JointValue, Range, ShapeEntry, Start, WebotsSidecar
+from simspec.formats.kit.passes import recentre_free_roots
+from simspec.formats.wbt.document import Document
+from simspec.formats.wbt.tree import Node
+from simspec.formats.wbt.tree import World as Scene
+from simspec.support.declarations import (
+    GATHERED,
+    UNTOLD_FRAMES,
+    Level,
+    Refinement,
+    Support,
+    Table,
+    alike,
+    exactly,
+    never,
+    not_here,
+    shape_kinds,
+    via_api,
+)
+from simspec.support.features import Feature
+from simspec.world import frames
+from simspec.world.gathering import told_inertial
+from simspec.world.kinematics import poses, rigid_groups
+from simspec.world.meeting import solid_shapes
+from simspec.world.types import Body, Inertial, PairContact, Pose, Quaternion, ReadBack, World
+
+KINDS: Final = ("sphere", "box", "cylinder", "capsule", "plane")
+WHOLE: Final = 1e-9
+"""Milliseconds by which a step may be off a whole number of them: the round-off of seconds times a thousand."""
+ALWAYS: Final = 1e9
+"""Seconds after which a body that rests is taken out of the simulation: longer than any run."""
+SUPERVISOR: Final = "simspec supervisor"
+"""The name of the Robot that simspec controls; no body has a blank in its name."""
+
+_SIDECAR = "in the sidecar, given as forces and torques before every step"
+_HELD = "in the sidecar: what no motion depends on"
+
+
+def _whole_milliseconds(world: World) -> Refinement | None:
+    step = world.physics.timestep * 1e3
+    whole = step > 1.0 - WHOLE and abs(step - round(step)) < WHOLE
+    return not_here(None if whole else "Webots' controllers step whole milliseconds, one at least")
+
+
+def _massless_unsolid(world: World) -> Refinement | None:
+    groups = rigid_groups(world)
+    names = (
+        body.name
+        for body in world.bodies
+        if groups[body.name] != "world" and not told_inertial(world, body).mass and solid_shapes(body)
+    )
+    name = next(names, None)
+    why = f"a Solid without mass of its own has no contacts in Webots, and {name!r} would be one"
+    return not_here(why if name is not None else None)
+
+
+class WebotsDialect(Dialect):
+    """VRML97 without PROTO, for Webots R2023b and later."""
+
+    NAME: ClassVar[str] = "webots"
+    FORMAT: ClassVar[str] = "wbt"
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+            *(Feature.DRY_FRICTION, Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
+            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+            *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
+            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION, Feature.EXCLUDED_PAIRS),
+            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
+            *(Feature.FORCES, Feature.CONTROL),
+        ),
+        **shape_kinds("Webots", KINDS),
+        **{
+            feature: Support(support.level, support.how, refine=_massless_unsolid)
+            for feature, support in GATHERED.items()
+        },
+        Feature.GRAVITY: Support(
+            Level.EXACT, "along -z, with a Pose around all Solids that turns other directions there"
+        ),
+        Feature.TIMESTEP: Support(Level.EXACT, "whole milliseconds alone", refine=_whole_milliseconds),
+        Feature.LIMIT_POSITION: Support(Level.EXACT, "minStop and maxStop within ±π; others in the sidecar"),
+        **alike(via_api(_HELD), Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+        **alike(via_api(_SIDECAR), Feature.DAMPING, Feature.BALL_DAMPING, Feature.SPRING, Feature.BALL_SPRING),
+        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID, Feature.SUM),
+        **alike(
+            never("no node of a .wbt has an armature"),
+            *(Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.FREE_ARMATURE),
+        ),
+        Feature.JOINT_SEVERAL: never(
+            "between two joints of one body stands one without mass, which Webots' Solids have"
+        ),
+        Feature.BALL_LIMIT: never("a BallJoint stops three angles about axes, and no angle of the whole turn"),
+        Feature.TREE_DEPTH: never("nobody has tried whether Webots reads Solids nested so deep"),
+        Feature.KINEMATIC: never("simspec does not write it for Webots"),
+        Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
+        **alike(never("Webots' contact begins where shapes touch"), Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
+        Feature.SURFACE_VELOCITY: never("of a .wbt only Tracks have surfaces that move, which simspec does not write"),
+        **alike(
+            never("contacts in a .wbt have a softness in s²/kg, for whatever mass"),
+            *(Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+        ),
+        **alike(never("simspec does not write it for Webots"), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot tell Webots the axes of its pyramid"),
+        Feature.PASSING_PAIRS: never("a .wbt has no contact of two materials without contact"),
+        Feature.COLLISION_GROUPS: never("a .wbt has no groups that pass through each other"),
+        Feature.TOUCHING_PAIRS: never("what a joint joins never touches in Webots"),
+        **alike(
+            never("simspec tells Webots no constraints outside the tree"),
+            *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
+        ),
+        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
+    }
+    SIDECAR: ClassVar[type[Sidecar]] = WebotsSidecar
+    SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {
+        "softness": NeededSetting(float),
+        "joint_softness": NeededSetting(float),
+        "joint_error_reduction": NeededSetting(float),
+        "contact_points": NeededSetting(int),
+    }
+
+    def lower(self, world: World, target: Target) -> Lowered:
+        """The nodes of ``world`` and their sidecar."""
+        told, offsets = recentre_free_roots(world)
+        settings = target.settings
+        laws = _laws(world, target.plan)
+        strength, turned = downwards(told.physics.gravity)
+        info = {
+            "title": world.name,
+            "gravity": strength,
+            "CFM": settings["joint_softness"],
+            "ERP": settings["joint_error_reduction"],
+            "basicTimeStep": float(round(told.physics.timestep * 1e3)),
+            "physicsDisableTime": ALWAYS,
+            "contactProperties": tuple(contact_properties(law, settings) for law in laws),
+        }
+        robot = {
+            "name": SUPERVISOR,
+            "controller": "<extern>",
+            "supervisor": True,
+            "window": "<none>",
+        }
+        nodes = (
+            Node("WorldInfo", info),
+            Node("Viewpoint"),
+            Node("DirectionalLight"),
+            *turned_all(_Nest(told, turned).roots(), turned),
+            Node("Robot", robot, "simspec"),
+        )
+        sidecar = WebotsSidecar(**common_fields(self.NAME, self.FORMAT, world, target, offsets), **_beside_file(world))
+        return Lowered(Scene(nodes), sidecar)
+
+    def raise_(self, document: Document, sidecar: WebotsSidecar) -> ReadBack:
+        """See ``dialects/webots/raising.py``."""
+        from simspec.dialects.webots.raising import raised
+
+        return raised(document, sidecar)
+
+
+def _laws(world: World, plan: ContactPlan) -> tuple[PairContact, ...]:
+    """Of the pairs of the plan those of which both materials are there."""
+    every = {(law.first, law.second): law for law in world.contact.pairs}
+    there = {shape.material for body in world.bodies for shape in solid_shapes(body)}
+    return tuple(every[pair] for pair in sorted(plan.layer_of) if set(pair) <= there)
+
+
+class _Nest:
+    """The Solids of a world, whose free roots stand at their centres of mass."""
+
+    def __init__(self, world: World, turned: Quaternion):
+        self._world = world
+        self._turned = turned
+        self._placed = poses(world)
+        self._twists = twists(world)
+        self._centres = centres(world.bodies)
+        self._groups = rigid_groups(world)
+
+    def roots(self) -> list[Node]:
+        """The trees, from their leaves to their roots, so that no chain is too long."""
+        below: dict[str, list[Node]] = {}
+        found: list[Node] = []
+        for index, body in reversed(list(enumerate(self._world.bodies))):
+            node = self._solid(index, body, tuple(reversed(below.pop(body.name, []))))
+            joint = body.joint
+            if joint.kind in ("hinge", "slide", "ball"):
+                node = joint_node(joint, node, self._place(body), f"joint_{index}")
+            if joint.parent is None and joint.kind in ("fixed", "free"):
+                found.append(node)
+            elif joint.parent is None:  # a joint stands in a Solid: one that is the ground
+                ground = {"name": f"ground {index}", "children": (node,)}
+                found.append(Node("Solid", ground, f"ground_{index}"))
+            else:
+                below.setdefault(joint.parent, []).append(node)
+        return found[::-1]
+
+    def _place(self, body: Body) -> Pose:
+        """Where a body stands in the node around it, at the initial state."""
+        if body.joint.parent is None:
+            return self._placed[body.name]
+        return frames.compose(frames.inverse(self._placed[body.joint.parent]), self._placed[body.name])
+
+    def _solid(self, index: int, body: Body, below: tuple[Node, ...]) -> Node:
+        place = self._place(body)
+        material = next((shape.material for shape in solid_shapes(body)), "default")
+        fields: dict[str, object] = {
+            "translation": place.position,
+            "rotation": turn(place.quaternion),
+            "children": (*seen(body), *below),
+            "name": body.name,
+            "model": body.model,
+            "contactMaterial": material,
+            "boundingObject": bounding(body),
+        }
+        if self._groups[body.name] != "world" and body.inertial.mass:
+            fields["physics"] = _physics(body.inertial)
+        if body.name in self._centres:
+            linear, angular = self._motion(body)
+            fields |= {"linearVelocity": linear, "angularVelocity": angular}
+        return Node("Solid", fields, f"body_{index}")
+
+    def _motion(self, body: Body) -> tuple[object, object]:
+        """Of the topmost body of a rigid group: of the group's centre of mass, in world axes."""
+        here, twist = self._placed[body.name], self._twists[body.name]
+        if twist == STILL:
+            return twist
+        centre = frames.add(here.position, frames.rotate(here.quaternion, self._centres[body.name]))
+        linear, angular = moved(twist, here.position, centre)
+        return frames.rotate(self._turned, linear), frames.rotate(self._turned, angular)
+
+
+def _physics(inertial: Inertial) -> Node:
+    xx, yy, zz, xy, xz, yz = inertial.inertia
+    fields = {
+        "density": -1.0,
+        "mass": inertial.mass,
+        "centerOfMass": (inertial.centre_of_mass,),
+        "inertiaMatrix": ((xx, yy, zz), (xy, xz, yz)),
+    }
+    return Node("Physics", fields)
+
+
+def _beside_file(world: World) -> dict[str, Any]:
+    def values(field: str) -> tuple[JointValue, ...]:
+        # what acts on free bodies at all times is among the common fields
+        found = ((body.name, getattr(body.joint, field)) for body in world.bodies if body.joint.kind != "free")
+        none = (None,) if field.endswith("_limit") else (None, 0.0)  # a rating of 0 is another than none
+        return tuple(JointValue(name, value) for name, value in found if value not in none)
+
+    return {
+        "models": tuple(body.model for body in world.bodies),
+        "joints": tuple(body.joint.name for body in world.bodies),
+        "shapes": tuple(
+            ShapeEntry(shape.name, body.name, shape.visual, shape.collision)
+            for body in world.bodies
+            for shape in body.shapes
+        ),
+        "velocity_limits": values("velocity_limit"),
+        "effort_limits": values("effort_limit"),
+        "damping": values("damping"),
+        "springs": springs_of(world),
+        "untold_limits": tuple(
+            Range(body.name, *body.joint.position_limits)
+            for body in world.bodies
+            if body.joint.position_limits is not None and not stops(body.joint)
+        ),
+        "starts": tuple(
+            Start(body.name, body.joint.position)  # type: ignore[arg-type]
+            for body in world.bodies
+            if body.joint.kind == "ball"
+        ),
+    }

@@ -1,0 +1,283 @@
+"""From a .wbt document and its sidecar back to the model they mean to Webots, in the world's frames (proof level L0).
+
+Nothing here is shared with ``dialect.py``: joints' places and rates follow from the bodies', rotations from axes and angles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+from simspec.dialects.kit.joints import UNREADABLE, add_springs
+from simspec.dialects.kit.passive import fluid_of, with_passive
+from simspec.dialects.webots.neutral import check_neutral
+from simspec.dialects.webots.raised_places import Found, about, pose_of, unit, vector
+from simspec.dialects.webots.raised_shapes import shapes_of
+from simspec.dialects.webots.rates import rates
+from simspec.dialects.webots.sidecar import ShapeEntry, WebotsSidecar
+from simspec.formats.kit.passes import restore_frames
+from simspec.formats.wbt.document import Document, Node
+from simspec.world import frames
+from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Quaternion, ReadBack
+
+VERSION: Final = "R2023b"
+JOINTS: Final = {"HingeJoint": "hinge", "SliderJoint": "slide", "BallJoint": "ball"}
+PARAMETERS: Final = {"hinge": "HingeJointParameters", "slide": "JointParameters", "ball": "BallJointParameters"}
+AROUND: Final = ("WorldInfo", "Viewpoint", "DirectionalLight", "Robot")
+"""The nodes beside Solids, each once."""
+SETTINGS: Final = ("softness", "joint_softness", "joint_error_reduction", "contact_points")
+EXACT: Final = 1e-12
+"""How far numbers that stand in a file twice may differ (m)."""
+
+
+def raised(document: Document, sidecar: WebotsSidecar) -> ReadBack:
+    """The model of a document. Raises ValueError, which names the place, for what is missing, for what simspec does not say to
+    Webots, and where document and sidecar do not fit together."""
+    if document.version != VERSION:
+        raise ValueError(f"{document.file}:1: is of {document.version}, should be of {VERSION}")
+    check_neutral(document.walk())
+    info, *_ = [document.only(kind) for kind in AROUND]
+    turned, solids = _solids(document)
+    found = _bodies(solids, sidecar)
+    if list(found) != [body.name for body in sidecar.bodies]:
+        raise ValueError(f"the bodies of {document.file} are not those of sidecar.bodies")
+    velocities = rates(found, turned)
+    entries: dict[str, list[ShapeEntry]] = {}
+    for entry in sidecar.shapes:
+        entries.setdefault(entry.body, []).append(entry)
+    bodies = {
+        name: Body(
+            name,
+            one.model,
+            one.inertial,
+            replace(one.joint, velocity=velocities[name]),
+            shapes_of(one.node, entries.get(name, [])),
+        )
+        for name, one in found.items()
+    }
+    _complete_joints(bodies, sidecar)
+    _check_settings(info, sidecar)
+    passive = sidecar.passive
+    return ReadBack(
+        restore_frames(with_passive(tuple(bodies.values()), passive), sidecar.offsets),
+        frames.rotate(frames.conjugate(turned), (0.0, 0.0, 0.0 - info.number("gravity"))),
+        info.number("basicTimeStep") / 1e3,
+        sidecar.friction_cone,
+        {**UNREADABLE, "static.inertial": "what cannot move has no Physics node in a .wbt"},
+        sums=sidecar.sums or (),
+        fluid=fluid_of(passive),
+        laws=tuple(_law(node, sidecar) for node in info.nodes("contactProperties")),
+    )
+
+
+# --- bodies ---------------------------------------------------------------------------------------------------------
+
+
+def _solids(document: Document) -> tuple[Quaternion, tuple[Node, ...]]:
+    """How the world is turned in the file, and the topmost Solids."""
+    others = [node for node in document.nodes if node.kind not in AROUND]
+    poses = [node for node in others if node.kind == "Pose"]
+    if not poses:
+        turned, solids = frames.IDENTITY, tuple(others)
+    else:
+        if len(others) != 1 or poses[0].label != "turned" or any(poses[0].numbers("translation", 3)):
+            raise poses[0].refused("should be DEF turned, at the origin, and hold all Solids")
+        turned, solids = pose_of(poses[0]).quaternion, poses[0].nodes("children")
+    for node in solids:
+        if node.kind != "Solid":
+            raise node.refused("stands where a Solid should be")
+    return turned, solids
+
+
+def _ground(node: Node) -> Node:
+    """The joint in a Solid that is the ground."""
+    fields = [node.node(name) for name in ("boundingObject", "physics")]
+    numbers = [*node.numbers("translation", 3), *node.numbers("linearVelocity", 3), *node.numbers("angularVelocity", 3)]
+    plain = (node.text("model"), node.text("contactMaterial")) == ("", "default")
+    children = node.nodes("children")
+    if any(fields) or any(numbers) or pose_of(node).quaternion != frames.IDENTITY or not plain or len(children) != 1:
+        raise node.refused("should be one joint's ground, at the origin, and nothing else")
+    (joint,) = children
+    if joint.kind not in JOINTS or node.text("name") != f"ground {joint.label.removeprefix('joint_')}":
+        raise node.refused("should be the ground of one joint, by its number")
+    if node.label != f"ground_{joint.label.removeprefix('joint_')}":
+        raise node.refused("should have the number of its joint")
+    return joint
+
+
+def _end(joint: Node) -> Node:
+    end = joint.node("endPoint")
+    if end is None or end.kind != "Solid":
+        raise joint.refused("endPoint should be a Solid")
+    return end
+
+
+def _bodies(solids: Sequence[Node], sidecar: WebotsSidecar) -> dict[str, Found]:
+    """The bodies in the sidecar's order. Raises ValueError where one is there twice or no body of the sidecar."""
+    starts = {start.body: start.turn for start in sidecar.starts}
+    found: dict[int, Found] = {}
+    waiting: list[tuple[Node, Node | None, Found | None]] = []
+    for node in solids:
+        joint = _ground(node) if node.label.startswith("ground") else None
+        waiting.append((node if joint is None else _end(joint), joint, None))
+    while waiting:
+        node, joint, above = waiting.pop()
+        index = _index(node, "body", len(sidecar.bodies))
+        if index in found:
+            raise node.refused("is there twice")
+        name = sidecar.bodies[index].name
+        if (node.text("name"), node.text("model")) != (name, sidecar.models[index]):
+            raise node.refused(f"is {node.text('name')[:60]!r}, should be {name!r} of {sidecar.models[index]!r}")
+        if joint is not None and _index(joint, "joint", len(sidecar.bodies)) != index:
+            raise joint.refused(f"moves {node.label}")
+        one = _body(node, joint, above, name, sidecar.joints[index], starts)
+        if one.joint.kind != sidecar.bodies[index].kind:
+            raise node.refused(f"is joined by {one.joint.kind}, and the sidecar has {sidecar.bodies[index].kind}")
+        found[index] = one
+        for child in node.nodes("children"):
+            if child.kind == "Solid":
+                waiting.append((child, None, one))
+            elif child.kind in JOINTS:
+                waiting.append((_end(child), child, one))
+            elif child.kind != "Pose":
+                raise child.refused("stands in a Solid")
+    return {found[index].name: found[index] for index in sorted(found)}
+
+
+def _index(node: Node, what: str, count: int) -> int:
+    """The number in a label ``body_3``."""
+    word, _, number = node.label.partition("_")
+    if word != what or not number.isdecimal() or str(int(number[:9])) != number or int(number) >= count:
+        raise node.refused(f"should be DEF {what}_ with the number of a body in the sidecar")
+    return int(number)
+
+
+def _body(
+    node: Node, joint: Node | None, above: Found | None, name: str, joint_name: str, starts: Mapping[str, Quaternion]
+) -> Found:
+    place = pose_of(node)
+    pose = place if above is None else frames.compose(above.pose, place)
+    inertial = _inertial(node.node("physics"))
+    parent = None if above is None else above.name
+    if joint is not None:
+        read = _joint(joint, JOINTS[joint.kind], joint_name, parent, place, starts.get(name))
+        moves, top = True, name
+    elif above is None and inertial is not None:
+        position = (*place.position, *place.quaternion)
+        read, moves, top = Joint(joint_name, "free", position=position), True, name
+    else:
+        read = Joint(joint_name, "fixed", parent, place)
+        moves, top = above is not None and above.moves, name if above is None else above.top
+    if moves and top == name and inertial is None:
+        raise node.refused("moves, and has no Physics")
+    if not moves and inertial is not None:
+        raise node.refused("has Physics where nothing moves")
+    return Found(node, name, node.text("model"), read, inertial or Inertial(0.0), place, pose, moves, top)
+
+
+def _inertial(node: Node | None) -> Inertial | None:
+    if node is None:
+        return None
+    if node.kind != "Physics":
+        raise node.refused("should be a Physics")
+    xx, yy, zz, xy, xz, yz = node.numbers("inertiaMatrix", 6)
+    mass = node.number("mass")
+    if not mass > 0.0:
+        raise node.refused("a mass should be above zero")
+    return Inertial(mass, vector(node, "centerOfMass"), (xx, yy, zz, xy, xz, yz))
+
+
+def _joint(node: Node, kind: str, name: str, parent: str | None, place: Pose, start: Quaternion | None) -> Joint:
+    """The joint of a Solid that stands at ``place``, joined to the one around it."""
+    told = node.node("jointParameters")
+    if told is None or told.kind != PARAMETERS[kind]:
+        raise node.refused(f"jointParameters should be {PARAMETERS[kind]}")
+    if kind != "slide":
+        anchor = vector(told, "anchor")
+        if math.dist(anchor, place.position) > EXACT * max(1.0, math.hypot(*place.position)):
+            raise told.refused("the anchor should be the place of the endPoint")
+    if kind == "ball":
+        if start is None:
+            raise node.refused("has no entry in sidecar.starts")
+        origin = Pose(place.position, frames.multiply(place.quaternion, frames.conjugate(start)))
+        return Joint(name, kind, parent, origin, position=frames.normalise(start))
+    outer = unit(told, "axis")
+    axis = frames.rotate(frames.conjugate(place.quaternion), outer)
+    position = told.number("position")
+    if kind == "hinge":
+        origin = Pose(place.position, frames.multiply(place.quaternion, about(axis, -position)))
+    else:
+        x, y, z = outer
+        back = (x * position, y * position, z * position)
+        origin = Pose(frames.subtract(place.position, back), place.quaternion)
+    limits = (told.number("minStop"), told.number("maxStop"))
+    return Joint(
+        name,
+        kind,
+        parent,
+        origin,
+        axis,
+        limits if any(limits) else None,
+        dry_friction=told.number("staticFriction"),
+        position=(position,),
+    )
+
+
+# --- laws, settings, the sidecar ------------------------------------------------------------------------------------
+
+
+def _law(node: Node, sidecar: WebotsSidecar) -> PairContact:
+    if node.kind != "ContactProperties":
+        raise node.refused("should be ContactProperties")
+    softness, points = sidecar.settings.get("softness"), sidecar.settings.get("contact_points")
+    told = (node.number("softCFM"), *node.numbers("forceDependentSlip", 1), node.number("maxContactJoints"))
+    if told != (softness, softness, points):
+        raise node.refused(
+            f"softCFM, forceDependentSlip and maxContactJoints are {told}, the settings {softness}, {points}"
+        )
+    first, second = node.text("material1"), node.text("material2")
+    if first > second:
+        raise node.refused(f"{first[:60]!r} and {second[:60]!r} are not sorted")
+    one, other, torsional = node.numbers("rollingFriction", 3)
+    if one != other:
+        raise node.refused("rollingFriction should be the same across the normal")
+    (friction,) = node.numbers("coulombFriction", 1)
+    return PairContact(
+        first,
+        second,
+        friction,
+        node.number("bounce"),
+        torsional_friction=torsional,
+        rolling_friction=one,
+        restitution_threshold=node.number("bounceVelocity"),
+    )
+
+
+def _check_settings(info: Node, sidecar: WebotsSidecar) -> None:
+    """Raise ValueError where the file's numbers are not the settings of the sidecar, which has those and no others."""
+    if set(sidecar.settings) != set(SETTINGS):
+        raise ValueError(f"sidecar.settings has {sorted(sidecar.settings)}, should have {sorted(SETTINGS)}")
+    for field, setting in (("CFM", "joint_softness"), ("ERP", "joint_error_reduction")):
+        if info.number(field) != sidecar.settings.get(setting):
+            raise info.refused(f"{field} is {info.number(field):g}, {setting} {sidecar.settings.get(setting)}")
+
+
+def _complete_joints(bodies: dict[str, Body], sidecar: WebotsSidecar) -> None:
+    """What the sidecar says of joints. Raises ValueError where position limits stand in both."""
+
+    def change(name: str, **values: object) -> None:
+        bodies[name] = replace(bodies[name], joint=replace(bodies[name].joint, **values))  # type: ignore[arg-type]
+
+    for entry in sidecar.velocity_limits:
+        change(entry.body, velocity_limit=entry.value)
+    for entry in sidecar.effort_limits:
+        change(entry.body, effort_limit=entry.value)
+    for entry in sidecar.damping:
+        change(entry.body, damping=entry.value)
+    add_springs(bodies, sidecar.springs)
+    for limits in sidecar.untold_limits:
+        if bodies[limits.body].joint.position_limits is not None:
+            raise ValueError(f"{limits.body!r} has stops, and limits in sidecar.untold_limits")
+        change(limits.body, position_limits=(limits.lower, limits.upper))

@@ -1,0 +1,223 @@
+"""Webots: its worlds as files, stepped by the Webots that is installed; no certificate here is of more than the files.
+
+No number in this package was measured in Webots: what it says follows from the reference manual and the sources of R2023b, and
+from what was measured of the Open Dynamics Engine, of which Webots has a copy of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from simspec.contact.rules import Rules
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.needs import Needs
+from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.webots import program
+from simspec.engines.webots.touching import only_joined, touches_less
+from simspec.support.declarations import (
+    AS_EFFORTS,
+    UNTOLD_FRAMES,
+    Level,
+    Refinement,
+    Support,
+    Table,
+    alike,
+    approximate,
+    exactly,
+    never,
+    not_here,
+    shape_kinds,
+    via_api,
+)
+from simspec.support.features import Feature
+from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import frictionless, solid_shapes
+from simspec.world.types import World
+
+_NOT_WRITTEN = "simspec does not write it for Webots"
+_GIVEN = "given as torques and forces before every step, explicit in time: Webots' own are implicit"
+_RIGID = "Webots' contacts have a softness in s²/kg, for whatever mass"
+_FIRST_ORDER = (
+    "by the steps of Webots' copy of ODE in the bodies' coordinates, which are of first order and let joints come apart: in "
+    "ODE itself, after 2,000 steps of 1 ms, a tumbling body is 2e-4 rad off, two hinges 0.02, seven 0.65 (measured there)"
+)
+_PASSED = "; what a joint joins, and what a joint joins to the ground with all of the ground, never touches"
+_STOPS = (
+    "a joint goes past a limit within the step in which it arrives, and comes back by the joints' error reduction; limits that "
+    "do not hold zero between them, and of hinges beyond ±π, are not told to Webots, and nothing stops there"
+)
+_MOMENTS = "a row for each point, with the softness of the world: never measured, nor what several points of one pair sum up to"
+
+
+def _joint(noun: str) -> Support:
+    def refine(world: World) -> Refinement | None:
+        passed = touches_less(world)
+        return Refinement(note=passed) if passed else None
+
+    return approximate(
+        _FIRST_ORDER + _PASSED,
+        refine,
+        f"{noun} by ODE's own steps, of first order, come apart; what joints join never touches",
+    )
+
+
+def _no_cone(world: World) -> Refinement | None:
+    """No cone matters where nothing has friction."""
+    return Refinement(Level.EXACT, "nothing has friction") if frictionless(world) else None
+
+
+def _planes_still(world: World) -> Refinement | None:
+    groups = rigid_groups(world)
+    moving = (
+        shape.name
+        for body in world.bodies
+        for shape in solid_shapes(body)
+        if shape.kind == "plane" and groups[body.name] != "world"
+    )
+    name = next(moving, None)
+    return not_here(None if name is None else f"a Plane cannot be of a Solid that moves, as {name!r} does")
+
+
+class Webots(Engine):
+    """Webots' copy of ODE, told by a .wbt in which nothing is left to a default. Only the files are proven, by the independent
+    reader (L0): no Webots has ever run what simspec writes for it."""
+
+    NAME: ClassVar[str] = "webots"
+    TITLE: ClassVar[str] = "Webots"
+    DIALECT: ClassVar[str] = "webots"
+    DISTRIBUTION: ClassVar[str] = ""
+    EXTRA: ClassVar[str] = ""
+    NEEDS: ClassVar[Needs] = program.NEEDS
+    FILES_ALONE: ClassVar[bool] = True
+    RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
+    LAYERS: ClassVar[bool] = False
+    LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.MASS_MATRIX: "Webots solves in the bodies' coordinates and forms no mass matrix",
+        Capability.BIAS_FORCE: "Webots gives no forces of inertia",
+        Capability.ENERGY: "Webots gives no energies",
+        Capability.INVENTORY: "simspec reads back what stands in the scene tree, and nothing beside it",
+        Capability.PAIR_DETECTION: "Webots tells contacts of a step that it has made, and of no state",
+        Capability.CONTACT_OFF: "Webots has no switch for contact",
+        Capability.DRY_FRICTION_OFF: "simspec does not change a joint of a Webots that runs",
+        Capability.NATIVE_CONTROLLERS: "simspec writes no motors",
+        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
+        Capability.FOREIGN_FILES: "simspec does not load users' worlds through Webots",
+    }
+    SUPPORT: ClassVar[Table] = {
+        **exactly(
+            *(Feature.JOINT_FIXED, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS, Feature.TREE_SIZE),
+            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
+            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+            *(Feature.RESTITUTION_THRESHOLD, Feature.IMPACT_FRICTION, Feature.GRAVITY, Feature.TIMESTEP),
+        ),
+        **shape_kinds("Webots", ("sphere", "box", "capsule")),
+        Feature.JOINT_HINGE: _joint("hinges"),
+        Feature.JOINT_SLIDE: _joint("slides"),
+        Feature.JOINT_BALL: _joint("balls"),
+        Feature.JOINT_FREE: approximate(
+            "by the steps of Webots' copy of ODE, which turn bodies to first order: in ODE itself a tumbling body is 2e-4 rad "
+            "off after 2,000 steps of 1 ms (measured there)",
+            short="free bodies turn by ODE's own steps, of first order: 2e-4 rad after 2 s at 1 ms in ODE itself",
+        ),
+        Feature.JOINT_SEVERAL: never("Webots' bodies have mass, and between two joints of one body stands one without"),
+        Feature.LIMIT_POSITION: approximate(
+            _STOPS, short="a joint goes past a limit for some steps; hinges beyond ±π have no stops"
+        ),
+        Feature.BALL_LIMIT: never("a BallJoint stops three angles about axes, and no angle of the whole turn"),
+        Feature.DRY_FRICTION: Support(Level.EXACT, "staticFriction, a motor of speed 0 with this largest effort"),
+        Feature.DAMPING: via_api(_GIVEN),
+        Feature.BALL_DAMPING: via_api(_GIVEN),
+        Feature.SPRING: via_api(_GIVEN),
+        Feature.BALL_SPRING: via_api(_GIVEN),
+        **alike(
+            never("Webots has no armature, and contact would ignore a computed one"),
+            *(Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.FREE_ARMATURE),
+        ),
+        Feature.TREE_DEPTH: never("nobody has tried whether Webots reads Solids nested so deep"),
+        Feature.SHAPE_CYLINDER: approximate(
+            "by Webots' copy of ODE, whose cylinders overlook 4 of 100 overlaps with boxes in ODE itself, and meet each other "
+            "and capsules along a line in one point (measured there)",
+            short="cylinders by ODE's own code, which overlooks some overlaps and has one point along a line",
+        ),
+        Feature.SHAPE_PLANE: Support(Level.EXACT, "of bodies that cannot move", refine=_planes_still),
+        **alike(never("Webots' contact begins where shapes touch"), Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
+        Feature.SURFACE_VELOCITY: never("in Webots only Tracks have surfaces that move, which simspec does not write"),
+        Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
+        Feature.TORSIONAL_FRICTION: approximate(
+            _MOMENTS, short="torque about a normal, point by point: never measured"
+        ),
+        Feature.ROLLING_FRICTION: approximate(
+            f"{_MOMENTS}; in ODE itself 0.7 of it between the axes of its pyramid (measured there)",
+            short="torque across a normal, point by point: never measured; 0.7 of it between the axes in ODE",
+        ),
+        Feature.HARDNESS_COMMON: Support(
+            Level.EXACT, "softERP 0.01, with which ODE itself has the common law (measured there)"
+        ),
+        **alike(never(_RIGID), Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+        **alike(never(_NOT_WRITTEN), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        Feature.CONE_ELLIPTIC: approximate(
+            "the circumscribed pyramid on ODE's own axes: up to 1.41 times the friction between them",
+            _no_cone,
+            "a pyramid: between its axes friction is up to 1.41 times that of the cone",
+        ),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate(
+            "on ODE's own axes: along the world's x and across it where the normal is within 45° of z, along z elsewhere",
+            _no_cone,
+            "a pyramid whose axes are the world's x and y on the ground, and others on walls",
+        ),
+        Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot tell Webots the axes of its pyramid"),
+        Feature.PASSING_PAIRS: never("Webots has no contact of two materials without contact"),
+        Feature.COLLISION_GROUPS: never("Webots has no groups that pass through each other"),
+        Feature.EXCLUDED_PAIRS: Support(Level.EXACT, "of bodies that a joint joins", refine=only_joined),
+        Feature.TOUCHING_PAIRS: never("what a joint joins never touches in Webots"),
+        Feature.KINEMATIC: never(_NOT_WRITTEN),
+        Feature.FORCES: via_api(AS_EFFORTS),
+        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
+        Feature.FREE_DAMPING: GIVEN_DAMPING,
+        Feature.FLUID: GIVEN_FLUID,
+        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
+        Feature.SUM: via_api("given as efforts before every step"),
+        **alike(
+            never("simspec tells Webots no constraints outside the tree"),
+            *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
+        ),
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = {
+        "softness": Setting(
+            1e-10,
+            "softCFM and forceDependentSlip of every contact (m/(N s)): what redundant points share their forces by. 0, which "
+            "ODE does not solve, Webots takes for its own number.",
+            minimum=1e-15,
+            group=Group.SOFTNESS,
+        ),
+        "joint_softness": Setting(
+            1e-10,
+            "CFM of the world, of joints and dry friction. Webots' own default, 1e-5, lets joints under 1 N part by 1e-5 m/s.",
+            minimum=1e-15,
+            group=Group.JOINTS,
+        ),
+        "joint_error_reduction": Setting(
+            0.2,
+            "ERP of the world: the share of a joint's parting, and of an overrun limit, that a step takes back. Webots' own.",
+            minimum=0.0,
+            maximum=1.0,
+            group=Group.JOINTS,
+        ),
+        "contact_points": Setting(
+            100,
+            "maxContactJoints: the points that two shapes may touch in at once, deepest first. Webots' own default, 10, leaves "
+            "out some of a box's or cylinder's.",
+            minimum=1,
+            group=Group.BOUNDS,
+        ),
+    }
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
+    ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {"elliptic": "pyramid-circumscribed"}
