@@ -41,7 +41,8 @@ def test_a_robot_file_is_compiled_with_what_is_accepted_by_name(robot, capsys):
     assert cli.main(["compile", robot, "--engine", "mujoco"]) == 2
     assert "or --accept joint.limits.position" in capsys.readouterr().err
     assert cli.main(["compile", robot, "--engine", "mujoco", "--accept", "joint.limits.position"]) == 0
-    before = {path: path.read_bytes() for path in Path("generated").rglob("*") if path.is_file()}
+    # the world beside it has the entries of the other engines that need some
+    before = {path: path.read_bytes() for path in Path("generated").rglob("*.xml")}
     assert cli.main(["compile", robot, "--engine", "mujoco", "--accept", "all"]) == 0
     assert before
     assert {path: path.read_bytes() for path in before} == before
