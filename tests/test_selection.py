@@ -70,7 +70,7 @@ def test_what_is_refused_is_listed_with_its_place_and_the_others_go_on(place, ca
     (compiled,) = answer(capsys, "compile", "ball.yaml")["compiled"]
     proven = answer(capsys, "verify", "ball.yaml")
     run = answer(capsys, "run", "ball.yaml", "--all-engines", "--no-repeats")
-    assert set(compiled["engines"]) == set(engines()) - {"drake", "webots"}
+    assert set(INSTALLED) - {"drake"} <= set(compiled["engines"]) <= set(engines()) - {"drake", "webots"}
     assert set(proven["certificate"]["engines"]) == set(run["runs"]) == set(INSTALLED) - {"drake"}
     for told in (compiled["not_compiled"], proven["not_verified"], run["not_run"]):
         assert [name for name in told if name not in LEFT_OUT] == ["drake"]
@@ -139,7 +139,8 @@ def test_what_can_be_accepted_is_told(place, capsys):
     assert "engines.mujoco.accept: material.restitution" in said
     assert "not for drake: " in said
     assert cli.main(["accept", "ball.yaml", "--engine", "drake"]) == 2
-    assert set(answer(capsys, "compile", "ball.yaml")["compiled"][0]["engines"]) == set(engines()) - {"drake", "webots"}
+    found = set(answer(capsys, "compile", "ball.yaml")["compiled"][0]["engines"])
+    assert set(INSTALLED) - {"drake"} <= found <= set(engines()) - {"drake", "webots"}
 
 
 def test_what_is_not_installed_is_listed_too(place, capsys, monkeypatch):
