@@ -245,9 +245,9 @@ def engines_for_files(words: list[str] | None) -> Selection:
 def engines_at_work(
     words: list[str] | None, pythons: Mapping[str, str], demand: bool = True, files_alone: bool = False
 ) -> Selection:
-    """The engines that have to run: those that are named, else every installed one. Raises EngineError for a named engine
-    that is not installed (unless ``demand`` is false, or ``files_alone`` is true and it declares that its files can be proven
-    without it), SpecError when no engine is."""
+    """The engines that have to run: those that are named, else every installed one. Raises EngineError for a named engine that
+    is not installed (unless ``demand`` is false, or ``files_alone`` is true and only its files are ever proven), SpecError when
+    no engine is."""
     from simspec import selection
     from simspec.engines.kit.registry import find_engine
 

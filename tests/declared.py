@@ -21,7 +21,7 @@ def engines_with(*features: Feature) -> list[str]:
     )
 
 
-PYRAMID_ALONE = ("gazebo",)
+PYRAMID_ALONE = ("gazebo", "webots")
 """Engines that have no elliptic cone, but a pyramid that stands for it where that is accepted by name."""
 
 

@@ -33,7 +33,8 @@ def doctor(labels: Sequence[str], every: bool, as_json: bool) -> int:
     wrong = [
         label
         for label, row in rows.items()
-        if row["state"] != WORKS and (label in wanted or row["state"] not in (State.ABSENT, State.IMPOSSIBLE))
+        if row["state"] != WORKS
+        and (label in wanted or row["state"] not in (State.ABSENT, State.IMPOSSIBLE, State.FILES))
     ]
     code = EXIT_ENGINE if wrong or broken else EXIT_OK
     if as_json:

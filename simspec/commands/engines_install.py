@@ -64,11 +64,11 @@ def _row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
     if found.state is State.WHOLE:
         _tell(as_json, f"{engine.NAME}: {found.version} is installed")
         return row
-    if found.state is State.IMPOSSIBLE:
+    if found.state in (State.IMPOSSIBLE, State.FILES):
         row["problem"] = found.problems[0]
     commands = [] if row["problem"] else words(engine)
     if not row["problem"] and not commands:
-        row["problem"] = engine.NEEDS.elsewhere or f"{engine.NAME} does not say how it is installed"
+        row["problem"] = f"{engine.NAME} does not say how it is installed"
     for command in commands:
         one: dict[str, Any] = {"words": shlex.join(command), "ran": False, "code": None}
         row["commands"].append(one)

@@ -58,7 +58,7 @@ def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
     """The same for one engine, by name or label. What it is said not to be asked for must be what it declares to lack."""
     known = engines().get(engine_name(engine))
     lacking = {} if known is None else not_checked_parts(world, known, proof.not_compared)
-    alone = known is not None and known.FILES_ALONE and proof.files_alone
+    alone = known is not None and bool(known.FILES_ALONE) and proof.files_alone
     if alone:
         lacking = of_files_alone(proof.not_compared, proof.not_checked["L1"])
     faults = judge_checks(world, proof.checks, proof.not_compared, lacking)

@@ -18,7 +18,6 @@ from simspec.dynamics.states import random_states
 from simspec.engines.kit import process
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.installing import how_to_install
 from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
 from simspec.engines.kit.registry import find_engine
@@ -177,7 +176,7 @@ def verify(
     ``locate``: places in the spec, for errors; ``progress``: called with a line when something begins; ``probes``: from
     :func:`prepare`, to use again; ``cache``: take contact figures that were measured before; ``warm``: processes that engines
     are forked from (default: its own, since an engine is asked twice where there is contact).
-    An engine that fails is a failed check with its message, the others go on. Of one that is not installed and declares so
+    An engine that fails is a failed check with its message, the others go on. Of one that simspec does not run
     (``Engine.FILES_ALONE``) the files are checked alone: its proof says that, and is not valid.
     Raises UnsupportedError when the world cannot be compiled for one of the engines.
     """
@@ -188,7 +187,7 @@ def verify(
     not_compared = left_out(world, levels)
     with contextlib.ExitStack() as stack:
         warm = warm or stack.enter_context(WarmProcesses())
-        proofs = _of_files_alone(world, compiled, artifacts or {}, pythons or {}, not_compared)
+        proofs = _of_files_alone(world, compiled, artifacts or {}, not_compared)
         order, compiled = tuple(compiled), {name: one for name, one in compiled.items() if name not in proofs}
         if not compiled:
             return Certificate(world.name, sha256(world), _oracle_version(), proofs)
@@ -243,14 +242,13 @@ def _of_files_alone(
     world: World,
     compiled: Mapping[str, Compiled],
     artifacts: Mapping[str, Path],
-    pythons: Mapping[str, str],
     not_compared: Mapping[str, str],
 ) -> dict[str, EngineProof]:
-    """The proofs of the engines that are not installed and declare that their files can be proven without them."""
+    """The proofs of the engines that simspec does not run, of which the files can be proven alone."""
     proofs = {}
     for name, compilation in compiled.items():
         engine = find_engine(name)
-        if not engine.FILES_ALONE or name in pythons or engine.version() is not None:
+        if not engine.FILES_ALONE:
             continue
         with contextlib.ExitStack() as stack:
             folder = artifacts.get(name)
@@ -258,7 +256,7 @@ def _of_files_alone(
                 folder = stack.enter_context(scratch_folder("verify")) / name
                 write_folder(compilation.files, folder)
             checks, _ = _text_checks(world, compilation, folder)
-            parts = of_files_alone(not_compared, f"not installed: {how_to_install(engine)}")
+            parts = of_files_alone(not_compared, engine.FILES_ALONE)
             proof = _proof(compilation, folder, checks, parts, None)
         proofs[name] = dataclasses.replace(proof, version="none", not_compared=dict(not_compared))
     return proofs

@@ -79,9 +79,10 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate], costs:
         "name": f"`{engine.NAME}`",
         "computes in": f"{engine.PRECISION} precision",
         "version that the certificates are of": ", ".join(sorted(versions)),
-        "install": engine.NEEDS.elsewhere or (f"`{how_to_install(engine)}`" if how_to_install(engine) else ""),
-        "proven": "its files alone (L0) where it is not installed: such a certificate is not valid"
-        * engine.FILES_ALONE,
+        "install": f"`{how_to_install(engine)}`" if how_to_install(engine) else "",
+        "proven": f"its files alone (L0), which is no valid certificate: {engine.FILES_ALONE}"
+        if engine.FILES_ALONE
+        else "",
         "packages of Debian": needs,
         "reads": f"`{format_of(engine)}` (dialect `{engine.DIALECT}`)",
         f"of {len(Feature)} features": ", ".join(f"{counts[one]} {one}" for one in LEVELS if counts[one]),

@@ -28,6 +28,7 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.wbt.document import Document
 from simspec.formats.wbt.tree import Node
 from simspec.formats.wbt.tree import World as Scene
+from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support.declarations import (
     GATHERED,
     UNTOLD_FRAMES,
@@ -209,7 +210,7 @@ class _Nest:
         for index, body in reversed(list(enumerate(self._world.bodies))):
             node = self._solid(index, body, tuple(reversed(below.pop(body.name, []))))
             joint = body.joint
-            if joint.kind in ("hinge", "slide", "ball"):
+            if joint.kind in TREE_JOINTS:
                 node = joint_node(joint, node, self._place(body), f"joint_{index}")
             if joint.parent is None and joint.kind in ("fixed", "free"):
                 found.append(node)

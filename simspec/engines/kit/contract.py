@@ -57,9 +57,9 @@ class Engine:
     """Packages of Python that its environment has beside the engine's own."""
     NEEDS: ClassVar[Needs] = Needs()
     """What it needs of the machine beside packages of Python."""
-    FILES_ALONE: ClassVar[bool] = False
-    """Whether a proof of it, where it is named and not installed, goes as far as its files (L0) and says so; such a proof is
-    never valid. Elsewhere an engine that is named and not installed is an error."""
+    FILES_ALONE: ClassVar[str] = ""
+    """Why it is never asked, where simspec writes its files and does not run it: a proof of it goes as far as the files (L0),
+    says so with this reason, and is never valid. Empty: it is run, and one that is named and not installed is an error."""
     CLASHES: ClassVar[Mapping[str, str]] = {}
     """Packages of Python, of other engines, that may not be in its process, each with the reason (``kit/beside.py``)."""
     PRECISION: ClassVar[str] = DOUBLE
@@ -116,7 +116,7 @@ class Engine:
     @classmethod
     def version(cls) -> str | None:
         """The installed version; None when the engine is not installed. Does not import the engine."""
-        for name in cls.distributions():
+        for name in () if cls.FILES_ALONE else cls.distributions():
             with contextlib.suppress(importlib.metadata.PackageNotFoundError):
                 return importlib.metadata.version(name)
         return cls.NEEDS.version()

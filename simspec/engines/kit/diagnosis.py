@@ -24,6 +24,7 @@ class State(StrEnum):
     OTHER_VERSION = "other version"
     ABSENT = "not installed"
     IMPOSSIBLE = "cannot be installed"
+    FILES = "its files alone"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,8 @@ class Diagnosis:
 def diagnose(engine: type[Engine], environment: Mapping[str, str] | None = None) -> Diagnosis:
     """What is there of ``engine`` in this interpreter and on this machine. ``environment`` overrides markers of packages."""
     install = how_to_install(engine)
+    if engine.FILES_ALONE:
+        return Diagnosis(State.FILES, None, (engine.FILES_ALONE,), install)
     if engine.version() is None and (why := why_not(engine, dict(environment or {}))) is not None:
         return Diagnosis(State.IMPOSSIBLE, None, (why,), install)
     absent, wrong = _packages(engine, environment)
@@ -75,7 +78,7 @@ def _reason(engine: type[Engine], error: EngineError) -> str:
 def _version(engine: type[Engine]) -> str | None:
     """The version of what there is of the engine itself, also where what it needs beside is missing."""
     library = engine.NEEDS.library
-    return engine.version() or (package_version(library.split()[0]) if library else engine.NEEDS.found())
+    return engine.version() or (package_version(library.split()[0]) if library else None)
 
 
 def _packages(engine: type[Engine], environment: Mapping[str, str] | None) -> tuple[list[str], list[str]]:

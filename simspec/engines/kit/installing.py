@@ -14,13 +14,14 @@ from simspec.engines.kit.registry import engines
 
 
 def how_to_install(engine: type[Engine]) -> str:
-    """The words that install an engine: of pip, of Debian's apt-get, or both; or how to get what neither has."""
-    words = (pip_words(engine), apt_words(engine.NEEDS), engine.NEEDS.elsewhere)
-    return " and ".join(command for command in words if command)
+    """The words that install an engine: of pip, of Debian's apt-get, or both."""
+    return " and ".join(command for command in (pip_words(engine), apt_words(engine.NEEDS)) if command)
 
 
 def not_installed(engine: type[Engine]) -> str:
-    """That an engine is not installed, what is missing where that is known, and how to install it."""
+    """That an engine is not installed, what is missing where that is known, and how to install it; or why it is never asked."""
+    if engine.FILES_ALONE:
+        return engine.FILES_ALONE
     lacking = engine.NEEDS.lacking()
     why = f" ({str(lacking[0]).splitlines()[0].removeprefix(f'{engine.NAME}: ')})" if lacking else ""
     how = how_to_install(engine)

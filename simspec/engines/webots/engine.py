@@ -1,4 +1,4 @@
-"""Webots: its worlds as files, stepped by the Webots that is installed; no certificate here is of more than the files.
+"""Webots: its worlds as files. simspec does not run it, and no certificate is of more than the files.
 
 No number in this package was measured in Webots: what it says follows from the reference manual and the sources of R2023b, and
 from what was measured of the Open Dynamics Engine, of which Webots has a copy of its own.
@@ -13,10 +13,8 @@ from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.needs import Needs
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.settings import Group, Setting
-from simspec.engines.webots import program
 from simspec.engines.webots.touching import only_joined, touches_less
 from simspec.support.declarations import (
     AS_EFFORTS,
@@ -84,25 +82,24 @@ def _planes_still(world: World) -> Refinement | None:
 
 class Webots(Engine):
     """Webots' copy of ODE, told by a .wbt in which nothing is left to a default. Only the files are proven, by the independent
-    reader (L0): no Webots has ever run what simspec writes for it."""
+    reader (L0): simspec does not run Webots, and no Webots has ever run what it writes."""
 
     NAME: ClassVar[str] = "webots"
     TITLE: ClassVar[str] = "Webots"
     DIALECT: ClassVar[str] = "webots"
     DISTRIBUTION: ClassVar[str] = ""
     EXTRA: ClassVar[str] = ""
-    NEEDS: ClassVar[Needs] = program.NEEDS
-    FILES_ALONE: ClassVar[bool] = True
+    FILES_ALONE: ClassVar[str] = "simspec writes Webots' files (.wbt, R2023b), and does not run Webots yet"
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.MASS_MATRIX: "Webots solves in the bodies' coordinates and forms no mass matrix",
         Capability.BIAS_FORCE: "Webots gives no forces of inertia",
         Capability.ENERGY: "Webots gives no energies",
-        Capability.INVENTORY: "simspec reads back what stands in the scene tree, and nothing beside it",
+        Capability.INVENTORY: "simspec does not run Webots yet",
         Capability.PAIR_DETECTION: "Webots tells contacts of a step that it has made, and of no state",
         Capability.CONTACT_OFF: "Webots has no switch for contact",
-        Capability.DRY_FRICTION_OFF: "simspec does not change a joint of a Webots that runs",
+        Capability.DRY_FRICTION_OFF: "simspec does not run Webots yet",
         Capability.NATIVE_CONTROLLERS: "simspec writes no motors",
         Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through Webots",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support.declarations import Level, Refinement, not_here
 from simspec.world import frames
 from simspec.world.derived import derived
@@ -46,7 +47,7 @@ def _joined(world: World) -> Iterator[tuple[str, str]]:
     bodies = {body.name: body for body in world.bodies}
     anchors = _anchors(world)
     for body in world.bodies:
-        if body.joint.kind not in (*ROUND, "slide"):
+        if body.joint.kind not in TREE_JOINTS:
             continue
         top: Body | None = body
         first: Vector3 | None = None

@@ -1,4 +1,4 @@
-"""An engine that is not installed and whose files are proven alone: what says so, and that nothing calls it valid."""
+"""An engine that is not run and whose files are proven alone: what says so, and that nothing calls it valid."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import json
 
 import pytest
 
+from simspec import cli
 from simspec.commands.verify import verify as verify_command
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.installing import not_installed
-from simspec.engines.webots import program
 from simspec.engines.webots.engine import Webots
 from simspec.engines.webots.touching import kept_apart
-from simspec.errors import EXIT_ENGINE, EXIT_FAILED, UnsupportedError
+from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, UnsupportedError
 from simspec.language.load import load
 from simspec.proof.certificate import Certificate
 from simspec.proof.judge import judge
@@ -26,17 +26,24 @@ WORLD = every()["bouncing"]
 TENSOR = (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)
 
 
-@pytest.fixture(autouse=True)
-def absent(monkeypatch):
-    """No Webots, whatever the machine has."""
-    monkeypatch.setattr(program, "home", lambda: None)
-
-
-def test_it_says_what_is_missing_and_how_to_get_it():
+def test_it_says_why_it_is_not_asked(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     assert Webots.version() is None
-    told = not_installed(Webots)
-    assert told.startswith("not installed (no program webots: WEBOTS_HOME is not set")
-    assert "install Webots R2023b or later from cyberbotics.com" in told
+    assert (
+        not_installed(Webots)
+        == Webots.FILES_ALONE
+        == "simspec writes Webots' files (.wbt, R2023b), and does not run Webots yet"
+    )
+    (tmp_path / "fall.yaml").write_text(SPEC, encoding="utf-8")
+    for words in (("run", "fall.yaml"), ("verify", "--self-test")):
+        assert cli.main([*words, "--engine", "webots"]) == EXIT_ENGINE
+        assert f"webots: {Webots.FILES_ALONE}" in " ".join(capsys.readouterr().err.split())
+    assert cli.main(["compile", "fall.yaml", "--engine", "webots"]) == EXIT_OK
+    assert (tmp_path / "generated" / "fall" / "webots" / "world.wbt").is_file()
+    assert cli.main(["engines", "install", "webots"]) == EXIT_ENGINE
+    assert Webots.FILES_ALONE in " ".join(capsys.readouterr().out.split())
+    assert cli.main(["engines", "doctor", "webots"]) == EXIT_ENGINE
+    assert "its files alone" in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_files_are_proven_and_nothing_else():
@@ -45,7 +52,7 @@ def test_the_files_are_proven_and_nothing_else():
     assert {check.level for check in proof.checks} == {"L0"}
     assert (proof.passed, proof.files_alone, proof.valid, certificate.valid) == (True, True, False, False)
     assert proof.verdict.startswith(
-        "not proven: the files hold the world (L0); not checked: L1, L2, L3, L4, L5, L6 (not"
+        "not proven: the files hold the world (L0); not checked: L1, L2, L3, L4, L5, L6 (sim"
     )
     assert proof.version == "none"
     assert Certificate.from_json(certificate.to_json()) == certificate.timeless()
@@ -114,7 +121,7 @@ def test_the_command_says_so_and_ends_with_the_code_of_a_missing_engine(tmp_path
     code, said = run(tmp_path, capsys, SPEC, ["webots"])
     assert code == EXIT_ENGINE
     assert "NOT PROVEN" in said
-    assert "not checked: L1, L2, L3, L4, L6: not installed: install Webots" in " ".join(said.split())
+    assert "not checked: L1, L2, L3, L4, L6: simspec writes Webots' files" in " ".join(said.split())
     assert " valid" not in said
 
 
