@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from simspec.arguments import interpreters, print_json
-from simspec.commands.study import find_study, plan_of
+from simspec.commands.study import absent_engines, find_study, plan_of
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.experiments.published import older_sweeps, read_models, sweep_models
 from simspec.language.study_specs import load_study_file
@@ -115,5 +115,14 @@ def _older(folder: Path, pythons: dict[str, str], allow_outside: bool) -> dict[s
     """By sweep, why the figures of a published study are older than the code."""
     kept = read_models(folder)
     source = load_study_file(find_study(kept.source), allow_outside=allow_outside)
-    now = {one.name: sweep_models(source, one, plan_of(one, pythons)) for one in source.sweeps(kept.small)}
+    sweeps = source.sweeps(kept.small)
+    absent = absent_engines(sweeps, pythons)
+    if absent:
+        say(
+            f"{folder}: {', '.join(absent)} not installed: their versions are taken to be those of the figures",
+            error=True,
+        )
+    measured = {model.engine: model.version for own in kept.sweeps.values() for model in own.models}
+    assumed = {label: {"engine_version": measured.get(label, "")} for label in absent}
+    now = {one.name: sweep_models(source, one, plan_of(one, pythons, assumed=assumed)) for one in sweeps}
     return older_sweeps(kept, now)

@@ -7,15 +7,18 @@ import functools
 import json
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from simspec.arguments import engines_at_work, interpreters, print_json
 from simspec.commands.publish import demand_publishable
 from simspec.commands.publish import publish as publish_study
 from simspec.commands.report import SWEEP_FOLDER
+from simspec.commands.study_explained import explained
 from simspec.commands.sweep import side_by_side
+from simspec.comparison.study import missing_engines
 from simspec.engines.kit.warm import WarmProcesses
-from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, SpecError
+from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, Problem, SpecError
 from simspec.experiments.cost import costs, estimate
 from simspec.experiments.executors.contract import Supplies
 from simspec.experiments.executors.local import LocalExecutor
@@ -41,7 +44,7 @@ from simspec.report.plain import PAGE_FILE as HTML_FILE
 from simspec.report.progress import duration, progress
 from simspec.report.screen import console, say
 from simspec.report.study.cases import unfailed
-from simspec.report.study.done import Done, Shown
+from simspec.report.study.done import Done, Explained, Shown
 from simspec.report.study.markdown import markdown
 from simspec.report.study.measured import counted, measured
 from simspec.report.study.page_section import SCHEMA, TABLES_FILE, study_parts
@@ -75,7 +78,14 @@ def study(
     """Do the sweeps of a study, write and print its tables, and publish them where that is asked for."""
     source = load_study_file(find_study(name), allow_outside=allow_outside)
     pythons = interpreters(python, None)
-    planned = [(one, plan_of(one, pythons)) for one in source.sweeps(small)]
+    sweeps = source.sweeps(small)
+    absent = absent_engines(sweeps, pythons)
+    for label, why in absent.items():
+        say(f"{source.name}: without {label}: {why}", error=True)
+    if publish is not None and absent:
+        problem = Problem(f"engines of the study are missing: {', '.join(absent)}", hint="simspec engines install")
+        raise SpecError([problem])
+    planned = [(one, plan_of(one, pythons, tuple(absent))) for one in sweeps]
     folder = RUNS / (f"{source.name}-small" if small else source.name)
     place = store or folder / SWEEP_FOLDER
     demand([folder_problem(place, STORE, source.files()), folder_problem(folder, STUDY, source.files())])
@@ -116,8 +126,12 @@ def study(
             )
             moved.append((second, run_plan(second.plan)))
         figures = [figure for figure in source.figures if figure.sweep == one.name]
-        done.append(Done(one, outcome, opened, figures, moved))
-    return _tell(source, name, done, folder, small, as_json, publish)
+        found: list[Explained] = []
+        if "attribution" in one.words.show:
+            with progress(not as_json) as tell:
+                found = explained(outcome, opened, pythons, deadline, tell)
+        done.append(Done(one, outcome, opened, figures, moved, found))
+    return _tell(source, name, done, folder, small, as_json, publish, absent)
 
 
 def find_study(name: str) -> Path:
@@ -129,14 +143,36 @@ def find_study(name: str) -> Path:
     return shipped if shipped.is_file() else path
 
 
-def plan_of(one: SweepOfStudy, pythons: Mapping[str, str]) -> Plan:
-    """The plan of a sweep of a study, for the engines that it names, else all that support it."""
+def _named(one: SweepOfStudy) -> list[str] | None:
+    """The engines that a sweep names."""
     named = one.spec.data.sweep.engines if one.spec.data.sweep is not None else None
-    selection = engines_at_work(list(named) if named else None, pythons)
+    return list(named) if named else None
+
+
+def absent_engines(sweeps: Sequence[SweepOfStudy], pythons: Mapping[str, str]) -> dict[str, str]:
+    """The engines that sweeps name and that are not here, each with the reason; a study goes on without them."""
+    labels = [label for one in sweeps for label in _named(one) or ()]
+    return missing_engines(list(dict.fromkeys(labels)), pythons)
+
+
+def plan_of(
+    one: SweepOfStudy,
+    pythons: Mapping[str, str],
+    absent: Collection[str] = (),
+    assumed: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+) -> Plan:
+    """The plan of a sweep of a study, for the engines that it names, but those that are ``absent``, else all that support
+    it; ``assumed``: the versions of engines that are not here, of a plan that nobody runs. Raises SpecError where no engine
+    is left."""
+    named = _named(one)
+    if named is not None and not (named := [label for label in named if label not in absent]):
+        raise SpecError([Problem(f"{one.name}: none of the engines of this sweep is installed")])
+    selection = engines_at_work(named, pythons, demand=not assumed)
     if not named:
         selection = selection.for_world(one.spec.resolve(), one.spec.locate)
     labels = list(selection.engines)
-    return plan_sweep(one.spec, engines=labels, versions=versions_of(labels, pythons))
+    here = versions_of([label for label in labels if label not in assumed], pythons)
+    return plan_sweep(one.spec, engines=labels, versions={**assumed, **here})
 
 
 def _local(plan: Plan, pythons: Mapping[str, str], supplies: Supplies) -> LocalExecutor:
@@ -154,13 +190,14 @@ def _tell(
     small: bool,
     as_json: bool,
     into: Path | None,
+    absent: Mapping[str, str],
 ) -> int:
     parts = [(one, shown_of(one)) for one in done]
     made = {one.sweep.name: {shown.name: sheet(shown.table) for shown in own} for one, own in parts}
     code = max((_code(one) or EXIT_FAILED * bool(unfailed(one)) for one in done), default=EXIT_OK)
     code = max([code, *(exit_code(second, one.sweep.words.show) for one in done for _, second in one.moved)])
     command = f"simspec study {name}{' --small' if small else ''}"
-    data = study_data(source, done, parts, small, command)
+    data = study_data(source, done, parts, small, command, absent)
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     files = {TABLES_FILE: text, PAGE_FILE: page(source, made, data)}
     change_file(folder, STUDY, TABLES_FILE, lambda before: files[TABLES_FILE])
@@ -200,9 +237,11 @@ def study_data(
     parts: Sequence[tuple[Done, Sequence[Shown]]],
     small: bool,
     command: str,
+    absent: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """A study as plain data: its tables as they are printed, each with its figures as data."""
-    said: list[str] = []
+    """A study as plain data: its tables as they are printed, each with its figures as data; ``absent``: engines that it names
+    and went without, each with the reason."""
+    said = [f"without {label}: {why}" for label, why in absent.items()]
     bad: list[int] = []
     for one in done:
         outcome = one.outcome

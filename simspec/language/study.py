@@ -22,7 +22,7 @@ VERSION = 1
 SHOWN = (
     *("speed", "load", "validity", "over_time", "determinism", "playback", "quantities", "unequal", "contact"),
     *("certified", "failures", "cases", "cost", "displacement", "case_cost"),
-    *("divergence", "distributions", "consistency", "conservation", "penetration"),
+    *("divergence", "distributions", "consistency", "conservation", "penetration", "attribution"),
 )
 """What can be shown of a sweep."""
 QUANTITIES = ("real_time_factor", "cpu_factor", "largest_valid_timestep", "spread_at_the_end")

@@ -92,12 +92,18 @@ class _Work:
     def step(self, arrays: Any, q: Any, v: Any, warm: Any, effort: Any, count: Any) -> Arrays:
         model, data = self._begun(arrays, q, v)
         data = data.replace(qacc_warmstart=warm, qfrc_applied=effort)
-        data = self.jax.lax.fori_loop(0, count, lambda _, before: self._mjx.step(model, before), data)
+        data = self.jax.lax.fori_loop(
+            0, count, lambda _, before: self._same_forms(self._mjx.step(model, before), before), data
+        )
         own = data._impl
         return {
             **{"q": data.qpos, "v": data.qvel, "warm": data.qacc_warmstart, "force": own.efc_force},
             **self._contacts(own.contact),
         }
+
+    def _same_forms(self, after: Any, before: Any) -> Any:
+        """The data of a step with the kinds of numbers of the one before: MJX makes integers longer, which no loop takes."""
+        return self.jax.tree_util.tree_map(lambda new, old: new.astype(old.dtype), after, before)
 
     @staticmethod
     def _contacts(contact: Any) -> Arrays:

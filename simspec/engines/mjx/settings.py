@@ -12,7 +12,7 @@ from simspec.engines.mujoco.settings import SETTINGS as MUJOCO
 _UNUSED = "MuJoCo's, of the file; MJX has nothing of the kind, so that this alone is allowed."
 
 SETTINGS: Mapping[str, Setting] = {
-    **MUJOCO,
+    **{name: setting for name, setting in MUJOCO.items() if name not in ("sleeping", "sleep_tolerance")},
     "solver": dataclasses.replace(
         MUJOCO["solver"],
         meaning="The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations; cg "
@@ -43,10 +43,8 @@ SETTINGS: Mapping[str, Setting] = {
         MUJOCO["ccd_tolerance"], meaning="MuJoCo's, of the file, and without effect in MJX.", finer=None
     ),
     "island": dataclasses.replace(
-        MUJOCO["island"], meaning="MuJoCo's, of the file, and without effect: MJX solves all bodies together."
-    ),
-    "sleeping": dataclasses.replace(
-        MUJOCO["sleeping"],
-        meaning="MuJoCo's, of the file. MJX lets nothing sleep, and a world that asks for it is refused.",
+        MUJOCO["island"],
+        meaning="MuJoCo's, of the file, and without effect: MJX solves all bodies together.",
+        needs=None,
     ),
 }

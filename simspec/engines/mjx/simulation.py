@@ -63,13 +63,13 @@ class MjxSimulation(MujocoSimulation, abstract=True):
     def _take_over(self) -> None:
         """Make MJX's model of MuJoCo's, and its programs."""
         try:
-            self._held = self._modules.mjx.put_model(self.model)
-            self._programs = Programs(self._modules, self._held)
+            self._taken = self._modules.mjx.put_model(self.model)
+            self._programs = Programs(self._modules, self._taken)
         except NotImplementedError as error:
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
 
     def read_back(self) -> ReadBack:
-        held = Held(self._held, self.model)
+        held = Held(self._taken, self.model)
         actuation = int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         flags = (int(held.opt.disableflags) & ~actuation) | (self._disabled_by_file & actuation)
         found = read_back(HeldMujoco(self._modules), held, self._sidecar, flags)
@@ -85,7 +85,7 @@ class MjxSimulation(MujocoSimulation, abstract=True):
 
     def close(self) -> None:
         super().close()
-        for name in ("_held", "_programs", "_file"):
+        for name in ("_taken", "_programs", "_file"):
             self.__dict__.pop(name, None)
 
     # --- state ----------------------------------------------------------------------------------------------------

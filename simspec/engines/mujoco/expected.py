@@ -133,7 +133,7 @@ class _Expected:
 
     @property
     def _sleeping(self) -> bool:
-        return bool(self.settings["sleeping"])
+        return bool(self.settings.get("sleeping", False))
 
     @property
     def _coulomb(self) -> bool:
@@ -427,10 +427,8 @@ class _Expected:
         if self._sleeping:
             settings["island"] = True
         else:
-            del (
-                settings["sleeping"],
-                settings["sleep_tolerance"],
-            )  # means nothing without its switch, and is not written
+            for name in ("sleeping", "sleep_tolerance"):  # means nothing without its switch, and is not written
+                settings.pop(name, None)
         bodies = self.world.bodies
         free = {
             body.name: told_inertial(self.world, body).centre_of_mass for body in bodies if body.joint.kind == "free"

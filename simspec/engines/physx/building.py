@@ -69,6 +69,12 @@ def lengths(values: Iterable[float], what: str) -> tuple[float, ...]:
     return single((SCALE * value for value in values), what)
 
 
+def moving(values: np.ndarray, what: str) -> None:
+    """Raise EngineError for a state or an effort, in PhysX's lengths, that PhysX cannot hold. What is below its smallest number
+    becomes zero there, which is right to 1e-38 of its unit: other engines' states have such rests."""
+    single(np.where(np.abs(values) < SMALLEST, 0.0, values).tolist(), what)
+
+
 class Unit(NamedTuple):
     """One copy of a shape: the row of its body, the shape, and the layer."""
 

@@ -45,6 +45,12 @@ def single(values: Iterable[float], what: str) -> tuple[float, ...]:
     return found
 
 
+def moving(values: np.ndarray, what: str) -> None:
+    """Raise EngineError for a state or an effort that Rapier cannot hold. What is below its smallest number becomes zero there,
+    which is right to 1e-38 of its unit: other engines' states have such rests."""
+    single(np.where(np.abs(values) < SMALLEST, 0.0, values).tolist(), what)
+
+
 class Built:
     """``world``: Rapier's. ``bodies``: the handle of each body's rigid body, its own or that which carries it; ``carrier``: the
     row of that body, −1 of what cannot move; ``local``: each body's pose in it, in the world of what cannot move.

@@ -10,6 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from simspec.analysis.speed import Speed, speed
+from simspec.attribution.explanation import Explanation
 from simspec.experiments.first_gap import SecondPass
 from simspec.experiments.index import Row
 from simspec.experiments.plan import Cell
@@ -23,6 +24,17 @@ Record = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
+class Explained:
+    """What ``simspec explain`` finds of an engine beside the ``first`` of a sweep; None: nothing was asked, for the reason
+    ``refused``."""
+
+    engine: str
+    first: str
+    found: Explanation | None
+    refused: str = ""
+
+
+@dataclass(frozen=True)
 class Done:
     """One sweep of a study that was done: ``figures``: those from elsewhere that it is held against; ``moved``: its second
     passes; ``kept``: what several tables need of the runs, worked out once."""
@@ -32,6 +44,8 @@ class Done:
     store: Store
     figures: Sequence[Figure]
     moved: Sequence[tuple[SecondPass, Outcome]] = ()
+    explained: Sequence[Explained] = ()
+    """Where the other engines differ from the first, where the study shows it."""
     kept: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def runs(self, case: str | None = None, whole: bool = False) -> Iterator[tuple[Cell, Row]]:

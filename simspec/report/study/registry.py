@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from simspec.report.study.attribution import attribution_tables
 from simspec.report.study.case_cost import case_cost_tables
 from simspec.report.study.cases import cases_tables
 from simspec.report.study.certified import certified_tables
@@ -47,6 +48,7 @@ SHOWN: Mapping[str, Callable[[Done], list[Shown]]] = {
     "consistency": consistency_tables,
     "conservation": conservation_tables,
     "penetration": penetration_tables,
+    "attribution": attribution_tables,
 }
 """By the words of :data:`simspec.language.study.SHOWN`. A table's name begins with the word."""
 

@@ -336,5 +336,7 @@ def test_a_state_that_is_no_longer_finite_is_an_error(load):
     engine = load(scene(ball("ball", (0.0, 0.0, 0.5))))
     with pytest.raises(EngineError, match="there is no nan"):
         engine.set_state(np.full(7, math.nan), np.zeros(6))
+    engine.set_state(np.array([0.0, 1e-59, 0.5, 1.0, 0.0, 0.0, 0.0]), np.full(6, -1e-200))  # zero, to 1e-38
+    assert engine.get_state()[0][1] == pytest.approx(0.0, abs=1e-37)
     with pytest.raises(EngineError, match="the state of ball is no longer finite"):
         engine.step(3, np.array([0.0, 0.0, 0.0, 1e31, 1e31, 1e31]))
