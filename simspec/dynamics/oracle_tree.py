@@ -150,6 +150,8 @@ class Tree:
         spread = np.zeros(self.model.nv)
         spread[self.v_index] = armature
         self.model.armature = spread
+        self._upper = np.triu(np.ones((self.model.nv, self.model.nv), dtype=bool))
+        """What Pinocchio fills of M."""
         self._hinge_q = np.array([q for q, _ in self._sprung], dtype=int)
         self._hinge_v = np.array([v for _, v in self._sprung], dtype=int)
 
@@ -198,7 +200,7 @@ class Tree:
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M (nv, nv), armature included."""
         full = self.pin.crba(self.model, self.data, self.spread(q)[0])
-        full = np.triu(full) + np.triu(full, 1).T
+        full = np.where(self._upper, full, full.T)
         matrix: np.ndarray = full[np.ix_(self.v_index, self.v_index)]
         return matrix
 

@@ -168,8 +168,16 @@ def multipliers(mobility: Array, wanted: Array) -> Array:
         return np.full(len(wanted), np.nan)
     moved = np.diag(mobility)
     scale = np.sqrt(np.maximum(moved, max(UNMOVED * float(moved.max(initial=0.0)), 1e-300)))
-    inverse = np.linalg.pinv(mobility / np.outer(scale, scale), rcond=RANK, hermitian=True)
-    return (inverse @ (wanted / scale)) / scale
+    # numpy's pinv of a symmetric matrix, with its bits, without what it asks of others
+    values, axes = np.linalg.eigh(mobility / (scale[:, None] * scale))
+    order = np.argsort(np.abs(values))[::-1]
+    values, axes = values[order], axes[:, order]
+    sizes = np.abs(values)
+    kept = sizes > RANK * sizes.max(initial=0.0)
+    shares = np.divide(1.0, sizes, where=kept, out=np.zeros(len(sizes)))
+    inverse = (axes * np.sign(values)) @ (shares[:, None] * axes.T)
+    found: Array = (inverse @ (wanted / scale)) / scale
+    return found
 
 
 RANK = 1e-10

@@ -42,6 +42,12 @@ def test_what_comes_out_of_an_overlap_slowly_is_no_bounce():
     assert bounce_ratio(speed, DT) == pytest.approx(0.009)
 
 
+def test_what_is_brought_to_rest_in_several_steps_has_not_bounced():
+    """Of one that lies gravity takes nothing, which is not to be given back."""
+    speed = np.array([-0.14, -0.15, -0.12, -0.03, -0.001, 0.0, 0.0, 1e-7, 0.0])
+    assert bounce_ratio(speed, DT) == pytest.approx(0.0, abs=0.01)
+
+
 @pytest.mark.parametrize("speed", [[0.0, 0.1, 0.2], [-0.98, -0.99, -1.0], [-0.1, -0.2, np.nan, np.nan]])
 def test_without_an_impact_there_is_no_ratio(speed):
     assert math.isnan(bounce_ratio(np.array(speed), DT))

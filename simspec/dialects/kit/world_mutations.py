@@ -41,6 +41,31 @@ INERT = (
     *(Inert(site, SYMMETRIC, ("swapped",), WORLD) for site in ("meets.*", "meets.*.*", "apart.*.*", "apart.*.*.*")),
 )
 
+INERTIAL = ("bodies.*.mass", "bodies.*.centre_of_mass.*", "bodies.*.inertia.*")
+
+
+def in_single_precision(within: float) -> tuple[Inert, ...]:
+    """Rows of an engine that computes in single precision: what is the same but for its roundings, by which motion departs
+    up to ``within``; what turns a shape itself the read-back sees."""
+    rounded = "but for roundings to single precision"
+    return (
+        Inert("*quaternion*", f"q and −q are the same rotation, {rounded}", ("sign",), WORLD, within=within),
+        Inert(
+            "bodies.*.shapes.*.pose.position.*",
+            f"a translation of a plane within itself, {rounded}",
+            (),
+            WORLD,
+            within=within,
+        ),
+        Inert(
+            "bodies.*.shapes.*.pose.quaternion.*",
+            f"a rotation within a shape's symmetry, {rounded}",
+            ("swapped",),
+            WORLD,
+            within=within,
+        ),
+    )
+
 
 def table(
     settings: Mapping[str, Sequence[str]],

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from simspec.dialects.kit.law_defects import ADDED_LAW
 from simspec.dialects.kit.mutations import Addition, Inert
-from simspec.dialects.kit.world_mutations import SYMMETRIC, WORLD, table
+from simspec.dialects.kit.world_mutations import INERTIAL, SYMMETRIC, WORLD, table
 
 BODILESS = "ODE has no body for what cannot move or has no mass"
-INERTIAL = ("bodies.*.mass", "bodies.*.centre_of_mass.*", "bodies.*.inertia.*")
 
 NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
 

@@ -119,15 +119,19 @@ def bounce_ratio(speed: np.ndarray, timestep: float) -> float:
     """Separation over approach speed of one impact, from the upward speeds (n,) at every step.
 
     The approach is the fastest fall; from there on the contact turns the ball, until a step adds less than ``TURNED`` of
-    the approach to its speed. One step leaves gravity no time; of several, what it took in between is given back.
+    the approach to its speed. One step leaves gravity no time; of several, what it took in between is given back to what then
+    flies. Of what lies it has taken nothing: the contact bears it.
     """
     lowest = int(np.argmin(speed))
     if speed[lowest] >= 0.0 or lowest + 1 >= len(speed):
         return math.nan
-    turned = np.flatnonzero(np.diff(speed[lowest + 1 :]) < -TURNED * speed[lowest])
+    changes = np.diff(speed[lowest + 1 :])
+    turned = np.flatnonzero(changes < -TURNED * speed[lowest])
     if not len(turned):
         return math.nan
-    lost = GRAVITY * timestep * turned[0]
+    # the first of these steps may be one of contact yet
+    flies = (changes[turned[0] : turned[0] + 2] < -0.5 * GRAVITY * timestep).any()
+    lost = GRAVITY * timestep * turned[0] if flies else 0.0
     return float((speed[lowest + 1 + turned[0]] + lost) / -speed[lowest])
 
 

@@ -128,7 +128,7 @@ def test_an_attempt_that_crashes_is_refused_and_the_others_go_on(stub):
 @pytest.mark.parametrize("what", ["crash", "leave", "hang"])
 def test_the_operation_at_work_is_named(stub, what):
     with pytest.raises(EngineError, match=r"at work on 'read_back' \(operation 3 of 3\)") as caught:
-        stub(what, "fine", "refuse", deadline=15.0 if what == "hang" else 60.0)
+        stub(what, "fine", "refuse", deadline=8.0 if what == "hang" else 60.0)
     assert caught.value.operation == 2
 
 
