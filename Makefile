@@ -61,7 +61,7 @@ check: setup
 	$(BIN)/simspec pages --check $(PAGES)
 
 test: check
-	$(BIN)/pytest -n $(JOBS) --dist loadfile
+	$(BIN)/pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 # the language, the world, formats, comparisons, reports: all that needs no engine at work
 QUICK := tests/language tests/world tests/control tests/comparison tests/report tests/dynamics \

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import signal
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -17,12 +18,29 @@ from tests.installed import LEFT_OUT
 settings.register_profile("simspec", deadline=None)
 settings.load_profile("simspec")
 
+ROOT = Path(__file__).resolve().parent
 os.environ["XDG_DATA_HOME"] = os.devnull  # versions of engines that the user has made are none of a test's business
 
 
 def pytest_report_header() -> list[str]:
     """Nothing is left out in silence: neither here nor in the list of skipped tests at the end."""
     return [f"engine left out: {name}: {why}" for name, why in LEFT_OUT.items()]
+
+
+LONGEST = (
+    *("engines/test_fake.py", "proof/test_verify.py", "test_endings.py", "test_readme.py", "test_stacking.py"),
+    *("test_packaging.py", "engines/test_engine_suite.py", "proof/test_contact_scenes.py", "commands/test_sweep.py"),
+    *("engines/test_alone.py", "engines/gazebo/test_contact.py", "proof/test_contact_run.py", "test_ci_example.py"),
+    *("attribution/test_planted.py", "experiments/test_dask.py", "proof/test_motionless.py", "test_bad_input.py"),
+    *("engines/kit/test_process.py", "comparison/test_long.py", "engines/test_motion_scenarios.py"),
+    *("engines/drake/test_hydroelastic.py", "report/test_study_analysis.py", "report/test_study_contact.py"),
+)
+"""Files that take long, or that wait: first, so that no process is left with one of them when the others have ended."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    order = {ROOT / file: place for place, file in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path, len(order)))
 
 
 ALONE = "SIMSPEC_TESTS_ALONE"

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import LONGEST as FIRST
+
 PACKAGE = Path(__file__).resolve().parent.parent / "simspec"
 ORDER = (
     "ending",
@@ -478,3 +480,7 @@ def test_no_test_imports_from_another(path):
 def test_a_test_that_imports_from_another_is_seen():
     text = "import tests.a.test_b\nfrom tests.test_c import d\nfrom tests import test_e\nfrom tests.f import test_g\n"
     assert len(between_tests(ast.parse(text + "from tests import worlds"))) >= 4
+
+
+def test_files_that_take_long_are_there_to_be_begun_first():
+    assert [file for file in FIRST if not (Path(__file__).parent / file).is_file()] == []
