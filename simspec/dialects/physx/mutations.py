@@ -7,8 +7,9 @@ from simspec.dialects.kit.world_mutations import INERTIAL, SYMMETRIC, WORLD, in_
 
 NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")
 MASSLESS = "PhysX's static actors have no mass"
-APART = 0.1
-"""As of the other engine of single precision: what tumbles on a floor parts by roundings."""
+APART = 1.0
+"""PhysX sweeps contacts in the order in which it finds corners, and begins each step anew: a cube that lands flat leaves with up
+to 0.72 rad/s more or less where its shape is turned within its symmetry, 3e-3 when it has come to rest (measured)."""
 
 TABLE = table(
     {},
