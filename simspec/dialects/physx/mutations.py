@@ -8,8 +8,8 @@ from simspec.dialects.kit.world_mutations import INERTIAL, SYMMETRIC, WORLD, in_
 NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")
 MASSLESS = "PhysX's static actors have no mass"
 APART = 1.0
-"""PhysX sweeps contacts in the order in which it finds corners, and begins each step anew: a cube that lands flat leaves with up
-to 0.72 rad/s more or less where its shape is turned within its symmetry, 3e-3 when it has come to rest (measured)."""
+"""PhysX sweeps contacts in the order in which it finds corners, and begins each step anew: a cube that lands flat leaves with
+up to 0.72 rad/s more or less where its shape is turned within its symmetry, 3e-3 when it has come to rest (measured)."""
 
 TABLE = table(
     {},
