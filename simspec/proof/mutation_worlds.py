@@ -217,6 +217,22 @@ def light_shapes(engine: str) -> World:
     return dataclasses.replace(world, name="self-test-light-shapes", bodies=bodies)
 
 
+def shapes_but_cylinders(engine: str) -> World:
+    """The same with capsules in place of cylinders."""
+    world = light_shapes(engine)
+    bodies = tuple(
+        dataclasses.replace(
+            body,
+            shapes=tuple(
+                dataclasses.replace(shape, kind="capsule") if shape.kind == "cylinder" else shape
+                for shape in body.shapes
+            ),
+        )
+        for body in world.bodies
+    )
+    return dataclasses.replace(world, name="self-test-shapes-but-cylinders", bodies=bodies)
+
+
 def settings(engine: str) -> World:
     """The bench with every setting of the engine other than it is by default, but those that then do nothing."""
     return _with_settings(selftest_worlds.bench(engine), "self-test-settings")
@@ -230,7 +246,7 @@ def settings_on_floor(engine: str) -> World:
 def _with_settings(world: World, name: str) -> World:
     (options,) = world.engines
     engine = options.engine
-    every = {name: _other(setting) for name, setting in sorted(find_engine(engine).SETTINGS.items())}
+    every = {name: _other(setting) for name, setting in sorted(find_engine(engine).SETTINGS.items()) if _free(setting)}
     idle = idle_settings(find_engine(engine), every)
     used = tuple((name, value) for name, value in every.items() if name not in idle)
     return dataclasses.replace(world, name=name, engines=(dataclasses.replace(options, settings=used),))
@@ -300,8 +316,17 @@ def choices(engine: str) -> World:
     world = hard("common", Hardness())(engine)
     (options,) = world.engines
     table = find_engine(engine).SETTINGS
-    used = tuple((name, _other(setting)) for name, setting in sorted(table.items()) if isinstance(setting.default, str))
+    used = tuple(
+        (name, _other(setting))
+        for name, setting in sorted(table.items())
+        if isinstance(setting.default, str) and _free(setting)
+    )
     return dataclasses.replace(world, name="self-test-choices", engines=(dataclasses.replace(options, settings=used),))
+
+
+def _free(setting: Setting) -> bool:
+    """Whether it may be other than its default: some are there to say that an engine has one way only."""
+    return len(setting.choices) != 1
 
 
 def _other(setting: Setting) -> bool | int | float | str:
@@ -324,6 +349,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "native control": native,
     "shapes": shapes,
     "light shapes": light_shapes,
+    "shapes but cylinders": shapes_but_cylinders,
     "weightless": weightless,
     "several joints": several_joints,
     "ellipsoid": ellipsoid,
@@ -342,6 +368,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
 STAND_INS: Mapping[str, str] = {
     **{name: smaller for name, (smaller, _) in SMALLER.items()},
     "shapes": "light shapes",
+    "light shapes": "shapes but cylinders",
     "settings": "settings on a floor",
 }
 """The world that takes another's place where an engine refuses that one; it comes after that."""

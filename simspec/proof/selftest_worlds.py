@@ -270,7 +270,7 @@ def bouncing(engine: str) -> World:
             (Shape("ball_0", "sphere", (0.1,), Pose(), "rubber"),),
         ),
     )
-    options = _options(engine, "contact.friction.impact", "material.restitution")
+    options = _options(engine, "contact.cone.elliptic", "contact.friction.impact", "material.restitution")
     return World("self-test-bouncing", bodies, _contact(0.5), PHYSICS, engines=options)
 
 
