@@ -246,9 +246,10 @@ def settings_on_floor(engine: str) -> World:
 def _with_settings(world: World, name: str) -> World:
     (options,) = world.engines
     engine = options.engine
-    every = {name: _other(setting) for name, setting in sorted(find_engine(engine).SETTINGS.items()) if _free(setting)}
+    table = find_engine(engine).SETTINGS
+    every = {name: _other(setting) for name, setting in sorted(table.items())}
     idle = idle_settings(find_engine(engine), every)
-    used = tuple((name, value) for name, value in every.items() if name not in idle)
+    used = tuple((name, value) for name, value in every.items() if name not in idle and _free(table[name]))
     return dataclasses.replace(world, name=name, engines=(dataclasses.replace(options, settings=used),))
 
 
@@ -330,8 +331,10 @@ def _free(setting: Setting) -> bool:
 
 
 def _other(setting: Setting) -> bool | int | float | str:
-    """A value that is allowed and is not the default."""
+    """A value that is allowed and, where there is another, is not the default."""
     value = setting.default
+    if not _free(setting):
+        return value
     if isinstance(value, bool):
         return not value
     if isinstance(value, str):
