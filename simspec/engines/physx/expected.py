@@ -63,8 +63,9 @@ def expected(
         still, at = groups[body.name] == "world", f"body.{body.name}"
         free = body.joint.kind == "free"
         found |= {f"{at}.model": body.model, f"{at}.joint": body.joint.name, f"{at}.held": still or free}
+        found[f"{at}.shapes"] = tuple(shape.name for shape in body.shapes)
         if still or free:
-            found[f"{at}.shapes"] = named_set(owns.get(body.name, ()))
+            found[f"{at}.units"] = named_set(owns.get(body.name, ()))
         if free:
             own = _of("dynamic", neutral) | {
                 "angular_damping": 0.0,

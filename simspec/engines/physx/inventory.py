@@ -48,9 +48,10 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
         carrier = sim.built.carrier[row]
         found |= {f"body.{body.name}.model": body.model, f"body.{body.name}.joint": body.joint.name}
         found[f"body.{body.name}.held"] = carrier in (-1, row)
+        found[f"body.{body.name}.shapes"] = tuple(shape.name for shape in body.shapes)
         if carrier in (-1, row):
             held = sim.built.actors[row]
-            found[f"body.{body.name}.shapes"] = named_set(names[shape] for shape in held.collision_shapes)
+            found[f"body.{body.name}.units"] = named_set(names[shape] for shape in held.collision_shapes)
         if carrier == row:
             found |= {f"body.{body.name}.{name}": value for name, value in of_body(held).items()}
     for shape, unit in zip(sim.built.shapes, sim.built.units, strict=True):
