@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from rich.text import Text
 
+from simspec.attribution.candidates import Kind
 from simspec.attribution.judge import Swap, acting, useful
 from simspec.attribution.measure import RUN
 from simspec.attribution.verdict import WORDS, percent, ranged, verdict
@@ -68,9 +69,12 @@ def attribution_tables(done: Done) -> list[Shown]:
 
 
 def _told(causes: tuple[Swap, ...], probes: tuple[Swap, ...]) -> list[Swap]:
-    """What acts of what differs, and what helps of the engines' other choices, the largest first."""
+    """What acts of what differs, what helps of the engines' other choices, and what has to be there for them to differ; of
+    each the largest first."""
     ranked = sorted(useful(probes), key=lambda swap: -swap.largest)
-    return [*acting(causes)[:MOST], *ranked[:MOST]]
+    chosen = [swap for swap in ranked if swap.kind != Kind.REMOVAL.value]
+    places = [swap for swap in ranked if swap.kind == Kind.REMOVAL.value]
+    return [*acting(causes)[:MOST], *chosen[:MOST], *places[:MOST]]
 
 
 def _length(value: float | None, tells: bool) -> str:
