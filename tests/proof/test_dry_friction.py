@@ -20,11 +20,14 @@ from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world.types import Follow, Physics, World
 from tests import worlds
+from tests.installed import INSTALLED
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ENGINES = sorted(
-    name for name, engine in engines().items() if engine.SUPPORT[Feature.DRY_FRICTION].level is not Level.UNSUPPORTED
+    name
+    for name, engine in engines().items()
+    if name in INSTALLED and engine.SUPPORT[Feature.DRY_FRICTION].level is not Level.UNSUPPORTED
 )
 ACCEPT = ("joint.dry_friction", "joint.limits.position")
 
