@@ -24,6 +24,9 @@ def engines_with(*features: Feature) -> list[str]:
 PYRAMID_ALONE = ("gazebo", "webots")
 """Engines that have no elliptic cone, but a pyramid that stands for it where that is accepted by name."""
 
+SQUARE = ("physx",)
+"""Engines whose elliptic cone is not one of what spins as it slides, balls among it."""
+
 
 def with_the_cone(*features: Feature) -> list[str]:
     """The engines of :func:`engines_with` that have the elliptic cone: for tests of what comes out under it. What the others do

@@ -65,7 +65,8 @@ def test_wrong_values_are_located_errors_before_anything_is_written(engine, name
 @pytest.mark.parametrize("engine", engines())
 def test_all_wrong_settings_are_told_at_once(engine):
     given = tuple((name, (1,)) for name in find_engine(engine).SETTINGS)
-    world = dataclasses.replace(worlds.spheres(2), engines=(EngineOptions(engine, (*given, ("solvr", 1))),))
+    world = worlds.accepting(worlds.spheres(2), engine)
+    world = worlds.with_options(world, engine, settings=(*given, ("solvr", 1)))
     with pytest.raises(UnsupportedError) as caught:
         compile_world(world, [engine])
     assert len(caught.value.problems) == len(given) + 1

@@ -28,7 +28,7 @@ PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
 
 def written(world, engine, folder):
     """The artifacts of ``world``."""
-    write_folder(compile_world(world, [engine])[engine].files, folder)
+    write_folder(compile_world(worlds.accepting(world, engine), [engine])[engine].files, folder)
     return folder
 
 
