@@ -46,10 +46,8 @@ def environments() -> dict[str, str]:
     except OSError:
         return {}  # there is no such folder, or it is not the user's to read: what is named and missing is told by label
     found = {place.name: str(python_of(place)) for place in places if _known(place.name) and is_whole(place) is True}
-    for (
-        name,
-        engine,
-    ) in engines().items():  # what is not installed here, and has its environment under the version it names
+    # what is not installed here, and has its environment under the version that it names
+    for name, engine in engines().items():
         label = EngineId(name, engine.APART).label
         if engine.APART and label in found and engine.version() is None:
             found[name] = found[label]

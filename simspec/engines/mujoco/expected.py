@@ -133,7 +133,7 @@ class _Expected:
 
     @property
     def _sleeping(self) -> bool:
-        return bool(self.settings.get("sleeping", False))
+        return "sleeping" in self.settings and bool(self.settings["sleeping"])
 
     @property
     def _coulomb(self) -> bool:

@@ -11,9 +11,8 @@ import os
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from simspec.dialects.physx.sidecar import PhysxSidecar
+from simspec.engines.kit.single import held_by
 from simspec.engines.physx.filters import apart, kinds
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Copy, Document, FixedJoint, FreeJoint, Shape, parent_of
@@ -33,8 +32,6 @@ LEAST = 1e-6
 """The least speed (m/s) that PhysX can be told where none is meant."""
 FASTEST, FASTEST_LINEAR = 1e6, 1e16
 """rad/s and 1/1024 m/s: PhysX holds speeds below largest ones, turns below 100 rad/s by itself."""
-LARGEST, SMALLEST = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
-"""Numbers of single precision."""
 MOST_ITERATIONS = 255
 _HALF = math.sqrt(0.5)
 AXES: Mapping[str, Pose] = {
@@ -42,15 +39,6 @@ AXES: Mapping[str, Pose] = {
     "capsule": Pose(quaternion=(_HALF, 0.0, -_HALF, 0.0)),
 }
 """How PhysX's shapes stand in the world's: their axis is x."""
-
-
-def single(values: Iterable[float], what: str) -> tuple[float, ...]:
-    """Numbers that PhysX can hold. Raises EngineError for others: it would take zero or infinity in silence."""
-    found = tuple(values)
-    for value in found:
-        if not math.isfinite(value) or abs(value) > LARGEST or 0.0 < abs(value) < SMALLEST:
-            raise EngineError(NAME, f"has single precision, in which there is no {value!r} ({what})")
-    return found
 
 
 def imported() -> Any:
@@ -66,13 +54,7 @@ def imported() -> Any:
 
 def lengths(values: Iterable[float], what: str) -> tuple[float, ...]:
     """Lengths (m, m/s, m/s²) as PhysX is told them."""
-    return single((SCALE * value for value in values), what)
-
-
-def moving(values: np.ndarray, what: str) -> None:
-    """Raise EngineError for a state or an effort, in PhysX's lengths, that PhysX cannot hold. What is below its smallest number
-    becomes zero there, which is right to 1e-38 of its unit: other engines' states have such rests."""
-    single(np.where(np.abs(values) < SMALLEST, 0.0, values).tolist(), what)
+    return held_by(NAME, (SCALE * value for value in values), what)
 
 
 class Unit(NamedTuple):
@@ -129,7 +111,7 @@ class Built:
         physx = self.physx
         held = physx.PhysxSceneConfig()
         held.gravity = lengths(self.document.gravity, "gravity")
-        timestep = single((self.document.timestep,), "timestep")[0]
+        timestep = held_by(NAME, (self.document.timestep,), "timestep")[0]
         held.bounce_threshold = lengths((max(threshold, LEAST),), "restitution_threshold")[0]
         held.enable_pcm = False  # contacts of earlier steps would be kept
         held.enable_tgs = False  # by it slow slides stop a quarter too soon, and what rests creeps (measured)
@@ -207,8 +189,8 @@ class Built:
         actor = self.physx.PhysxRigidDynamicComponent()
         for shape in shapes:
             actor.attach(shape)
-        actor.mass = single((body.mass,), f"mass of {body.name}")[0]
-        actor.inertia = single((SCALE * SCALE * moment for moment in moments), f"inertia of {body.name}")
+        actor.mass = held_by(NAME, (body.mass,), f"mass of {body.name}")[0]
+        actor.inertia = held_by(NAME, (SCALE * SCALE * moment for moment in moments), f"inertia of {body.name}")
         actor.cmass_local_pose = self.pose(Pose(body.centre_of_mass, axes), f"centre of mass of {body.name}")
         actor.linear_damping = actor.angular_damping = 0.0
         actor.max_angular_velocity, actor.max_linear_velocity = FASTEST, FASTEST_LINEAR
@@ -222,7 +204,7 @@ class Built:
         size, physx = lengths(told.size, f"size of {told.name}"), self.physx
         if not all(edge > 0.0 for edge in size):  # PhysX would take another, with a word on the error output alone
             raise EngineError(NAME, f"has no {told.kind} of the size {min(told.size)!r} ({told.name})")
-        friction, restitution = single((unit.copy.friction, unit.copy.restitution), f"numbers of {told.name}")
+        friction, restitution = held_by(NAME, (unit.copy.friction, unit.copy.restitution), f"numbers of {told.name}")
         if (
             friction < 0.0 or not 0.0 <= restitution <= 1.0
         ):  # PhysX would take others for none, with a word on stderr alone

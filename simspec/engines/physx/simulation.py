@@ -14,7 +14,8 @@ import numpy as np
 
 from simspec.dialects.kit.passive import Passive
 from simspec.dialects.physx.sidecar import PhysxSidecar
-from simspec.engines.physx.building import FASTEST, FASTEST_LINEAR, LEAST, NAME, SCALE, Built, moving
+from simspec.engines.kit.single import demand_held
+from simspec.engines.physx.building import FASTEST, FASTEST_LINEAR, LEAST, NAME, SCALE, Built
 from simspec.engines.physx.masses import held_tensor, mass_matrices, pose_of
 from simspec.engines.physx.touching import Depths, Recovery, contact_rows, depths, pressed, touching_pairs
 from simspec.engines.physx.turning import Turns, turns
@@ -98,7 +99,7 @@ class Simulation:
 
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
         """The same with the contacts of earlier steps."""
-        moving(SCALE * np.concatenate([q, v]), "state")
+        demand_held(NAME, SCALE * np.concatenate([q, v]), "state")
         states, speeds = np.asarray(q, dtype=float).reshape(-1, 7).copy(), np.asarray(v, dtype=float).reshape(-1, 6)
         states[:, 3:] /= np.linalg.norm(states[:, 3:], axis=1, keepdims=True)
         spins = rotate(states[:, 3:], speeds[:, 3:])
@@ -153,7 +154,7 @@ class Simulation:
         """Step ``count`` times under a constant effort (nv,), None = zero."""
         wrench = None
         if effort is not None:
-            moving(SCALE * SCALE * np.asarray(effort, dtype=float), "effort")
+            demand_held(NAME, SCALE * SCALE * np.asarray(effort, dtype=float), "effort")
             wrench = np.asarray(effort, dtype=float).reshape(-1, 6)
             wrench = wrench if wrench.any() else None
         touching = self._contact and bool(self.built.units)

@@ -7,12 +7,13 @@ without density, so that masses are those that bodies are told. Facts marked *me
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from simspec.dialects.rapier.sidecar import RapierSidecar
+from simspec.engines.kit.single import held_by
 from simspec.engines.rapier.laws import Laws
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, Shape, parent_of
@@ -30,25 +31,8 @@ PREDICTION = 1e-6
 """m by which two shapes may be apart and have a contact: from 1e-3 on what slides hops."""
 FASTEST = 1e6
 """m/s: Rapier holds speeds below a largest one, 400 m/s by itself, and those that an overlap is undone with below 3 m/s."""
-LARGEST, SMALLEST = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
-"""Numbers of single precision."""
 SHAPES = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
 Settings = Mapping[str, Any]
-
-
-def single(values: Iterable[float], what: str) -> tuple[float, ...]:
-    """Numbers that Rapier can hold. Raises EngineError for others: it would take zero or infinity in silence."""
-    found = tuple(values)
-    for value in found:
-        if not math.isfinite(value) or abs(value) > LARGEST or 0.0 < abs(value) < SMALLEST:
-            raise EngineError(NAME, f"has single precision, in which there is no {value!r} ({what})")
-    return found
-
-
-def moving(values: np.ndarray, what: str) -> None:
-    """Raise EngineError for a state or an effort that Rapier cannot hold. What is below its smallest number becomes zero there,
-    which is right to 1e-38 of its unit: other engines' states have such rests."""
-    single(np.where(np.abs(values) < SMALLEST, 0.0, values).tolist(), what)
 
 
 class Built:
@@ -58,12 +42,12 @@ class Built:
 
     def __init__(self, rapier: Any, document: Document, told: RapierSidecar):
         self.rapier, self.document = rapier, document
-        self.world = rapier.PhysicsWorld(gravity=rapier.Vec3(*single(document.gravity, "gravity")))
+        self.world = rapier.PhysicsWorld(gravity=rapier.Vec3(*held_by(NAME, document.gravity, "gravity")))
         self.world.set_num_threads(1)
         if document.friction_cone != "elliptic":
             raise EngineError(NAME, f"does not support the friction cone {document.friction_cone}")
         self.settings = told.settings
-        configure(rapier, self.world, single((document.timestep,), "timestep")[0], told.settings)
+        configure(rapier, self.world, held_by(NAME, (document.timestep,), "timestep")[0], told.settings)
         self.bodies: list[Any] = []
         self.carrier: list[int] = []
         self.local: list[Pose] = []
@@ -138,8 +122,8 @@ class Built:
 
     def _mass(self, body: Body) -> Any:
         moments, axes = principal(body.inertia)
-        single((body.mass, *body.centre_of_mass), f"mass and centre of {body.name}")
-        single(moments, f"inertia of {body.name}")
+        held_by(NAME, (body.mass, *body.centre_of_mass), f"mass and centre of {body.name}")
+        held_by(NAME, moments, f"inertia of {body.name}")
         vector = self.rapier.Vec3
         return self.rapier.MassProperties(
             vector(*body.centre_of_mass), body.mass, vector(*moments), self.rapier.Rotation3(*axes)
@@ -171,7 +155,7 @@ AXES: Mapping[str, Pose] = {
 
 def collider_of(rapier: Any, shape: Shape) -> Any:
     """A builder of a collider; None of a shape that Rapier does not have."""
-    size = single(shape.size, f"size of {shape.name}")
+    size = held_by(NAME, shape.size, f"size of {shape.name}")
     if not all(edge > 0.0 for edge in size):  # Rapier turns a capsule round, in silence
         raise EngineError(NAME, f"has no {shape.kind} of the size {min(size)!r} ({shape.name})")
     made = rapier.Collider
@@ -209,7 +193,7 @@ def configure(rapier: Any, world: Any, timestep: float, settings: Settings) -> N
 
 
 def isometry(rapier: Any, pose: Pose, what: str) -> Any:
-    place = rapier.Vec3(*single(pose.position, what))
+    place = rapier.Vec3(*held_by(NAME, pose.position, what))
     return rapier.Isometry3(place, rapier.Rotation3(*pose.quaternion))
 
 

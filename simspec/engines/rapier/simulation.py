@@ -17,7 +17,8 @@ import numpy as np
 from simspec.dialects.kit.passive import Passive
 from simspec.dialects.rapier.sidecar import RapierSidecar
 from simspec.engines.kit.arrays import ContactRow, contact_arrays, empty_contacts
-from simspec.engines.rapier.building import NAME, Built, moving
+from simspec.engines.kit.single import demand_held
+from simspec.engines.rapier.building import NAME, Built
 from simspec.engines.rapier.turning import (
     SLOW,
     gyroscopic,
@@ -111,7 +112,7 @@ class Simulation:
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
         """The same with the contacts of earlier steps."""
         rapier = self.rapier
-        moving(np.concatenate([q, v]), "state")
+        demand_held(NAME, np.concatenate([q, v]), "state")
         states, speeds = np.asarray(q, dtype=float).reshape(-1, 7), np.asarray(v, dtype=float).reshape(-1, 6)
         spins = rotate(states[:, 3:] / np.linalg.norm(states[:, 3:], axis=1, keepdims=True), speeds[:, 3:])
         rows = zip(self.bodies, states.tolist(), speeds.tolist(), spins.tolist(), strict=True)
@@ -200,7 +201,7 @@ class Simulation:
             if (own := gyroscopic(self.bodies[number], inertia)) is not None:
                 torques[number] = own
         if effort is not None:
-            moving(np.asarray(effort, dtype=float), "effort")
+            demand_held(NAME, np.asarray(effort, dtype=float), "effort")
             given = np.asarray(effort, dtype=float).reshape(-1, 6)
             for number in np.flatnonzero(given.any(axis=1)).tolist():
                 body, (force, torque) = self.bodies[number], (given[number, :3], given[number, 3:])

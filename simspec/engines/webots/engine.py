@@ -14,6 +14,7 @@ from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.refinements import no_friction, planes_still
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.webots.touching import only_joined, touches_less
 from simspec.support.declarations import (
@@ -27,13 +28,10 @@ from simspec.support.declarations import (
     approximate,
     exactly,
     never,
-    not_here,
     shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import frictionless, solid_shapes
 from simspec.world.types import World
 
 _NOT_WRITTEN = "simspec does not write it for Webots"
@@ -63,21 +61,7 @@ def _joint(noun: str) -> Support:
     )
 
 
-def _no_cone(world: World) -> Refinement | None:
-    """No cone matters where nothing has friction."""
-    return Refinement(Level.EXACT, "nothing has friction") if frictionless(world) else None
-
-
-def _planes_still(world: World) -> Refinement | None:
-    groups = rigid_groups(world)
-    moving = (
-        shape.name
-        for body in world.bodies
-        for shape in solid_shapes(body)
-        if shape.kind == "plane" and groups[body.name] != "world"
-    )
-    name = next(moving, None)
-    return not_here(None if name is None else f"a Plane cannot be of a Solid that moves, as {name!r} does")
+_planes_still = planes_still("a Plane cannot be of a Solid that moves, as {name} does")
 
 
 class Webots(Engine):
@@ -160,12 +144,12 @@ class Webots(Engine):
         **alike(never(_NOT_WRITTEN), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         Feature.CONE_ELLIPTIC: approximate(
             "the circumscribed pyramid on ODE's own axes: up to 1.41 times the friction between them",
-            _no_cone,
+            no_friction,
             "a pyramid: between its axes friction is up to 1.41 times that of the cone",
         ),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate(
             "on ODE's own axes: along the world's x and across it where the normal is within 45° of z, along z elsewhere",
-            _no_cone,
+            no_friction,
             "a pyramid whose axes are the world's x and y on the ground, and others on walls",
         ),
         Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot tell Webots the axes of its pyramid"),
