@@ -144,6 +144,8 @@ WRITERS = {
     "scratch.py": "temporary folders of simspec's own",
     "engines/kit/compiled.py": "a compiler's words, into the folder in the cache in which it works",
     "engines/kit/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
+    "engines/kit/doing.py": "in an engine's process: what it does, into the process's own temporary folder",
+    "engines/mjx/kept.py": "in an engine's process: a program, where `outputs` has it in the cache be made",
     "engines/kit/keeper.py": "what the engine's process took, into that process's own temporary folder",
     "engines/kit/warm.py": "an end of a pipe to an engine's keeper",
     "engines/kit/worker.py": "in an engine's process: results into the process's own temporary folder",

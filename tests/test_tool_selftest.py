@@ -72,7 +72,7 @@ def test_each_world_is_kept_as_soon_as_it_is_done_and_only_those_named(monkeypat
     monkeypatch.setattr(selftest, "RESULTS", tmp_path / "results.json")
     caught = Verdict("mujoco", "ball", "model.xml", "scaled", "a@b", "a@b", "1 to 2", "caught")
 
-    def test(engines, worlds, done, progress, keep):
+    def test(engines, worlds, done, progress, keep, pythons):
         assert not done
         keep("ball", [caught], 7.2)
         assert set(selftest.read()["mujoco"]) == {"gone", "ball"}, "written before the next world begins"
@@ -101,7 +101,7 @@ def test_a_run_that_was_stopped_goes_on_where_it_was(monkeypatch, tmp_path):
     results = {"mujoco": {"sound": sound, "older": RESULTS["one"]["arm"], "missing": missing}}
     caught = Verdict("mujoco", "missing", "model.xml", "scaled", "a@b", "a@b", "1 to 2", "caught")
 
-    def test(engines, worlds, done, progress, keep):
+    def test(engines, worlds, done, progress, keep, pythons):
         assert done == {"sound"}
         keep("missing", [caught], 1.0)
         return CompleteTest((caught,))

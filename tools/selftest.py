@@ -17,7 +17,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from simspec.engines.kit.installed import version_of
 from simspec.engines.kit.registry import engines, find_engine
+from simspec.project import load_project
 from simspec.proof.complete import complete_self_test
 from simspec.proof.complete_verdicts import CompleteTest, Verdict
 from simspec.report.complete import COLUMNS, inert_reasons
@@ -46,7 +48,8 @@ def measure(engine: str, worlds: Sequence[str], results: Results, go_on: bool = 
     """Test ``worlds`` (none named: all) in an engine, and write each as soon as it is done. ``go_on``: but those that are kept
     of this version of it, with nothing missed."""
     kept = results.setdefault(engine, {})
-    version = str(find_engine(engine).version())
+    pythons = load_project().known_interpreters()
+    version = str(version_of(engine, pythons.get(engine)))
     sound = {world for world, one in kept.items() if one["version"] == version and not one["rows"]["all"]["missed"]}
     done = sound if go_on else set()
 
@@ -58,7 +61,12 @@ def measure(engine: str, worlds: Sequence[str], results: Results, go_on: bool = 
                 print("MISSED", engine, world, one.file, one.place, one.kind, one.change, one.why, sep="  ", flush=True)
 
     found = complete_self_test(
-        [engine], worlds=worlds, done=done, progress=lambda line: print(line, flush=True), keep=keep
+        [engine],
+        worlds=worlds,
+        done=done,
+        progress=lambda line: print(line, flush=True),
+        keep=keep,
+        pythons=pythons,
     )
     for row in found.unused.get(engine, ()):
         print("NOT NEEDED", engine, row, sep="  ")

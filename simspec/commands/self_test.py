@@ -28,11 +28,11 @@ def self_test(engines: Sequence[str], pythons: Mapping[str, str], as_json: bool)
     return EXIT_OK if result.passed else EXIT_FAILED
 
 
-def complete_self_test(engines: Sequence[str], as_json: bool) -> int:
+def complete_self_test(engines: Sequence[str], pythons: Mapping[str, str], as_json: bool) -> int:
     """Try every change that compiled files can suffer, and say what was missed."""
     from simspec.proof.complete import complete_self_test as plant
 
-    result = plant(engines, progress=lambda line: say(line, error=True))
+    result = plant(engines, pythons=pythons, progress=lambda line: say(line, error=True))
     if as_json:
         sys.stdout.write(text(complete_data(result)))
     else:

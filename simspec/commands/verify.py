@@ -11,6 +11,7 @@ from simspec import generated
 from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.commands.self_test import complete_self_test, self_test
+from simspec.engines.kit.identity import engine_version
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
 from simspec.outputs.targets import demand, folder_problem
@@ -61,10 +62,10 @@ def verify(
     if planted and reports:
         raise SpecError([Problem("--junit, --annotations, --summary and --github require SPEC")])
     selection = engines_at_work(chosen_engines(engine), pythons, files_alone=not planted)
-    if complete and (spec is not None or pythons.keys() & selection.engines):
-        raise SpecError([Problem("--complete requires --self-test, and engines of simspec's own interpreter")])
+    if complete and (spec is not None or any(map(engine_version, selection.engines))):
+        raise SpecError([Problem("--complete requires --self-test, and engines without a version in their name")])
     if complete:
-        return complete_self_test(selection.engines, as_json)
+        return complete_self_test(selection.engines, pythons, as_json)
     if spec is None:
         return self_test(selection.engines, pythons, as_json)
     with reporting(reports, spec, as_json):

@@ -15,7 +15,7 @@ from simspec.comparison.runs import TOLERANCE, Diff, diff
 from simspec.compiler import Compiled, bounded, compile_world, output_files, version_at_work
 from simspec.engines.kit.identity import other_version
 from simspec.engines.kit.installing import not_installed
-from simspec.engines.kit.process import DEADLINE
+from simspec.engines.kit.process import DEADLINE, at_work
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
@@ -224,6 +224,7 @@ def _run_each(
                 deadline=deadline,
                 source=source,
                 progress=functools.partial(progress, f"running {name}"),
+                doing=functools.partial(at_work, progress, f"running {name}"),
             )
         except EngineError as error:
             runs[name] = failed_run(world, name, error, (pythons or {}).get(name))

@@ -23,7 +23,7 @@ STAGE: Final = re.compile(r"tmp-[0-9a-f]{16}")
 OURS: Final = re.compile(r"[0-9a-f]{64}(\.[a-z]+)?")
 """Names of files: a SHA-256, and what says their kind."""
 KEPT: Final = 8
-"""Files that a folder keeps: those that were used last. Each is of another version of something."""
+"""Files that a folder keeps, where nobody says how many: those that were used last. Each is of another version of something."""
 LOOK_EVERY: Final = 0.05
 """s between two tries for a lock."""
 
@@ -48,9 +48,10 @@ def _folder_of_user(variable: str, usual: str, name: str) -> Path | None:
         return None
 
 
-def built(place: Path, build: Callable[[Path], None], patience: float, anew: bool = False) -> Path:
-    """``place``, a file in a folder of such files alone. Where it is not there, or ``anew``, ``build`` makes it: under
-    another name, in a folder of its own on the same disk, from where it is moved in one step.
+def built(place: Path, build: Callable[[Path], None], patience: float, anew: bool = False, keep: int = KEPT) -> Path:
+    """``place``, a file in a folder of such files alone, of which those ``keep`` stay that were used last. Where it is not
+    there, or ``anew``, ``build`` makes it: under another name, in a folder of its own on the same disk, from where it is
+    moved in one step.
 
     One process makes files in the folder at a time; who comes second waits, up to ``patience`` (s), and finds what the first
     made. What a killed process left is removed by the next that makes something. Raises TimeoutError where another process
@@ -58,13 +59,13 @@ def built(place: Path, build: Callable[[Path], None], patience: float, anew: boo
     """
     if not OURS.fullmatch(place.name):
         raise ValueError(f"{place.name} is no name of a file that is made here")
-    if not anew and _is_there(place):
+    if not anew and is_there(place):
         return place
     folder = place.parent
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder, patience):
-        _clean(folder, place)
-        if anew or not _is_there(place):
+        _clean(folder, place, keep)
+        if anew or not is_there(place):
             stage = folder / f"tmp-{secrets.token_hex(8)}"
             os.mkdir(stage, 0o700)
             try:
@@ -77,7 +78,7 @@ def built(place: Path, build: Callable[[Path], None], patience: float, anew: boo
     return place
 
 
-def _is_there(place: Path) -> bool:
+def is_there(place: Path) -> bool:
     """Whether the file is there; it is then said to be used. Raises PermissionError where somebody else may have made it."""
     try:
         status = os.lstat(place)
@@ -111,7 +112,7 @@ def _locked(folder: Path, patience: float) -> Iterator[None]:
         os.close(lock)
 
 
-def _clean(folder: Path, place: Path) -> None:
+def _clean(folder: Path, place: Path, keep: int) -> None:
     """Remove what the dead left, and the files that were not used for the longest time. The folder must be locked."""
     known: list[tuple[int, str]] = []
     for entry in os.scandir(folder):
@@ -119,7 +120,7 @@ def _clean(folder: Path, place: Path) -> None:
             shutil.rmtree(entry.path)
         elif OURS.fullmatch(entry.name) and entry.name != place.name and entry.is_file(follow_symlinks=False):
             known.append((entry.stat(follow_symlinks=False).st_mtime_ns, entry.name))
-    for _, name in sorted(known)[: -(KEPT - 1)]:
+    for _, name in sorted(known)[: -(keep - 1)]:
         os.unlink(folder / name)
 
 

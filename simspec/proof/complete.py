@@ -7,8 +7,9 @@ engine is probed for (L2 to L4, L6, L7), and to the whole proof with its contact
 *missed*. Level L0 does not count: the text alone says nothing of the engine.
 
 Whole motions take most of the time. So what is declared inert is seen twice: alone in glimpses (the beginnings of all motions,
-and windows along the course of the unchanged files), and together with others in whole motions. That counts where both agree
-with the unchanged files *to the last bit*; else the mutation moves alone, in whole. Mutations that move together are in
+and windows along the course of the unchanged files; an engine that hashes all that its numbers follow from,
+``ReadBack.made_of``, need not move where that is the same), and together with others in whole motions. That counts where both
+agree with the unchanged files *to the last bit*; else the mutation moves alone, in whole. Mutations that move together are in
 different elements (``dialects/kit/together.py``), and a group that moves otherwise, or is refused, is halved until a part of it
 does not, or is one mutation. One that acts could be taken for inert only if it changed no bit in any glimpse, and another of
 its group, without effect in its own glimpses too, undid it to the last bit in every motion.
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
@@ -29,6 +30,7 @@ from simspec.dialects.kit.mutating import mutations
 from simspec.dialects.kit.mutations import STILL, Inert, Mutation, MutationTable
 from simspec.dialects.kit.together import Together
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.installed import version_of
 from simspec.engines.kit.process import Answer, Operation, call, side_by_side
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
@@ -71,11 +73,14 @@ def complete_self_test(
     only: Callable[[Mutation], bool] | None = None,
     progress: Callable[[str], None] | None = None,
     keep: Callable[[str, Sequence[Verdict], float], None] = lambda world, verdicts, seconds: None,
+    pythons: Mapping[str, str] | None = None,
 ) -> CompleteTest:
     """Try every mutation of every world (or of those named) in every engine, but of those that are ``done``.
 
-    ``only`` chooses among the mutations; ``keep`` is called with each world as soon as it is done, and the seconds it took. A
-    world that only stands in for another (``STAND_INS``) is left out for engines that support that one, unless it is named.
+    ``only`` chooses among the mutations; ``keep`` is called with each world as soon as it is done, and the seconds it took;
+    ``pythons``: the interpreters of engines that do not live in this one. A world that only stands in for another
+    (``STAND_INS``) is left out for engines that support that one, unless it is named.
+
     Raises AssertionError when an unchanged world does not verify, or does not move twice alike: then nothing could be said.
     """
     say = progress or (lambda text: None)
@@ -84,6 +89,7 @@ def complete_self_test(
     skipped: dict[str, str] = {}
     unused: dict[str, tuple[str, ...]] = {}
     for engine in engines:
+        python = (pythons or {}).get(engine)
         tried: list[Verdict] = []
         stand_ins: dict[str, str] = {}
         for name in worlds or WORLDS:
@@ -94,7 +100,7 @@ def complete_self_test(
             elif larger:
                 bench = f"stands in for the world {larger!r}, which the engine has"
             else:
-                bench = _Bench.of(engine, name)
+                bench = _Bench.of(engine, name, python)
             if name in STAND_INS and not worlds and (larger or not isinstance(bench, str)):
                 stand_ins[STAND_INS[name]] = larger or name
             if isinstance(bench, str):
@@ -110,18 +116,20 @@ def complete_self_test(
         verdicts += tried
         if not worlds and not done and only is None:
             unused[engine] = unused_rows(table_of(find_engine(engine).DIALECT), tried)
-    versions = {engine: str(find_engine(engine).version()) for engine in engines}
+    versions = {engine: str(version_of(engine, (pythons or {}).get(engine))) for engine in engines}
     return CompleteTest(tuple(verdicts), skipped, versions, time.monotonic() - started, unused)
 
 
 @dataclass
 class _Found:
     """What became of some mutations: ``verdicts`` by name; ``steady``: those that are declared inert, and are in glimpses;
-    ``acting``: by name what was seen of those that are declared inert and act."""
+    ``acting``: by name what was seen of those that are declared inert and act; ``same``: names of those that leave all that the
+    engine's numbers follow from as it was, where it says so."""
 
     verdicts: dict[str, Verdict] = field(default_factory=dict)
     steady: list[Mutation] = field(default_factory=list)
     acting: dict[str, str] = field(default_factory=dict)
+    same: set[str] = field(default_factory=set)
 
     def left(self, batch: Iterable[Mutation]) -> list[Mutation]:
         """Those of a batch that go on to the next stage."""
@@ -146,9 +154,12 @@ class _Bench:
     table: MutationTable
     whole: Seen
     glimpses: Seen
+    made_of: str
+    """What the engine's numbers follow from with the unchanged files; "" where it does not say."""
+    python: str | None
 
     @classmethod
-    def of(cls, engine: str, name: str) -> _Bench | str:
+    def of(cls, engine: str, name: str, python: str | None = None) -> _Bench | str:
         """The bench, or the reason why this engine cannot have this world."""
         world = WORLDS[name](engine)
         try:
@@ -156,20 +167,23 @@ class _Bench:
         except UnsupportedError as error:
             return error.problems[0].message
         probes = prepare(world, precision=find_engine(engine).PRECISION)
-        certificate = verify(world, [engine], probes=probes)
+        certificate = verify(world, [engine], probes=probes, pythons=_given(engine, python))
         if not certificate.valid:
             _, check = certificate.failures()[0]
             raise AssertionError(f"{engine}: the sound world {name!r} fails {check.level} {check.name}: {check.detail}")
         scenes = scenes_of(world, probes, find_engine(engine))
         with scratch_folder("sound") as place:
             write_folder(compiled.files, place / engine)
-            course, *answers = call(engine, place / engine, [course_of(world), *scenes, *scenes]).answers
+            asked = partial(call, engine, place / engine, python=python)
+            course, *answers = asked([course_of(world), *scenes, *scenes]).answers
             whole = Seen.of(scenes, answers)
             glimpses = glimpses_of(world, scenes, course.arrays)
-            looked = Seen.of(glimpses, call(engine, place / engine, [*glimpses, *glimpses]).answers)
+            looked = Seen.of(glimpses, asked([*glimpses, *glimpses]).answers)
+            held = _held(asked([Operation("read_back")]).answers)
         if max(whole.unsteady, looked.unsteady) > STILL:
             raise AssertionError(f"{engine}: the world {name!r} does not repeat its own motion")
-        return cls(name, find_engine(engine), world, compiled, probes, table_of(compiled.dialect), whole, looked)
+        table = table_of(compiled.dialect)
+        return cls(name, find_engine(engine), world, compiled, probes, table, whole, looked, held.made_of, python)
 
     def verdicts(self, only: Callable[[Mutation], bool]) -> list[Verdict]:
         planted = (mutation for mutation in mutations(self.compiled.files, self.table) if only(mutation))
@@ -190,7 +204,7 @@ class _Bench:
 
     def _batch(self, batch: Sequence[Mutation]) -> tuple[_Found, list[str]]:
         found = _Found()
-        for stage in (self._held, self._glimpsed, self._unmoved, self._probed, self._shown):
+        for stage in (self._held, self._untouched, self._glimpsed, self._unmoved, self._probed, self._shown):
             left = found.left(batch)
             if not left:
                 break
@@ -210,6 +224,10 @@ class _Bench:
     def _held(self, batch: Sequence[Mutation], found: _Found) -> None:
         """By what the engine says it holds."""
         self._judge(batch, found, [Operation("read_back")], self._read_back_checks)
+
+    def _untouched(self, batch: Sequence[Mutation], found: _Found) -> None:
+        """What is declared inert, and leaves what the engine's numbers follow from as it was: alone it need not be seen."""
+        found.steady += [mutation for mutation in self._declared(batch) if mutation.name in found.same]
 
     def _glimpsed(self, batch: Sequence[Mutation], found: _Found) -> None:
         """What is declared inert, in glimpses of its motion: the same to the last bit, or noted where it acts."""
@@ -271,7 +289,8 @@ class _Bench:
 
             def checks() -> list[Check]:
                 artifacts = {self.engine.NAME: folder}
-                proof = verify(self.world, [self.engine.NAME], artifacts=artifacts, probes=self.probes)
+                pythons = _given(self.engine.NAME, self.python)
+                proof = verify(self.world, [self.engine.NAME], artifacts=artifacts, probes=self.probes, pythons=pythons)
                 return [check for _, check in proof.failures()]
 
             return self._judged(mutation, checks)
@@ -309,6 +328,8 @@ class _Bench:
             verdict = self._refused(mutation, answers)
             if verdict is None and not isinstance(answers, EngineError):
                 verdict = self._judged(mutation, partial(checks, answers))
+                if self.made_of and answers[0].result.get("made_of") == self.made_of:
+                    found.same.add(mutation.name)
             if verdict is not None:
                 found.verdicts[mutation.name] = verdict
 
@@ -343,13 +364,18 @@ class _Bench:
             yield plant.members[0], answers
 
     def _put(self, plants: Sequence[Plant], operations: Sequence[Operation]) -> Iterator[tuple[Plant, Answers]]:
-        return ask(self.engine.NAME, self.compiled.files, plants, operations, max(self.whole.seconds))
+        files, longest = self.compiled.files, max(self.whole.seconds)
+        return ask(self.engine.NAME, files, plants, operations, longest, self.python)
 
 
 def _batches(planted: Iterable[Mutation]) -> Iterator[list[Mutation]]:
     iterator = iter(planted)
     while batch := list(islice(iterator, BATCH)):
         yield batch
+
+
+def _given(engine: str, python: str | None) -> dict[str, str]:
+    return {} if python is None else {engine: python}
 
 
 def _held(answers: Sequence[Answer]) -> ReadBack:

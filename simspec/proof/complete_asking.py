@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from simspec.compiler import write_folder
 from simspec.dialects.kit.mutations import Files, Mutation
 from simspec.engines.kit.process import Answer, Operation, call
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.scratch import scratch_folder
 
@@ -21,7 +22,8 @@ DEADLINE = 60.0
 """Seconds of one process, and ``EACH`` more for each operation in it, or ``SLOWER`` times what the unchanged files take."""
 EACH = 0.5
 LOST = 10.0
-"""Seconds of CPU after which one operation is given up, or ``SLOWER`` times what the unchanged files take: some changed files
+"""Seconds of CPU after which one operation is given up, or ``SLOWER`` times what the unchanged files take, beyond what the
+engine may take to compile: some changed files
 make an engine go round in circles (parents that are each other's)."""
 SLOWER = 20.0
 
@@ -40,15 +42,21 @@ class Plant:
 
 
 def ask(
-    engine: str, files: Files, plants: Sequence[Plant], operations: Sequence[Operation], longest: float
+    engine: str,
+    files: Files,
+    plants: Sequence[Plant],
+    operations: Sequence[Operation],
+    longest: float,
+    python: str | None = None,
 ) -> Iterator[tuple[Plant, Answers]]:
     """The answers to ``operations`` about ``files`` with each of ``plants``. ``longest``: s that one operation takes at most
     with the unchanged files."""
     if not plants:
         return
+    compiling = find_engine(engine).COMPILING
     with scratch_folder("mutations") as place:
         asked = []
-        lost = max(LOST, SLOWER * longest)
+        lost = max(LOST, SLOWER * longest) + compiling
         for index, plant in enumerate(plants):
             folder = place / str(index)
             write_folder({**files, **plant.files}, folder)
@@ -58,8 +66,8 @@ def ask(
             ]
         count = len(operations)
         try:
-            deadline = DEADLINE + max(EACH, SLOWER * longest) * len(asked)
-            answers = call(engine, place, asked, deadline=deadline).answers
+            deadline = DEADLINE + max(EACH, SLOWER * longest) * len(asked) + compiling * len(plants)
+            answers = call(engine, place, asked, python=python, deadline=deadline).answers
         except EngineError as error:
             failed = error
         else:
@@ -73,4 +81,4 @@ def ask(
     at = failed.operation // count if failed.operation is not None else len(plants) // 2
     last = at + 1 if failed.operation is not None else at
     for part in (plants[:at], plants[at:last], plants[last:]):
-        yield from ask(engine, files, part, operations, longest)
+        yield from ask(engine, files, part, operations, longest, python)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ from simspec.engines.kit import process
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.precision import DOUBLE
-from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, start
+from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, at_work, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, UnsupportedError
@@ -221,7 +222,7 @@ def verify(
                 read[name] = understood
             try:
                 if name in running:
-                    replies[name] = running[name].wait()
+                    replies[name] = running[name].wait(doing=functools.partial(at_work, say, f"verifying {name}"))
             except EngineError as error:
                 refused[name] = error
         figures: dict[str, list[Figure]] = {}
@@ -311,7 +312,9 @@ def _contact(
                 checks[name] = [not_measured(error)]
         for name, measurement in measuring.items():
             try:
-                figures[name], complaints = measurement.wait()
+                figures[name], complaints = measurement.wait(
+                    functools.partial(at_work, say, f"measuring contact in {name}")
+                )
                 checks[name] = contact_checks(figures[name])
                 for complaint in complaints:
                     say(complaint)

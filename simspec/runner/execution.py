@@ -133,10 +133,11 @@ class PendingRun:
     running: Running
     facts: Mapping[str, Any]
 
-    def wait(self, progress: Callable[[float], None] | None = None) -> Run:
-        """The run, when it has ended; ``progress`` is told the share that is done. Raises EngineError when the process crashed,
-        hung or refused."""
-        return _finish(self.case, self.facts, self.running.wait(progress))
+    def wait(self, progress: Callable[[float], None] | None = None, doing: Callable[[str], None] | None = None) -> Run:
+        """The run, when it has ended; ``progress``, ``doing``: as of :meth:`Running.wait`.
+
+        Raises EngineError when the process crashed, hung or refused."""
+        return _finish(self.case, self.facts, self.running.wait(progress, doing))
 
 
 def _finish(case: Case, facts: Mapping[str, Any], reply: Reply) -> Run:
@@ -236,14 +237,16 @@ def run_case(
     deadline: float = DEADLINE,
     source: Mapping[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
+    doing: Callable[[str], None] | None = None,
     warm: WarmProcesses | None = None,
 ) -> Run:
-    """Run a case in a process of its own; arguments and errors as of :func:`run`, ``warm`` as of :func:`start_case`."""
+    """Run a case in a process of its own; arguments and errors as of :func:`run`, ``doing`` as of :meth:`Running.wait`,
+    ``warm`` as of :func:`start_case`."""
     with (
         compiled_folder(case, artifacts, python) as folder,
         start_case(case, folder, python=python, deadline=deadline, source=source, warm=warm) as pending,
     ):
-        return pending.wait(progress)
+        return pending.wait(progress, doing)
 
 
 def failed_run(world: World, engine: str, error: EngineError, python: str | None = None) -> Run:

@@ -432,6 +432,9 @@ class ReadBack:
     fluid: Fluid | None = field(default=None, metadata=LEFT_OUT)
     laws: tuple[PairContact, ...] = field(default=(), metadata=LEFT_OUT)
     """The laws of materials, of an engine that holds a table of them (``contact/rules.py``)."""
+    made_of: str = field(default="", metadata=LEFT_OUT)
+    """A hash of all that its numbers follow from, but the states it is put into, of an engine that can say so: where it is the
+    same, every number is, to the last bit. It is compared with nothing; the complete self-test looks at it."""
 
     def __repr__(self) -> str:
         return f"<ReadBack: {len(self.bodies)} bodies, {len(self.unreadable)} fields that cannot be asked for>"

@@ -111,7 +111,7 @@ def test_a_folder_that_simspec_did_not_make_stays(made, capsys, made_by_others):
 def test_an_engine_that_goes_with_no_other_gets_one_too_and_its_name_finds_it(made, capsys):
     row = answer(capsys, "install", "mjx", "--yes")["mjx"]
     assert (row["state"], row["version"], row["problem"]) == ("installed", "3.17.4", None)
-    assert "'mujoco-mjx==3.17.*' numpy filelock 'pin" in row["commands"][1]["words"]
+    assert "'mujoco-mjx==3.17.*' numpy 'pin" in row["commands"][1]["words"]
     python = str(made / "mjx@3.17" / "bin" / "python")
     assert interpreters(None) == {"mjx": python, "mjx@3.17": python}
     # what is installed here is taken here

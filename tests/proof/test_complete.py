@@ -76,7 +76,7 @@ def test_a_stand_in_is_tried_where_the_world_itself_is_refused(refused, tried, m
     monkeypatch.setattr(complete, "WORLDS", dict.fromkeys(("whole", "part", "bit", "other")))
     monkeypatch.setattr(complete, "STAND_INS", {"whole": "part", "part": "bit"})
     bench = SimpleNamespace(verdicts=lambda only: [])
-    monkeypatch.setattr(complete._Bench, "of", lambda engine, name: "no" if name in refused.split() else bench)
+    monkeypatch.setattr(complete._Bench, "of", lambda engine, name, python: "no" if name in refused.split() else bench)
     done = []
     found = complete_self_test(["mujoco"], keep=lambda world, verdicts, seconds: done.append(world))
     assert done == tried.split()
@@ -89,7 +89,7 @@ def test_a_process_that_ends_without_a_result_condemns_only_what_ended_it(monkey
 
     sizes = []
 
-    def call(engine, folder, operations, deadline):
+    def call(engine, folder, operations, python, deadline):
         sizes.append(len(operations))
         texts = [(folder / one.parameters["artifacts"] / "model.xml").read_text() for one in operations]
         if any(' mass="-' in text for text in texts):
@@ -113,8 +113,8 @@ def test_the_command_says_what_was_missed(missed, monkeypatch, capsys):
         Verdict("one", "world", *place, "inert", why="a reason"),
     )
     found = CompleteTest(verdicts, {"one, other": "it cannot"}, {"one": "1.2"}, 60.0, {"one": ("stale@row",)})
-    monkeypatch.setattr(complete, "complete_self_test", lambda engines, progress: found)
-    assert command.complete_self_test(["one"], as_json=True) == int(missed)
+    monkeypatch.setattr(complete, "complete_self_test", lambda engines, pythons, progress: found)
+    assert command.complete_self_test(["one"], {}, as_json=True) == int(missed)
     answer = json.loads(capsys.readouterr().out)
     assert answer["passed"] is not missed
     assert answer["rows"][-1] == {
@@ -129,7 +129,7 @@ def test_the_command_says_what_was_missed(missed, monkeypatch, capsys):
     assert answer["inert"] == [{"engine": "one", "reason": "a reason", "count": 1}]
     assert answer["mutations"][0]["place"] == "joint[a]@damping"
     assert answer["unused"] == {"one": ["stale@row"]}
-    assert command.complete_self_test(["one"], as_json=False) == int(missed)
+    assert command.complete_self_test(["one"], {}, as_json=False) == int(missed)
     said = capsys.readouterr().out
     assert ("MISSED one, world: model.xml joint[a]@damping: scaled 1 to 1.01" in said) == missed
     assert "one, other: it cannot" in said
@@ -171,7 +171,7 @@ def test_rows_that_no_change_needs_are_named(tested):
 
 @pytest.mark.parametrize("large", [True, False])
 def test_a_world_that_stands_in_for_another_is_left_out_where_that_one_is_supported(large, monkeypatch):
-    def bench_of(engine, name):
+    def bench_of(engine, name, python):
         if name == "model" and not large:
             return "it refuses slides"
         verdicts = (Verdict(engine, name, "file", "word", "site", "place", "change", "caught"),)

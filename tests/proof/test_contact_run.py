@@ -282,7 +282,7 @@ class Replayed:
     def __init__(self, reply):
         self.reply = reply
 
-    def wait(self):
+    def wait(self, doing=None):
         return self.reply
 
 
@@ -454,7 +454,7 @@ def test_entries_are_in_the_users_cache_folder(monkeypatch, tmp_path):
 class Crashed:
     """A process that ended without a result."""
 
-    def wait(self):
+    def wait(self, doing=None):
         raise EngineError("some", "the process was ended by signal 11 (SIGSEGV) without a result")
 
 

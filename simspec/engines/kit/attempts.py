@@ -1,8 +1,10 @@
 """Operations that may end the engine: in a process of its own, forked from the worker when the engine is imported.
 
-Those that follow one another on the same artifacts share one, as operations share the worker. An exception is then the
-operation's answer, as ``{"refused": message}``, and so is a crash, or more than ``cpu_seconds`` of CPU time, which end that
-process alone; what follows has another one. Forking takes some milliseconds; a new worker takes a second.
+Those that follow one another on the same artifacts share one, as operations share the worker; in an engine that compiles what
+it computes (``Engine.COMPILING``), others too. An exception is then the operation's answer, as ``{"refused": message}``, and so
+is a crash, or more than ``cpu_seconds`` of CPU time, which end that process alone; what follows has another one. What ends a
+process that was at other artifacts before is tried once more in one of its own. Forking takes some milliseconds; a new worker
+takes a second.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ def attempt(
     while at < len(operations):
         for place in range(at, len(operations)):
             _text(folder, place).unlink(missing_ok=True)
-        started = time.perf_counter()
+        started, first = time.perf_counter(), at
         child = os.fork()
         if child == 0:
             code = 1
@@ -52,7 +54,7 @@ def attempt(
                 else _refusal(operations[at], refusal, spent)
             )
             at += 1
-        if status:
+        if status and operations[at].get("artifacts") == operations[first].get("artifacts"):
             yield _refusal(operations[at], f"the engine's process {_ending(status)}", time.perf_counter() - started)
             at += 1
 

@@ -79,6 +79,8 @@ class Engine:
     """Moving bodies of a contact probe in one world, where a step's time grows faster than their number; None: all."""
     DRY_FRICTION_CREEP: ClassVar[float] = 0.0
     """Speed (m/s, rad/s) of a joint with dry friction that its solver may leave or miss, whatever the friction is."""
+    COMPILING: ClassVar[float] = 0.0
+    """Seconds of processor time that it may take at most to compile what it computes, for one form of a model."""
     HULL_PRECISION: ClassVar[float] = 0.0
     """Share of its extent by which a convex hull that it holds may differ from the vertices that it was told, where it keeps
     fewer digits of them; measured. 0: it keeps doubles."""

@@ -109,6 +109,11 @@ def version_in(python: str, label: str) -> str:
     return instance.version
 
 
+def version_of(label: str, python: str | None) -> str | None:
+    """The version of an engine in an interpreter, None: this one; None where it is not there."""
+    return find_engine(label).version() if python is None else version_in(python, label)
+
+
 def _not_there(python: str | None, engine: type[Engine]) -> str:
     return f"{python} does not have {engine.DISTRIBUTION}" if engine.DISTRIBUTION else not_installed(engine)
 

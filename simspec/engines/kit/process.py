@@ -27,6 +27,7 @@ from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
 from simspec.engines.kit.answers import read_answers
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.doing import DOING
 from simspec.engines.kit.identity import demand_version, program_of
 from simspec.engines.kit.installing import not_installed
 from simspec.engines.kit.registry import find_engine
@@ -45,6 +46,7 @@ __all__ = [
     "Operation",
     "Reply",
     "Running",
+    "at_work",
     "call",
     "side_by_side",
     "start",
@@ -61,6 +63,8 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 BLAS changes sums from run to run (and one engine is 2 to 5 % slower beside its idle threads: measured)."""
 GRACE = 2.0
 """s that the keeper waits beyond the deadline: who waits for the engine kills it and says why; this is for when nobody does."""
+DOING_BYTES = 200
+"""Bytes of what an engine says that it does."""
 LOG_TAIL = 2000
 """Characters of the engine's own output that an error quotes."""
 LOG_BYTES = 100_000
@@ -186,6 +190,11 @@ def _environment() -> dict[str, str]:
     return {**ONE_THREAD, **os.environ, "PYTHONNOUSERSITE": "1"}
 
 
+def at_work(say: Callable[[str], None], work: str, doing: str) -> None:
+    """Say what an engine does that takes long (:meth:`Running.wait`), in the course of ``work``."""
+    say(f"{work}: {doing}" if doing else work)
+
+
 class Running:
     """An engine process at work: a keeper (``keeper.py``), and below it whatever the engine makes of it."""
 
@@ -205,6 +214,7 @@ class Running:
         self._started = time.perf_counter()
         self._ends = self._started + deadline
         self._deadline = deadline
+        self._doing = ""
         environment = _environment()
         # the process itself starts in its own folder
         program = program_of(python)
@@ -231,15 +241,18 @@ class Running:
             reason = getattr(error, "strerror", None) or error
             raise EngineError(self.engine, f"{python} cannot be started: {reason}") from None
 
-    def wait(self, progress: Callable[[float], None] | None = None) -> Reply:
-        """Wait for the result; ``progress`` is told the share that is done, where an operation says it (``PROGRESS_FILE``).
-        Raises EngineError, whatever came back or did not."""
-        while progress is not None and self._ends - time.perf_counter() > LOOK_EVERY:
+    def wait(
+        self, progress: Callable[[float], None] | None = None, doing: Callable[[str], None] | None = None
+    ) -> Reply:
+        """Wait for the result; ``progress`` is told the share that is done, where an operation says it (``PROGRESS_FILE``), and
+        ``doing`` what the engine begins that takes long and is no step (``doing.py``), and "" when it is done. Raises
+        EngineError, whatever came back or did not."""
+        while (progress is not None or doing is not None) and self._ends - time.perf_counter() > LOOK_EVERY:
             try:
                 self._process.wait(timeout=LOOK_EVERY)
                 break
             except subprocess.TimeoutExpired:
-                self._tell(progress)
+                self._tell(progress, doing)
         try:
             code = self._process.wait(timeout=max(0.0, self._ends - time.perf_counter()))
         except subprocess.TimeoutExpired:
@@ -279,14 +292,27 @@ class Running:
             return {}
         return {name: float(took[name]) for name in names}
 
-    def _tell(self, progress: Callable[[float], None]) -> None:
-        """Pass on the share that is done. It is a courtesy: what says nothing sensible says nothing."""
+    def _tell(self, progress: Callable[[float], None] | None, doing: Callable[[str], None] | None) -> None:
+        """Pass on what is done, and the share of it. It is a courtesy: what says nothing sensible says nothing."""
+        if doing is not None and (told := self._told()) != self._doing:
+            self._doing = told
+            doing(told)
+        if progress is None:
+            return
         try:
             share = float(read_bytes(self._folder / PROGRESS_FILE, 64))
         except (OSError, ValueError):
             return  # nothing said yet: the next look will find it
         if 0.0 <= share <= 1.0:
             progress(share)
+
+    def _told(self) -> str:
+        """What the engine says that it does, on one line; "" where it says nothing."""
+        try:
+            said = read_bytes(self._folder / DOING, DOING_BYTES).decode("utf-8", "replace")
+        except (OSError, NotReadableError):
+            return ""
+        return " ".join(said.split())
 
     def kill(self) -> None:
         """End the process and everything it started, if anything is left of it."""

@@ -68,7 +68,9 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
     import numpy as np
 
     from simspec.engines.kit.attempts import attempt
+    from simspec.engines.kit.doing import tell_into
 
+    tell_into(folder)
     if request.get("schema") != SCHEMA:
         raise ValueError(f"request schema {request.get('schema')!r}, this worker reads {SCHEMA}")
     module, _, name = request["program"].partition(":")
@@ -87,7 +89,8 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
         (folder / AT_WORK).write_text(str(index), encoding="ascii")
         if operation.get("attempt", False):
             engine_class.prepare()
-            alike = list(itertools.takewhile(functools.partial(_belongs, operation), placed[index:]))
+            belongs = functools.partial(_belongs, engine_class, operation)
+            alike = list(itertools.takewhile(belongs, placed[index:]))
             begin = functools.partial(_alone, engine_class, alike, list(itertools.islice(arrays, len(alike))))
             answers = list(attempt(begin, alike, folder, MESSAGE))
         else:
@@ -126,9 +129,11 @@ def _requested(folder: Path, request: dict[str, Any]) -> Iterator[dict[str, Any]
             yield arrays
 
 
-def _belongs(first: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether an operation is attempted in the same process as the one before it."""
-    return bool(other.get("attempt", False)) and other["artifacts"] == first["artifacts"]
+def _belongs(engine_class: type[Engine], first: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether an operation is attempted in the same process as the one before it: on the same artifacts, or in an engine for
+    which what it has compiled is worth keeping."""
+    same = other["artifacts"] == first["artifacts"] or engine_class.COMPILING > 0.0
+    return bool(other.get("attempt", False)) and same
 
 
 def _alone(

@@ -14,7 +14,7 @@ from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.native_law import NativeLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mjx.settings import SETTINGS
-from simspec.engines.mjx.simulation import MjxSimulation
+from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.support.declarations import Level, Refinement, Support, Table, alike, approximate, never, not_here
@@ -104,7 +104,6 @@ class Mjx(MjxSimulation):
     DISTRIBUTION: ClassVar[str] = "mujoco-mjx"
     EXTRA: ClassVar[str] = ""
     APART: ClassVar[str] = "3.17"
-    BESIDE: ClassVar[tuple[str, ...]] = ("filelock",)
     RULES: ClassVar[Rules] = MuJoCo.RULES
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
@@ -147,6 +146,7 @@ class Mjx(MjxSimulation):
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = MuJoCo.CONTACT_DEVIATIONS
+    COMPILING: ClassVar[float] = 100.0
     HULL_PRECISION: ClassVar[float] = MuJoCo.HULL_PRECISION
     DRY_FRICTION_CREEP: ClassVar[float] = MuJoCo.DRY_FRICTION_CREEP
     UNREADABLE: ClassVar[Mapping[str, str]] = MuJoCo.UNREADABLE
@@ -155,6 +155,7 @@ class Mjx(MjxSimulation):
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
         settings = resolve_settings(cls, world)
         found: dict[str, HeldValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        found[CONE_OF_FILE] = found["opt.cone"]
         if not any(map(_rubs, meeting_laws(world).values())):
             found["opt.cone"] = PYRAMIDAL
         return found

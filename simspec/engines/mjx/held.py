@@ -1,7 +1,8 @@
 """What MJX holds, looked at as if it were an ``mjModel``: so that what reads MuJoCo's model reads MJX's, field by field.
 
-An ``mjx.Model`` has MuJoCo's fields under MuJoCo's names, as arrays of JAX or numpy. It has no names of things
-and no user data of joints: these, which it does not compute with, are those of the ``mjModel`` that it was made of.
+An ``mjx.Model`` has MuJoCo's fields under MuJoCo's names, as arrays of JAX or numpy. What MJX does not take over, since it does
+not compute with it (names of things, user data, options of MuJoCo's own solvers), is what the ``mjModel`` has that it was made
+of: so a file that says something else than the world is noticed there, too.
 """
 
 from __future__ import annotations
@@ -12,18 +13,15 @@ import numpy as np
 
 from simspec.engines.mjx.importing import Modules
 
-OF_THE_FILE = ("jnt_user",)
-"""Fields that MJX does not have, of what it does not compute with: velocity and effort limits, which are simspec's to keep."""
-
 
 class HeldOption:
     """The options of an ``mjx.Model``, those of its implementation among them."""
 
-    def __init__(self, option: Any):
-        self._option = option
+    def __init__(self, option: Any, file: Any):
+        self._option, self._file = option, file
 
     def __getattr__(self, name: str) -> Any:
-        return _plain(_either(self._option, name))
+        return _plain(_either(self._option, self._file, name))
 
 
 class Held:
@@ -31,16 +29,14 @@ class Held:
 
     def __init__(self, model: Any, file: Any):
         self._model, self.file = model, file
-        self.opt = HeldOption(model.opt)
+        self.opt = HeldOption(model.opt, file.opt)
 
     def __getattr__(self, name: str) -> Any:
-        if name in OF_THE_FILE:
-            return getattr(self.file, name)
-        return _plain(_either(self._model, name))
+        return _plain(_either(self._model, self.file, name))
 
 
-def _either(held: Any, name: str) -> Any:
-    """A field of MJX's own class, or of its implementation."""
+def _either(held: Any, file: Any, name: str) -> Any:
+    """A field of MJX's own class, or of its implementation, or else of the file."""
     if name.startswith("__"):
         raise AttributeError(name)
     if name in type(held).__dataclass_fields__ and name != "_impl":
@@ -48,7 +44,7 @@ def _either(held: Any, name: str) -> Any:
     own = held._impl
     if name in type(own).__dataclass_fields__:
         return getattr(own, name)
-    raise AttributeError(f"MJX has no field {name}")
+    return getattr(file, name)
 
 
 def _plain(value: Any) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import io
 import os
 import warnings
@@ -11,16 +10,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from simspec.errors import EngineError
-from simspec.outputs.cache import cache_folder
 
 XLA = {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"}
 """What XLA reads from the environment when it begins: one thread, so that the order of sums, and with it the last bit, depends
 on nothing but the program."""
-COMPILED = "jax"
-"""The folder of the user's cache in which XLA keeps what it has compiled."""
-MOST_COMPILED = 2**30
-"""Bytes of it, of which XLA removes what was used longest ago."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +74,14 @@ def _import() -> Modules:
 
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_enable_x64", True)
-    folder = cache_folder(COMPILED)
-    if folder is not None and importlib.util.find_spec("filelock") is not None:  # by which JAX bounds the folder
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_compilation_cache_max_size", MOST_COMPILED)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_enable_compilation_cache", False)  # see kept.py
+    # what makes a program is imported here, once for all processes that are forked from this one
+    import jax.experimental.serialize_executable
+    import jaxlib.lapack
+    import jaxlib.mlir.dialects.mhlo
+
+    # tracing does this, and a program that is loaded is not traced: it would call functions that are not there
+    jaxlib.lapack.prepare_lapack_call("potrf_ffi", np.dtype(np.float64))
     # MJX prints that another of its forms is not installed
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore")

@@ -1,35 +1,59 @@
 """What MJX computes for one model, each as a program that JAX compiles once: from arrays of the state to arrays of the answer.
 
-A program is compiled when it is first called, for the shapes of this model. The model's arrays are its first argument,
-flattened once: to flatten an ``mjx.Model`` takes longer than a small step.
+A program is compiled when it is first called, for the form of this model, or loaded where it was compiled before
+(``kept.py``). The model's arrays are its first argument, flattened once: to flatten an ``mjx.Model`` takes longer than a small
+step.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
+from fnmatch import fnmatchcase
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.engines.kit.doing import doing
 from simspec.engines.mjx.importing import Modules
+from simspec.engines.mjx.kept import keep, loaded, name_of
 
 Arrays = Mapping[str, Any]
 Numbers = NDArray[np.float64]
+CONTACTS = ("dist", "pos", "frame", "includemargin", "geom")
+PLACES = ("xpos", "xquat", "xipos", "site_xpos", "site_xmat", "subtree_com")
+ANSWERS: Mapping[str, tuple[str, ...]] = {
+    "step": ("q", "v", "warm", "force", *CONTACTS),
+    "place": PLACES,
+    "move": (*PLACES, "cvel"),
+    "weigh": ("mass",),
+    "bias": ("bias",),
+    "touch": CONTACTS,
+}
+"""The programs, and what each gives."""
+NOT_COMPUTED = ("names", "name_*adr", "key_*", "geom_group", "signature")
+"""Fields that no program computes with, and by which JAX would tell one form of a model from another."""
 
 
 class Programs:
     """The programs of ``model`` (``mjx.Model``)."""
 
     def __init__(self, modules: Modules, model: Any):
-        flatten = modules.jax.tree_util.tree_flatten
-        self.blank = modules.mjx.make_data(model)
+        self._modules, self._model = modules, model
+
+    @functools.cached_property
+    def blank(self) -> Any:
         """The data of a state that nobody has set, from which every step begins but for what it is given."""
-        held, held_form = flatten(model)
-        blank, blank_form = flatten(self.blank)
-        self._arrays = (held, blank)
-        self._work = _Work(modules.jax, modules.mjx, held_form, blank_form)
+        return self._modules.mjx.make_data(self._model)
+
+    @functools.cached_property
+    def _arrays(self) -> tuple[Any, Any]:
+        flatten = self._modules.jax.tree_util.tree_flatten
+        held, self._held_form = flatten(_bare(self._model))
+        blank, self._blank_form = flatten(self.blank)
+        return held, blank
 
     def step(self, q: Numbers, v: Numbers, warm: Numbers, effort: Numbers, count: int) -> Arrays:
         """``count`` steps from a state, begun at the accelerations ``warm`` of the step before; with the contacts and
@@ -57,13 +81,42 @@ class Programs:
         return self._asked("touch", q, v)
 
     def _asked(self, name: str, *given: Numbers | np.int64) -> Arrays:
-        key = (name, self._work.held_form, self._work.blank_form)
+        arrays = self._arrays
+        key = (name, self._held_form, self._blank_form)
         if key not in _COMPILED:
             if len(_COMPILED) >= MOST_COMPILED:
                 _COMPILED.clear()
-            traced = self._work.jax.jit(getattr(self._work, name))
-            _COMPILED[key] = traced.lower(self._arrays, *given).compile()
-        return _COMPILED[key](self._arrays, *given)
+            _COMPILED[key] = self._made(name, given)
+        return _COMPILED[key](arrays, *given)
+
+    def _made(self, name: str, given: tuple[Numbers | np.int64, ...]) -> Callable[..., Arrays]:
+        """A program that was compiled before, or is now."""
+        jax, arrays = self._modules.jax, self._arrays
+        kept = name_of(name, _bare(self._model), self.blank, given)
+        found = loaded(kept, (arrays, *given), dict.fromkeys(ANSWERS[name], 0)) if kept is not None else None
+        if found is not None:
+            return found
+        work = _Work(jax, self._modules.mjx, self._held_form, self._blank_form)
+        with doing(f"compiling “{name}” for this model"):
+            made: Callable[..., Arrays] = jax.jit(getattr(work, name)).lower(arrays, *given).compile()
+        if kept is not None:
+            keep(kept, made)
+        return made
+
+
+def _bare(model: Any) -> Any:
+    """A model without what no program computes with, so that models which differ in that alone have one form."""
+    rows = [
+        name
+        for name in type(model).__dataclass_fields__
+        if any(map(functools.partial(fnmatchcase, name), NOT_COMPUTED))
+    ]
+    return model.replace(**{name: _nothing(getattr(model, name)) for name in rows})
+
+
+def _nothing(value: Any) -> Any:
+    """A value of the same kind that says nothing: zeros, no text."""
+    return np.zeros_like(value) if isinstance(value, np.ndarray) else type(value)()
 
 
 MOST_COMPILED = 64
@@ -107,17 +160,14 @@ class _Work:
 
     @staticmethod
     def _contacts(contact: Any) -> Arrays:
-        names = ("dist", "pos", "frame", "includemargin", "geom")
-        return {name: getattr(contact, name) for name in names}
+        return {name: getattr(contact, name) for name in CONTACTS}
 
     def place(self, arrays: Any, q: Any, v: Any) -> Arrays:
         return self._places(self._placed(arrays, q, v)[1])
 
     @staticmethod
     def _places(data: Any) -> Arrays:
-        return {
-            name: _either(data, name) for name in ("xpos", "xquat", "xipos", "site_xpos", "site_xmat", "subtree_com")
-        }
+        return {name: _either(data, name) for name in PLACES}
 
     def move(self, arrays: Any, q: Any, v: Any) -> Arrays:
         model, data = self._placed(arrays, q, v)

@@ -6,6 +6,7 @@ Facts marked *measured* were obtained with MJX 3.17.0 on JAX 0.10.2, in double p
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,13 +19,14 @@ from simspec.engines.kit.contract import Actuation
 from simspec.engines.mjx.held import Held, HeldMujoco
 from simspec.engines.mjx.importing import Modules, begin, import_mjx
 from simspec.engines.mjx.programs import Programs, as_numpy
-from simspec.engines.mujoco.readback import read_back
+from simspec.engines.mujoco.readback import CONE_NAMES, read_back
 from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulation
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.world.types import ReadBack
 
-NO_FRICTION = "no contact has friction: MJX solves such contacts as a pyramid of one edge, which is the same"
+CONE_OF_FILE = "file.opt.cone"
+"""In the inventory: the cone that stands in the file, where MJX is given another."""
 
 
 class MjxSimulation(MujocoSimulation, abstract=True):
@@ -51,12 +53,12 @@ class MjxSimulation(MujocoSimulation, abstract=True):
     def _choose_cone(self) -> None:
         """Where no contact there can be has friction, the cone is the pyramid, of one edge: MJX has no other form of it."""
         option, cones = self.model.opt, self._mujoco.mjtCone
-        self._cone_chosen = False
+        self._cone_of_file = int(option.cone)
         dims = np.asarray(self._modules.make_condim(self.model))
         if option.cone != cones.mjCONE_ELLIPTIC:
             return
         if (dims == 1).all():
-            option.cone, self._cone_chosen = cones.mjCONE_PYRAMIDAL, True
+            option.cone = cones.mjCONE_PYRAMIDAL
         elif (dims == 1).any():
             raise EngineError(self.NAME, f"{MODEL} has contacts with friction and without, under the elliptic cone")
 
@@ -73,9 +75,20 @@ class MjxSimulation(MujocoSimulation, abstract=True):
         actuation = int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         flags = (int(held.opt.disableflags) & ~actuation) | (self._disabled_by_file & actuation)
         found = read_back(HeldMujoco(self._modules), held, self._sidecar, flags)
-        if self._cone_chosen:
-            found = dataclasses.replace(found, unreadable={**found.unreadable, "friction_cone": NO_FRICTION})
-        return found
+        return dataclasses.replace(
+            found,
+            friction_cone=CONE_NAMES[self._cone_of_file],
+            inventory={**found.inventory, CONE_OF_FILE: self._cone_of_file},
+            made_of=self._made_of(),
+        )
+
+    def _made_of(self) -> str:
+        """A hash of the model that MJX is given, whole, and of the sidecar: it is told nothing else."""
+        model = np.empty(self._mujoco.mj_sizeModel(self.model), dtype=np.uint8)
+        self._mujoco.mj_saveModel(self.model, None, model)
+        digest = hashlib.sha256(model.tobytes())
+        digest.update(repr(self._sidecar).encode())
+        return digest.hexdigest()
 
     def log(self) -> list[str]:
         found = list(self._log)

@@ -22,6 +22,7 @@ from typing import Any
 from simspec.engines.kit.contract import Engine
 from simspec.errors import SpecError
 from simspec.outputs.entries import Entries
+from simspec.outputs.processor import processor
 from simspec.proof.contact.probe import Figure
 from simspec.stored import CacheEntry, read_as
 from simspec.world.canonical import canonical_json, from_plain, to_plain
@@ -82,17 +83,6 @@ def environment() -> dict[str, Any]:
         "platform": platform.platform(),
         "processor": processor(),
     }
-
-
-def processor() -> list[str]:
-    """The processor's model and instruction sets, as far as the system says."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        lines = []
-    wanted = ("model name", "flags", "Features", "CPU part")
-    told = dict.fromkeys(line for line in lines if line.split("\t")[0].split(":")[0].strip() in wanted)
-    return [platform.machine(), platform.processor(), *told]
 
 
 def key(engine: type[Engine], *parts: object) -> str:

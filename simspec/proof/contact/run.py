@@ -9,7 +9,7 @@ import dataclasses
 import itertools
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,9 +93,11 @@ class Measuring:
     """When the deadline is over (``time.monotonic``)."""
     use_cache: bool
 
-    def wait(self) -> tuple[list[Figure], list[str]]:
-        """The figures, and the cache's complaints. What makes the engine fail is a figure without a number."""
-        answers = self._answers()
+    def wait(self, doing: Callable[[str], None] | None = None) -> tuple[list[Figure], list[str]]:
+        """The figures, and the cache's complaints; ``doing`` as of :meth:`Running.wait`.
+
+        What makes the engine fail is a figure without a number."""
+        answers = self._answers(doing)
         figures: list[Figure] = []
         complaints: list[str] = []
         for job in self.jobs:
@@ -112,7 +114,7 @@ class Measuring:
             figures += [_deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
         return figures, complaints
 
-    def _answers(self) -> Iterator[list[Answer] | EngineError]:
+    def _answers(self, doing: Callable[[str], None] | None) -> Iterator[list[Answer] | EngineError]:
         """Of each job that is not known, its answers. One process for all; when it fails, one for each, to find out which
         of them it was."""
         if self.running is None:
@@ -120,7 +122,7 @@ class Measuring:
         counts = [len(job.operations) for job in self.jobs if job.known is None]
         starts = np.cumsum([0, *counts])
         try:
-            answers = self.running.wait().answers
+            answers = self.running.wait(doing=doing).answers
         except EngineError as error:
             for start_at, count in zip(starts, counts, strict=False):
                 yield self._alone(self.operations[start_at : start_at + count], error)

@@ -65,8 +65,8 @@ def good(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         for engine in ENGINES:
 
-            def wait(running, progress=None, engine=engine):
-                reply = keep(running, progress)
+            def wait(running, progress=None, doing=None, engine=engine):
+                reply = keep(running, progress, doing)
                 shutil.copytree(running._folder, place / engine)
                 return reply
 
