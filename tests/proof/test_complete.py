@@ -211,3 +211,28 @@ def test_contact_under_a_friction_that_is_not_the_default_is_among_the_worlds():
         "fixed",
         "free",
     }
+
+
+def test_what_leaves_all_that_numbers_follow_from_as_it_was_is_not_seen_alone(monkeypatch):
+    """An engine that hashes that is asked for no glimpses of it, but for whole motions together with others."""
+    bench = complete._Bench.of("mujoco", "ball joint")
+    assert bench.made_of == "", "MuJoCo's motions are quick: it hashes nothing"
+    own, asked = complete_asking.call, set()
+
+    def call(engine, folder, operations, python, deadline):
+        reply = own(engine, folder, operations, python=python, deadline=deadline)
+        asked.update(operation.op for operation in operations)
+        for answer in reply.answers:
+            if "bodies" in answer.result:
+                answer.result["made_of"] = "all"
+        return reply
+
+    monkeypatch.setattr(complete_asking, "call", call)
+    monkeypatch.setattr(complete, "SHORT", 0.0)
+    bench = dataclasses.replace(bench, made_of="all")
+    verdicts = bench.verdicts(lambda one: one.site in ("mujoco@model", "visual@rgba", "geom@rgba", "inertial@mass"))
+    inert = [one for one in verdicts if one.verdict == "inert"]
+    assert inert
+    assert len({one.verdict for one in verdicts}) > 1
+    assert "drive" in asked
+    assert "windows" not in asked

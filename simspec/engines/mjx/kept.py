@@ -29,7 +29,6 @@ MOST = 512
 """Programs that are kept, of 0.1 to 8 MB: those that were used last."""
 PATIENCE = 10.0
 """s that one waits for another process to have put a program there; then this one is not kept."""
-PACKAGES = ("mujoco-mjx", "mujoco", "jax", "jaxlib", "numpy")
 DIGEST = hashlib.sha256().digest_size
 
 
@@ -96,9 +95,13 @@ def _write(content: bytes, place: Path) -> None:
 @functools.cache
 def _maker() -> bytes:
     """What traces and compiles: packages, this one's own code, what they are told by the environment, the processor."""
+    import jax
+    import jaxlib
+    import mujoco
+
     told = {name: value for name, value in sorted(os.environ.items()) if name.startswith(("JAX_", "XLA_", "MJX_"))}
     code = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
-    parts = [version(package) for package in PACKAGES]
+    parts = [version("mujoco-mjx"), mujoco.__version__, jax.__version__, jaxlib.__version__, np.__version__]
     parts += [platform.python_version(), *processor(), repr(told), repr(XLA), hashlib.sha256(code).hexdigest()]
     return "\0".join(parts).encode()
 

@@ -40,3 +40,25 @@ def test_operations_share_a_process_until_one_ends_it(tmp_path):
     ]
     assert [values[0].tolist() for _, values in entries if values] == [[0, 1], [1, 2], [3, 1], [5, 1]]
     assert [entry["op"] for entry, _ in entries] == [operation["op"] for operation in OPERATIONS]
+
+
+def test_what_ends_a_process_that_was_at_other_artifacts_is_tried_in_one_of_its_own(tmp_path):
+    """What came before it may have ended it: then it is done, and what follows shares its process."""
+    operations = [{"op": str(place), "artifacts": str(place)} for place in range(4)]
+
+    def begin():
+        count = [0]
+
+        def work(place):
+            count[0] += 1
+            if place == 3 or (place == 1 and count[0] > 1):
+                os.kill(os.getpid(), signal.SIGKILL)
+            values = np.array([place, count[0]], dtype=float)
+            return {"op": str(place), "arrays": {"at": {"kind": "f8", "shape": [2], "stored": True}}}, [values]
+
+        return work
+
+    entries = list(attempt(begin, operations, tmp_path, 100))
+    assert [values[0].tolist() for _, values in entries if values] == [[0, 1], [1, 1], [2, 2]]
+    assert [entry["op"] for entry, _ in entries] == ["0", "1", "2", "3"]
+    assert "SIGKILL" in entries[3][0]["result"]["refused"]

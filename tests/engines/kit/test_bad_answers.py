@@ -269,6 +269,8 @@ BY_SCRIPT = {
     "progress a FIFO": ('mkfifo "$2"/progress.txt; exec sleep 20', "deadline"),
     "progress of words": ('echo much > "$2"/progress.txt; exec sleep 20', "deadline"),
     "progress NaN": ('echo nan > "$2"/progress.txt; exec sleep 20', "deadline"),
+    "doing a FIFO": ('mkfifo "$2"/doing.txt; exec sleep 20', "deadline"),
+    "doing without end": ('yes 1 | head -c 3000 > "$2"/doing.txt; exec sleep 20', "deadline"),
     "progress without end": ('yes 1 | head -c 3000000 > "$2"/progress.txt; exec sleep 20', "deadline"),
     "prints without end": ("head -c 60000000 /dev/zero; exit 3", "ended with code 3"),
 }
@@ -318,15 +320,32 @@ def test_a_process_that_misbehaves_is_that_engine_s_failure(kind, good, tmp_path
     if "without a result" in message or "signal" in message or "code" in message:
         bad = program(tmp_path / "bad", words)
     progress = [] if "progress" in kind else None
+    doing = [] if "doing" in kind else None
     with (
         pytest.raises(EngineError) as caught,
         runner.start_case(Case(scene(), "dart"), good["dart"].artifacts, python=bad, deadline=QUICK) as pending,
     ):
-        pending.wait(None if progress is None else progress.append)
+        pending.wait(None if progress is None else progress.append, None if doing is None else doing.append)
     assert caught.value.exit_code == 3
     assert message in str(caught.value)
     assert len(str(caught.value)) < 4000
     assert not progress
+    assert not doing
+
+
+def test_what_an_engine_does_that_takes_long_is_told_on_one_line(good, tmp_path, monkeypatch):
+    """And that it is done."""
+    monkeypatch.setattr(process, "LOOK_EVERY", 0.02)
+    monkeypatch.setattr(process.keeper, "PATIENCE", 0.1)
+    words = 'printf "compiling\\nits   step" > "$2"/doing.txt; sleep 0.3; rm "$2"/doing.txt; exec sleep 20'
+    busy = answering(tmp_path / "busy", good["dart"].answer, words)
+    said = []
+    with (
+        pytest.raises(EngineError, match="deadline"),
+        runner.start_case(Case(scene(), "dart"), good["dart"].artifacts, python=busy, deadline=QUICK) as pending,
+    ):
+        pending.wait(doing=said.append)
+    assert said == ["compiling its step", ""]
 
 
 @pytest.mark.parametrize(

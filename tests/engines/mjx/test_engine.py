@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import fnmatch
 
 import numpy as np
@@ -9,12 +10,14 @@ import pytest
 
 import simspec
 from simspec.compiler import compile_world
+from simspec.engines.mjx import kept, programs
 from simspec.engines.mjx.engine import Mjx
 from simspec.engines.mjx.held import Held
 from simspec.engines.mjx.importing import begin
 from simspec.engines.mujoco import fields
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
+from simspec.outputs.cache import LOCK
 from simspec.proof.comparator import inventory_checks
 from simspec.testing import worlds as shipped
 from simspec.testing.worlds import accepting
@@ -70,7 +73,7 @@ def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
     assert not hasattr(model, "jnt_user")
     assert held.jnt_user.shape == (0, 0)
     assert held.opt.noslip_iterations == 0
-    assert not hasattr(held, "geom_surfacevel")
+    assert not hasattr(held, "geom_of_no_version")
 
 
 @installed
@@ -118,3 +121,28 @@ def test_the_same_run_gives_the_same_bits(load_files):
         live.step(100)
         runs.append(live.get_state()[0].tobytes())
     assert runs[0] == runs[1]
+
+
+@installed
+def test_a_program_that_was_compiled_before_is_taken_up_again(load_files, tmp_path, monkeypatch):
+    """To the same bits, and where names and initial states differ, of which no program knows; what is damaged is made anew."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    world = accepting(shipped.hinges(), "mjx")
+    bodies = [
+        dataclasses.replace(body, joint=dataclasses.replace(body.joint, name="another", position=(0.3,)))
+        if body is world.bodies[1]
+        else body
+        for body in world.bodies
+    ]
+    other = dataclasses.replace(world, bodies=tuple(bodies))
+    runs = []
+    for one in (world, other, world, world):
+        monkeypatch.setattr(programs, "_COMPILED", {})
+        live = load_files(Mjx, dict(compile_world(one, ["mjx"])["mjx"].files))
+        live.step(20)
+        runs.append(live.get_state()[0].tobytes())
+        (program,) = (path for path in (tmp_path / "simspec" / kept.FOLDER).iterdir() if path.name != LOCK)
+        if len(runs) == 3:
+            program.write_bytes(program.read_bytes()[:-1])
+    assert runs[0] == runs[2] == runs[3] != runs[1]
+    assert len(program.read_bytes()) > 100_000
