@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, compile_world, output_files
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
+from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, MARKER_FILE, Marker, read_marker
 from simspec.outputs.reading import files_below, read_bytes, read_text
@@ -185,6 +187,9 @@ def certificate_mismatch(built: Built, folder: Path) -> str | None:
         return "it belongs to another world"
     hashes = dict(certificate.artifacts_sha256)
     for engine, compiled in built.compiled.items():
+        known = engines().get(engine_name(engine))
+        if engine not in hashes and known is not None and known.FILES_ALONE:
+            continue  # no certificate of it is valid where it is not installed
         if engine not in hashes:
             return f"it does not cover {engine}"
         if hashes[engine] != compiled.sha256:

@@ -68,7 +68,7 @@ HOMES = ("engines", "dialects", "formats", "imports")
 """An engine or a format is named in its own packages of these, and nowhere else: in no name, text, comment or docstring."""
 ALSO = {"pybullet": ("bullet",)}
 """What an engine is called besides its name; other engines' packages may say it (a collision detector has the same name)."""
-BUILT_ON = {"mjx": {"mujoco"}}
+BUILT_ON = {"gzsim": {"gazebo"}, "mjx": {"mujoco"}}
 """Engines that are another's dynamics, written anew, told that one's files: their packages import it, and name it."""
 NAMED_ELSEWHERE = {
     ("__init__.py", ">>>"): "the first example that a user reads is one to type in",
@@ -87,6 +87,7 @@ NAMED_ELSEWHERE = {
         ("engines/gazebo", part): "the same, by its detector"
         for part in ("DART", "Dart", "dart", "ode", "Sdf", "SDF", "sdf")
     },
+    **{("engines/gzsim", part): "the same library" for part in ("DART", "Sdf", "SDF", "sdf")},
     ("dialects/webots", "ODE"): "the library of which that engine has a copy",
     ("engines/webots", "ODE"): "the same",
     ("imports/xacro/importer.py", "urdf"): "what xacro files expand to: the importer that reads it",
@@ -153,6 +154,7 @@ WRITERS = {
     "engines/kit/recorder.py": "in an engine's process: progress into the process's own temporary folder",
     "engines/kit/record_files.py": "in an engine's process: rows into the process's own temporary folder",
     "engines/pybullet/inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
+    "engines/gzsim/server.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "engines/mujoco/model_compiler.py": "its answer, into the pipe to who asked",
     "meshes/child.py": "in the process that reads meshes: answers, through a pipe",
     "mapped.py": "large arrays, in temporary files that have no name",

@@ -65,7 +65,7 @@ def _row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
         _tell(as_json, f"{engine.NAME}: {found.version} is installed")
         return row
     if found.state in (State.IMPOSSIBLE, State.FILES):
-        row["problem"] = found.problems[0]
+        row["problem"] = "; ".join([*found.problems, *([found.install] if found.state is State.FILES else [])])
     commands = [] if row["problem"] else words(engine)
     if not row["problem"] and not commands:
         row["problem"] = f"{engine.NAME} does not say how it is installed"

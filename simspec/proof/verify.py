@@ -245,11 +245,11 @@ def _of_files_alone(
     artifacts: Mapping[str, Path],
     not_compared: Mapping[str, str],
 ) -> dict[str, EngineProof]:
-    """The proofs of the engines that simspec does not run, of which the files can be proven alone."""
+    """The proofs of the engines that are not installed, of which the files can be proven alone."""
     proofs = {}
     for name, compilation in compiled.items():
         engine = find_engine(name)
-        if not engine.FILES_ALONE:
+        if not (alone := engine.files_alone()):
             continue
         with contextlib.ExitStack() as stack:
             folder = artifacts.get(name)
@@ -257,7 +257,7 @@ def _of_files_alone(
                 folder = stack.enter_context(scratch_folder("verify")) / name
                 write_folder(compilation.files, folder)
             checks, _ = _text_checks(world, compilation, folder)
-            parts = of_files_alone(not_compared, engine.FILES_ALONE)
+            parts = of_files_alone(not_compared, alone)
             proof = _proof(compilation, folder, checks, parts, None)
         proofs[name] = dataclasses.replace(proof, version="none", not_compared=dict(not_compared))
     return proofs

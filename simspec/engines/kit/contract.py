@@ -58,8 +58,8 @@ class Engine:
     NEEDS: ClassVar[Needs] = Needs()
     """What it needs of the machine beside packages of Python."""
     FILES_ALONE: ClassVar[str] = ""
-    """Why it is never asked, where simspec writes its files and does not run it: a proof of it goes as far as the files (L0),
-    says so with this reason, and is never valid. Empty: it is run, and one that is named and not installed is an error."""
+    """Of an engine whose files are proven alone where it is not installed: why, in words. Such a proof goes as far as the files
+    (L0), says so with this reason, and is never valid. Empty: one that is named and not installed is an error everywhere."""
     CLASHES: ClassVar[Mapping[str, str]] = {}
     """Packages of Python, of other engines, that may not be in its process, each with the reason (``kit/beside.py``)."""
     PRECISION: ClassVar[str] = DOUBLE
@@ -118,10 +118,15 @@ class Engine:
     @classmethod
     def version(cls) -> str | None:
         """The installed version; None when the engine is not installed. Does not import the engine."""
-        for name in () if cls.FILES_ALONE else cls.distributions():
+        for name in cls.distributions():
             with contextlib.suppress(importlib.metadata.PackageNotFoundError):
                 return importlib.metadata.version(name)
         return cls.NEEDS.version()
+
+    @classmethod
+    def files_alone(cls) -> str:
+        """Why its files are proven alone here; empty where it is installed, and where it is of no use without."""
+        return cls.FILES_ALONE if cls.FILES_ALONE and cls.version() is None else ""
 
     @classmethod
     def distributions(cls) -> tuple[str, ...]:

@@ -40,8 +40,9 @@ class Diagnosis:
 def diagnose(engine: type[Engine], environment: Mapping[str, str] | None = None) -> Diagnosis:
     """What is there of ``engine`` in this interpreter and on this machine. ``environment`` overrides markers of packages."""
     install = how_to_install(engine)
-    if engine.FILES_ALONE:
-        return Diagnosis(State.FILES, None, (engine.FILES_ALONE,), install)
+    if alone := engine.files_alone():
+        lacking = [_reason(engine, error) for error in engine.NEEDS.lacking()]
+        return Diagnosis(State.FILES, None, (alone, *lacking), install)
     if engine.version() is None and (why := why_not(engine, dict(environment or {}))) is not None:
         return Diagnosis(State.IMPOSSIBLE, None, (why,), install)
     absent, wrong = _packages(engine, environment)

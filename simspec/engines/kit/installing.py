@@ -14,8 +14,9 @@ from simspec.engines.kit.registry import engines
 
 
 def how_to_install(engine: type[Engine]) -> str:
-    """The words that install an engine: of pip, of Debian's apt-get, or both."""
-    return " and ".join(command for command in (pip_words(engine), apt_words(engine.NEEDS)) if command)
+    """The words that install an engine: of pip, of Debian's apt-get, what no package brings, or several of these."""
+    words = (pip_words(engine), apt_words(engine.NEEDS), engine.NEEDS.elsewhere)
+    return " and ".join(command for command in words if command)
 
 
 def not_installed(engine: type[Engine]) -> str:

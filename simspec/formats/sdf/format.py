@@ -47,6 +47,8 @@ class Sdf(Format):
             "name": tree.name,
             "timestep": tree.timestep,
             "rate": 1.0 / tree.timestep,
+            "real_time_factor": tree.real_time_factor,
+            "systems": tree.systems,
             "gravity": tree.gravity,
             "models": [
                 {

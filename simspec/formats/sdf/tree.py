@@ -100,6 +100,14 @@ class Model:
 
 
 @dataclass(frozen=True, slots=True)
+class System:
+    """A system that a server loads with the world: the file of its plugin and the name of its class."""
+
+    file: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
 class World:
     """A whole file."""
 
@@ -107,3 +115,6 @@ class World:
     timestep: float
     gravity: Vector3
     models: tuple[Model, ...]
+    systems: tuple[System, ...] = ()
+    real_time_factor: float = 1.0
+    """How fast a server may step, against the clock; 0: as fast as it can."""
