@@ -16,6 +16,8 @@ from simspec.world.types import Inertial, Pose
 PHYSICS: Final = sdf.System("gz-sim-physics-system", "gz::sim::systems::Physics")
 MOMENT: Final = 1e-9
 """s: gz sim's shortest step, in which nothing moves that is slow."""
+WHOLE: Final = 2.5e-10
+"""s: what is added to a timestep, since gz sim cuts it off to whole nanoseconds, by which 0.3 ms would be 299,999 of them."""
 
 
 class Plan:
@@ -76,7 +78,7 @@ class Plan:
             )
             for root, rows in members.items()
         )
-        return Sdf().write(sdf.World("w", timestep, gravity, models, (PHYSICS,), 0.0))[WORLD]
+        return Sdf().write(sdf.World("w", timestep + WHOLE, gravity, models, (PHYSICS,), 0.0))[WORLD]
 
     def _link(self, row: int) -> sdf.Link:
         body, parent = self.document.bodies[row], self.parents[row]

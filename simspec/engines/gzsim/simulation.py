@@ -121,12 +121,9 @@ class Simulation:
 
     def _look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(q, v), poses and velocities that the server which does not move tells at the present coordinates."""
-        aside = self._q.copy()
-        aside[self._at] += ASIDE
-        for row in self._free:
-            place = self.q_places[row]
-            aside[place.start : place.start + 3] += ASIDE
-            aside[place.stop - 4 : place.stop] = multiply(aside[place.stop - 4 : place.stop], _TURN)
+        aside = self._aside()
+        # each by another length, so that no two of them bring a link back to where it was
+        aside[self._at] += ASIDE * (1.0 + np.arange(len(self._at)) / np.e)
         server, found = self._still, []
 
         def before(info: Any, components: Any, step: int) -> None:
@@ -143,6 +140,15 @@ class Simulation:
         q, v, poses, velocities = found[-1]
         return q, v / SLOW, poses, velocities / SLOW
 
+    def _aside(self) -> np.ndarray:
+        """The present coordinates with all free roots put aside."""
+        found = self._q.copy()
+        for row in self._free:
+            place = self.q_places[row]
+            found[place.start : place.start + 3] += ASIDE
+            found[place.stop - 4 : place.stop] = multiply(found[place.stop - 4 : place.stop], _TURN)
+        return found
+
     # --- steps ------------------------------------------------------------------------------------------------
 
     def advance(self, count: int, effort: np.ndarray | None) -> None:
@@ -151,6 +157,8 @@ class Simulation:
         if not np.isfinite(given).all():
             raise EngineError(NAME, NOT_FINITE)
         server = self._stepping()
+        if self._pending and self._free and count:
+            server.run(1, self._put_aside, lambda components: None)
 
         def before(info: Any, components: Any, step: int) -> None:
             if self._pending:
@@ -161,6 +169,10 @@ class Simulation:
         server.run(count, before, self._take)
         if not (np.isfinite(self._q).all() and np.isfinite(self._v).all()):
             raise EngineError(NAME, "a step led to a state that is not finite")
+
+    def _put_aside(self, info: Any, components: Any, step: int) -> None:
+        """For a step whose end is of no use: what has not moved since a state before would not be told."""
+        self._stepping().put(components, self._aside(), np.zeros(self._nv))
 
     def _take(self, components: Any) -> None:
         self._q, self._v = self._stepping().state(components)

@@ -55,7 +55,7 @@ class _Components:
         physics = world.find("physics")
         assert float(physics.find("real_time_factor").text) == 0.0
         self.gravity = _numbers(world.find("gravity").text)
-        self.timestep = round(float(physics.find("max_step_size").text) * 1e9) * 1e-9
+        self.timestep = int(float(physics.find("max_step_size").text) * 1e9) / 1e9
         self.names, self.told, self.axes, self.types = [], {}, {}, {}
         bodies = []
         for model in world.findall("model"):
@@ -74,7 +74,7 @@ class _Components:
         self.poses, self.velocities = self._frames()
         self.effort = np.zeros(layout.nv)
         self.watched, self.resets, self.rates, self.twists = set(), {}, {}, {}
-        self.commands, self.again = {}, set()
+        self.commands, self.again, self.wrenches = {}, set(), []
         self.tells = {}
 
     def _model(self, model):
@@ -135,6 +135,9 @@ class _Components:
             held = self.poses[self.rows[name]][3:]
             turn = self.q[self.q_of[name]][3:]
             self.v[self.v_of[name]] = [*rotate(held, linear), *rotate(conjugate(turn), rotate(held, angular))]
+        for name, force, torque in self.wrenches:
+            turn = self.q[self.q_of[name]][3:]
+            self.effort[self.v_of[name]] += [*force, *rotate(conjugate(turn), torque)]
         if not paused and FAULT != "still":
             self._step()
         poses, velocities = self._frames()
@@ -144,7 +147,7 @@ class _Components:
             self.poses[row], self.velocities[row] = poses[row], velocities[row]
             self.tells[self.bodies[row].name] = True
         self.effort[:] = 0.0
-        self.resets, self.twists = {}, {}
+        self.resets, self.twists, self.wrenches = {}, {}, []
 
 
 class _Entity:
@@ -222,12 +225,8 @@ class Link(_Entity):
     def add_world_wrench(self, ecm, force, torque):
         """At the link's origin, which has to be the centre of mass of a free body."""
         name = self._name(ecm)
-        place = ecm.v_of[name]
         assert ecm.bodies[ecm.rows[name]].joint.kind == "free"
-        turn = ecm.q[ecm.q_of[name]][3:]
-        if name in ecm.commands and name not in ecm.again:
-            turn = ecm.commands[name][3:]
-        ecm.effort[place] += [*force.values, *rotate(conjugate(turn), torque.values)]
+        ecm.wrenches.append((name, force.values, torque.values))
 
     def world_inertial(self, ecm):
         row = self._row(ecm)
