@@ -1,9 +1,10 @@
 """One server of gz sim that holds one world, and what is told it and asked of it between its steps.
 
 A server has no state that could be set without a step: what is commanded before a step holds at its beginning. Its physics
-system takes up the commands in this order: joints, wrenches, poses, velocities. Forces are for one step. A pose is commanded
-for two steps, so that the step after it is commanded the pose that the body then has. Velocities are commanded in the axes
-that the link had in the server's components *before* the pose that is commanded with them.
+system takes up the commands in this order: joints, wrenches, poses, velocities. Forces are for one step. A pose holds at the
+beginning of the next step, too, at whose end it is taken away with whatever was commanded in between: so a step of another pose
+goes before. Velocities are commanded in the axes that the link had in the server's components *before* the pose that is
+commanded with them.
 """
 
 from __future__ import annotations
@@ -50,7 +51,6 @@ class Server:
         self.joints: dict[int, Any] = {}
         self._models: dict[int, Any] = {}
         self.world: Any = None
-        self._posed = False
         self._before: Before = lambda info, components, step: None
         self._after: Callable[[Any], None] = lambda components: None
         self._begun, self._done = 0, 0
@@ -81,9 +81,6 @@ class Server:
             try:
                 if self.world is None:
                     self._find(components)
-                if self._posed:
-                    self._command_poses(components, self._present(components))
-                    self._posed = False
                 self._before(info, components, self._begun)
                 self._begun += 1
             except BaseException as error:
@@ -125,9 +122,11 @@ class Server:
     # --- what is commanded ------------------------------------------------------------------------------------
 
     def put(self, components: Any, q: np.ndarray, v: np.ndarray) -> None:
-        """Let the state at the beginning of the next step be (q, v)."""
-        self._command_poses(components, q)
-        self._posed = bool(self._free)
+        """Let the state at the beginning of the next step be (q, v): a step before which poses were put elsewhere."""
+        for row in self._free:
+            place = q[self._q[row]]
+            turn = self._math.Quaterniond(*place[3:].tolist())
+            self._models[row].set_world_pose_cmd(components, self._math.Pose3d(self._vector(place[:3]), turn))
         for row in self._free:
             rate, link = v[self._v[row]], self.links[row]
             held = self.pose(components, row)[3:]
@@ -148,30 +147,17 @@ class Server:
                 torque = rotate(q[self._q[row]][3:], force[3:])
                 self.links[row].add_world_wrench(components, self._vector(force[:3]), self._vector(torque))
 
-    def _command_poses(self, components: Any, q: np.ndarray) -> None:
-        for row in self._free:
-            place = q[self._q[row]]
-            turn = self._math.Quaterniond(*place[3:].tolist())
-            self._models[row].set_world_pose_cmd(components, self._math.Pose3d(self._vector(place[:3]), turn))
-
     def _vector(self, values: np.ndarray) -> Any:
         return self._math.Vector3d(*values.tolist())
 
     # --- what is told -----------------------------------------------------------------------------------------
 
-    def _present(self, components: Any) -> np.ndarray:
-        """Coordinates in which those of the free roots are set."""
-        found = np.zeros(max((place.stop for place in self._q), default=0))
-        for row in self._free:
-            found[self._q[row]] = self.pose(components, row)
-        return found
-
     def state(self, components: Any) -> tuple[np.ndarray, np.ndarray]:
         """(q, v) after a step."""
-        q = self._present(components)
+        q = np.zeros(max((place.stop for place in self._q), default=0))
         v = np.zeros(max((place.stop for place in self._v), default=0))
         for row in self._free:
-            told = self.velocity(components, row)
+            q[self._q[row]], told = self.pose(components, row), self.velocity(components, row)
             v[self._v[row]] = [*told[:3], *rotate(conjugate(q[self._q[row]][3:]), told[3:])]
         for row in self._axes:
             joint = self.joints[row]

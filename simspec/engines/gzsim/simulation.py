@@ -171,7 +171,8 @@ class Simulation:
             raise EngineError(NAME, "a step led to a state that is not finite")
 
     def _put_aside(self, info: Any, components: Any, step: int) -> None:
-        """For a step whose end is of no use: what has not moved since a state before would not be told."""
+        """For a step whose end is of no use: what has not moved since a state before would not be told, and poses that are
+        commanded would hold at the beginning of the next step, too (``server.py``)."""
         self._stepping().put(components, self._aside(), np.zeros(self._nv))
 
     def _take(self, components: Any) -> None:

@@ -159,7 +159,12 @@ def test_a_state_that_was_set_before_is_told_anew(stand_in, tmp_path):
         engine.set_state(q, v)
         engine.step(1, np.array([0.0, 0.0, push, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
         ends.append(engine.get_state()[1])
+    told = []
+    for rate in (1.0, 2.0):
+        engine.set_state(q, v + rate)
+        told.append(engine.body_states()[1])
     engine.close()
+    assert told[1] == pytest.approx(2.0 * told[0], rel=1e-9, abs=1e-12)
     assert np.abs(ends[1] - ends[0]).max() > 5e-5
 
 
