@@ -17,6 +17,7 @@ from simspec.control.native import Native, Servos, natives
 from simspec.control.reference import Reference
 from simspec.errors import SimspecError
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.processor_time import processor_clock
 from simspec.world.control import Controller
 from simspec.world.kinematics import layout_of, trees
 from simspec.world.types import Body, World
@@ -284,7 +285,8 @@ class Control:
         return np.array(rows)
 
     def _chunk(self, joints: Joints, first: int, count: int, servos: Servos | None) -> None:
-        begun, begun_cpu = time.perf_counter(), time.process_time()
+        clock, cpu_clock = time.perf_counter, processor_clock()
+        begun, begun_cpu = clock(), cpu_clock()
         targets = np.zeros((count, len(self.joints)))
         for group, part in zip(self._groups, self._slices, strict=True):
             targets[:, part] = group.prepare(first, count)
@@ -297,7 +299,7 @@ class Control:
         pairs = list(zip(self._groups, self._slices, strict=True))
         alone = self._groups[0].effort if len(pairs) == 1 and len(self._groups[0].joints) == len(self.joints) else None
         wanted = np.zeros(len(self.joints))
-        clock, cpu_clock, minimum, maximum = time.perf_counter, time.process_time, np.minimum, np.maximum
+        minimum, maximum = np.minimum, np.maximum
         stepped = cpu = 0.0
         for k in range(count):
             q, v = read()
@@ -326,6 +328,6 @@ class Control:
         self.applied[self.native_places] = np.nan
         self.seconds["step"] += stepped
         self.seconds["cpu"] += cpu
-        self.seconds["control"] += time.perf_counter() - begun - stepped
+        self.seconds["control"] += clock() - begun - stepped
         # the clocks' own rounding must not make it fall
-        self.seconds["control_cpu"] += max(0.0, time.process_time() - begun_cpu - cpu)
+        self.seconds["control_cpu"] += max(0.0, cpu_clock() - begun_cpu - cpu)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simspec.compiler import compile_world, write_folder
+from simspec.compiler import compile_world, missing_options, write_folder
+from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import Operation, call
 from simspec.errors import EngineError
 from simspec.scratch import scratch_folder
-from simspec.world.types import Body, Contact, Inertial, Joint, Physics, World
+from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Physics, World
 
 GRAVITY, TIMESTEP, STEPS, HEIGHT = 9.81, 1e-3, 100, 1.0
 DEADLINE = 60.0
@@ -43,6 +44,10 @@ def fall(engine: str, python: str | None = None, deadline: float = DEADLINE) -> 
     )
     world = World("fall", (ball,), Contact(), Physics((0.0, 0.0, -GRAVITY), TIMESTEP, STEPS))
     pythons = {engine: python} if python is not None else {}
+    # how a body turns, which an engine may have approximately, is not asked here
+    needed = missing_options(world, engine, pythons)
+    accept, outside = (tuple(sorted(needed.get(key, ()))) for key in ("accept", "outside"))
+    world = replace(world, engines=(EngineOptions(engine_name(engine), accept=accept, outside=outside),))
     began = time.perf_counter()
     with scratch_folder("fall") as folder:
         write_folder(compile_world(world, [engine], pythons=pythons)[engine].files, folder / "files")

@@ -177,7 +177,7 @@ def verify(
     ``locate``: places in the spec, for errors; ``progress``: called with a line when something begins; ``probes``: from
     :func:`prepare`, to use again; ``cache``: take contact figures that were measured before; ``warm``: processes that engines
     are forked from (default: its own, since an engine is asked twice where there is contact).
-    An engine that fails is a failed check with its message, the others go on. Of one that simspec does not run
+    An engine that fails is a failed check with its message, the others go on. Of one that is not installed
     (``Engine.FILES_ALONE``) the files are checked alone: its proof says that, and is not valid.
     Raises UnsupportedError when the world cannot be compiled for one of the engines.
     """

@@ -80,7 +80,7 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate], costs:
         "computes in": f"{engine.PRECISION} precision",
         "version that the certificates are of": ", ".join(sorted(versions)),
         "install": f"`{how_to_install(engine)}`" if how_to_install(engine) else "",
-        "proven": f"its files alone (L0), which is no valid certificate: {engine.FILES_ALONE}"
+        "proven": f"where it is not installed, its files alone (L0), which is no valid certificate: {engine.FILES_ALONE}"
         if engine.FILES_ALONE
         else "",
         "packages of Debian": needs,

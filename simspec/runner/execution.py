@@ -59,7 +59,7 @@ def compiled_folder(case: Case, artifacts: Path | None = None, python: str | Non
     yield artifacts
 
 
-CHANNEL_NEEDS: Mapping[str, Capability] = {"energy": Capability.ENERGY}
+CHANNEL_NEEDS: Mapping[str, Capability] = {"energy": Capability.ENERGY, "contacts": Capability.CONTACTS}
 """The capability that a channel takes beside an engine's core."""
 
 

@@ -39,7 +39,7 @@ def raised(document: Document, sidecar: WebotsSidecar) -> ReadBack:
         raise ValueError(f"{document.file}:1: is of {document.version}, should be of {VERSION}")
     check_neutral(document.walk())
     info, *_ = [document.only(kind) for kind in AROUND]
-    turned, solids = _solids(document)
+    turned, solids = solids_of(document)
     found = _bodies(solids, sidecar)
     if list(found) != [body.name for body in sidecar.bodies]:
         raise ValueError(f"the bodies of {document.file} are not those of sidecar.bodies")
@@ -75,7 +75,7 @@ def raised(document: Document, sidecar: WebotsSidecar) -> ReadBack:
 # --- bodies ---------------------------------------------------------------------------------------------------------
 
 
-def _solids(document: Document) -> tuple[Quaternion, tuple[Node, ...]]:
+def solids_of(document: Document) -> tuple[Quaternion, tuple[Node, ...]]:
     """How the world is turned in the file, and the topmost Solids."""
     others = [node for node in document.nodes if node.kind not in AROUND]
     poses = [node for node in others if node.kind == "Pose"]

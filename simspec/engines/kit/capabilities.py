@@ -1,7 +1,7 @@
 """What an engine can do beside its small core, each by name, and the check that it declares what it does not have.
 
 The core is what nothing works without: ``load``, ``read_back``, ``set_state``, ``get_state``, ``body_states``, ``step``,
-``contacts``, ``log`` and ``close``. All else is a capability: an engine's class either defines its methods, or says in
+``log`` and ``close``. All else is a capability: an engine's class either defines its methods, or says in
 ``LACKS`` why it does not have it. The methods of what it lacks are not asked for, and raise EngineError with that reason.
 """
 
@@ -20,6 +20,7 @@ class Capability(StrEnum):
     MASS_MATRIX = "mass_matrix"
     BIAS_FORCE = "bias_force"
     ENERGY = "energy"
+    CONTACTS = "contacts"
     INVENTORY = "inventory"
     PAIR_DETECTION = "pair_detection"
     CONTACT_OFF = "contact_off"
@@ -33,6 +34,7 @@ MEANING: Mapping[Capability, str] = {
     Capability.MASS_MATRIX: "gives the mass matrix at a state",
     Capability.BIAS_FORCE: "gives the bias force (Coriolis, centrifugal, gravity) at a state",
     Capability.ENERGY: "gives kinetic and potential energy at a state",
+    Capability.CONTACTS: "tells the contacts of its last step: which bodies, where, in which direction and how hard",
     Capability.INVENTORY: "reads back everything that it holds and that can act, beside the world's own fields",
     Capability.PAIR_DETECTION: "tells which pairs of shapes or bodies touch at a state, without a step",
     Capability.CONTACT_OFF: "steps without any contact",
@@ -46,6 +48,7 @@ METHODS: Mapping[Capability, tuple[str, ...]] = {
     Capability.MASS_MATRIX: ("mass_blocks",),
     Capability.BIAS_FORCE: ("bias_force",),
     Capability.ENERGY: ("energy",),
+    Capability.CONTACTS: ("contacts",),
     Capability.INVENTORY: ("expected_inventory",),
     Capability.PAIR_DETECTION: ("collision_units", "detect_units"),
     Capability.CONTACT_OFF: ("disable_contact",),

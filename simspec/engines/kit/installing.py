@@ -20,9 +20,7 @@ def how_to_install(engine: type[Engine]) -> str:
 
 
 def not_installed(engine: type[Engine]) -> str:
-    """That an engine is not installed, what is missing where that is known, and how to install it; or why it is never asked."""
-    if engine.FILES_ALONE:
-        return engine.FILES_ALONE
+    """That an engine is not installed, what is missing where that is known, and how to install it."""
     lacking = engine.NEEDS.lacking()
     why = f" ({str(lacking[0]).splitlines()[0].removeprefix(f'{engine.NAME}: ')})" if lacking else ""
     how = how_to_install(engine)

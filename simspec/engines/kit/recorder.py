@@ -20,6 +20,7 @@ from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.record_files import Columns, Contacts
 from simspec.engines.kit.session import Session
 from simspec.errors import EngineError
+from simspec.processor_time import processor_clock
 
 Floats = NDArray[np.float64]
 
@@ -98,11 +99,12 @@ class Stepper:
             self._step(steps, effort)
 
     def _step(self, count: int, effort: Floats | None) -> None:
-        cpu = time.process_time()
+        clock = processor_clock()
+        cpu = clock()
         wall = time.perf_counter()
         self._session.step(count, effort)
         self.seconds["step"] += time.perf_counter() - wall
-        self.seconds["cpu"] += time.process_time() - cpu
+        self.seconds["cpu"] += clock() - cpu
 
 
 class PushedJoints:

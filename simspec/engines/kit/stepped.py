@@ -16,7 +16,7 @@ from simspec.world.sums import JointSum
 from simspec.world.types import Constraint, ReadBack
 
 
-class Stepped(Simulated, Protocol):
+class Given(Simulated, Protocol):
     """A loaded world that is stepped under an effort. What follows here is the engine's own, without what it is given."""
 
     @property
@@ -38,6 +38,10 @@ class Stepped(Simulated, Protocol):
         """Step ``count`` times under a constant effort (nv,), None = zero."""
         ...
 
+
+class Stepped(Given, Protocol):
+    """The same of an engine that tells masses, forces of inertia and energies."""
+
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The parts of M at the present state, armature included, each with its places in v: what is between them is zero."""
         ...
@@ -51,10 +55,11 @@ class Stepped(Simulated, Protocol):
         ...
 
 
+G = TypeVar("G", bound=Given)
 S = TypeVar("S", bound=Stepped)
 
 
-class SteppedEngine(SimulatedEngine[S], Generic[S], abstract=True):
+class GivenEngine(SimulatedEngine[G], Generic[G], abstract=True):
     """An engine whose simulation is given, before every step, the forces that it does not have (:class:`BeforeSteps`)."""
 
     def __init__(self) -> None:
@@ -76,19 +81,23 @@ class SteppedEngine(SimulatedEngine[S], Generic[S], abstract=True):
         held = self._held()
         return held if self._before is None else self._before.told(held)
 
-    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
-        return pick_blocks(blocks, self._simulation.mass_parts())
-
-    def bias_force(self) -> np.ndarray:
-        bias = self._simulation.bias()
-        return bias if self._before is None else self._before.bias_force(bias)
-
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         if self._before is None:
             self._simulation.advance(count, effort)
             return
         for _ in range(count):
             self._simulation.advance(1, self._before.effort(effort))
+
+
+class SteppedEngine(GivenEngine[S], Generic[S], abstract=True):
+    """The same of an engine that tells masses, forces of inertia and energies."""
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        return pick_blocks(blocks, self._simulation.mass_parts())
+
+    def bias_force(self) -> np.ndarray:
+        bias = self._simulation.bias()
+        return bias if self._before is None else self._before.bias_force(bias)
 
     def energy(self) -> tuple[float, float]:
         kinetic, potential = self._simulation.energy()

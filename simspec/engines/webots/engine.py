@@ -1,21 +1,29 @@
-"""Webots: its worlds as files. simspec does not run it, and no certificate is of more than the files.
+"""Webots: its worlds as files, and an installed Webots that steps them.
 
 No number in this package was measured in Webots: what it says follows from the reference manual and the sources of R2023b, and
-from what was measured of the Open Dynamics Engine, of which Webots has a copy of its own.
+from what was measured of the Open Dynamics Engine, of which Webots has a copy of its own. What starts and asks a Webots was
+tested with a stand-in that has its interface, and never with Webots itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
 
 from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
-from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.needs import Needs
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.refinements import no_friction, planes_still
 from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.stepped import GivenEngine
+from simspec.engines.webots.program import INSTALLED
+from simspec.engines.webots.readback import read_back
+from simspec.engines.webots.simulation import Simulation
 from simspec.engines.webots.touching import only_joined, touches_less
 from simspec.support.declarations import (
     AS_EFFORTS,
@@ -32,7 +40,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import World
+from simspec.world.types import ReadBack, World
 
 _NOT_WRITTEN = "simspec does not write it for Webots"
 _GIVEN = "given as torques and forces before every step, explicit in time: Webots' own are implicit"
@@ -64,26 +72,28 @@ def _joint(noun: str) -> Support:
 _planes_still = planes_still("a Plane cannot be of a Solid that moves, as {name} does")
 
 
-class Webots(Engine):
-    """Webots' copy of ODE, told by a .wbt in which nothing is left to a default. Only the files are proven, by the independent
-    reader (L0): simspec does not run Webots, and no Webots has ever run what it writes."""
+class Webots(GivenEngine[Simulation]):
+    """Webots' copy of ODE, told by a .wbt in which nothing is left to a default. Where no Webots is installed the files alone
+    are proven, by the independent reader (L0). An installed one is started without a window, once for every state that it is
+    put into, and controlled through its Supervisor. No Webots has ever run what simspec writes: what asks it was tested with a
+    stand-in of the same interface."""
 
     NAME: ClassVar[str] = "webots"
     TITLE: ClassVar[str] = "Webots"
     DIALECT: ClassVar[str] = "webots"
     DISTRIBUTION: ClassVar[str] = ""
     EXTRA: ClassVar[str] = ""
-    FILES_ALONE: ClassVar[str] = "simspec writes Webots' files (.wbt, R2023b), and does not run Webots yet"
+    NEEDS: ClassVar[Needs] = Needs(program=INSTALLED, elsewhere="Webots R2023b or later, as its makers offer it")
+    FILES_ALONE: ClassVar[str] = "no Webots is installed: its files (.wbt, R2023b) are proven without it"
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.MASS_MATRIX: "Webots solves in the bodies' coordinates and forms no mass matrix",
         Capability.BIAS_FORCE: "Webots gives no forces of inertia",
         Capability.ENERGY: "Webots gives no energies",
-        Capability.INVENTORY: "simspec does not run Webots yet",
+        Capability.CONTACTS: "Webots tells where a Solid is touched, and neither by what, in which direction, nor how hard",
+        Capability.INVENTORY: "all fields of Webots' nodes are compared as those of the file are, and it tells nothing else",
         Capability.PAIR_DETECTION: "Webots tells contacts of a step that it has made, and of no state",
-        Capability.CONTACT_OFF: "Webots has no switch for contact",
-        Capability.DRY_FRICTION_OFF: "simspec does not run Webots yet",
         Capability.NATIVE_CONTROLLERS: "simspec writes no motors",
         Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through Webots",
@@ -202,3 +212,15 @@ class Webots(Engine):
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {"elliptic": "pyramid-circumscribed"}
+
+    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
+        return Simulation(folder, sidecar)
+
+    def _held(self) -> ReadBack:
+        return read_back(self._simulation)
+
+    def ready(self) -> None:
+        self._simulation.live()
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        self._simulation.disable_dry_friction(v)

@@ -29,19 +29,17 @@ TENSOR = (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)
 def test_it_says_why_it_is_not_asked(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert Webots.version() is None
-    assert (
-        not_installed(Webots)
-        == Webots.FILES_ALONE
-        == "simspec writes Webots' files (.wbt, R2023b), and does not run Webots yet"
-    )
+    why = "there is none: no webots on the path, and WEBOTS_HOME is not set"
+    assert not_installed(Webots) == f"not installed ({why}): {Webots.NEEDS.elsewhere}"
+    assert Webots.files_alone() == "no Webots is installed: its files (.wbt, R2023b) are proven without it"
     (tmp_path / "fall.yaml").write_text(SPEC, encoding="utf-8")
     for words in (("run", "fall.yaml"), ("verify", "--self-test")):
         assert cli.main([*words, "--engine", "webots"]) == EXIT_ENGINE
-        assert f"webots: {Webots.FILES_ALONE}" in " ".join(capsys.readouterr().err.split())
+        assert f"webots: not installed ({why})" in " ".join(capsys.readouterr().err.split())
     assert cli.main(["compile", "fall.yaml", "--engine", "webots"]) == EXIT_OK
     assert (tmp_path / "generated" / "fall" / "webots" / "world.wbt").is_file()
     assert cli.main(["engines", "install", "webots"]) == EXIT_ENGINE
-    assert Webots.FILES_ALONE in " ".join(capsys.readouterr().out.split())
+    assert Webots.NEEDS.elsewhere in " ".join(capsys.readouterr().out.split())
     assert cli.main(["engines", "doctor", "webots"]) == EXIT_ENGINE
     assert "its files alone" in " ".join(capsys.readouterr().out.split())
 
@@ -52,7 +50,7 @@ def test_the_files_are_proven_and_nothing_else():
     assert {check.level for check in proof.checks} == {"L0"}
     assert (proof.passed, proof.files_alone, proof.valid, certificate.valid) == (True, True, False, False)
     assert proof.verdict.startswith(
-        "not proven: the files hold the world (L0); not checked: L1, L2, L3, L4, L5, L6 (sim"
+        "not proven: the files hold the world (L0); not checked: L1, L2, L3, L4, L5, L6 (no Webots"
     )
     assert proof.version == "none"
     assert Certificate.from_json(certificate.to_json()) == certificate.timeless()
@@ -121,7 +119,7 @@ def test_the_command_says_so_and_ends_with_the_code_of_a_missing_engine(tmp_path
     code, said = run(tmp_path, capsys, SPEC, ["webots"])
     assert code == EXIT_ENGINE
     assert "NOT PROVEN" in said
-    assert "not checked: L1, L2, L3, L4, L6: simspec writes Webots' files" in " ".join(said.split())
+    assert "not checked: L1, L2, L3, L4, L6: no Webots is installed" in " ".join(said.split())
     assert " valid" not in said
 
 

@@ -1,0 +1,216 @@
+"""A world in Webots: begun anew in each state that it is put into, stepped under forces and torques on its Solids."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from simspec.dialects.webots.places import STILL, Twist, moved
+from simspec.dialects.webots.sidecar import WebotsSidecar
+from simspec.engines.webots.forces import Forces
+from simspec.engines.webots.live import Live
+from simspec.engines.webots.program import NAME
+from simspec.engines.webots.states import States
+from simspec.errors import EngineError, SpecError
+from simspec.formats.wbt.format import Wbt
+from simspec.world import frames
+from simspec.world.tuples import vector3
+from simspec.world.types import Constraint, Pose, Quaternion, Vector3
+
+TURN_STEPS = 8
+"""Steps without a look at the angles of hinges, which are counted on from one look to the next: at 0.1 rad a step and less."""
+ZERO: Vector3 = (0.0, 0.0, 0.0)
+
+
+class Placed(NamedTuple):
+    """Poses of the world's body frames, and the velocities, linear and angular, of their origins."""
+
+    poses: list[Pose]
+    twists: list[Twist]
+
+
+class Simulation:
+    """A loaded world. Nothing of Webots is started before it is asked something: a state that is set is the file that the
+    next one begins in."""
+
+    def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
+        try:
+            told = WebotsSidecar.of(sidecar)
+            self.states = States(Wbt().read(folder), told)
+        except (ValueError, FileNotFoundError, SpecError) as error:
+            raise EngineError(NAME, str(error)) from error
+        self.told = told
+        self.passive, self.sums = told.passive, told.sums or ()
+        self.constraints: tuple[Constraint, ...] = ()
+        self.offsets = np.zeros((len(told.bodies), 3))
+        """None: poses are taken back to the world's frames here."""
+        self._shifts = [body.frame_offset for body in told.bodies]
+        self.forces = Forces(self.states.world)
+        self._wanted = self.states.initial()
+        self._last = self._wanted[0]
+        """Positions (nq,) near the present ones, by which angles are counted on."""
+        self._contact = True
+        self._smooth: list[int] = []
+        self._live: Live | None = None
+        self._said: list[str] = []
+        self._placed: Placed | None = None
+
+    # --- state ------------------------------------------------------------------------------------------------
+
+    def live(self) -> Live:
+        """Webots at work, in the state that is wanted."""
+        if self._live is None:
+            states = self.states
+            q, v = self._wanted
+            text = states.text(q, v, self._contact, self._smooth)
+            names = [f"body_{row}" for row in range(len(states.world.bodies))]
+            self._live = Live(text, states.held.timestep, names, list(states.centres))
+        return self._live
+
+    def _stop(self) -> None:
+        live, self._live, self._placed = self._live, None, None
+        if live is not None:
+            self._said += live.complaints()
+            live.close()
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Begin in the state (q, v). Raises EngineError for one that is not finite."""
+        q, v = np.array(q, dtype=float), np.array(v, dtype=float)
+        if not (np.isfinite(q).all() and np.isfinite(v).all()):
+            raise EngineError(NAME, "a state is not finite, which no .wbt can hold")
+        self._stop()
+        self._wanted, self._last = (q, v), q
+
+    def placed(self) -> Placed:
+        """Where the world's bodies are, and how they move."""
+        if self._placed is None:
+            states = self.states
+            positions, turns, speeds = self.live().states()
+            back = frames.conjugate(states.turned)
+            poses = [_frame(back, *told) for told in zip(positions.tolist(), turns.tolist(), self._shifts, strict=True)]
+            twists = [STILL] * len(poses)
+            of_top = dict(zip(states.centres, speeds.tolist(), strict=True))
+            for row, top in enumerate(states.tops):
+                if top >= 0:
+                    linear, angular = (
+                        frames.rotate(back, vector3(part)) for part in (of_top[top][:3], of_top[top][3:])
+                    )
+                    twists[row] = moved((linear, angular), self._centre(poses, top), poses[row].position)
+            self._placed = Placed(poses, twists)
+        return self._placed
+
+    def _centre(self, poses: Sequence[Pose], top: int) -> Vector3:
+        """The centre of mass of a rigid group in the world, by its topmost body."""
+        pose = poses[top]
+        return frames.add(pose.position, frames.rotate(pose.quaternion, self.states.centres[top]))
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """(q, v)."""
+        placed = self.placed()
+        q, v = self.states.coordinates(placed.poses, placed.twists, self._last)
+        self._last = q
+        return q, v
+
+    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6) of the world's body frames."""
+        placed = self.placed()
+        poses = np.array([(*pose.position, *pose.quaternion) for pose in placed.poses], dtype=float).reshape(-1, 7)
+        return poses, np.array([(*linear, *angular) for linear, angular in placed.twists], dtype=float).reshape(-1, 6)
+
+    # --- steps ------------------------------------------------------------------------------------------------
+
+    def advance(self, count: int, effort: np.ndarray | None) -> None:
+        """Step ``count`` times under a constant effort (nv,), None = zero, and the damping and springs of the joints."""
+        given = None if effort is None or not np.any(effort) else np.asarray(effort, dtype=float)
+        live = self.live()
+        if given is None and not self.forces.needed:
+            turns = any(body.joint.kind == "hinge" for body in self.states.world.bodies)
+            self._by_steps(live, count, TURN_STEPS if turns else count)
+            return
+        for _ in range(count):
+            q, v = self.get_state()
+            total = self.forces.effort(q, v, given)
+            live.step(1, self._wrenches(total))
+            self._placed = None
+
+    def _by_steps(self, live: Live, count: int, most: int) -> None:
+        """Step so often, and look at the angles of hinges often enough to count their turns."""
+        while count:
+            some = min(count, most)
+            live.step(some)
+            self._placed = None
+            count -= some
+            if count:
+                self.get_state()
+
+    def _wrenches(self, effort: np.ndarray) -> np.ndarray:
+        """An effort (nv,) as forces on the topmost bodies of rigid groups, at the centres of mass, and torques (tops, 6),
+        in the file's world axes. What a joint gives to one body it takes from the other."""
+        states, poses = self.states, self.placed().poses
+        wrenches = {top: np.zeros(6) for top in states.centres}
+
+        def add(row: int, force: Vector3, at: Vector3, torque: Vector3, sign: float) -> None:
+            top = states.tops[row] if row >= 0 else -1
+            if top < 0:
+                return
+            about = frames.add(torque, frames.cross(frames.subtract(at, self._centre(poses, top)), force))
+            turned = (*frames.rotate(states.turned, force), *frames.rotate(states.turned, about))
+            wrenches[top] += sign * np.array(turned)
+
+        for row, body in enumerate(states.world.bodies):
+            own, pose, kind = effort[states.layout.velocity[row]].tolist(), poses[row], body.joint.kind
+            if not any(own):
+                continue
+            force, torque, at = ZERO, ZERO, pose.position
+            if kind == "free":
+                at = frames.add(at, frames.rotate(pose.quaternion, states.levers[row]))
+                force, torque = vector3(own[:3]), frames.rotate(pose.quaternion, vector3(own[3:]))
+            elif kind == "ball":
+                torque = frames.rotate(pose.quaternion, vector3(own))
+            else:
+                x, y, z = frames.rotate(pose.quaternion, body.joint.axis)
+                along = (own[0] * x, own[0] * y, own[0] * z)
+                force, torque = (along, ZERO) if kind == "slide" else (ZERO, along)
+            add(row, force, at, torque, 1.0)
+            if kind != "free":
+                add(states.parents[row], force, at, torque, -1.0)
+        return np.array(list(wrenches.values())).reshape(-1, 6)
+
+    # --- what can be switched off -----------------------------------------------------------------------------
+
+    def disable_contact(self) -> None:
+        """Nothing is solid in the state that is begun next, which is the initial one where none is set."""
+        self._stop()
+        self._contact = False
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        """The same of the dry friction of the joints at the places ``v`` (n,)."""
+        self._stop()
+        places = set(np.asarray(v, dtype=int).tolist())
+        rows = enumerate(self.states.layout.velocity)
+        self._smooth = [row for row, at in rows if at.stop > at.start and at.start in places]
+
+    def note(self, fields: Iterable[str]) -> None:
+        """Tell of fields that Webots has and simspec does not know."""
+        said = (f"Webots has {name}, which is not compared" for name in fields)
+        self._said += [line for line in said if line not in self._said]
+
+    def messages(self) -> list[str]:
+        """What Webots complained of."""
+        return [*self._said, *(self._live.complaints() if self._live is not None else ())]
+
+    def close(self) -> None:
+        self._stop()
+
+
+def _frame(
+    back: Quaternion, position: Sequence[float], turn: Sequence[Sequence[float]], offset: Sequence[float]
+) -> Pose:
+    """The pose of a body's frame in the world, of that of the file's in the file's world."""
+    rows = tuple(vector3(row) for row in turn)
+    there = Pose(frames.rotate(back, vector3(position)), frames.multiply(back, frames.from_matrix(rows)))  # type: ignore[arg-type]
+    x, y, z = offset
+    return frames.compose(there, Pose((-x, -y, -z)))
