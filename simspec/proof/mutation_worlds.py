@@ -327,7 +327,7 @@ def choices(engine: str) -> World:
 
 def _free(setting: Setting) -> bool:
     """Whether it may be other than its default: some are there to say that an engine has one way only."""
-    return len(setting.choices) != 1
+    return len(setting.choices) != 1 and (setting.minimum is None or setting.minimum != setting.maximum)
 
 
 def _other(setting: Setting) -> bool | int | float | str:

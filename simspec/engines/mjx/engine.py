@@ -13,6 +13,7 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.native_law import NativeLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.engines.mjx.contact import CONTACT_DEVIATIONS
 from simspec.engines.mjx.settings import SETTINGS
 from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation
 from simspec.engines.mujoco.engine import MuJoCo
@@ -96,6 +97,9 @@ class Mjx(MjxSimulation):
 
     Every contact there can be is computed in every step, whether anything touches or not, by dense matrices: a step's cost
     is that of all pairs of shapes, and of all degrees of freedom cubed.
+
+    MuJoCo Warp, MuJoCo's form for graphics processors, is no engine of simspec: on a processor it computes in single
+    precision, its first step takes 48 s and each further one of eight balls 4.7 ms, where MJX's takes 0.4 (measured).
     """
 
     NAME: ClassVar[str] = "mjx"
@@ -145,7 +149,7 @@ class Mjx(MjxSimulation):
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
-    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = MuJoCo.CONTACT_DEVIATIONS
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
     COMPILING: ClassVar[float] = 100.0
     HULL_PRECISION: ClassVar[float] = MuJoCo.HULL_PRECISION
     DRY_FRICTION_CREEP: ClassVar[float] = MuJoCo.DRY_FRICTION_CREEP

@@ -27,6 +27,8 @@ from simspec.outputs.processor import processor
 FOLDER = "mjx"
 MOST = 512
 """Programs that are kept, of 0.1 to 8 MB: those that were used last."""
+MAKERS = ("programs.py", "importing.py", "kept.py")
+"""The modules of this package that programs follow from."""
 PATIENCE = 10.0
 """s that one waits for another process to have put a program there; then this one is not kept."""
 DIGEST = hashlib.sha256().digest_size
@@ -100,7 +102,7 @@ def _maker() -> bytes:
     import mujoco
 
     told = {name: value for name, value in sorted(os.environ.items()) if name.startswith(("JAX_", "XLA_", "MJX_"))}
-    code = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    code = b"".join((Path(__file__).parent / name).read_bytes() for name in MAKERS)
     parts = [version("mujoco-mjx"), mujoco.__version__, jax.__version__, jaxlib.__version__, np.__version__]
     parts += [platform.python_version(), *processor(), repr(told), repr(XLA), hashlib.sha256(code).hexdigest()]
     return "\0".join(parts).encode()

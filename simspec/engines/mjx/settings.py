@@ -15,9 +15,10 @@ SETTINGS: Mapping[str, Setting] = {
     **{name: setting for name, setting in MUJOCO.items() if name not in ("sleeping", "sleep_tolerance")},
     "solver": dataclasses.replace(
         MUJOCO["solver"],
-        meaning="The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations; cg "
-        "approaches it. MJX has no pgs.",
-        choices=("newton", "cg"),
+        meaning="The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations. "
+        "MJX's cg ends before that: a ball that should lose 0.6 m/s along the surface in an impact gains 0.17 (measured, "
+        "1 ms). It has no pgs.",
+        choices=("newton",),
         frictionless=None,
         frictionless_unless=None,
     ),
