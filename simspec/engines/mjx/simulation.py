@@ -74,7 +74,10 @@ class MjxSimulation(MujocoSimulation, abstract=True):
         held = Held(self._taken, self.model)
         actuation = int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         flags = (int(held.opt.disableflags) & ~actuation) | (self._disabled_by_file & actuation)
-        found = read_back(HeldMujoco(self._modules), held, self._sidecar, flags)
+        try:
+            found = read_back(HeldMujoco(self._modules), held, self._sidecar, flags)
+        except EngineError as error:  # says that it is MuJoCo
+            raise EngineError(self.NAME, str(error).removeprefix(f"{error.engine}: ")) from error
         return dataclasses.replace(
             found,
             friction_cone=CONE_NAMES[self._cone_of_file],
