@@ -281,8 +281,10 @@ def pairs(engine: str) -> World:
 
 def _own_settings(engine: str) -> tuple[PairSettings, ...]:
     """Of rubber with stone all settings that can be by pair, of stone with itself the first one. An engine without any gets
-    another one, which it refuses with the reason."""
+    another one, which it refuses with the reason, and one without any settings none."""
     table = find_engine(engine).SETTINGS
+    if not table:
+        return ()
     by_pair = {name: setting for name, setting in sorted(table.items()) if setting.by_pair}
     if not by_pair:
         unused = idle_settings(find_engine(engine), {name: setting.default for name, setting in table.items()})

@@ -14,7 +14,7 @@ from simspec.engines.kit.registry import engines, find_engine
 from simspec.engines.kit.settings import Group, Setting, check_settings, finer_settings, idle_settings
 from simspec.errors import Location, UnsupportedError
 from simspec.proof import mutation_worlds
-from simspec.world.types import EngineOptions
+from simspec.world.types import Contact, EngineOptions
 from tests import worlds
 
 EVERY = [(name, setting) for name, engine in engines().items() for setting in engine.SETTINGS]
@@ -65,7 +65,9 @@ def test_wrong_values_are_located_errors_before_anything_is_written(engine, name
 @pytest.mark.parametrize("engine", engines())
 def test_all_wrong_settings_are_told_at_once(engine):
     given = tuple((name, (1,)) for name in find_engine(engine).SETTINGS)
-    world = worlds.accepting(worlds.spheres(2), engine)
+    spheres = worlds.spheres(2)
+    bodies = tuple(dataclasses.replace(body, shapes=()) for body in spheres.bodies)  # which no engine refuses
+    world = worlds.accepting(dataclasses.replace(spheres, bodies=bodies, contact=Contact()), engine)
     world = worlds.with_options(world, engine, settings=(*given, ("solvr", 1)))
     with pytest.raises(UnsupportedError) as caught:
         compile_world(world, [engine])
