@@ -522,7 +522,7 @@ def test_motion_without_numbers_is_a_figure_without_one(tmp_path, few_probes, mo
             dataclasses.replace(one, arrays={name: np.full_like(value, np.nan) for name, value in one.arrays.items()})
             for one in answers
         ]
-        running = SimpleNamespace(wait=lambda: SimpleNamespace(answers=broken))
+        running = SimpleNamespace(wait=lambda doing: SimpleNamespace(answers=broken))
         found, _ = dataclasses.replace(measuring, running=running).wait()
     assert [figure.measured for figure in found] == [None]
     assert not run.contact_checks(found)[0].passed
