@@ -12,7 +12,7 @@ from simspec.engines.gazebo.building import Plan
 from simspec.engines.gazebo.engine import Gazebo
 from simspec.engines.gzsim.building import Plan as GzSimPlan
 from simspec.testing.worlds import accepting
-from tests.engines.gzsim.test_engine import ARMS, world_of
+from tests.engines.gzsim.worlds import ARMS, world_of
 
 
 class OfGzSim(Plan):
