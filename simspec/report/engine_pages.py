@@ -195,6 +195,8 @@ def _refusal(engine: type[Engine], world: World) -> str:
             needed_decisions(tried, engine.NAME)
         except UnsupportedError as error:
             return PLACES.sub("", error.problems[0].message)
+    if engine.FILES_ALONE:
+        return "it is supported, and what proves its files alone is no valid certificate, of which none is kept"
     return "it is supported, and was not certified yet"
 
 
