@@ -187,6 +187,8 @@ class MjxSimulation(MujocoSimulation, abstract=True):
 
     def disable_contact(self) -> None:
         super().disable_contact()
+        # without a contact no cone is of effect, and MJX has no form of the elliptic one where limits or friction are rows
+        self.model.opt.cone = self._mujoco.mjtCone.mjCONE_PYRAMIDAL
         self._take_over()
 
     def disable_dry_friction(self, v: np.ndarray) -> None:

@@ -19,6 +19,7 @@ from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
 from simspec.outputs.cache import LOCK
 from simspec.proof.comparator import inventory_checks
+from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing import worlds as shipped
 from simspec.testing.worlds import accepting
 from tests import worlds
@@ -109,6 +110,18 @@ def test_it_moves_and_touches_as_the_other_engine_does(load_files):
     assert ours["normal_force"].sum() == pytest.approx(theirs["normal_force"].sum(), rel=1e-9)
     assert np.array_equal(live[0].detect_contacts(), live[1].detect_contacts())
     assert live[0].energy() == pytest.approx(live[1].energy(), rel=1e-9)
+
+
+@installed
+def test_limits_hold_where_contact_is_switched_off(load_files):
+    """MJX's elliptic cone has no form without contacts beside other rows of constraints."""
+    world = accepting(WORLDS["model"]("mjx"), "mujoco")
+    live = [load_files(kind, dict(compile_world(world, [kind.NAME])[kind.NAME].files)) for kind in (Mjx, MuJoCo)]
+    for one in live:
+        one.disable_contact()
+        one.step(20)
+    ours, theirs = (one.body_states()[0] for one in live)
+    assert np.abs(ours - theirs).max() < 1e-9
 
 
 @installed
