@@ -40,7 +40,7 @@ class Toy(Engine):
     SUPPORT = {one: EXACT if one in (*HAS, *MORE) else never("Toy knows nothing of it") for one in Feature}
     SETTINGS, RULES, LAYERS = {}, Rules("max", "max"), False
     UNREADABLE = {"control.native": WHY, "collision_group": WHY}
-    LACKS = dict.fromkeys(set(Capability) - {Capability.CONTACT_OFF}, WHY)
+    LACKS = dict.fromkeys(set(Capability) - {Capability.CONTACT_OFF, Capability.CONTACTS}, WHY)
     LACKS[Capability.MASS_MATRIX] = "Toy gives motion only"
 
     def load(self, folder, sidecar):
