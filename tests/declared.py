@@ -21,6 +21,11 @@ def engines_with(*features: Feature) -> list[str]:
     )
 
 
+TOUCHING = sorted(
+    name for name, engine in engines().items() if engine.SUPPORT[Feature.FRICTION].level is not Level.UNSUPPORTED
+)
+"""Every engine that is told shapes which touch, installed or not: for tests of files."""
+
 PYRAMID_ALONE = ("gazebo", "webots")
 """Engines that have no elliptic cone, but a pyramid that stands for it where that is accepted by name."""
 

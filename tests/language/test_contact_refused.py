@@ -12,7 +12,7 @@ from simspec.language.load import load
 from simspec.language.models import Contact
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from tests.declared import PYRAMID_ALONE, SQUARE
+from tests.declared import PYRAMID_ALONE, SQUARE, TOUCHING
 from tests.language.contact_specs import BODIES, written
 
 CONES = {
@@ -20,7 +20,7 @@ CONES = {
     "pyramid-inscribed": Feature.CONE_PYRAMID_INSCRIBED,
     "pyramid-circumscribed": Feature.CONE_PYRAMID_CIRCUMSCRIBED,
 }
-LAYERED = [name for name, engine in engines().items() if engine.LAYERS]
+LAYERED = [name for name in TOUCHING if engines()[name].LAYERS]
 CROSSED = [
     (name, quantity)
     for name, engine in engines().items()
@@ -59,7 +59,7 @@ def test_a_cone_that_an_engine_lacks_is_refused_where_it_is_written(engine, cone
         compile_world(spec.resolve(), [engine], spec.locate)
 
 
-@pytest.mark.parametrize("engine", [name for name in engines() if name not in (*PYRAMID_ALONE, *SQUARE)])
+@pytest.mark.parametrize("engine", [name for name in TOUCHING if name not in (*PYRAMID_ALONE, *SQUARE)])
 def test_the_elliptic_cone_of_a_ball_is_refused_by_none(engine, tmp_path):
     """What an engine gets wrong of other bodies need not be accepted where it cannot show."""
     spec = load(written(tmp_path, "  friction_cone: elliptic"))

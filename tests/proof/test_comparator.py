@@ -368,6 +368,7 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
             "frames",
             "laws",
             "fluid",
+            "made_of",
         },
         Fluid: {"density", "viscosity", "velocity"},
         Box: {"edges", "quaternion"},
