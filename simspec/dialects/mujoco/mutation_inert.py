@@ -29,6 +29,8 @@ INERT: tuple[Inert, ...] = (
         Inert(f"fixed@{name}limit", "no tendon has limits", without=".//fixed[@limited='true']")
         for name in ("solref", "solimp")
     ),
+    # the last of five, the power of the curve
+    *(Inert(f"fixed@solimp{of}", OWN_DEFAULT, ("number dropped",)) for of in ("friction", "limit")),
     # defaults
     Inert("geom@*", "each class, or each shape, states its own value", place="mujoco/default/geom@*"),
     Inert("joint@*", OWN_DEFAULT, ("attribute removed",), place="mujoco/default/joint@*"),
