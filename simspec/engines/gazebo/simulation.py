@@ -15,9 +15,8 @@ from simspec.engines.gazebo.library import NAME, Integers, Keys, Text, library, 
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import FreeJoint, state_of
+from simspec.formats.world.tree import initial_coordinates
 from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.world import frames
 from simspec.world.rotations import unit
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
@@ -66,7 +65,7 @@ class Simulation:
         self.library = library()
         self.sim: Any = None
         self._load()
-        self.set_state(*self._first())
+        self.set_state(*map(np.array, initial_coordinates(self.document)))
 
     def _load(self) -> None:
         settings = self.told.settings
@@ -111,20 +110,6 @@ class Simulation:
     def _done(self, failed: int) -> None:
         if failed:
             raise EngineError(NAME, f"holds another world than it was told: {self.library.said()}")
-
-    def _first(self) -> tuple[np.ndarray, np.ndarray]:
-        """The initial state."""
-        q: list[float] = []
-        v: list[float] = []
-        for body in self.document.bodies:
-            position, velocity = state_of(body.joint)
-            q.extend(position)
-            if isinstance(body.joint, FreeJoint):
-                turn = frames.normalise(tuple(position[3:7]))  # type: ignore[arg-type]
-                v.extend([*velocity[:3], *frames.rotate(frames.conjugate(turn), tuple(velocity[3:]))])  # type: ignore[arg-type]
-            else:
-                v.extend(velocity)
-        return np.array(q, dtype=float), np.array(v, dtype=float)
 
     # --- state ------------------------------------------------------------------------------------------------
 

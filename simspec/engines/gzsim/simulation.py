@@ -20,8 +20,7 @@ from simspec.engines.gzsim.server import Before, Server
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import AxisJoint, FreeJoint, state_of
-from simspec.world import frames
+from simspec.formats.world.tree import AxisJoint, FreeJoint, initial_coordinates
 from simspec.world.rotations import multiply, unit
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
@@ -61,10 +60,9 @@ class Simulation:
         self._own()
         self._modules = bindings()
         self._smooth: frozenset[int] = frozenset()
-        self.first = self._first()
         self._still = self._server(self.plan.still())
         self._moving: Server | None = None
-        self.set_state(*self.first)
+        self.set_state(*map(np.array, initial_coordinates(self.document)))
 
     def _own(self) -> None:
         """Damping, stiffness and rest (nq, nv) of the joints, which gz sim is given as efforts."""
@@ -79,20 +77,6 @@ class Simulation:
 
     def _server(self, text: str) -> Server:
         return Server(self._modules, text, self.document.bodies, self.plan.roots, self.q_places, self.v_places)
-
-    def _first(self) -> tuple[np.ndarray, np.ndarray]:
-        """The initial state."""
-        q: list[float] = []
-        v: list[float] = []
-        for body in self.document.bodies:
-            position, velocity = state_of(body.joint)
-            q.extend(position)
-            if isinstance(body.joint, FreeJoint):
-                turn = frames.normalise(tuple(position[3:7]))  # type: ignore[arg-type]
-                v.extend([*velocity[:3], *frames.rotate(frames.conjugate(turn), tuple(velocity[3:]))])  # type: ignore[arg-type]
-            else:
-                v.extend(velocity)
-        return np.array(q, dtype=float), np.array(v, dtype=float)
 
     # --- state ------------------------------------------------------------------------------------------------
 
@@ -232,7 +216,7 @@ class Simulation:
         raise EngineError(NAME, UNASKED)
 
     def messages(self) -> list[str]:
-        return ["no real gz sim was ever asked by simspec: see docs/engines.md"]
+        return ["how simspec asks gz sim was tested with a stand-in alone: see docs/engines.md"]
 
     def _drop(self) -> None:
         moving, self._moving = self._moving, None

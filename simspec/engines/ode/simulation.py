@@ -15,9 +15,8 @@ from simspec.engines.ode.building import Built
 from simspec.engines.ode.library import NAME, Integers, library, pointer
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import FreeJoint, parent_of, state_of
+from simspec.formats.world.tree import initial_coordinates, parent_of
 from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.world import frames
 from simspec.world.rotations import unit
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
@@ -60,17 +59,7 @@ class Simulation:
         self._turns = np.array(turns, dtype=np.intp).reshape(-1, 4)
         self._poses, self._velocities = np.zeros((len(bodies), 12)), np.zeros((len(bodies), 6))
         self._log: list[str] = []
-        first_q: list[float] = []
-        first_v: list[float] = []
-        for body in bodies:
-            position, velocity = state_of(body.joint)
-            first_q.extend(position)
-            if isinstance(body.joint, FreeJoint):
-                turn = frames.normalise(tuple(position[3:7]))  # type: ignore[arg-type]
-                first_v.extend([*velocity[:3], *frames.rotate(frames.conjugate(turn), tuple(velocity[3:]))])  # type: ignore[arg-type]
-            else:
-                first_v.extend(velocity)
-        self.set_state(np.array(first_q, dtype=float), np.array(first_v, dtype=float))
+        self.set_state(*map(np.array, initial_coordinates(self.document)))
 
     # --- state ------------------------------------------------------------------------------------------------
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from simspec.formats.kit.forms import NamePairs
+from simspec.world import frames
+from simspec.world.tuples import quaternion, vector3
 from simspec.world.types import Hardness, Pose, Vector3
 
 SCHEMA = 1
@@ -158,3 +160,18 @@ def parent_of(joint: Joint) -> str | None:
 def state_of(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """A joint's initial position and velocity."""
     return ((), ()) if isinstance(joint, FixedJoint) else (joint.position, joint.velocity)
+
+
+def initial_coordinates(document: Document) -> tuple[list[float], list[float]]:
+    """The initial state (q (nq,), v (nv,)) in the coordinates of ``world/kinematics.py``."""
+    q: list[float] = []
+    v: list[float] = []
+    for body in document.bodies:
+        position, velocity = state_of(body.joint)
+        q.extend(position)
+        if isinstance(body.joint, FreeJoint):
+            turn = frames.normalise(quaternion(position[3:7]))
+            v.extend([*velocity[:3], *frames.rotate(frames.conjugate(turn), vector3(velocity[3:]))])
+        else:
+            v.extend(velocity)
+    return q, v
