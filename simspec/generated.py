@@ -1,14 +1,15 @@
 """The committed output, ``generated/<name>/``: made, kept current, and checked for being current.
 
-A folder holds world.json, one folder of artifacts per engine, certificate.json, and the marker that says so. The certificate
-belongs to exactly the hashes that it names: one that names others is dropped when the folder is written, and reported by
-:func:`check`. What others have put into the folder stays, and is read by nothing.
+A folder holds world.json, one folder of artifacts per engine, certificate.json, and the marker that says so. An engine's proof
+in the certificate belongs to exactly the hashes that it names: one that names others is dropped when the folder is written, and
+reported by :func:`check`; the others stay (``proof/keeping.py``). What others have put into the folder stays, and is read by
+nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, MARKER_FILE, Marker, read_marker
-from simspec.outputs.reading import files_below, read_bytes, read_text
+from simspec.outputs.reading import files_below, read_bytes
 from simspec.outputs.writing import update_folder
 from simspec.selection import Selection
 from simspec.world.canonical import sha256
@@ -27,6 +28,7 @@ from simspec.world.types import World
 
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
+    from simspec.proof.keeping import Stored
 
 GENERATED = Path("generated")
 CERTIFICATE_FILE = "certificate.json"
@@ -52,20 +54,20 @@ def build(world: World, selection: Selection, locate: Callable[[str], Location |
 
 @dataclass(frozen=True)
 class Written:
-    """What writing a folder did: whether any file changed, and why an old certificate was dropped (None: it was not)."""
+    """What writing a folder did: whether any file changed, and what became of the certificate there (None: there was none)."""
 
     folder: Path
     changed: bool
-    dropped: str | None
+    stored: Stored | None
 
 
 def write(built: Built, folder: Path) -> Written:
     """Write a compiled spec as simspec's content of ``folder``.
 
-    Engines that were not compiled this time keep their artifacts as long as they are of the same world; a certificate is kept
-    as long as it is of these very files. Raises SpecError when the folder may not be written (:mod:`simspec.outputs.targets`).
+    Engines that were not compiled this time keep their artifacts as long as they are of the same world; a certificate keeps the
+    proofs that are of these very files. Raises SpecError when the folder may not be written (:mod:`simspec.outputs.targets`).
     """
-    dropped: list[str] = []
+    found: list[Stored] = []
 
     def change(real: Path | None) -> dict[str, bytes] | None:
         files = dict(built.files)
@@ -74,15 +76,37 @@ def write(built: Built, folder: Path) -> Written:
             kept = other_engines(built, real, now)
             files.update({name: content for name, content in now.items() if name.split("/")[0] in kept})
             if CERTIFICATE_FILE in now:
-                why = certificate_mismatch(built, real)
-                if why is None:
-                    files[CERTIFICATE_FILE] = now[CERTIFICATE_FILE]
-                else:
-                    dropped.append(why)
+                content, stored = _holding(now[CERTIFICATE_FILE], built.world, files, folder)
+                files |= {CERTIFICATE_FILE: content} if content is not None else {}
+                found.append(stored)
         return None if now == files else files
 
     changed = update_folder(change, folder, COMPILED) is not None
-    return Written(folder, changed, dropped[0] if dropped else None)
+    return Written(folder, changed, found[0] if found else None)
+
+
+def _holding(content: bytes, world: World, files: Mapping[str, bytes], folder: Path) -> tuple[bytes | None, Stored]:
+    """A certificate without the proofs that do not hold of ``files``, None where none does; and what became of it."""
+    from simspec.proof.keeping import Stored, still_holding
+
+    try:
+        certificate = _parsed(content, folder)
+    except SpecError as error:
+        return None, Stored(unread=_why(error, folder))
+    stored = still_holding(certificate, world, engine_hashes(files))
+    if stored.dropped and stored.kept:
+        content = replace(certificate, engines=dict(stored.kept)).to_json().encode()
+    return (content if stored.kept else None), stored
+
+
+def engine_hashes(files: Mapping[str, bytes]) -> dict[str, str]:
+    """The hash of each engine's artifacts among the files of a folder, by engine."""
+    found: dict[str, dict[str, bytes]] = {}
+    for name, content in files.items():
+        engine, _, own = name.partition("/")
+        if own:
+            found.setdefault(engine, {})[own] = content
+    return {engine: Artifacts(contents).sha256 for engine, contents in found.items()}
 
 
 def owned_files(folder: Path) -> dict[str, bytes]:
@@ -132,8 +156,9 @@ def compare(files: Mapping[str, bytes], folder: Path) -> list[str]:
     return found
 
 
-def check(built: Built, folder: Path) -> list[str]:
-    """How ``folder`` differs from what compiling would write, its certificate included.
+def check(built: Built, folder: Path, named: bool = False) -> list[str]:
+    """How ``folder`` differs from what compiling would write, its certificate included; ``named``: whether only some engines
+    were asked for.
 
     Files that simspec did not write are none of its business, unless they lie among an engine's files.
     """
@@ -156,31 +181,45 @@ def check(built: Built, folder: Path) -> list[str]:
     path = (folder / CERTIFICATE_FILE).as_posix()
     if CERTIFICATE_FILE not in names:
         found.append(f"missing: {path} (simspec verify writes it)")
-    elif why := certificate_mismatch(built, folder):
+    elif why := certificate_mismatch(built, folder, named):
         found.append(f"stale: {path}: {why} (simspec verify replaces it)")
     return found
 
 
 def read_certificate(folder: Path) -> Certificate | None:
     """The certificate in ``folder``; None when there is none. Raises SpecError, which names it, when it cannot be read."""
-    from simspec.proof.certificate import Certificate
-
     path = folder / CERTIFICATE_FILE
     try:
-        content = read_text(path, root=folder)
+        content = read_bytes(path, root=folder)
     except (FileNotFoundError, NotADirectoryError):
         return None
-    return Certificate.from_json(content, str(path))
+    return _parsed(content, folder)
 
 
-def certificate_mismatch(built: Built, folder: Path) -> str | None:
-    """Why the certificate in ``folder`` does not hold for a compiled spec; None when it does. Judged from its figures."""
+def _parsed(content: bytes, folder: Path) -> Certificate:
+    from simspec.proof.certificate import Certificate
+
+    return Certificate.from_json(content.decode(errors="replace"), str(folder / CERTIFICATE_FILE))
+
+
+def _why(error: SpecError, folder: Path) -> str:
+    """Why a certificate could not be read, without its name."""
+    return error.problems[0].message.removeprefix(str(folder / CERTIFICATE_FILE)).removeprefix(":").strip()
+
+
+def certificate_mismatch(built: Built, folder: Path, named: bool = False) -> str | None:
+    """Why the certificate in ``folder`` does not hold for a compiled spec; None when it does. Judged from its figures.
+
+    ``named``: whether only some engines were asked for. Of the others, proofs are then reported that do not hold any more, and
+    not those that are not valid and say so.
+    """
     from simspec.proof.judge import judge
+    from simspec.proof.keeping import still_holding
 
     try:
         certificate = read_certificate(folder)
     except SpecError as error:
-        return error.problems[0].message.removeprefix(f"{folder / CERTIFICATE_FILE}: ")
+        return _why(error, folder)
     if certificate is None:
         return "there is none"
     if certificate.world_sha256 != sha256(built.world):
@@ -194,35 +233,61 @@ def certificate_mismatch(built: Built, folder: Path) -> str | None:
             return f"it does not cover {engine}"
         if hashes[engine] != compiled.sha256:
             return f"it belongs to other files of {engine}"
-    if found := judge(certificate, built.world):
+    others = {name: proof for name, proof in certificate.engines.items() if name not in built.compiled}
+    stored = still_holding(
+        replace(certificate, engines=others), built.world, engine_hashes(owned_files(folder)) if others else {}
+    )
+    asked = {
+        name: proof
+        for name, proof in certificate.engines.items()
+        if name not in stored.dropped and (name in built.compiled or not named)
+    }
+    found = [f"{name}: {why}" for name, why in stored.dropped.items()]
+    if asked or not others:
+        found += judge(replace(certificate, engines=asked), built.world)
+    if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         return f"it is not valid: {found[0]}{more}"
     return None
 
 
-def write_certificate(certificate: Certificate, folder: Path) -> bool:
-    """Write the certificate into ``folder``; whether anything was written.
+@dataclass(frozen=True)
+class Certified:
+    """What writing a certificate did: whether it changed, and what became of the proofs of other engines that were there."""
 
-    An old one that is equal in all but the seconds stays as it is: a repository should be quiet when nothing has changed.
+    changed: bool
+    stored: Stored
+
+
+def write_certificate(certificate: Certificate, world: World, folder: Path) -> Certified:
+    """Write the certificate of ``world`` into ``folder``, with those proofs of other engines in the old one that still hold.
+
+    An old proof that is equal in all but the seconds stays as it is: a repository should be quiet when nothing has changed.
+    Raises SpecError where the files are not those that were verified.
     """
+    from simspec.proof.keeping import Stored, still_holding
+
+    found = Stored()
 
     def change(real: Path | None) -> dict[str, bytes] | None:
+        nonlocal found
         if real is None:
             raise SpecError([Problem(f"{folder}: removed while its content was being verified", hint="verify again")])
         now = owned_files(real)
+        hashes = engine_hashes(now)
         for engine, wanted in certificate.artifacts_sha256.items():
-            own = {name: content for name, content in now.items() if name.startswith(f"{engine}/")}
-            if Artifacts({name.removeprefix(f"{engine}/"): content for name, content in own.items()}).sha256 != wanted:
+            if hashes.get(engine) != wanted:
                 message = (
                     f"{folder / engine}: the files are not those that were verified; the certificate is not written"
                 )
                 raise SpecError([Problem(message, hint="verify again")])
-        try:
-            old = read_certificate(real)
-        except SpecError:
-            old = None  # damaged, or of an old version
-        if old is not None and old.timeless() == certificate.timeless():
-            return None
-        return now | {CERTIFICATE_FILE: certificate.to_json().encode()}
+        if CERTIFICATE_FILE in now:
+            try:
+                found = still_holding(_parsed(now[CERTIFICATE_FILE], folder), world, hashes, certificate.oracle)
+            except SpecError as error:
+                found = Stored(unread=_why(error, folder))
+        content = certificate.joined(found.kept).to_json().encode()
+        return None if now.get(CERTIFICATE_FILE) == content else now | {CERTIFICATE_FILE: content}
 
-    return update_folder(change, folder, COMPILED) is not None
+    changed = update_folder(change, folder, COMPILED) is not None
+    return Certified(changed, found.without(certificate.engines))

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import json
 import os
+import shutil
 
 import pytest
 
@@ -14,7 +15,7 @@ from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, output_files
 from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
 from simspec.errors import SpecError
-from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate, write_certificate
+from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
 from simspec.proof.expected import expected, left_out
@@ -54,6 +55,11 @@ def whole(world) -> tuple[Check, ...]:
     return tuple(Check(level, name, 100, 1e-12, 0.0, "somewhere") for level, name in dict.fromkeys(parts))
 
 
+def write_certificate(certificate: Certificate, folder, world=WORLD) -> bool:
+    """Whether anything was written."""
+    return generated.write_certificate(certificate, world, folder).changed
+
+
 def proof(one: Built, worst: float = 1e-15, seconds: float = 1.0, version: str = "1.0", checks=None) -> Certificate:
     checks = whole(one.world) if checks is None else checks
     checks = tuple(
@@ -78,26 +84,163 @@ def test_a_folder_that_was_just_written_is_current(tmp_path):
     assert write_certificate(proof(one), folder)
     assert check(one, folder) == []
     again = generated.write(one, folder)
-    assert (again.changed, again.dropped) == (False, None)
+    assert (again.changed, again.stored.dropped, list(again.stored.kept)) == (False, {}, ["first", "second"])
     assert check(one, folder) == []
 
 
 @pytest.mark.parametrize(
-    ("other", "why"),
+    ("other", "stale", "kept", "dropped"),
     [
-        (built(spheres(3)), "another world"),
-        (built(text="<other/>\n"), "other files of first"),
-        (built(engines=("first", "second", "third")), "does not cover third"),
+        (built(spheres(3)), "another world", [], dict.fromkeys(("first", "second"), "of another world")),
+        (
+            built(text="<other/>\n"),
+            "other files of first",
+            [],
+            dict.fromkeys(("first", "second"), "its files are others than were verified"),
+        ),
+        (
+            built(engines=("first",), text="<other/>\n"),
+            "other files of first",
+            ["second"],
+            {"first": "its files are others than were verified"},
+        ),
+        (built(engines=("first", "second", "third")), "does not cover third", ["first", "second"], {}),
+        (built(engines=("third",)), "does not cover third", ["first", "second"], {}),
     ],
 )
-def test_a_certificate_of_something_else_is_stale_and_goes(tmp_path, other, why):
+def test_proofs_of_something_else_are_stale_and_go_and_the_others_stay(tmp_path, other, stale, kept, dropped):
     folder = tmp_path / "spheres"
     generated.write(built(), folder)
     write_certificate(proof(built()), folder)
-    (stale,) = [line for line in check(other, folder) if CERTIFICATE_FILE in line]
-    assert why in stale
-    assert why in generated.write(other, folder).dropped
-    assert not (folder / CERTIFICATE_FILE).exists()
+    (line,) = [line for line in check(other, folder) if CERTIFICATE_FILE in line]
+    assert stale in line
+    stored = generated.write(other, folder).stored
+    assert (list(stored.kept), stored.dropped) == (kept, dropped)
+    left = read_certificate(folder)
+    assert (sorted(left.engines) if left else []) == kept
+    assert (folder / CERTIFICATE_FILE).exists() == bool(kept)
+
+
+# --- one engine after the other -------------------------------------------------------------------------------------------
+
+
+def one_by_one(folder, *verified: str, **words) -> list[generated.Certified]:
+    """What ``simspec verify --engine NAME`` does with a folder, for one engine after the other."""
+    told = []
+    for name in verified:
+        one = built(engines=(name,))
+        generated.write(one, folder)
+        told.append(generated.write_certificate(proof(one, **words), WORLD, folder))
+    return told
+
+
+def together(folder, **words) -> bytes:
+    generated.write(built(), folder)
+    write_certificate(proof(built(), **words), folder)
+    return (folder / CERTIFICATE_FILE).read_bytes()
+
+
+@pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("first", "second", "first")])
+@pytest.mark.parametrize("worst", [1e-15, 1.0])
+def test_one_engine_after_the_other_is_the_same_file_as_both(tmp_path, order, worst):
+    """Also where a proof is not valid: what it says is kept, and it is said."""
+    told = one_by_one(tmp_path / "one", *order, worst=worst)
+    assert [list(one.stored.kept) for one in told] == [[], *[[name] for name in order[:-1]]]
+    assert [one.stored.dropped for one in told] == [{}] * len(order)
+    assert told[-1].stored.lines() == [
+        f"kept from before, not verified now: {order[-2]} 1.0 ({'valid' if worst < 1 else 'NOT VALID'})"
+    ]
+    assert (tmp_path / "one" / CERTIFICATE_FILE).read_bytes() == together(tmp_path / "both", worst=worst)
+    assert bool(check(built(), tmp_path / "one")) == (worst == 1.0)
+
+
+def test_the_seconds_of_a_proof_that_says_the_same_stay(tmp_path):
+    before = together(tmp_path)
+    (told,) = one_by_one(tmp_path, "second", seconds=9.0)
+    assert not told.changed
+    assert (tmp_path / CERTIFICATE_FILE).read_bytes() == before
+    (told,) = one_by_one(tmp_path, "second", seconds=9.0, worst=2e-15)
+    assert told.changed
+    assert {name: one.seconds for name, one in read_certificate(tmp_path).engines.items()} == {"first": 1, "second": 9}
+
+
+def without_l3(plain):
+    block = plain["engines"]["second"]
+    block["checks"] = [one for one in block["checks"] if one["level"] != "L3"]
+
+
+FILES = {
+    "edited": (
+        lambda second: (second / "model.xml").write_text("<other/>\n"),
+        "its files are others than were verified",
+    ),
+    "one removed": (lambda second: (second / "model.xml").unlink(), "its files are others than were verified"),
+    "removed": (shutil.rmtree, "its files are not there"),
+}
+TEXT = {
+    "another world": (lambda plain: plain.update(world_sha256="0" * 64), "of another world"),
+    "another simspec": (lambda plain: plain.update(simspec="0.0.0"), "made by simspec 0.0.0"),
+    "another oracle": (lambda plain: plain.update(oracle="pinocchio 3"), "held against pinocchio 3"),
+    "a level dropped": (without_l3, "not valid, as it claims to be: L3"),
+    "other files": (lambda plain: plain["engines"]["second"].update(artifacts_sha256="0" * 64), "its files are others"),
+}
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("defect", [*FILES, *TEXT])
+def test_a_proof_that_does_not_hold_any_more_is_not_kept(tmp_path, defect, compiled):
+    """Whether compiling sees it, or the certificate is found so when the proof is done: another process may have changed it."""
+    together(tmp_path)
+    path = tmp_path / CERTIFICATE_FILE
+    change, why = (FILES | TEXT)[defect]
+    if defect in FILES:
+        change(tmp_path / "second")
+    else:
+        path.write_text(edited(path.read_text(), change))
+    one = built(engines=("first",))
+    if defect not in (
+        "another oracle",
+        "another world",
+        "another simspec",
+    ):  # these are of the whole, or compiling's no matter
+        assert any(f"second: {why}" in line for line in check(one, tmp_path, named=True))
+    told = generated.write(one, tmp_path).stored if compiled else None
+    stored = generated.write_certificate(proof(one), WORLD, tmp_path).stored
+    stored = stored.after(told.without(["first"])) if told else stored
+    assert (list(stored.dropped), stored.kept) == (["second"], {})
+    assert stored.lines() == [f"dropped: second: {stored.dropped['second']}"]
+    assert why in stored.dropped["second"]
+    assert path.read_text() == proof(one).to_json()
+
+
+def test_what_was_asked_for_decides(tmp_path):
+    """An engine that failed before, and says so, is none of another one's business."""
+    one_by_one(tmp_path, "first", worst=1.0)
+    one_by_one(tmp_path, "second")
+    assert check(built(engines=("second",)), tmp_path, True) == []
+    for one, named in ((built(engines=("second",)), False), (built(engines=("first",)), True), (built(), False)):
+        assert ["first: L1 mass" in line for line in check(one, tmp_path, named)] == [True]
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"schema": 1}', "[]", "\x00\xff"])
+def test_a_file_of_simspecs_that_is_no_certificate_is_replaced_and_that_is_said(tmp_path, text):
+    before = together(tmp_path)
+    (tmp_path / CERTIFICATE_FILE).write_text(text)
+    stored = generated.write_certificate(proof(built()), WORLD, tmp_path).stored
+    assert stored.lines()[0].startswith("dropped: all that was there: ")
+    assert (tmp_path / CERTIFICATE_FILE).read_bytes() == before
+    (tmp_path / CERTIFICATE_FILE).write_text(text)
+    assert generated.write(built(), tmp_path).stored.unread
+    assert not (tmp_path / CERTIFICATE_FILE).exists()
+
+
+def test_a_file_that_simspec_did_not_write_stays(tmp_path):
+    generated.write(built(), tmp_path)
+    path = tmp_path / CERTIFICATE_FILE
+    path.write_text("mine")
+    with pytest.raises(SpecError, match="was not written by simspec"):
+        write_certificate(proof(built()), tmp_path)
+    assert path.read_text() == "mine"
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"schema": 1}', '{"schema": 99, "engines": {}}', "[]"])

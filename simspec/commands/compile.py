@@ -127,7 +127,7 @@ def compile_all(
             problems.extend(error.problems)
     demand(problems)
     if check:
-        return _check(built, folders, as_json)
+        return _check(built, folders, as_json, selection.named)
     written = [generated.write(scenario, folder) for scenario, folder in zip(built, folders, strict=True)]
     if as_json:
         data = [
@@ -140,8 +140,9 @@ def compile_all(
         say(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(scenario.compiled)}")
         for line in choice.lines():
             say(f"  not for {line}")
-        if place.dropped:
-            say(f"  certificate.json dropped: {place.dropped}; simspec verify writes a new one")
+        if place.stored is not None and place.stored.reasons:
+            what = "proofs dropped from certificate.json" if place.stored.kept else "certificate.json dropped"
+            say(f"  {what}: {place.stored.reasons}; simspec verify proves anew")
         if explain:
             from simspec.report.explain import control_table, forces_table, tables
 
@@ -155,9 +156,11 @@ def compile_all(
     return EXIT_OK
 
 
-def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool) -> int:
+def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool, named: bool) -> int:
     stale = [
-        line for scenario, folder in zip(built, folders, strict=True) for line in generated.check(scenario, folder)
+        line
+        for scenario, folder in zip(built, folders, strict=True)
+        for line in generated.check(scenario, folder, named)
     ]
     if as_json:
         sys.stdout.write(text({"stale": stale}))
@@ -179,7 +182,7 @@ def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, A
     return {
         "folder": written.folder,
         "changed": written.changed,
-        "certificate_dropped": written.dropped,
+        "certificate": None if written.stored is None else written.stored.data(),
         "world_sha256": sha256(built.world),
         "engines": {
             name: {

@@ -18,7 +18,7 @@ from simspec.compiler import Compiled
 from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.marker import COMPILED, RUN, STUDY
-from simspec.outputs.targets import demand, folder_problem
+from simspec.outputs.targets import demand, folder_problem, own_name_problem
 from simspec.outputs.writing import change_file, open_folder, remove_file
 from simspec.report.plain import PAGE_FILE, REPORT_FILE, REPORT_SCHEMA, study_data, text
 from simspec.runner.run import Run
@@ -28,7 +28,7 @@ from simspec.world.canonical import sha256
 from simspec.world.types import World
 
 if TYPE_CHECKING:
-    from simspec.proof.certificate import Certificate
+    from simspec.proof.certificate import Certificate, EngineProof
 
 COMPILED_FOLDER = "compiled"
 
@@ -50,6 +50,7 @@ class Results(Arrivals):
         demand([folder_problem(self._folder, STUDY, specs)])
         below = {COMPILED_FOLDER: COMPILED} | dict.fromkeys(engines, RUN)
         demand(folder_problem(self._folder / name, kind, specs) for name, kind in below.items())
+        demand(own_name_problem(self._folder, name) for name in (CERTIFICATE_FILE, REPORT_FILE))
 
     def compiled(self, compiled: Mapping[str, Compiled], files: Artifacts) -> None:
         open_folder(self._folder, STUDY)
@@ -60,20 +61,28 @@ class Results(Arrivals):
         """Keep the proof, together with those of other engines of the same world."""
 
         def change(before: bytes | None) -> str:
-            return certificate.joined(self._earlier(before)).to_json()
+            return certificate.joined(self._kept(before, certificate)).to_json()
 
         change_file(self._folder, STUDY, CERTIFICATE_FILE, change)
 
-    def _earlier(self, content: bytes | None) -> Certificate | None:
+    def _kept(self, content: bytes | None, new: Certificate) -> Mapping[str, EngineProof]:
+        """The proofs of an earlier certificate that still hold beside a new one."""
         from simspec.proof.certificate import Certificate
+        from simspec.proof.keeping import still_holding
 
         if content is None:
-            return None
+            return {}
+        path = self._folder / CERTIFICATE_FILE
         try:
-            return Certificate.from_json(content.decode(errors="replace"), str(self._folder / CERTIFICATE_FILE))
+            earlier = Certificate.from_json(content.decode(errors="replace"), str(path))
         except SpecError as error:
             self.notes.append(f"{error.problems[0].message}; it was replaced")
-            return None
+            return {}
+        files = generated.engine_hashes(generated.owned_files(self._folder / COMPILED_FOLDER))
+        stored = still_holding(earlier, self._world, files, new.oracle)
+        if others := stored.without(new.engines).reasons:
+            self.notes.append(f"{path}: proofs dropped: {others}")
+        return stored.kept
 
     def run(self, run: Run) -> None:
         run.save(self._folder / run.engine)

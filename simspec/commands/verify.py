@@ -14,7 +14,7 @@ from simspec.commands.self_test import complete_self_test, self_test
 from simspec.engines.kit.identity import engine_version
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
-from simspec.outputs.targets import demand, folder_problem
+from simspec.outputs.targets import demand, folder_problem, own_name_problem
 from simspec.outputs.writing import add_file
 from simspec.report import terminal
 from simspec.report.plain import plain, text
@@ -93,7 +93,9 @@ def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> N
 
     ``contact``: whether plots are written too.
     """
-    problems = [folder_problem(out or generated.GENERATED / world.name, COMPILED, [find_spec(spec)])]
+    folder = out or generated.GENERATED / world.name
+    problems = [folder_problem(folder, COMPILED, [find_spec(spec)])]
+    problems += [] if any(problems) else [own_name_problem(folder, generated.CERTIFICATE_FILE)]
     if contact:
         problems.append(folder_problem(PLOTS / world.name, STUDY))
     demand(problems)
@@ -113,13 +115,16 @@ def verify_world(
     warnings: Sequence[Problem] = (),
     reports: Reports = NO_REPORTS,
 ) -> int:
-    """Compile ``world`` into its generated folder, verify what is there, and write the certificate beside it."""
+    """Compile ``world`` into its generated folder, verify what is there, and write the certificate beside it.
+
+    Reports, verdict and exit code are of the engines that are verified now. Proofs of others stay in the file while they hold.
+    """
     from simspec.proof.verify import verify as prove
 
     selection = selection.for_world(world, locate)
     folder = out or generated.GENERATED / world.name
     built = generated.build(world, selection, locate)
-    generated.write(built, folder)
+    before = generated.write(built, folder).stored
     with progress(not as_json) as tell:
         # in a private copy: the folder may be written again meanwhile, and its certificate names the hashes of these files
         certificate = prove(
@@ -132,7 +137,8 @@ def verify_world(
             progress=tell,
             cache=cache,
         )
-    written = generated.write_certificate(certificate, folder)
+    written = generated.write_certificate(certificate, world, folder)
+    stored = written.stored if before is None else written.stored.after(before.without(certificate.engines))
     path = folder / generated.CERTIFICATE_FILE
     suites = certificate_suites(certificate, world, locate)
     reports.write([*suites, *skipped_suites(world.name, selection.not_taken)], warnings=warnings, as_json=as_json)
@@ -143,6 +149,7 @@ def verify_world(
                     "certificate": plain(certificate),
                     "valid": certificate.valid,
                     "file": path,
+                    "stored": stored.data(),
                     "not_verified": selection.not_taken,
                     "warnings": warnings,
                 }
@@ -155,7 +162,9 @@ def verify_world(
         if contact:
             for path_of_plot in show_contact(certificate, world, screen):
                 screen.print(f"{path_of_plot}: written", soft_wrap=True)
-        screen.print(f"{path}: {'written' if written else 'unchanged'}", soft_wrap=True)
+        screen.print(f"{path}: {'written' if written.changed else 'unchanged'}", soft_wrap=True)
+        for line in stored.lines():
+            screen.print(f"  {line}", soft_wrap=True, markup=False)
     if certificate.valid:
         return EXIT_OK
     # what passed and is not valid was asked of no engine

@@ -23,6 +23,7 @@ LARGEST_OWN = 64 * 2**20
 ELSEWHERE = "use a new folder: --out build/NAME"
 REMOVE = "remove it if it contains nothing of yours; it is then created again"
 OTHER_FILE = "use a new file name, or remove this file"
+MOVE = "move it elsewhere"
 NEVER: Callable[[bytes], bool] = lambda content: False  # noqa: E731
 """For files that are only ever made, not replaced."""
 
@@ -52,6 +53,14 @@ def folder_problem(folder: Path, kind: str, holds: Iterable[Path] = ()) -> Probl
     except SpecError as error:
         return error.problems[0]
     return None
+
+
+def own_name_problem(folder: Path, name: str) -> Problem | None:
+    """Why the file ``name`` cannot be written into a folder that may be: somebody else's has its name; None when it can."""
+    marker = read_marker(folder)
+    if not os.path.lexists(folder / name) or (marker is not None and marker.owns(name)):
+        return None
+    return Problem(f"{str(folder / name)!r} exists, and simspec did not write it", hint=MOVE)
 
 
 def file_problem(path: Path, ours: Callable[[bytes], bool]) -> Problem | None:

@@ -15,7 +15,7 @@ from simspec.errors import Problem, SpecError
 from simspec.outputs import staging
 from simspec.outputs.marker import MARKER_FILE, Marker, check_names
 from simspec.outputs.reading import files_below, read_bytes
-from simspec.outputs.targets import Place, check_file, check_folder
+from simspec.outputs.targets import MOVE, Place, check_file, check_folder
 
 Content = str | bytes | Callable[[BinaryIO], None]
 """What a file is to hold: text, bytes, or what writes it, for what is too large to have in memory."""
@@ -149,7 +149,7 @@ def _take_along(old: Path, marker: Marker, fresh: Path) -> None:
                     [
                         Problem(
                             f"{str(here)!r} has the name of a file that simspec writes, and was not written by simspec",
-                            hint="move it elsewhere",
+                            hint=MOVE,
                         )
                     ]
                 )
@@ -187,7 +187,7 @@ def _change(folder: Path, kind: str, name: str, change: Callable[[Path | None], 
         known = marker.files if marker is not None else frozenset()
         exists = os.path.lexists(target)
         if exists and name not in known:
-            problem = Problem(f"{str(target)!r} exists, and simspec did not write it", hint="move it elsewhere")
+            problem = Problem(f"{str(target)!r} exists, and simspec did not write it", hint=MOVE)
             raise SpecError([problem])
         content = change(target if exists else None)
         if content is None:

@@ -85,6 +85,15 @@ class EngineProof:
         parts = ", ".join(f"{name} ({why})" for name, why in self.unchecked.items())
         return f"{valid}; not checked: {parts}" if parts else valid
 
+    @property
+    def brief(self) -> str:
+        """The verdict in one or two words."""
+        return "valid" if self.valid else "NOT PROVEN" if self.passed else "NOT VALID"
+
+    def timeless(self) -> EngineProof:
+        """The same without the seconds that it took."""
+        return dataclasses.replace(self, seconds=0.0)
+
     def level(self, name: str) -> list[Check]:
         """The checks of one level."""
         return [check for check in self.checks if check.level == name]
@@ -131,17 +140,19 @@ class Certificate:
         """The version of each engine, and of the oracle."""
         return {"oracle": self.oracle} | {name: proof.version for name, proof in self.engines.items()}
 
-    def joined(self, earlier: Certificate | None) -> Certificate:
-        """This proof, with those of other engines from an earlier one of the same world under the same oracle."""
-        if earlier is None or any(
-            getattr(earlier, name) != getattr(self, name) for name in ("world_sha256", "oracle", "simspec")
-        ):
-            return self
-        return dataclasses.replace(self, engines=earlier.engines | self.engines)
+    def joined(self, kept: Mapping[str, EngineProof]) -> Certificate:
+        """This certificate with earlier proofs that still hold (:func:`simspec.proof.keeping.still_holding`): of other engines,
+        and of its own where an earlier one is equal in all but the seconds: a repository should be quiet when nothing has
+        changed."""
+        engines = {
+            name: kept[name] if name in kept and kept[name].timeless() == proof.timeless() else proof
+            for name, proof in self.engines.items()
+        }
+        return dataclasses.replace(self, engines=dict(kept) | engines)
 
     def timeless(self) -> Certificate:
         """The same without the seconds that it took."""
-        engines = {name: dataclasses.replace(proof, seconds=0.0) for name, proof in self.engines.items()}
+        engines = {name: proof.timeless() for name, proof in self.engines.items()}
         return dataclasses.replace(self, engines=engines)
 
     def failures(self) -> list[tuple[str, Check]]:
