@@ -17,6 +17,7 @@ from simspec.dialects.physx.sidecar import PhysxSidecar
 from simspec.engines.kit.single import demand_held
 from simspec.engines.physx.building import FASTEST, FASTEST_LINEAR, LEAST, NAME, SCALE, Built
 from simspec.engines.physx.masses import held_tensor, mass_matrices, pose_of
+from simspec.engines.physx.packed import Packed
 from simspec.engines.physx.touching import Depths, Recovery, contact_rows, depths, pressed, touching_pairs
 from simspec.engines.physx.turning import Turns, turns
 from simspec.errors import EngineError
@@ -79,6 +80,7 @@ class Simulation:
         self.bodies = self._actors(built)
         self.entities = [built.entities[row] for row in self.free]
         self.rows = {actor: index for index, actor in enumerate(self.bodies)}
+        self._packed = Packed(built.system, self.bodies)
         self.units = {shape: index for index, shape in enumerate(built.shapes)}
         self._fastest = np.full(len(self.free), LEAST)
         """m/s: how fast PhysX may push each body out of what it overlaps."""
@@ -107,17 +109,17 @@ class Simulation:
         for entity, body, state, speed, spin in zip(self.entities, self.bodies, states, speeds, spins, strict=True):
             entity.pose = pose(SCALE * state[:3], state[3:])
             body.linear_velocity, body.angular_velocity = SCALE * speed[:3], spin
+        given = np.hstack([SCALE * states[:, :3], SCALE * speeds[:, :3], spins]).astype(np.float32)
+        at, moving = self._packed.held()
+        if not np.array_equal(np.hstack([at[:, :3], moving]), given):
+            raise EngineError(NAME, "holds another state than it was given")
         self._found, self._begun = [], True
         if self.built.units and self._contact:
             self._recovery.begin(self._overlaps())
 
     def _moving(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move."""
-        poses, speeds = np.empty((len(self.bodies), 7)), np.empty((len(self.bodies), 6))
-        for row, (entity, body) in enumerate(zip(self.entities, self.bodies, strict=True)):
-            pose = entity.pose
-            poses[row, :3], poses[row, 3:] = pose.p, pose.q
-            speeds[row, :3], speeds[row, 3:] = body.linear_velocity, body.angular_velocity
+        poses, speeds = self._packed.held()
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
         poses[:, :3] /= SCALE
         speeds[:, :3] /= SCALE
@@ -172,22 +174,24 @@ class Simulation:
 
     def _check_finite(self) -> None:
         """Raise EngineError where a state is none any more: PhysX steps on, with no number or with its largest speeds."""
-        for row, entity, body in zip(self.free, self.entities, self.bodies, strict=True):
-            pose, speed, spin = entity.pose, body.linear_velocity, body.angular_velocity
-            most = max(max(map(abs, speed)) / FASTEST_LINEAR, max(map(abs, spin)) / FASTEST)
-            if not (np.isfinite((*pose.p, *pose.q)).all() and most < 0.5):
-                raise EngineError(NAME, f"the state of {self.names[row]} is no longer finite")
+        poses, speeds = self._packed.held()
+        bounds = np.repeat((FASTEST_LINEAR, FASTEST), 3)
+        sound = np.isfinite(poses).all(axis=1) & (np.abs(speeds) < 0.5 * bounds).all(axis=1)
+        if not sound.all():
+            row = self.free[int(np.flatnonzero(~sound)[0])]
+            raise EngineError(NAME, f"the state of {self.names[row]} is no longer finite")
 
     def _give(self, wrench: np.ndarray | None) -> Turns | None:
         """Give the forces and torques of the next step; how bodies turn in it."""
-        spins = np.array([body.angular_velocity for body in self.bodies], dtype=float).reshape(-1, 3)
+        poses, speeds = self._packed.held()
+        spins = speeds[:, 3:]
         moved = np.abs(spins).max(axis=1, initial=0.0) > SLOW
         if wrench is not None:
             moved |= wrench[:, 3:].any(axis=1)
         rows, turning = np.flatnonzero(moved), None
         torques: dict[int, np.ndarray] = {}
         if len(rows):
-            at = np.array([self.entities[row].pose.q for row in rows], dtype=float)
+            at = poses[rows, 3:]
             at /= np.linalg.norm(at, axis=1, keepdims=True)
             own = np.zeros((len(rows), 3)) if wrench is None else wrench[rows, 3:]
             turning = turns(rows, at, spins[rows], own, self.tensors[rows], self.timestep)
@@ -201,9 +205,10 @@ class Simulation:
 
     def _turn(self, turning: Turns) -> None:
         """Give what turned in the last step, and touched nothing in it, the velocity and orientation of the law."""
-        held = pressed(self._found, self.rows)
+        turned = turning.rows.tolist()
+        held = pressed(self._found, self.rows, turned)
         pose = self.built.sapien.Pose
-        for row, spin, turn in zip(turning.rows.tolist(), turning.spin, turning.turn, strict=True):
+        for row, spin, turn in zip(turned, turning.spin, turning.turn, strict=True):
             if row not in held:
                 entity = self.entities[row]
                 self.bodies[row].angular_velocity = spin

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,29 +71,38 @@ class Recovery:
 
 def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> Depths:
     """The overlaps among contacts; ``rows``: of the actors that move."""
-    found: dict[tuple[int, int], float] = {}
+    # most of a step's time beside PhysX's own: each word that is asked of SAPIEN costs 0.1 to 0.8 µs
+    ends: list[int] = []
+    least: list[float] = []
+    row_of = rows.get
     for contact in contacts:
-        depth = 0.0
+        deepest = 0.0
         for point in contact.points:
-            depth = max(depth, -point.separation)
-        if depth > 0.0:
-            one, other = (rows.get(body, -1) for body in contact.bodies)
-            pair = (one, other) if one < other else (other, one)
-            found[pair] = max(depth / SCALE, found.get(pair, 0.0))
-    ordered = sorted(found.items())
-    pairs = np.array([pair for pair, _ in ordered], dtype=np.int64).reshape(-1, 2)
-    return Depths(pairs, np.array([depth for _, depth in ordered], dtype=float))
+            separation = point.separation
+            deepest = min(deepest, separation)
+        if deepest < 0.0:
+            one, other = contact.bodies
+            ends += row_of(one, -1), row_of(other, -1)
+            least.append(deepest)
+    pairs = np.sort(np.array(ends, dtype=np.int64).reshape(-1, 2), axis=1)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+    pairs, separations = pairs[order], np.array(least, dtype=float)[order]
+    if len(pairs) < 2:
+        return Depths(pairs, -separations / SCALE)
+    begins = np.flatnonzero(np.append(True, (pairs[1:] != pairs[:-1]).any(axis=1)))
+    return Depths(pairs[begins], -np.minimum.reduceat(separations, begins) / SCALE)
 
 
-def pressed(contacts: Sequence[Any], rows: Mapping[Any, int]) -> set[int]:
-    """Rows of the bodies on which some contact acts."""
-    return {
-        rows[body]
-        for contact in contacts
-        if any(any(point.impulse) for point in contact.points)
-        for body in contact.bodies
-        if body in rows
-    }
+def pressed(contacts: Sequence[Any], rows: Mapping[Any, int], asked: Collection[int]) -> set[int]:
+    """Those of the ``asked`` rows on which some contact acts."""
+    found: set[int] = set()
+    open_rows = set(asked)
+    for contact in contacts:
+        mine = [row for body in contact.bodies if (row := rows.get(body, -1)) in open_rows]
+        if mine and any(any(point.impulse.tolist()) for point in contact.points):
+            found.update(mine)
+            open_rows.difference_update(mine)
+    return found
 
 
 def contact_rows(
