@@ -35,6 +35,11 @@ def _depth_first(bodies: Sequence[Body]) -> list[Body]:
     return ordered
 
 
+def _whole(jacobian: np.ndarray) -> np.ndarray:
+    """(6, nv): of one coordinate Pinocchio gives a vector (measured)."""
+    return jacobian.reshape(6, -1)
+
+
 class Tree:
     """The Pinocchio model of one or several trees; the same methods as :class:`Oracle`, for their own coordinates. The world's
     constraints have a part in ``step`` and ``settled`` alone, and only where ``constrained``: all else is of the trees as such.
@@ -162,6 +167,10 @@ class Tree:
             ours_v[self.v_index] = v
         return ours_q, ours_v
 
+    def _jacobian_of(self, joint: int, frame: Any) -> np.ndarray:
+        """(6, nv) in Pinocchio's order, by the Jacobians computed last."""
+        return _whole(self.pin.getJointJacobian(self.model, self.data, joint, frame))
+
     def body_poses(self, q: np.ndarray) -> np.ndarray:
         """See :meth:`Oracle.body_poses`."""
         self.pin.forwardKinematics(self.model, self.data, self.spread(q)[0])
@@ -179,7 +188,8 @@ class Tree:
         if not index:
             return effort
         self.pin.forwardKinematics(self.model, self.data, own)
-        jacobian = self.pin.computeJointJacobian(self.model, self.data, own, index)  # in the joint's own axes
+        # in the joint's own axes
+        jacobian = _whole(self.pin.computeJointJacobian(self.model, self.data, own, index))
         turn = self.data.oMi[index].rotation.T
         point = placement.act(at)
         wrench = np.concatenate([turn @ force, np.cross(point, turn @ force) + turn @ torque])
@@ -231,7 +241,7 @@ class Tree:
             return lift
         pin.computeJointJacobians(self.model, self.data, q)
         for joint, centre, force in self._lifted:
-            own = pin.getJointJacobian(self.model, self.data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            own = self._jacobian_of(joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
             arm = self.data.oMi[joint].rotation @ centre
             lift += (own[:3] - pin.skew(arm) @ own[3:]).T @ force
         return lift
@@ -256,7 +266,7 @@ class Tree:
         total = np.zeros(self.model.nv)
         pin.computeJointJacobians(self.model, self.data, own_q)
         for body in self._resisted:
-            jacobian = pin.getJointJacobian(self.model, self.data, body.joint, pin.ReferenceFrame.LOCAL)
+            jacobian = self._jacobian_of(body.joint, pin.ReferenceFrame.LOCAL)
             total += jacobian.T @ body.wrench(jacobian @ own_v, self.data.oMi[body.joint].rotation)
         resistance: np.ndarray = total[self.v_index]
         return resistance
@@ -266,7 +276,7 @@ class Tree:
         pin, total = self.pin, np.zeros((self.model.nv, self.model.nv))
         pin.computeJointJacobians(self.model, self.data, self.spread(q)[0])
         for body in self._resisted:
-            own = pin.getJointJacobian(self.model, self.data, body.joint, pin.ReferenceFrame.LOCAL)
+            own = self._jacobian_of(body.joint, pin.ReferenceFrame.LOCAL)
             linear, angular = body.viscous
             through = own[:3] - pin.skew(body.centre) @ own[3:]
             total += linear * through.T @ through + angular * own[3:].T @ own[3:]
@@ -384,7 +394,7 @@ class Tree:
         joint, placement = self.body_joint[body], self.body_placement[body] * self._placement(end)
         if not joint:
             return np.zeros((6, self.nv))
-        own = self.pin.getJointJacobian(self.model, self.data, joint, self.pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        own = self._jacobian_of(joint, self.pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         arm = self.data.oMi[joint].rotation @ placement.translation
         full = np.concatenate([own[:3] - self.pin.skew(arm) @ own[3:], own[3:]])
         turned: np.ndarray = full[:, self.v_index]
