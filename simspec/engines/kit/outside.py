@@ -21,6 +21,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.support.declarations import Refinement, Support, not_here, outside
 from simspec.support.features import Feature
 from simspec.world.along import Along
+from simspec.world.joint_forces import JointForces
 from simspec.world.kinematics import (
     CollisionFilter,
     held_trees,
@@ -30,7 +31,6 @@ from simspec.world.kinematics import (
     rigid_groups,
     within,
 )
-from simspec.world.rotations import logarithm
 from simspec.world.sums import JointSum
 from simspec.world.types import Body, Constraint, ReadBack, World
 from simspec.world.violation import Violation, multipliers
@@ -84,22 +84,7 @@ class _Part:
     q: NDArray[np.intp]
     v: NDArray[np.intp]
     violation: Violation
-    damping: Array
-    stiffness: Array
-    rest: Array
-    scalar: NDArray[np.intp]
-    """Places in ``q`` of the coordinates at ``scalar_v``, those of hinges and slides."""
-    scalar_v: NDArray[np.intp]
-    balls: tuple[tuple[slice, slice], ...]
-
-    def joint_effort(self, q: Array, v: Array) -> Array:
-        """Damping and springs of the joints, explicit in time."""
-        effort = -self.damping * v
-        at = self.scalar_v
-        effort[at] -= self.stiffness[at] * (q[self.scalar] - self.rest[at])
-        for at_q, at_v in self.balls:
-            effort[at_v] -= self.stiffness[at_v] * logarithm(q[at_q])
-        return effort
+    joints: JointForces
 
 
 class Outside:
@@ -136,7 +121,7 @@ class Outside:
         for part, mass in zip(self._parts, masses, strict=True):
             own_q, own_v, own_poses = q[part.q], v[part.v], poses[part.rows]
             jacobian = part.violation.jacobian(own_poses)
-            force = total[part.v] + part.joint_effort(own_q, own_v) - bias[part.v]
+            force = total[part.v] + part.joints.effort(own_q, own_v) - bias[part.v]
             solved = np.linalg.solve(mass, np.column_stack([force, jacobian.T]))
             free = own_v + dt * solved[:, 0]
             wanted = jacobian @ free + part.violation.of(own_q, own_poses) / dt
@@ -150,26 +135,4 @@ def _part(world: World, bodies: Sequence[Body], constraints: Sequence[Constraint
     rows = np.array([row[body.name] for body in bodies], dtype=np.intp)
     at_q = np.concatenate([np.r_[whole.position[index]] for index in rows]).astype(np.intp)
     at_v = np.concatenate([np.r_[whole.velocity[index]] for index in rows]).astype(np.intp)
-    own = layout_of(World("", tuple(bodies)))
-    damping, stiffness, rest = np.zeros((3, own.nv))
-    scalar, scalar_v, balls = [], [], []
-    for body, q, v in zip(bodies, own.position, own.velocity, strict=True):
-        damping[v], stiffness[v] = body.joint.damping, body.joint.spring_stiffness
-        if body.joint.kind == "ball":
-            balls.append((q, v))
-        elif body.joint.kind != "free" and q.stop > q.start:
-            rest[v] = body.joint.spring_rest
-            scalar.append(q.start)
-            scalar_v.append(v.start)
-    return _Part(
-        rows,
-        at_q,
-        at_v,
-        Violation(bodies, constraints),
-        damping,
-        stiffness,
-        rest,
-        np.array(scalar, dtype=np.intp),
-        np.array(scalar_v, dtype=np.intp),
-        tuple(balls),
-    )
+    return _Part(rows, at_q, at_v, Violation(bodies, constraints), JointForces(bodies))

@@ -10,13 +10,13 @@ import numpy as np
 
 from simspec.dialects.webots.places import STILL, Twist, moved
 from simspec.dialects.webots.sidecar import WebotsSidecar
-from simspec.engines.webots.forces import Forces
 from simspec.engines.webots.live import Live
 from simspec.engines.webots.program import NAME
 from simspec.engines.webots.states import States
 from simspec.errors import EngineError, SpecError
 from simspec.formats.wbt.format import Wbt
 from simspec.world import frames
+from simspec.world.joint_forces import JointForces
 from simspec.world.tuples import vector3
 from simspec.world.types import Constraint, Pose, Quaternion, Vector3
 
@@ -48,7 +48,7 @@ class Simulation:
         self.offsets = np.zeros((len(told.bodies), 3))
         """None: poses are taken back to the world's frames here."""
         self._shifts = [body.frame_offset for body in told.bodies]
-        self.forces = Forces(self.states.world)
+        self.forces = JointForces(self.states.world.bodies)
         self._wanted = self.states.initial()
         self._last = self._wanted[0]
         """Positions (nq,) near the present ones, by which angles are counted on."""
@@ -132,7 +132,7 @@ class Simulation:
             return
         for _ in range(count):
             q, v = self.get_state()
-            total = self.forces.effort(q, v, given)
+            total = self.forces.effort(q, v) + (0.0 if given is None else given)
             live.step(1, self._wrenches(total))
             self._placed = None
 
