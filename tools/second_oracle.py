@@ -75,10 +75,9 @@ def main() -> int:
     worst: dict[str, dict[str, tuple[float, str]]] = {}
     seen: dict[str, int] = {}
     for group, name, world in groups(options.trees, options.scenarios):
-        steps = 0 if world.constraints else options.steps
         world = dataclasses.replace(shortened(world), contact=type(world.contact)())
         seen[group] = seen.get(group, 0) + 1
-        for quantity, share in deviations(world, options.states, steps).items():
+        for quantity, share in deviations(world, options.states, options.steps).items():
             if share >= worst.setdefault(quantity, {}).get(group, (-1.0, ""))[0]:
                 worst[quantity][group] = (share, name)
     print("| largest difference | " + " | ".join(f"{group} ({count})" for group, count in seen.items()) + " |")

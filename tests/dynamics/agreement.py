@@ -12,6 +12,7 @@ from simspec.dynamics.states import random_states
 from simspec.world.forces import Force
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Physics, World
+from simspec.world.violation import ROWS
 from tests import worlds
 from tests.dynamics.simbody import Simbody
 from tests.dynamics.simbody_model import turned
@@ -26,6 +27,7 @@ QUANTITIES = {
     "kinetic energy": "of itself",
     "potential energy": "of the largest seen, or of the kinetic energy where that is more",
     "acceleration": "under random efforts, of the largest element",
+    "constraints": "φ, and J of joints, points and turns, where there are any",
     "motion": "q and v after some steps under a random effort, of the largest in each",
 }
 """What is compared, and what a difference is a share of."""
@@ -40,12 +42,13 @@ def _share(found: np.ndarray, expected: np.ndarray, least: float = 0.0) -> float
 
 def deviations(world: World, states: int = 3, steps: int = 0, told: World | None = None) -> dict[str, float]:
     """The largest difference in each quantity between the oracle and Simbody, at the initial state of a world and at ``states``
-    seeded ones. Motion is compared over ``steps``, in a world without constraints, which Simbody is not told. What was not
+    seeded ones, settled on its constraints, and between motions of ``steps``. What was not
     compared is not in it: of bodies that cannot move, all but the poses. ``told``: another world for Simbody, by which a test
     sees what is found."""
     oracle, other = Oracle(world), Simbody(told or world)
     seeded = random_states(world, states)
-    pairs = [initial_state(world), *zip(*seeded, strict=True)]
+    start = initial_state(world)
+    pairs = [start, *((oracle.settled(q, start[0]), v) for q, v in zip(*seeded, strict=True))]
     generator = np.random.default_rng(5)
     worst: dict[str, float] = {}
 
@@ -71,6 +74,10 @@ def deviations(world: World, states: int = 3, steps: int = 0, told: World | None
         for body in world.bodies:
             force = Force(body.name, *(tuple(generator.uniform(-1.0, 1.0, 3)) for _ in range(3)))
             note("forces on bodies", _share(oracle.effort_of(q, force), other.effort_of(q, force), 1.0))
+        if world.constraints:
+            jacobian, violation = oracle_constraints(oracle, q)
+            note("constraints", float(np.abs(jacobian - other.jacobian(q)).max()))
+            note("constraints", float(np.abs(violation - other.violation(q)).max()))
         found = oracle.energy(q, v)
         note("kinetic energy", abs(found[0] - kinetic) / kinetic if kinetic else abs(found[0]))
         scale = max(*(abs(height) for height in heights), kinetic)
@@ -89,6 +96,22 @@ def deviations(world: World, states: int = 3, steps: int = 0, told: World | None
         note("motion", _share(states_q[-1], found_q, 1.0))
         note("motion", _share(states_v[-1], found_v, 1.0))
     return worst
+
+
+def oracle_constraints(oracle: Oracle, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """J and φ of the oracle, whose parts have each the constraints of their own trees, in the world's order of constraints."""
+    rows: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for tree, _, at_q, at_v in oracle._parts:
+        if tree.held is None:
+            continue
+        jacobian = np.zeros((tree.held.count, oracle.nv))
+        jacobian[:, at_v] = tree.jacobian(q[at_q])
+        violation, start = tree.held.of(q[at_q], tree.body_poses(q[at_q])), 0
+        for held in tree.held.constraints:
+            part = slice(start, start := start + ROWS[held.kind])
+            rows[held.name] = jacobian[part], violation[part]
+    names = [held.name for held in oracle.world.constraints]
+    return np.concatenate([rows[name][0] for name in names]), np.concatenate([rows[name][1] for name in names])
 
 
 KINDS = ("fixed", "hinge", "slide", "ball", "hinge")

@@ -7,7 +7,7 @@ coordinates, and what forces on bodies do to joints are Simbody's (OpenSim's, wh
 - the change of coordinates (``simbody_model.py``);
 - what Simbody does not have: armature (added to M, with which accelerations are solved for by numpy then), springs of balls,
   the energy of springs, weighted sums of joints, the law of the fluid, parts of weights;
-- the step of semi-implicit Euler.
+- the step of semi-implicit Euler, and in it the impulses of constraints, with Simbody's M and J.
 """
 
 from __future__ import annotations
@@ -21,7 +21,15 @@ from scipy.spatial.transform import Rotation
 
 from simspec.world.forces import Force
 from simspec.world.gathering import told_inertial
+from simspec.world.types import Connect, Follow, Weld
 from tests.dynamics.simbody_model import Model, opensim, turned, vector
+
+
+def _ends(held: Connect | Weld) -> tuple[np.ndarray, np.ndarray]:
+    """The points of the first and of the second body that are held together, in their frames."""
+    if isinstance(held, Weld):
+        return np.array(held.pose.position), np.zeros(3)
+    return np.array(held.first_point), np.array(held.second_point)
 
 
 class Simbody(Model):
@@ -202,11 +210,63 @@ class Simbody(Model):
             potential += 0.5 * one.stiffness * (length - one.rest) ** 2
         return kinetic, potential
 
+    # --- constraints ----------------------------------------------------------------------------------------------
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """J (rows, nv) of the constraints as ``world/violation.py`` has them: of points and turns by the efforts of unit forces
+        and torques (J is the transpose of what turns them into efforts)."""
+        turn = self.put(q)
+        self.model.realizePosition(self.state)
+        at = {body.joint.name: slot for body, slot in zip(self.world.bodies, self.layout.velocity, strict=True)}
+        rows: list[np.ndarray] = []
+        for held in self.world.constraints:
+            if isinstance(held, Follow):
+                row = np.zeros(self.nv)
+                row[at[held.joint]] += 1.0
+                row[at[held.leader]] -= held.ratio
+                rows.append(row)
+                continue
+            first, second = _ends(held)
+            for unit in np.eye(6)[: 6 if isinstance(held, Weld) else 3]:
+                one, other = (
+                    self._generalised({name: (place, unit[:3], unit[3:])})
+                    for name, place in ((held.first, first), (held.second, second))
+                )
+                rows.append(turn.T @ (one - other))
+        return np.array(rows).reshape(-1, self.nv)
+
+    def violation(self, q: np.ndarray) -> np.ndarray:
+        """φ (rows,) of the constraints."""
+        poses = dict(zip(self.bodies, self.body_poses(q), strict=True))
+        at = {body.joint.name: slot for body, slot in zip(self.world.bodies, self.layout.position, strict=True)}
+        found: list[float] = []
+        for held in self.world.constraints:
+            if isinstance(held, Follow):
+                found.extend(q[at[held.joint]] - held.ratio * q[at[held.leader]] - held.offset)
+                continue
+            (one, turn), (other, own) = poses[held.first], poses[held.second]
+            first, second = _ends(held)
+            found.extend(one + turn @ first - other - own @ second)
+            if isinstance(held, Weld):
+                wanted = turn @ turned(held.pose.quaternion).as_matrix()
+                found.extend(Rotation.from_matrix(wanted @ own.T).as_rotvec())
+        return np.array(found)
+
+    def _held(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """The velocity (nv,) after the impulses of the constraints: J v⁺ = −φ/dt."""
+        jacobian = self.jacobian(q)
+        across = np.linalg.solve(self.mass_matrix(q), jacobian.T)
+        wanted = jacobian @ v + self.violation(q) / self.world.physics.timestep
+        impulse, *_ = np.linalg.lstsq(jacobian @ across, wanted, rcond=1e-10)  # rows may say the same
+        return v - across @ impulse
+
     def motion(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """The state after ``steps`` steps of semi-implicit Euler under a constant effort."""
         q, v, dt = q.copy(), v.copy(), self.world.physics.timestep
         for _ in range(steps):
             v += dt * self.acceleration(q, v, effort)
+            if self.world.constraints:
+                v = self._held(q, v)
             for body, in_q, in_v in zip(self.world.bodies, self.layout.position, self.layout.velocity, strict=True):
                 kind = body.joint.kind
                 if kind in ("hinge", "slide"):

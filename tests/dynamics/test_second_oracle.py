@@ -22,7 +22,9 @@ pytestmark = pytest.mark.skipif(MISSING is not None, reason=MISSING or "")
 
 SPECS = Path(__file__).resolve().parents[2] / "specs"
 ROUND_OFF = 1e-12
-"""The largest of 460 worlds is 1.2e-13 (docs/proof.md)."""
+"""The largest of 510 worlds is 2.5e-13 (docs/proof.md)."""
+HELD_MOTION = 1e-11
+"""Of motion with constraints: what round-off leaves of φ, 1e-16 m, is 1e-13 m/s at 1 ms (measured here: 8e-13)."""
 
 SHIPPED = {
     "every joint": worlds.every_joint,
@@ -41,9 +43,10 @@ SHIPPED = {
 
 
 def agree(world, states=2, steps=20):
-    found = deviations(world, states, 0 if world.constraints else steps)
-    assert set(found) == set(QUANTITIES) - ({"motion"} if world.constraints else set())
-    assert {name: share for name, share in found.items() if not share < ROUND_OFF} == {}
+    found = deviations(world, states, steps)
+    assert set(found) == set(QUANTITIES) - (set() if world.constraints else {"constraints"})
+    allowed = dict.fromkeys(found, ROUND_OFF) | ({"motion": HELD_MOTION} if world.constraints else {})
+    assert {name: share for name, share in found.items() if not share < allowed[name]} == {}
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -56,7 +59,15 @@ def test_random_trees_of_every_joint(seed):
     agree(random_tree(seed))
 
 
-LIBRARY = ("ball-pendulum", "double-pendulum", "spring-damper", "tumbling-body", "gripper", "ur10e-hand")
+LIBRARY = (
+    "ball-pendulum",
+    "double-pendulum",
+    "spring-damper",
+    "tumbling-body",
+    "gripper",
+    "ur10e-hand",
+    "four-bar-push",
+)
 
 
 @pytest.mark.parametrize("name", LIBRARY)
