@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -169,10 +172,24 @@ def part(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
+@functools.lru_cache(maxsize=1)
+def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
+    """Everything in a module, looked up once for all that is asked of it."""
+    return tuple(ast.walk(tree))
+
+
+@functools.cache
+def asked(path: Path) -> dict[Callable[..., Any], Any]:
+    """The answers of every question about a module of simspec, by question: each is read once for all rules."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    questions = (imported_parts, imported_modules, writes, prints, words_as_written, features_in_one_go)
+    return {question: question(tree) for question in questions}
+
+
 def imported_parts(tree: ast.AST) -> set[str]:
     """The parts of simspec that a module imports from, wherever in the module that is."""
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -191,7 +208,7 @@ def test_data_goes_one_way(path):
         return
     own = part(path)
     assert own in ORDER, f"{name}: where does this part stand in the house?"
-    for other in imported_parts(ast.parse(path.read_text(encoding="utf-8"))):
+    for other in asked(path)[imported_parts]:
         if (name, other) in EXCEPTIONS:
             continue
         assert other in ORDER, f"{name} imports {other}, which has no place in the house"
@@ -231,7 +248,7 @@ def test_no_module_imports_itself_by_way_of_others():
     imports = {}
     for path in MODULES:
         name = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
-        imports[name] = imported_modules(ast.parse(path.read_text(encoding="utf-8")))
+        imports[name] = asked(path)[imported_modules]
     assert not circle(imports)
 
 
@@ -271,21 +288,23 @@ SHORT = 3
 
 def says(line: str, word: str) -> bool:
     """Whether a line says the name of an engine or a format."""
+    if word not in line.lower():
+        return False
     if len(word) > SHORT or word in FORMATS:
-        return word in line.lower()
+        return True
     return re.search(rf"(?<![A-Za-z])(?:{word}|{word.upper()}|{word.title()})(?![a-z])", line) is not None
 
 
 def named(path: str, text: str) -> list[str]:
     """Lines of a file that name what is foreign there; comments, docstrings and texts count as code does."""
     allowed = [part for place, part in NAMED_ELSEWHERE if path == place or path.startswith(f"{place}/")]
-    reasons = []
+    foreign, reasons = foreign_words(path), []
     for number, line in enumerate(text.splitlines(), 1):
         if any(line.startswith(part) for part in allowed if part == ">>>"):
             continue
         for part in allowed:
             line = line.replace(part, "")
-        reasons += [f"{path}:{number}: {word}: {line.strip()}" for word in foreign_words(path) if says(line, word)]
+        reasons += [f"{path}:{number}: {word}: {line.strip()}" for word in foreign if says(line, word)]
     return reasons
 
 
@@ -346,7 +365,7 @@ def test_files_stay_readable(path):
 def writes(tree: ast.AST) -> list[tuple[int, str]]:
     """Calls that change a disk: by their names, and ``open`` for anything but reading."""
     found = []
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if not isinstance(node, ast.Call):
             continue
         function = node.func
@@ -370,7 +389,7 @@ def writes(tree: ast.AST) -> list[tuple[int, str]]:
     ids=lambda path: path.relative_to(PACKAGE).as_posix(),
 )
 def test_one_part_writes_for_everybody(path):
-    assert not writes(ast.parse(path.read_text(encoding="utf-8")))
+    assert not asked(path)[writes]
 
 
 SAYERS = {"report/screen.py", "cli.py", "engines/kit/installed.py"}
@@ -384,9 +403,13 @@ SAYERS = {"report/screen.py", "cli.py", "engines/kit/installed.py"}
 )
 def test_nothing_is_printed_but_by_what_escapes_it(path):
     """A file's name may hold what a terminal obeys."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    calls = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    assert not [call.lineno for call in calls if isinstance(call, ast.Name) and call.id == "print"]
+    assert not asked(path)[prints]
+
+
+def prints(tree: ast.AST) -> list[int]:
+    """Lines that print."""
+    calls = [node.func for node in nodes(tree) if isinstance(node, ast.Call)]
+    return [call.lineno for call in calls if isinstance(call, ast.Name) and call.id == "print"]
 
 
 TEMPORARY = {"scratch.py", "mapped.py", "ending.py"}
@@ -400,16 +423,13 @@ have no name."""
     ids=lambda path: path.relative_to(PACKAGE).as_posix(),
 )
 def test_temporary_folders_are_marked(path):
-    text = path.read_text(encoding="utf-8")
-    assert not {"TemporaryDirectory", "mkdtemp", "NamedTemporaryFile", "mkstemp"} & {
-        word for _, word in words_as_written(ast.parse(text))
-    }
+    assert not {"TemporaryDirectory", "mkdtemp", "NamedTemporaryFile", "mkstemp"} & asked(path)[words_as_written]
 
 
 def features_in_one_go(tree: ast.AST) -> list[int]:
     """Lines that go through every feature to make something: a new feature would be declared there without a word."""
     lines = []
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         given: list[ast.expr] = []
         if isinstance(node, ast.Call):
             given = [*node.args, *(key.value for key in node.keywords)]
@@ -427,7 +447,7 @@ def features_in_one_go(tree: ast.AST) -> list[int]:
     ids=lambda path: path.relative_to(PACKAGE).as_posix(),
 )
 def test_tables_of_support_name_every_feature(path):
-    assert not features_in_one_go(ast.parse(path.read_text(encoding="utf-8")))
+    assert not asked(path)[features_in_one_go]
 
 
 def test_tables_that_name_no_feature_are_seen():
@@ -441,12 +461,19 @@ exactly(Feature.JOINT_FIXED); Feature("joint.fixed"); x: Mapping[Feature, Suppor
     assert sorted(features_in_one_go(ast.parse(text))) == [2, 3, 3, 3, 4, 5]
 
 
-def words_as_written(tree):
-    return [
-        (node.lineno, node.attr if isinstance(node, ast.Attribute) else node.id)
-        for node in ast.walk(tree)
+def words_as_written(tree: ast.AST) -> set[str]:
+    """Every name and attribute in a module."""
+    return {
+        node.attr if isinstance(node, ast.Attribute) else node.id
+        for node in nodes(tree)
         if isinstance(node, (ast.Attribute, ast.Name))
-    ]
+    }
+
+
+def test_what_prints_and_what_is_named_is_seen():
+    tree = ast.parse("def f():\n    print(1)\n    x.print(2)\n    tempfile.mkdtemp(mkstemp)\n")
+    assert prints(tree) == [2]
+    assert {"mkdtemp", "mkstemp"} <= words_as_written(tree)
 
 
 def test_what_writes_is_seen():
@@ -464,10 +491,10 @@ def test_imports_are_seen_wherever_they_stand():
 
 def between_tests(tree: ast.Module) -> list[str]:
     """What a module imports from test modules, also inside its functions."""
-    names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    names = [alias.name for node in nodes(tree) if isinstance(node, ast.Import) for alias in node.names]
     names += [
         f"{node.module}.{alias.name}"
-        for node in ast.walk(tree)
+        for node in nodes(tree)
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     ]
