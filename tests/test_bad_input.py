@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -61,38 +64,76 @@ BAD = {
 }
 
 
-BETWEEN = """
-import os, resource, sys
-child = os.fork()
-if child == 0:
-    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[2]),) * 2)
-    os.execv(sys.executable, [sys.executable, "-m", "simspec", *sys.argv[3:]])
-_, status, used = os.wait4(child, 0)
-with open(sys.argv[1], "w") as file:
-    file.write(str(used.ru_maxrss))
-sys.exit(abs(os.waitstatus_to_exitcode(status)))
+SERVER = """
+import json, os, resource, sys
+import simspec.__main__, simspec.cli, simspec.commands.check, simspec.commands.compile, simspec.commands.fmt
+import pint, rich.table, ruamel.yaml, simspec.dynamics.oracle, simspec.language.load, simspec.resolve.scenario
+from simspec.engines.kit.registry import engines
+from simspec.language.foreign import importers
+
+engines(), importers()
+
+def command(words, place, limit, before):
+    os.chdir(place)
+    for number, name in enumerate((os.devnull, "said.out", "said.err")):
+        os.dup2(os.open(name, os.O_RDWR | os.O_CREAT | os.O_TRUNC), number)
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+    exec(before, {})
+    sys.argv = ["simspec", *words]
+    sys.exit(simspec.__main__.main())
+
+def used(*asked):
+    child = os.fork()
+    if child == 0:
+        command(*asked)
+    _, status, usage = os.wait4(child, 0)
+    return os.waitstatus_to_exitcode(status), usage.ru_maxrss
+
+for line in sys.stdin:
+    print(json.dumps(used(*json.loads(line))), flush=True)
 """
-"""Starts the command and measures it: Linux counts for a process also what it was before it became another program, and the
-process of the tests may be a large one."""
+"""Imports simspec once and forks each command, which has the limits of one by itself: its own time, and the memory of all that
+was imported before. Linux counts for a process also what it was before it became another program, and the process of the
+tests may be a large one: therefore none of its own is forked."""
 
 
-def simspec(place, *words):
-    """The command's end and output, and the memory (kB) that it took: its own, and of nothing else."""
-    used = place / "used"
-    done = subprocess.run(
-        [sys.executable, "-c", BETWEEN, used, str(CPU), *words], cwd=place, capture_output=True, text=True, check=False
+@pytest.fixture(scope="module")
+def simspec():
+    """A command's end (exit code, output, errors), and the memory (kB) that it took: its own, and of nothing else."""
+    server = subprocess.Popen(
+        [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
     )
-    return done, int(used.read_text())
+
+    def run(
+        place: Path, *words: str, python: str = "", limit: int = CPU
+    ) -> tuple[subprocess.CompletedProcess[str], int]:
+        server.stdin.write(json.dumps([words, str(place), limit, python]) + "\n")
+        code, used = json.loads(server.stdout.readline())
+        said = [(place / name).read_text() for name in ("said.out", "said.err")]
+        return subprocess.CompletedProcess(words, code, *said), used
+
+    with server:
+        yield run
+        server.stdin.close()
 
 
-def test_the_memory_of_a_command_is_its_own(tmp_path):
+def test_the_memory_of_a_command_is_its_own(simspec, tmp_path):
     large = b"x" * 200_000_000
-    _, used = simspec(tmp_path, "check", "there-is-none.yaml")
-    assert 5_000 < used < 120_000 < len(large) / 1024
+    done, used = simspec(tmp_path, "check", "there-is-none.yaml")
+    assert done.returncode == 2
+    assert 5_000 < used < 160_000 < len(large) / 1024
+
+
+def test_what_takes_too_much_is_measured(simspec, tmp_path):
+    """The limits are those of the one command: its time, its memory."""
+    done, used = simspec(tmp_path, "check", "there-is-none.yaml", python="x = b'x' * 600_000_000")
+    assert used > MEMORY
+    done, _ = simspec(tmp_path, "check", "there-is-none.yaml", python="while True: pass", limit=1)
+    assert -done.returncode in (signal.SIGXCPU, signal.SIGKILL)
 
 
 @pytest.mark.parametrize("kind", BAD)
-def test_a_bad_spec_is_refused_in_bounded_work(tmp_path, kind):
+def test_a_bad_spec_is_refused_in_bounded_work(simspec, tmp_path, kind):
     content, message = BAD[kind]
     (tmp_path / "bad.yaml").write_text(content)
     done, used = simspec(tmp_path, "check", "bad.yaml")
@@ -105,7 +146,7 @@ def test_a_bad_spec_is_refused_in_bounded_work(tmp_path, kind):
 
 @pytest.mark.parametrize("command", [("check",), ("fmt",), ("fmt", "--check"), ("compile",)])
 @pytest.mark.parametrize("target", ["fifo", "/dev/zero", "folder", "large.yaml"])
-def test_what_is_no_spec_is_refused_without_waiting(tmp_path, command, target):
+def test_what_is_no_spec_is_refused_without_waiting(simspec, tmp_path, command, target):
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "folder").mkdir()
     with open(tmp_path / "large.yaml", "wb") as file:
@@ -119,7 +160,7 @@ def test_what_is_no_spec_is_refused_without_waiting(tmp_path, command, target):
 USED = "simspec: 1\nname: part\n%smodel:\n  bodies:\n    b0: {fixed: true}\n"
 
 
-def test_models_of_many_bodies_are_counted_before_they_are_looked_at(tmp_path):
+def test_models_of_many_bodies_are_counted_before_they_are_looked_at(simspec, tmp_path):
     """2,000 models of a file of 9,000 bodies, and models in an array each with excluded pairs."""
     chain = "".join(f"    b{index}: {{parent: b0, joint: {{type: fixed}}}}\n" for index in range(1, 9000))
     (tmp_path / "part.yaml").write_text(USED % "" + chain)
@@ -134,7 +175,7 @@ def test_models_of_many_bodies_are_counted_before_they_are_looked_at(tmp_path):
     assert used < MEMORY
 
 
-def test_copies_of_excluded_pairs_are_counted(tmp_path):
+def test_copies_of_excluded_pairs_are_counted(simspec, tmp_path):
     names = [f"b{index}" for index in range(100)]
     pairs = "".join(f"[{a}, {b}], " for a in names for b in names if a < b)
     rest = "".join(f"    {name}: {{parent: b0, joint: {{type: fixed}}}}\n" for name in names[1:])
@@ -146,7 +187,7 @@ def test_copies_of_excluded_pairs_are_counted(tmp_path):
     assert used < MEMORY
 
 
-def test_overrides_and_files_are_shown_in_part(tmp_path):
+def test_overrides_and_files_are_shown_in_part(simspec, tmp_path):
     (tmp_path / "good.yaml").write_text(HEAD + BALL)
     for words in (
         ("good.yaml", "--set", "k" * 90_000 + "=1"),
