@@ -60,7 +60,12 @@ def own_name_problem(folder: Path, name: str) -> Problem | None:
     marker = read_marker(folder)
     if not os.path.lexists(folder / name) or (marker is not None and marker.owns(name)):
         return None
-    return Problem(f"{str(folder / name)!r} exists, and simspec did not write it", hint=MOVE)
+    return not_ours(folder / name)
+
+
+def not_ours(path: Path) -> Problem:
+    """That a file of somebody else's has a name that simspec writes."""
+    return Problem(f"{str(path)!r} exists, and simspec did not write it", hint=MOVE)
 
 
 def file_problem(path: Path, ours: Callable[[bytes], bool]) -> Problem | None:

@@ -15,7 +15,7 @@ from simspec.errors import Problem, SpecError
 from simspec.outputs import staging
 from simspec.outputs.marker import MARKER_FILE, Marker, check_names
 from simspec.outputs.reading import files_below, read_bytes
-from simspec.outputs.targets import MOVE, Place, check_file, check_folder
+from simspec.outputs.targets import MOVE, Place, check_file, check_folder, not_ours
 
 Content = str | bytes | Callable[[BinaryIO], None]
 """What a file is to hold: text, bytes, or what writes it, for what is too large to have in memory."""
@@ -187,8 +187,7 @@ def _change(folder: Path, kind: str, name: str, change: Callable[[Path | None], 
         known = marker.files if marker is not None else frozenset()
         exists = os.path.lexists(target)
         if exists and name not in known:
-            problem = Problem(f"{str(target)!r} exists, and simspec did not write it", hint=MOVE)
-            raise SpecError([problem])
+            raise SpecError([not_ours(target)])
         content = change(target if exists else None)
         if content is None:
             return False

@@ -22,7 +22,7 @@ from simspec.engines.physx.touching import Depths, Recovery, contact_rows, depth
 from simspec.engines.physx.turning import Turns, turns
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import Document, FreeJoint
+from simspec.formats.world.tree import Document, initial_coordinates
 from simspec.world import frames
 from simspec.world.rotations import cross, rotate
 from simspec.world.sums import JointSum
@@ -63,14 +63,7 @@ class Simulation:
         self.number = {row: index for index, row in enumerate(self.free)}
         self.masses = np.array([actor.mass for actor in self.bodies], dtype=float)
         self.tensors = np.array([held_tensor(actor) for actor in self.bodies]).reshape(-1, 3, 3)
-        q, v = np.zeros((len(self.free), 7)), np.zeros((len(self.free), 6))
-        for number, row in enumerate(self.free):
-            joint = self.document.bodies[row].joint
-            assert isinstance(joint, FreeJoint)
-            turn = frames.normalise(joint.position[3:])
-            q[number], v[number, :3] = (*joint.position[:3], *turn), joint.velocity[:3]
-            v[number, 3:] = frames.rotate(frames.conjugate(turn), joint.velocity[3:])
-        self.move_to(q.ravel(), v.ravel())
+        self.move_to(*map(np.array, initial_coordinates(self.document)))
 
     def _take(self, built: Built) -> None:
         """Step this scene from now on."""

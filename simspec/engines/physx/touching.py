@@ -78,8 +78,7 @@ def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> Depths:
     for contact in contacts:
         deepest = 0.0
         for point in contact.points:
-            separation = point.separation
-            deepest = min(deepest, separation)
+            deepest = min(deepest, point.separation)
         if deepest < 0.0:
             one, other = contact.bodies
             ends += row_of(one, -1), row_of(other, -1)

@@ -212,9 +212,9 @@ def principal(inertia: Sequence[float]) -> tuple[Vector3, Quaternion]:
     """Principal moments and the axes that they are about: the body's own where the tensor is diagonal but for round-off.
 
     Rapier adds what every collider weighs, nothing here, and where one is turned or displaced it finds the axes of the sum
-    anew, by a formula that loses half of all digits where two moments are equal (measured: 1.5e-4 of a cylinder's moments, and
-    up to 4e-2 where the equal ones are the smaller). A sum that is diagonal to the last bit is left as it is. Of tensors that
-    are not, and have equal moments, L1 tells the error.
+    anew, by a formula that loses half of all digits, and all but the first where two moments are nearly equal (measured of 160
+    bodies of one tilted box, capsule or cylinder: 108 are beyond 2e-6, up to 0.42 of the largest moment). Level L1 tells it.
+    A sum that is diagonal keeps its moments; its axes Rapier sorts.
     """
     x, y, z, *across = inertia
     if max(map(abs, across)) <= NOTHING_ACROSS * max(x, y, z):

@@ -31,7 +31,7 @@ from simspec.engines.rapier.turning import (
 )
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import FreeJoint
+from simspec.formats.world.tree import initial_coordinates
 from simspec.world import frames
 from simspec.world.rotations import exponential_of, multiply_of, rotate
 from simspec.world.sums import JointSum
@@ -79,14 +79,7 @@ class Simulation:
         self._take(self.built.world)
         tensors = [(number, tensor_of(held_tensor(body))) for number, body in enumerate(self.bodies)]
         self._spins = [(number, inertia) for number, inertia in tensors if inertia is not None]
-        q, v = np.zeros((len(self.free), 7)), np.zeros((len(self.free), 6))
-        for number, row in enumerate(self.free):
-            joint = self.document.bodies[row].joint
-            assert isinstance(joint, FreeJoint)
-            turn = frames.normalise(joint.position[3:])
-            q[number], v[number, :3] = (*joint.position[:3], *turn), joint.velocity[:3]
-            v[number, 3:] = frames.rotate(frames.conjugate(turn), joint.velocity[3:])
-        self.set_state(q.ravel(), v.ravel())
+        self.set_state(*map(np.array, initial_coordinates(self.document)))
 
     def _take(self, world: Any) -> None:
         """Step this world from now on; Rapier's bodies are found once."""
@@ -113,8 +106,9 @@ class Simulation:
         """The same with the contacts of earlier steps."""
         rapier = self.rapier
         demand_held(NAME, np.concatenate([q, v]), "state")
-        states, speeds = np.asarray(q, dtype=float).reshape(-1, 7), np.asarray(v, dtype=float).reshape(-1, 6)
-        spins = rotate(states[:, 3:] / np.linalg.norm(states[:, 3:], axis=1, keepdims=True), speeds[:, 3:])
+        states, speeds = np.array(q, dtype=float).reshape(-1, 7), np.asarray(v, dtype=float).reshape(-1, 6)
+        states[:, 3:] /= np.linalg.norm(states[:, 3:], axis=1, keepdims=True)
+        spins = rotate(states[:, 3:], speeds[:, 3:])
         rows = zip(self.bodies, states.tolist(), speeds.tolist(), spins.tolist(), strict=True)
         for body, state, speed, spin in rows:
             body.position = rapier.Isometry3(rapier.Vec3(*state[:3]), rapier.Rotation3(*state[3:]))
