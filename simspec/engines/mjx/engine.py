@@ -15,7 +15,7 @@ from simspec.engines.kit.native_law import NativeLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mjx.contact import CONTACT_DEVIATIONS
 from simspec.engines.mjx.settings import SETTINGS
-from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation
+from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation, turns
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.support.declarations import Level, Refinement, Support, Table, alike, approximate, never, not_here
@@ -166,4 +166,4 @@ class Mjx(MjxSimulation):
         found[CONE_OF_FILE] = found["opt.cone"]
         if not any(map(_rubs, meeting_laws(world).values())):
             found["opt.cone"] = PYRAMIDAL
-        return found
+        return found | turns(world.bodies)
