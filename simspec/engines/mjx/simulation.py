@@ -28,8 +28,8 @@ from simspec.world.types import Body, Quaternion, ReadBack
 CONE_OF_FILE = "file.opt.cone"
 """In the inventory: the cone that stands in the file, where MJX is given another."""
 TURN = "geom.{}.quat"
-"""In the inventory: how a shape is turned, also within its own symmetry. To MJX half a turn of a box is of effect: it finds other
-points of contact, and the same scene moves otherwise (measured: by up to 0.6 of a motion's own length)."""
+"""In the inventory: how a shape is turned, also within its own symmetry. To MJX half a turn of a box is of effect: it finds
+other points of contact, and the same scene moves otherwise (measured: by up to 0.6 of a motion's own length)."""
 UNTURNED = ("mesh", "heightfield")
 """Kinds of shapes of which the engine keeps another frame than the file's."""
 
