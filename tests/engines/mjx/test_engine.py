@@ -43,6 +43,14 @@ def test_contacts_with_and_without_friction_are_refused_in_one_world():
     assert "MJX has no contacts without friction, which grey and smooth have" in refused(worlds.table(table))
 
 
+def test_the_pyramid_is_refused_where_anything_has_friction():
+    """There what rests overlaps by less than MJX tells corners of faces apart at."""
+    assert "faces that overlap by less than 1 µm" in refused(worlds.with_cone("pyramid-inscribed"))
+    slippery = shipped.shapes_world(("sphere",), friction=0.0)
+    contact = dataclasses.replace(slippery.contact, friction_cone="pyramid-inscribed")
+    assert compile_world(dataclasses.replace(slippery, contact=contact), ["mjx"])
+
+
 def test_too_many_contacts_are_refused():
     assert compile_world(accepting(worlds.spheres(27), "mjx"), ["mjx"])
     assert "dense matrix, here of more than 1,000,000 numbers" in refused(worlds.spheres(216))
