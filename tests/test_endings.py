@@ -18,6 +18,7 @@ import pytest
 from simspec import ending, scratch
 from simspec.engines.kit import keeper, process
 from simspec.errors import EngineError
+from tests.own_cache import own_cache
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 
@@ -36,6 +37,7 @@ SIGNALS = {"SIGINT": 130, "SIGTERM": 143, "SIGHUP": 129, "SIGKILL": -9}
 def place(tmp_path):
     """A folder with a long-running spec, and the folder for temporary files."""
     (tmp_path / "tmp").mkdir()
+    own_cache(tmp_path)
     (tmp_path / "long.yaml").write_text(SPEC)
     return tmp_path
 

@@ -11,6 +11,7 @@ from simspec import cli, selection
 from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
 from tests.installed import INSTALLED, LEFT_OUT
+from tests.own_cache import own_cache
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -50,7 +51,7 @@ WRONG = BALL.replace("mujoco: {", "mujoco: {settings: {nothing: 1}, ")
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_CACHE_HOME", own_cache(tmp_path))
 
     def write(text):
         (tmp_path / "ball.yaml").write_text(text)

@@ -11,6 +11,7 @@ from simspec import cli, compiler
 from simspec.dialects.kit.contract import Dialect, dialects
 from simspec.dynamics.oracle import Oracle
 from tests.installed import INSTALLED, LEFT_OUT
+from tests.own_cache import own_cache
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -59,7 +60,7 @@ def steps(tmp_path, monkeypatch):
     count(Dialect, "read", lambda self, folder: ("read", folder.name))
     count(Oracle, "__init__", lambda self, world: of(world, "oracle"))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_CACHE_HOME", own_cache(tmp_path))
     (tmp_path / "ball.yaml").write_text(SPEC)
     return counts
 

@@ -29,6 +29,7 @@ from simspec.world.types import Hardness, PairContact
 from tests import worlds
 from tests.declared import with_the_cone
 from tests.installed import JOINTED
+from tests.own_cache import own_cache
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -61,8 +62,8 @@ PROBES = (
 
 
 @pytest.fixture(autouse=True)
-def own_cache(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def empty_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", own_cache(tmp_path))
 
 
 @pytest.fixture
