@@ -15,7 +15,7 @@ from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD as SDF_WORLD
 from simspec.formats.sdf.format import Sdf
-from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Copy, Document, FixedJoint, FreeJoint, parent_of
+from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Copy, Document, FreeJoint, rows_of
 from simspec.world.types import Inertial, Pose
 
 KINDS = ("fixed", "hinge", "slide", "ball", "free")
@@ -49,16 +49,8 @@ class Plan:
     def __init__(self, document: Document):
         self.document = document
         rows = {body.name: row for row, body in enumerate(document.bodies)}
-        self.parents = [rows.get(parent_of(body.joint) or "", -1) for body in document.bodies]
-        self.roots: list[int] = []
-        """Of each body the root of its tree."""
-        self.groups: list[int] = []
-        """Of each body a number of its rigid group, -1 where it cannot move."""
-        for row, body in enumerate(document.bodies):
-            parent = self.parents[row]
-            self.roots.append(row if parent < 0 else self.roots[parent])
-            still = -1 if parent < 0 else self.groups[parent]
-            self.groups.append(still if isinstance(body.joint, FixedJoint) else row)
+        hanging = rows_of(document.bodies)
+        self.parents, self.roots, self.groups = hanging.parents, hanging.roots, hanging.groups
         self.units = [
             Unit(f"s{row}_{place}_{copy.layer}", row, place, shape.material, copy.layer)
             for row, body in enumerate(document.bodies)

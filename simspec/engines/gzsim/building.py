@@ -10,7 +10,7 @@ from simspec.engines.gzsim.bindings import NAME
 from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD, Sdf
-from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, parent_of
+from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, rows_of
 from simspec.world.types import Inertial, Pose
 
 PHYSICS: Final = sdf.System("gz-sim-physics-system", "gz::sim::systems::Physics")
@@ -25,15 +25,11 @@ class Plan:
 
     def __init__(self, document: Document):
         self.document = document
-        rows = {body.name: row for row, body in enumerate(document.bodies)}
-        self.parents = [rows.get(parent_of(body.joint) or "", -1) for body in document.bodies]
-        self.roots: list[int] = []
-        self.moves: list[bool] = []
-        for row, body in enumerate(document.bodies):
-            parent = self.parents[row]
-            self.roots.append(row if parent < 0 else self.roots[parent])
-            self.moves.append(not isinstance(body.joint, FixedJoint) or (parent >= 0 and self.moves[parent]))
-            self._check(body, self.moves[row])
+        hanging = rows_of(document.bodies)
+        self.parents, self.roots = hanging.parents, hanging.roots
+        self.moves = [group >= 0 for group in hanging.groups]
+        for body, moves in zip(document.bodies, self.moves, strict=True):
+            self._check(body, moves)
 
     def _check(self, body: Body, moves: bool) -> None:
         if not isinstance(body.joint, FixedJoint | AxisJoint | FreeJoint):

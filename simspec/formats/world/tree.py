@@ -8,6 +8,7 @@ of mass, as in every format (``passes.recentre_free_roots``). The annotations ar
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -155,6 +156,29 @@ class Document:
 def parent_of(joint: Joint) -> str | None:
     """The name of the body that a joint hangs on; None for the world."""
     return None if isinstance(joint, FreeJoint) else joint.parent
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """How bodies hang together, by their rows. ``parents``: -1 is the world; ``roots``: of the tree that a body is in;
+    ``groups``: the body by whose joint a rigid group moves, -1 of what cannot move."""
+
+    parents: tuple[int, ...]
+    roots: tuple[int, ...]
+    groups: tuple[int, ...]
+
+
+def rows_of(bodies: Sequence[Body]) -> Rows:
+    """How ``bodies`` hang together, every parent before its children."""
+    number = {body.name: row for row, body in enumerate(bodies)}
+    parents = tuple(-1 if (above := parent_of(body.joint)) is None else number[above] for body in bodies)
+    roots: list[int] = []
+    groups: list[int] = []
+    for row, (body, parent) in enumerate(zip(bodies, parents, strict=True)):
+        roots.append(row if parent < 0 else roots[parent])
+        still = -1 if parent < 0 else groups[parent]
+        groups.append(still if isinstance(body.joint, FixedJoint) else row)
+    return Rows(parents, tuple(roots), tuple(groups))
 
 
 def state_of(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
