@@ -30,7 +30,7 @@ CONE_OF_FILE = "file.opt.cone"
 TURN = "geom.{}.quat"
 """In the inventory: how a shape is turned, also within its own symmetry. To MJX half a turn of a box is of effect: it finds
 other points of contact, and the same scene moves otherwise (measured: by up to 0.6 of a motion's own length)."""
-UNTURNED = ("mesh", "heightfield")
+REFRAMED = ("mesh", "heightfield")
 """Kinds of shapes of which the engine keeps another frame than the file's."""
 
 
@@ -40,7 +40,7 @@ def turns(bodies: Sequence[Body]) -> dict[str, Quaternion]:
         TURN.format(shape.name): shape.pose.quaternion
         for body in bodies
         for shape in body.shapes
-        if shape.kind not in UNTURNED
+        if shape.kind not in REFRAMED
     }
 
 
