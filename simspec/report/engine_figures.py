@@ -19,7 +19,8 @@ LINK = "studies/every-engine/study.md"
 LARGEST = 64 * 2**20
 """Bytes of a study that are read."""
 HEAD = "| scenario, timestep | a step, processor time | × real time | all that is expected holds | the same run again | gap |"
-NOTE = "Gap: the mean distance of all bodies from {first}'s, {length:g} ms after both began in the same state; mean of {windows} such windows."
+NOTE = """Gap: the mean distance of all bodies from {first}'s, {length:g} ms after both began in the same state; mean of
+{windows} such windows."""
 
 
 def closeness(name: str, certificates: Mapping[str, Certificate]) -> Iterator[str]:

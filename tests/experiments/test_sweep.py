@@ -211,7 +211,7 @@ def test_what_engines_are_told_is_checked_as_elsewhere(store):
     assert (outcome.ran, outcome.invalid_count, outcome.exit_code(0, 0)) == (2, 1, 2), "the other engine is not told of it"
     (problem,) = outcome.invalid
     assert problem.message == "mujoco has no setting 'no_such_setting'"
-    assert problem.location is not None
+    assert problem.path == "engines.mujoco.settings.no_such_setting"
 
 
 def test_times_that_are_rounded_up_are_told_with_the_run_and_the_results(store, capsys):
