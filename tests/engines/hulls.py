@@ -53,9 +53,8 @@ def still(name: str, kind: str, size: tuple[float, ...], at: tuple[float, float,
     return dataclasses.replace(body, joint=joint, inertial=Inertial(0.0), shapes=(shape,))
 
 
-def check_corners(load, engine) -> None:
+def check_corners(load, engine, size: tuple[float, ...]) -> None:
     """Hulls are read back as they were told, and a corner that is moved, left out or added is seen."""
-    size = random_hull(1)
     world = scene(solid("hull", size, (0.0, 0.0, 1.0)))
     held = load(world).read_back()
     assert failures(read_back_checks(world, engine, held)) == []
@@ -66,13 +65,16 @@ def check_corners(load, engine) -> None:
         "left out": lambda told: told.__delitem__(slice(0, 3)),
         "added": lambda told: told.extend([0.0, 0.0, 0.3]),
     }
-    for name, change in changes.items():
+
+    def seen(change) -> bool:
+        """Whether the engine refuses it, or its read-back shows it."""
         try:
-            other = load(world, lambda content, _, change=change: change(of("hull")(content)["shapes"][0]["size"]))
-        except EngineError as error:
-            assert "'hull'" in str(error), name
-            continue
-        assert failures(read_back_checks(world, engine, other.read_back())), name
+            other = load(world, lambda content, _: change(of("hull")(content)["shapes"][0]["size"]))
+        except EngineError:
+            return True
+        return bool(failures(read_back_checks(world, engine, other.read_back())))
+
+    assert [name for name, change in changes.items() if not seen(change)] == []
 
 
 def check_stands(load, floor: Body | None, moving: list[Body], seconds: float = 0.5) -> None:

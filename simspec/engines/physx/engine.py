@@ -135,8 +135,8 @@ class PhysX(SteppedEngine[Simulation]):
         ),
         Feature.SHAPE_MESH: Support(
             Level.EXACT,
-            "the convex hull, of up to 255 faces, each corner of which reaches further beyond the hull of the others than 3.6e-4 "
-            "of the sum of its extents: PhysX leaves others out",
+            "the convex hull, of up to 255 faces, each corner of which reaches further beyond the hull of the others than "
+            "3.6e-4 of the sum of its extents: PhysX leaves others out",
             refine=hulls_held,
         ),
         Feature.SHAPE_MARGIN: never("PhysX's contact begins where shapes touch"),
