@@ -40,7 +40,9 @@ STACKS = (
     "hulls stand on each other less still than boxes: a stack of five cubes falls over in 0.5 s, and of 60 stacks of three one "
     "shifts by 5.8 mm (boxes by 0.2 mm at most; one hull rests on another to 2e-7 m)"
 )
-STACKS_SHORT = "stacks of three hulls shift by mm, and of five fall over"
+STACKED = Refinement(
+    Level.APPROXIMATE, f"the convex hull; {STACKS}", "stacks of three hulls shift by mm, and of five fall over"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +76,7 @@ def hulls_held(world: World) -> Refinement | None:
             f"of faces that meet at less than 1.5° Rapier makes one, so that {other!r} may feel {name!r} up to "
             f"{1e3 * size:.2g} mm off, and no hull is further off"
         )
-    short = STACKS_SHORT if stacked else MERGED_SHORT
+    short = STACKED.short if stacked else MERGED_SHORT
     return Refinement(Level.APPROXIMATE, f"the convex hull; {'; '.join(found)}", short) if found else None
 
 
