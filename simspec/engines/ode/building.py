@@ -23,7 +23,7 @@ ERROR_REDUCTION = 0.01
 """β of the common law (:class:`simspec.world.types.Hardness`)."""
 KINDS = ("fixed", "hinge", "slide", "ball", "free")
 """As the part in C numbers them."""
-SHAPES = ("sphere", "box", "cylinder", "capsule", "plane")
+SHAPES = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
 """The same of shapes."""
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
 """The same of friction cones."""
@@ -113,12 +113,13 @@ class Built:
                 continue
             made = -1
             if shape.kind in SHAPES:
-                size = (*shape.size, *[0.0] * SIZES)[:SIZES]
+                size = (*shape.size, *[0.0] * SIZES)[: max(SIZES, len(shape.size))]
                 made = self.library.sim_shape(
                     self.sim,
                     row,
                     SHAPES.index(shape.kind),
                     numbers(size),
+                    len(shape.size) // 3,
                     numbers((*shape.pose.position, *shape.pose.quaternion)),
                     self.materials.index(shape.material),
                     self.groups.index(body.group),

@@ -21,8 +21,8 @@ from simspec.errors import EngineError
 NAME = "ode"
 PACKAGE = "ode >= 0.16"
 FOLDER = Path(__file__).parent / "shim"
-SOURCES = ("world.c", "motion.c", "contact.c", "step.c")
-HEADERS = ("simspec_ode.h",)
+SOURCES = ("world.c", "motion.c", "contact.c", "step.c", "hulls.c", "overlap.c", "manifold.c")
+HEADERS = ("simspec_ode.h", "simspec_hulls.h")
 PART = Compiled(
     NAME,
     "ode-shim",
@@ -51,7 +51,7 @@ SHIM: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
         Integer,
         (Pointer, Integer, Integer, Numbers, Numbers, Number, Numbers, Numbers, Numbers, Integer),
     ),
-    "sim_shape": (Integer, (Pointer, Integer, Integer, Numbers, Numbers, Integer, Integer)),
+    "sim_shape": (Integer, (Pointer, Integer, Integer, Numbers, Integer, Numbers, Integer, Integer)),
     "sim_law": (None, (Pointer, Integer, Integer, Numbers)),
     "sim_told_law": (None, (Pointer, Integer, Integer, Numbers)),
     "sim_ignore": (None, (Pointer, Integer, Integer)),
@@ -74,6 +74,8 @@ SHIM: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "sim_energy": (None, (Pointer, Numbers)),
     "sim_apart": (Integer, (Pointer, Integer, Integer)),
     "sim_touching": (Integer, (Pointer, Integers, Integer)),
+    "sim_hull": (Integer, (Pointer, Numbers)),
+    "sim_hull_class": (Integer, ()),
     "sim_points": (None, (Pointer, Integers, Numbers)),
     "sim_contact": (None, (Pointer, Integer)),
     "sim_no_dry_friction": (None, (Pointer, Integer)),

@@ -151,11 +151,17 @@ def _shapes(sim: Simulation, row: int, body: Told, solid: Sequence[int]) -> list
 
 def _solid(sim: Simulation, row: int, number: int, told: ToldShape) -> Shape:
     geom = sim.library.sim_geom(sim.sim, number)
-    kind = CLASSES[sim.library.dGeomGetClass(geom)]
+    kind = kind_of(sim, geom)
     surfaces = (Surface(0.0, 0.0, 0.0, 0.0),)
     return Shape(
         told.name, kind, size_of(sim, geom, kind), pose_of(sim, row, geom, kind), visual=False, surfaces=surfaces
     )
+
+
+def kind_of(sim: Simulation, geom: Any) -> str:
+    """What a geom is: one of ODE's classes, or of the one of hulls."""
+    held = sim.library.dGeomGetClass(geom)
+    return "mesh" if held == sim.library.sim_hull_class() else CLASSES[held]
 
 
 def size_of(sim: Simulation, geom: Any, kind: str) -> tuple[float, ...]:
@@ -167,6 +173,10 @@ def size_of(sim: Simulation, geom: Any, kind: str) -> tuple[float, ...]:
         return tuple(asked(lib.dGeomBoxGetLengths, geom, 3))
     if kind == "plane":
         return ()
+    if kind == "mesh":
+        vertices = numbers((0.0,) * (3 * lib.sim_hull(geom, None)))
+        lib.sim_hull(geom, vertices)
+        return tuple(vertices)
     ask = lib.dGeomCapsuleGetParams if kind == "capsule" else lib.dGeomCylinderGetParams
     radius, length = numbers((0.0,)), numbers((0.0,))
     ask(geom, radius, length)

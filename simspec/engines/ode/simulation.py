@@ -178,9 +178,9 @@ class Simulation:
 
     def messages(self) -> list[str]:
         """What ODE said, and steps that had to be solved again."""
-        counts = (ctypes.c_long * 3)()
+        counts = (ctypes.c_long * 4)()
         self.library.sim_counts(self.sim, counts)
-        retries, unsolved, said = counts
+        retries, unsolved, said, doubtful = counts
         lines = []
         if said:
             lines.append(f"{self.library.sim_text(self.sim).decode(errors='replace').strip()} ({said} messages)")
@@ -192,6 +192,8 @@ class Simulation:
             lines.append(
                 f"{unsolved} steps that ODE did not solve, with contacts as soft as they may be: forces are missing there"
             )
+        if doubtful:
+            lines.append(f"{doubtful} overlaps of hulls may be told too deep by more than 1e-9 m")
         return lines
 
     def close(self) -> None:

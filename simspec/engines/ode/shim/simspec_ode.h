@@ -1,4 +1,5 @@
-/* What ODE does not do from Python at speed, and what its joints do not do by themselves: see world.c, motion.c, contact.c, step.c.
+/* What ODE does not do from Python at speed, and what its joints do not do by themselves: see world.c, motion.c, contact.c, step.c,
+   hulls.c.
    All lengths in m, kg, s; vectors in world axes unless said. */
 #ifndef SIMSPEC_ODE_H
 #define SIMSPEC_ODE_H
@@ -55,7 +56,7 @@ typedef struct {
   double *q, *u, *start, timestep;
   int cone, quick, contact, lost, jointed;
   int native;               /* bodies stay where ODE's steps leave them */
-  long retries, unsolved;
+  long retries, unsolved, doubtful;
   char text[TEXT]; long messages; jmp_buf trap; int armed;
 } Sim;
 
@@ -82,4 +83,9 @@ void aim(Sim *s);
 double aim_again(Sim *s);
 int rubs(const Sim *s, const Law *law);
 int apart(Sim *s, const Shape *one, const Shape *two);
+
+/* hulls.c */
+void hulls_start(void);
+long hulls_doubted(void);
+dGeomID hull_new(dSpaceID space, const double *vertices, int count);
 #endif
