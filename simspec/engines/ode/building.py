@@ -112,6 +112,10 @@ class Built:
             if not shape.copies:
                 continue
             made = -1
+            if shape.kind == "mesh" and flat(shape.size):
+                raise EngineError(
+                    NAME, f"does not support the size of the mesh {shape.name!r}, whose corners are in one plane"
+                )
             if shape.kind in SHAPES:
                 size = (*shape.size, *[0.0] * SIZES)[: max(SIZES, len(shape.size))]
                 made = self.library.sim_shape(
@@ -174,6 +178,12 @@ def not_held(law: PairContact) -> str | None:
     if law.margin is not None:
         return "a margin"
     return None
+
+
+def flat(size: tuple[float, ...]) -> bool:
+    """Whether vertices have no solid between them, of which overlaps have no depth."""
+    corners = np.array(size).reshape(-1, 3)
+    return bool(np.linalg.matrix_rank(corners - corners.mean(axis=0)) < corners.shape[1])
 
 
 def regular(inertia: tuple[float, ...]) -> bool:

@@ -51,10 +51,10 @@ from simspec.world.types import HeldValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for ODE"
 _HULLS = (
-    "the convex hull, to the last bit, as a class of geoms of simspec's own, whose points of contact with everything, up to 16 of "
-    "a pair, its part in C finds: depth and normal of the least way out, to 1e-14 m (to 1e-12 of the shapes' extent with "
-    "cylinders). ODE's own convex geoms have one point on boxes, cylinders and each other, its meshes of triangles points 0.9 m "
-    "deep with normals sideways where cubes of 1 m overlap by 1 mm (measured)"
+    "the convex hull, to the last bit, as a class of geoms of simspec's own, whose points of contact with everything, up to 16 "
+    "of a pair, its part in C finds: depth and normal of the least way out, to 1e-14 m (to 1e-12 of the shapes' extent with "
+    "cylinders). ODE's own convex geoms have one point on boxes, cylinders and each other, its meshes of triangles have points "
+    "0.9 m deep with normals sideways where cubes of 1 m overlap by 1 mm (measured)"
 )
 _MOMENTS = (
     "motors of speed 0 at every point, bound by the normal force of the solution before: ODE's own rows have the world's "
