@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.ode.sidecar import OdeSidecar
+from simspec.engines.kit.hulls import check_solid
 from simspec.engines.ode.library import NAME, Library, numbers
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, parent_of
@@ -112,10 +113,8 @@ class Built:
             if not shape.copies:
                 continue
             made = -1
-            if shape.kind == "mesh" and flat(shape.size):
-                raise EngineError(
-                    NAME, f"does not support the size of the mesh {shape.name!r}, whose corners are in one plane"
-                )
+            if shape.kind == "mesh":
+                check_solid(NAME, shape.name, shape.size)
             if shape.kind in SHAPES:
                 size = (*shape.size, *[0.0] * SIZES)[: max(SIZES, len(shape.size))]
                 made = self.library.sim_shape(
@@ -178,12 +177,6 @@ def not_held(law: PairContact) -> str | None:
     if law.margin is not None:
         return "a margin"
     return None
-
-
-def flat(size: tuple[float, ...]) -> bool:
-    """Whether vertices have no solid between them, of which overlaps have no depth."""
-    corners = np.array(size).reshape(-1, 3)
-    return bool(np.linalg.matrix_rank(corners - corners.mean(axis=0)) < corners.shape[1])
 
 
 def regular(inertia: tuple[float, ...]) -> bool:

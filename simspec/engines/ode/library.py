@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.engines.kit import hulls
 from simspec.engines.kit.compiled import Compiled
 from simspec.engines.kit.needs import Needs
 from simspec.errors import EngineError
@@ -21,15 +22,15 @@ from simspec.errors import EngineError
 NAME = "ode"
 PACKAGE = "ode >= 0.16"
 FOLDER = Path(__file__).parent / "shim"
-SOURCES = ("world.c", "motion.c", "contact.c", "step.c", "hulls.c", "overlap.c", "manifold.c")
-HEADERS = ("simspec_ode.h", "simspec_hulls.h")
+SOURCES = ("world.c", "motion.c", "contact.c", "step.c")
+HEADERS = ("simspec_ode.h",)
 PART = Compiled(
     NAME,
     "ode-shim",
-    tuple(FOLDER / name for name in SOURCES),
-    headers=tuple(FOLDER / name for name in HEADERS),
+    (*(FOLDER / name for name in SOURCES), *hulls.SOURCES),
+    headers=(*(FOLDER / name for name in HEADERS), *hulls.HEADERS),
     packages=(PACKAGE,),
-    flags=("-std=c99", "-O2", "-ffp-contract=off"),
+    flags=hulls.FLAGS,
     links=("-lm",),
 )
 NEEDS = Needs(
@@ -74,8 +75,6 @@ SHIM: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "sim_energy": (None, (Pointer, Numbers)),
     "sim_apart": (Integer, (Pointer, Integer, Integer)),
     "sim_touching": (Integer, (Pointer, Integers, Integer)),
-    "sim_hull": (Integer, (Pointer, Numbers)),
-    "sim_hull_class": (Integer, ()),
     "sim_points": (None, (Pointer, Integers, Numbers)),
     "sim_contact": (None, (Pointer, Integer)),
     "sim_no_dry_friction": (None, (Pointer, Integer)),
@@ -164,7 +163,7 @@ class Library:
 
     def __init__(self, shim: ctypes.CDLL):
         # the part in C is linked with ODE, whose functions are found through it
-        for name, (result, arguments) in {**SHIM, **ODE}.items():
+        for name, (result, arguments) in {**SHIM, **ODE, **hulls.FUNCTIONS}.items():
             function = getattr(shim, name)
             function.restype, function.argtypes = result, arguments
             setattr(self, name, function)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.kit.hulls import vertices_of
 from simspec.engines.ode.building import CONES
 from simspec.engines.ode.library import Mass, Numbers, numbers
 from simspec.engines.ode.simulation import Simulation, quaternions
@@ -160,8 +161,7 @@ def _solid(sim: Simulation, row: int, number: int, told: ToldShape) -> Shape:
 
 def kind_of(sim: Simulation, geom: Any) -> str:
     """What a geom is: one of ODE's classes, or of the one of hulls."""
-    held = sim.library.dGeomGetClass(geom)
-    return "mesh" if held == sim.library.sim_hull_class() else CLASSES[held]
+    return "mesh" if sim.library.hull_is(geom) else CLASSES[sim.library.dGeomGetClass(geom)]
 
 
 def size_of(sim: Simulation, geom: Any, kind: str) -> tuple[float, ...]:
@@ -174,9 +174,7 @@ def size_of(sim: Simulation, geom: Any, kind: str) -> tuple[float, ...]:
     if kind == "plane":
         return ()
     if kind == "mesh":
-        vertices = numbers((0.0,) * (3 * lib.sim_hull(geom, None)))
-        lib.sim_hull(geom, vertices)
-        return tuple(vertices)
+        return vertices_of(lib, geom)
     ask = lib.dGeomCapsuleGetParams if kind == "capsule" else lib.dGeomCylinderGetParams
     radius, length = numbers((0.0,)), numbers((0.0,))
     ask(geom, radius, length)

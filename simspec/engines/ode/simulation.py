@@ -11,6 +11,7 @@ import numpy as np
 
 from simspec.dialects.ode.sidecar import OdeSidecar
 from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.hulls import DOUBTED
 from simspec.engines.ode.building import Built
 from simspec.engines.ode.library import NAME, Integers, library, pointer
 from simspec.errors import EngineError
@@ -193,7 +194,7 @@ class Simulation:
                 f"{unsolved} steps that ODE did not solve, with contacts as soft as they may be: forces are missing there"
             )
         if doubtful:
-            lines.append(f"{doubtful} overlaps of hulls may be told too deep by more than 1e-9 m")
+            lines.append(DOUBTED.format(doubtful))
         return lines
 
     def close(self) -> None:

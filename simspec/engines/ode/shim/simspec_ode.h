@@ -1,5 +1,4 @@
-/* What ODE does not do from Python at speed, and what its joints do not do by themselves: see world.c, motion.c, contact.c, step.c,
-   hulls.c.
+/* What ODE does not do from Python at speed, and what its joints do not do by themselves: see world.c, motion.c, contact.c, step.c.
    All lengths in m, kg, s; vectors in world axes unless said. */
 #ifndef SIMSPEC_ODE_H
 #define SIMSPEC_ODE_H
@@ -84,7 +83,7 @@ double aim_again(Sim *s);
 int rubs(const Sim *s, const Law *law);
 int apart(Sim *s, const Shape *one, const Shape *two);
 
-/* hulls.c */
+/* engines/kit/hulls/hulls.c */
 void hulls_start(void);
 long hulls_doubted(void);
 dGeomID hull_new(dSpaceID space, const double *vertices, int count);

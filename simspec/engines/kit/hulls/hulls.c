@@ -1,14 +1,14 @@
 /* Convex hulls as a class of geoms, by which ODE's own collision asks for their boxes and for their points of contact with
    everything else. ODE's own convex geoms meet boxes, cylinders and each other in one point, or in a plane of points. */
-#include "simspec_ode.h"
 #include "simspec_hulls.h"
+#include <ode/ode.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 static int hull_class = -1;
 static long doubtful;
-#define DOUBT 1e-9 /* m: what a depth may be uncertain by without a word */
+#define DOUBT 1e-8 /* m: what a depth may be uncertain by without a word */
 
 /* What a geom of the class has: the vertices in its frame. */
 typedef struct { int count; double *vertex; } Hull;
@@ -131,7 +131,22 @@ dGeomID hull_new(dSpaceID space, const double *vertices, int count) {
   return g;
 }
 
-int sim_hull_class(void) { return hull_class; }
+/* Puts a hull where the geom of a space with this data is, which is then out of use; 0 where there is none. */
+dGeomID hull_instead(dSpaceID space, void *data, const double *vertices, int count) {
+  dGeomID before = 0, g;
+  for (int k = 0; k < dSpaceGetNumGeoms(space); k++)
+    if (dGeomGetData(dSpaceGetGeom(space, k)) == data) before = dSpaceGetGeom(space, k);
+  if (!before || !dGeomGetBody(before)) return 0;
+  hulls_start();
+  g = hull_new(space, vertices, count);
+  dGeomSetData(g, data);
+  dGeomSetBody(g, dGeomGetBody(before));
+  dGeomDisable(before);
+  return g;
+}
+
+/* Whether a geom is a hull in use. */
+int hull_is(dGeomID g) { return dGeomGetClass(g) == hull_class && dGeomIsEnabled(g); }
 
 /* How many overlaps were found with doubt since it was asked last. */
 long hulls_doubted(void) {
@@ -141,8 +156,7 @@ long hulls_doubted(void) {
 }
 
 /* The vertices that a hull's geom has: their number, and where there is room for them which. */
-int sim_hull(dGeomID g, double *vertices) {
-  if (dGeomGetClass(g) != hull_class) return 0;
+int hull_vertices(dGeomID g, double *vertices) {
   const Hull *h = dGeomGetClassData(g);
   if (vertices) memcpy(vertices, h->vertex, h->count * 24);
   return h->count;
