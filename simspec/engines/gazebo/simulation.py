@@ -223,6 +223,9 @@ class Simulation:
 
     def disable_contact(self) -> None:
         """Nothing touches anything."""
+        for geom in self.hulls.values():
+            hull_library().hull_gone(geom)
+        self.hulls = {}
         self.library.gz_no_contact(self.sim)
 
     def disable_dry_friction(self, v: np.ndarray) -> None:

@@ -29,7 +29,7 @@ from tests.files import write
 from tests.planted import SHARED
 
 installed = pytest.mark.skipif(Gazebo.version() is None, reason="gz-physics or a C++ compiler is not installed")
-REFUSED = ("rolling", "meshes", "ground")
+REFUSED = ("rolling", "ground")
 DT = 0.001
 
 

@@ -23,6 +23,7 @@ FUNCTIONS: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "hull_is": (ctypes.c_int, (Pointer,)),
     "hull_vertices": (ctypes.c_int, (Pointer, Numbers)),
     "hull_instead": (Pointer, (Pointer, Pointer, Numbers, ctypes.c_int)),
+    "hull_gone": (None, (Pointer,)),
     "hulls_doubted": (ctypes.c_long, ()),
 }
 """The functions that are called from Python: result and arguments."""

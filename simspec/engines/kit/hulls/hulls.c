@@ -145,6 +145,9 @@ dGeomID hull_instead(dSpaceID space, void *data, const double *vertices, int cou
   return g;
 }
 
+/* Takes it away; what it stands for stays out of use. */
+void hull_gone(dGeomID g) { dGeomDestroy(g); }
+
 /* Whether a geom is a hull in use. */
 int hull_is(dGeomID g) { return dGeomGetClass(g) == hull_class && dGeomIsEnabled(g); }
 
