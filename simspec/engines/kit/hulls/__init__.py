@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from simspec.errors import EngineError
 
 FOLDER = Path(__file__).parent
@@ -39,8 +41,6 @@ def vertices_of(library: Any, geom: Any) -> tuple[float, ...]:
 
 def check_solid(engine: str, name: str, size: tuple[float, ...]) -> None:
     """Raises EngineError where vertices have no solid between them, of which overlaps have no depth."""
-    import numpy as np
-
     corners = np.array(size).reshape(-1, 3)
     if np.linalg.matrix_rank(corners - corners.mean(axis=0)) < corners.shape[1]:
         raise EngineError(engine, f"does not support the size of the mesh {name!r}, whose corners are in one plane")
