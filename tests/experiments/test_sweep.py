@@ -208,7 +208,9 @@ def test_what_engines_are_told_is_checked_as_elsewhere(store):
     wrong = spec(over={"engines.mujoco.settings": [{}, {"no_such_setting": 1}]})
     engines = Engines()
     outcome = do(store, engines, wrong)
-    assert (outcome.ran, outcome.invalid_count, outcome.exit_code(0, 0)) == (2, 1, 2), "the other engine is not told of it"
+    assert (outcome.ran, outcome.invalid_count, outcome.exit_code(0, 0)) == (2, 1, 2), (
+        "the other engine is not told of it"
+    )
     (problem,) = outcome.invalid
     assert problem.message == "mujoco has no setting 'no_such_setting'"
     assert problem.path == "engines.mujoco.settings.no_such_setting"
