@@ -24,6 +24,7 @@ from simspec.engines.kit.precision import SINGLE
 from simspec.engines.kit.refinements import only_balls_slide, planes_still, still_or_light
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
+from simspec.engines.rapier.balls import SMALL, balls
 from simspec.engines.rapier.expected import expected
 from simspec.engines.rapier.hulls import STACKED, hulls_held
 from simspec.engines.rapier.inventory import inventory, neutral
@@ -92,6 +93,7 @@ class Rapier(SteppedEngine[Simulation]):
         ),
         **jointless("Rapier", _DRIFT, "motors"),
         **shape_kinds("Rapier", ("sphere", "box", "capsule", "cylinder")),
+        Feature.SHAPE_SPHERE: Support(Level.EXACT, refine=balls, cases=(SMALL,)),
         Feature.JOINT_FIXED: Support(
             Level.EXACT,
             "of what cannot move, and of bodies without mass on one that moves, which are parts of it",
@@ -135,9 +137,11 @@ class Rapier(SteppedEngine[Simulation]):
         Feature.CONE_ELLIPTIC: approximate(
             "friction model SIMPLIFIED, which takes the points of a pair together, and acts along K⁻¹ v, K the mobility of the "
             "contact: exact for balls; an oblong body is braked up to 1.1° aside of its slip, and a tripod that slides and "
-            "spins at 30 rad/s stops 6 % short. The other model, COULOMB, is a pyramid",
+            "spins at 30 rad/s stops 6 % short. Each shape of a body is braked aside of its own, so that on several as feet a "
+            "body stops late: by 7 % where four stand under the corners of a cube of even density, by 25 % where it has half "
+            "its inertia and its centre of mass near the floor. The other model, COULOMB, is a pyramid",
             only_balls_slide("friction model SIMPLIFIED"),
-            "what spins as it slides on several points stops up to 6 % short",
+            "what slides on several shapes stops late (7 % on corners of a cube, 25 % with half its inertia)",
         ),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
