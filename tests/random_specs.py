@@ -346,7 +346,8 @@ def spec(seed: int) -> Data:
             "dart": {
                 "accept": [f"shape.{kind}" for kind in ("box", "capsule", "cylinder", "ellipsoid", "plane", "sphere")]
             },
-            **{name: {"accept": ["contact.cone.elliptic"]} for name in ("pybullet", "rapier", "physx")},
+            **{name: {"accept": ["contact.cone.elliptic"]} for name in ("pybullet", "rapier")},
+            "physx": {"accept": ["contact.cone.elliptic", "shape.box", "shape.mesh"]},
         },
     }
     if draw.models:

@@ -19,8 +19,8 @@ GAZEBO = EngineOptions("gazebo", accept=("contact.cone.elliptic",))
 """What a world accepts in which something has friction, under the elliptic cone."""
 RAPIER = EngineOptions("rapier", accept=("contact.cone.elliptic",))
 """What a world accepts in which more than balls has friction, under the elliptic cone."""
-PHYSX = EngineOptions("physx", accept=("contact.cone.elliptic",))
-"""What a world accepts in which something has friction, under the elliptic cone."""
+PHYSX = EngineOptions("physx", accept=("contact.cone.elliptic", "shape.box", "shape.mesh"))
+"""What a world accepts in which something has friction, under the elliptic cone, and boxes or hulls may meet each other."""
 ROUGH = (MUJOCO, MJX, BULLET, GAZEBO, RAPIER, PHYSX)
 KINDS = ("sphere", "box", "cylinder", "capsule")
 

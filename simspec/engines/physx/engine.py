@@ -26,9 +26,9 @@ from simspec.engines.kit.refinements import no_friction, planes_still, still_or_
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.physx.building import imported
+from simspec.engines.physx.edges import BOXES, MESHES, boxes, meshes
 from simspec.engines.physx.expected import expected
 from simspec.engines.physx.filters import apart, kinds
-from simspec.engines.physx.hulls import hulls_held
 from simspec.engines.physx.inventory import inventory, neutral
 from simspec.engines.physx.readback import read_back
 from simspec.engines.physx.simulation import Simulation
@@ -123,6 +123,9 @@ class PhysX(SteppedEngine[Simulation]):
         Feature.SHAPE_CYLINDER: never(
             "PhysX has no cylinder; SAPIEN's is a prism of 32 sides, whose faces lie 0.48 % of the radius inside it (measured)"
         ),
+        Feature.SHAPE_BOX: Support(
+            Level.EXACT, "with boxes approximate, and accepted by name", refine=boxes, cases=(BOXES,)
+        ),
         Feature.JOINT_FIXED: Support(
             Level.EXACT,
             "of what cannot move, and of bodies without mass on one that moves, which are parts of it",
@@ -136,8 +139,9 @@ class PhysX(SteppedEngine[Simulation]):
         Feature.SHAPE_MESH: Support(
             Level.EXACT,
             "the convex hull, of up to 255 faces, each corner of which reaches further beyond the hull of the others than "
-            "3.6e-4 of the sum of its extents: PhysX leaves others out",
-            refine=hulls_held,
+            "3.6e-4 of the sum of its extents: PhysX leaves others out. With all but planes approximate, and accepted by name",
+            refine=meshes,
+            cases=(MESHES,),
         ),
         Feature.SHAPE_MARGIN: never("PhysX's contact begins where shapes touch"),
         Feature.MARGIN_PAIRS: never("PhysX's contact begins where shapes touch"),

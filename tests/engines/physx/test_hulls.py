@@ -11,6 +11,7 @@ from simspec.compiler import compile_world
 from simspec.engines.physx.engine import PhysX
 from simspec.engines.physx.hulls import left_out
 from simspec.errors import EngineError, UnsupportedError
+from simspec.testing.worlds import accepting
 from simspec.world.hull import size_of
 from tests.engines.free_bodies import loader, of, scene
 from tests.engines.hulls import check_corners, check_stands, cube, many, prism, random_hull, solid, still
@@ -20,7 +21,8 @@ installed = pytest.mark.skipif(PhysX.version() is None, reason="sapien is not in
 
 @pytest.fixture
 def load(load_files):
-    return loader(PhysX, load_files)
+    of = loader(PhysX, load_files)
+    return lambda world, *change: of(accepting(world, "physx"), *change)
 
 
 def dented(out: float) -> tuple[float, ...]:
