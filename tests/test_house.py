@@ -90,7 +90,7 @@ NAMED_ELSEWHERE = {
     ("dialects/gazebo", "DART"): "the library that is that engine's own engine",
     **{
         ("engines/gazebo", part): "the same, by its detector"
-        for part in ("DART", "Dart", "dart", "ode", "Sdf", "SDF", "sdf")
+        for part in ("DART", "Dart", "dart", "Ode", "ode", "Sdf", "SDF", "sdf")
     },
     **{("engines/gzsim", part): "the same library" for part in ("DART", "Sdf", "SDF", "sdf")},
     ("dialects/webots", "ODE"): "the library of which that engine has a copy",
