@@ -1,4 +1,4 @@
-"""What MuJoCo Warp holds, looked at as if it were an ``mjModel``: so that what reads MuJoCo's model reads Warp's, field by field.
+"""What MuJoCo Warp holds, looked at as if it were an ``mjModel``: what reads MuJoCo's model reads Warp's, field by field.
 
 A model of Warp has MuJoCo's fields under MuJoCo's names, of single precision, with one more dimension where several worlds may
 differ. What it does not take over, since it does not compute with it (names of things, user data, keyframes), is what the
@@ -17,8 +17,7 @@ from simspec.engines.mjwarp.importing import ENGINE, Modules
 from simspec.errors import EngineError
 
 LAWS = ("timestep", "*solref*", "*solimp*", "o_*")
-"""Fields whose numbers are told apart by more digits than singles have (an error reduction is a quotient by the timestep's square).
-A single stands for every number that is rounded to it: of these fields it is told as MuJoCo's, where that is one of them."""
+"""Fields whose numbers are told apart by more digits than singles have (error reduction is a quotient by the timestep's square). A single stands for every number that is rounded to it: of these fields it is told as MuJoCo's, where that is one of them."""
 LACKED = ("mjDSBL_AUTORESET",)
 """Flags of what Warp does not have, so that it is always as these say: Warp refuses a model that has them."""
 

@@ -40,8 +40,8 @@ class Room:
 
     @classmethod
     def at_first(cls, model: Any) -> Room:
-        """What ``model`` (``mjModel``) begins with. None where nothing can be in contact or at a limit, or has dry friction: then
-        there is nothing to solve, and Warp spares it."""
+        """What ``model`` (``mjModel``) begins with. None where nothing can be in contact or at a limit, or has dry friction:
+        then there is nothing to solve, and Warp spares it."""
         solid = int(np.count_nonzero(model.geom_contype | model.geom_conaffinity)) + int(model.npair)
         contacts = _power_of_two(LEAST_ROOM + OF_EACH * solid) if solid > 1 else 0
         return cls(contacts, contacts * _rows_of_one(model) + _other_rows(model))
@@ -53,7 +53,7 @@ class Room:
 
 
 def _power_of_two(least: int) -> int:
-    return 1 << (least - 1).bit_length()
+    return int(1 << (least - 1).bit_length())
 
 
 def _rows_of_one(model: Any) -> int:
@@ -145,7 +145,9 @@ class Programs:
         held, count = self._data.contact, int(self._data.nacon.numpy()[0])
         found = {name: _own(getattr(held, name).numpy()[:count]) for name in CONTACTS}
         there = (found["dist"] <= found["includemargin"]) & (found["type"] & 1 == 1)
-        return {name: values[there] for name, values in found.items()} | {"force": _own(self._data.efc.force.numpy()[0])}
+        return {name: values[there] for name, values in found.items()} | {
+            "force": _own(self._data.efc.force.numpy()[0])
+        }
 
 
 def _own(values: np.ndarray) -> np.ndarray:
@@ -206,10 +208,14 @@ WORK: Mapping[str, Callable[[Any, Any, Any], None]] = {
 
 def taken_over(modules: Modules, device: Any, model: Any, lacked: int) -> Any:
     """Warp's model of ``model`` (``mjModel``), without the flags ``lacked``. Raises NotImplementedError and ValueError where it
-    refuses one."""
+    refuses one.
+
+    Two boxes are met by Warp's own function for the two, which it takes where MuJoCo's search for convex shapes is switched
+    off, and by nothing else does it go by that flag: its search loses digits with size (``SEARCHED`` in ``engine.py``).
+    """
     warp, solver = modules.warp, modules.solver
     flags = int(model.opt.disableflags)
-    model.opt.disableflags = flags & ~lacked
+    model.opt.disableflags = (flags & ~lacked) | int(modules.mujoco.mjtDisableBit.mjDSBL_NATIVECCD)
     try:
         with warp.ScopedDevice(device):
             taken = solver.put_model(model)
@@ -224,5 +230,3 @@ def taken_over(modules: Modules, device: Any, model: Any, lacked: int) -> Any:
     if not device.is_cpu:
         option.graph_conditional = bool(warp.is_conditional_graph_supported())
     return taken
-
-

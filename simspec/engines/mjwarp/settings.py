@@ -16,8 +16,8 @@ SETTINGS: Mapping[str, Setting] = {
     **{name: setting for name, setting in MUJOCO.items() if name not in ("sleeping", "sleep_tolerance")},
     "device": Setting(
         AUTO,
-        "What computes. auto: the first graphics processor that Warp finds (CUDA), where there is one, else the processor (cpu). "
-        "Others than the processor are told with the run's messages; nobody has run simspec on one.",
+        "What computes. auto: the first graphics processor that Warp finds (CUDA), where there is one, else the processor "
+        "(cpu). Others than the processor are told with the run's messages; nobody has run simspec on one.",
         (AUTO, PROCESSOR, *(f"cuda:{index}" for index in range(8))),
         group=Group.OTHER,
     ),
@@ -35,7 +35,6 @@ SETTINGS: Mapping[str, Setting] = {
         "(contact.friction.impact). simspec's loop around MuJoCo's solver is not written for Warp.",
         choices=(NATIVE,),
     ),
-    "noslip_iterations": dataclasses.replace(MUJOCO["noslip_iterations"]),
     "island": dataclasses.replace(
         MUJOCO["island"],
         meaning="MuJoCo's, of the file, and without effect: Warp solves groups of bodies apart only where bodies sleep.",

@@ -1,7 +1,7 @@
 """A loaded model of MuJoCo Warp: MuJoCo reads the file, Warp takes the model over and does the rest.
 
-Facts marked *measured* were obtained with MuJoCo Warp 4.0.0 on Warp 1.19.0 and a processor. What a state is told as, and what is
-asked of it, are singles; between them stands nothing but their copies as doubles.
+Facts marked *measured* were obtained with MuJoCo Warp 4.0.0 on Warp 1.19.0 and a processor. What a state is told as,
+and what is asked of it, are singles; between them stands nothing but their copies as doubles.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ SIGNS: Mapping[str, str] = {
     "HFIELD": "of a shape on a height field some contacts were left out",
 }
 """What Warp says of steps that went on, by its names, in words."""
+SEARCH_OF_FILE = "file.flags.disable_nativeccd"
+"""In the inventory: the flag that stands in the file, where Warp is given it set."""
 PLACES = ("xpos", "xquat", "xipos", "site_xpos", "site_xmat", "subtree_com")
 
 
@@ -86,7 +88,10 @@ class MjWarpSimulation(MujocoSimulation, abstract=True):
             found = read_back(seen, held, self._sidecar, flags)
         except EngineError as error:  # says that it is MuJoCo
             raise EngineError(self.NAME, str(error).removeprefix(f"{error.engine}: ")) from error
-        return dataclasses.replace(found, made_of=self._made_of())
+        by_file = bool(self._disabled_by_file & int(self._mujoco.mjtDisableBit.mjDSBL_NATIVECCD))
+        return dataclasses.replace(
+            found, inventory={**found.inventory, SEARCH_OF_FILE: by_file}, made_of=self._made_of()
+        )
 
     def _made_of(self) -> str:
         """A hash of the model that Warp is given, whole, and of the sidecar: it is told nothing else."""
@@ -191,7 +196,7 @@ class MjWarpSimulation(MujocoSimulation, abstract=True):
         return super().contacts()
 
     def _normal_forces(self, address: np.ndarray, dim: np.ndarray) -> np.ndarray:
-        """The first row of an elliptic contact, the sum over a pyramid's edges; ``address`` (n, rows): -1 where there is none."""
+        """The first row of an elliptic contact, the sum over a pyramid's edges; ``address`` (n, rows): -1 where none is."""
         force = np.append(self.data.efc_force, 0.0)
         if self.model.opt.cone == self._mujoco.mjtCone.mjCONE_ELLIPTIC:
             first: np.ndarray = force[address[:, 0]]
