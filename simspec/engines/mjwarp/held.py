@@ -17,7 +17,8 @@ from simspec.engines.mjwarp.importing import ENGINE, Modules
 from simspec.errors import EngineError
 
 LAWS = ("timestep", "*solref*", "*solimp*", "o_*")
-"""Fields whose numbers are told apart by more digits than singles have (error reduction is a quotient by the timestep's square). A single stands for every number that is rounded to it: of these fields it is told as MuJoCo's, where that is one of them."""
+"""Fields whose numbers are told apart by more digits than singles have: an error reduction is a quotient by the timestep's
+square. A single stands for every number that is rounded to it: these fields are told as MuJoCo's where that is one of them."""
 LACKED = ("mjDSBL_AUTORESET",)
 """Flags of what Warp does not have, so that it is always as these say: Warp refuses a model that has them."""
 

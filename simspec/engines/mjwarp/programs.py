@@ -53,12 +53,12 @@ class Room:
 
 
 def _power_of_two(least: int) -> int:
-    return int(1 << (least - 1).bit_length())
+    return 1 << (least - 1).bit_length()
 
 
 def _rows_of_one(model: Any) -> int:
     """Rows of one contact at most: of a pyramid two for each direction but the normal's."""
-    dims = [1, *model.geom_condim.tolist(), *model.pair_dim.tolist()]
+    dims: list[int] = [1, *model.geom_condim.tolist(), *model.pair_dim.tolist()]
     return max(1, 2 * (max(dims) - 1))
 
 
