@@ -17,8 +17,8 @@ from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, P
 
 GRAVITY, TIMESTEP, STEPS, HEIGHT = 9.81, 1e-3, 100, 1.0
 DEADLINE = 60.0
-"""s: a cold disk and a compiler at work on an engine's own part take some; the fall itself milliseconds. What an engine compiles
-for a model, once, comes on top (``Engine.COMPILING``)."""
+"""s: a cold disk and a compiler at work on an engine's own part take some; the fall itself milliseconds. What it compiles
+for a model comes on top (``Engine.COMPILING``)."""
 SPEED = 1e-5
 """How far the speed may be from g t, relative: every integrator that simspec admits gives it exactly, and a hundred sums in
 single precision are off by 100 × 6e-8 at most."""
@@ -37,8 +37,8 @@ class Fall:
 
 
 def fall(engine: str, python: str | None = None, deadline: float | None = None) -> Fall:
-    """Let a ball fall in ``engine``, within ``deadline`` (s; None: what the engine needs at most). Raises EngineError where that
-    fails, or where the ball does not fall as a ball does."""
+    """Let a ball fall in ``engine``, within ``deadline`` (s; None: what the engine needs at most). Raises EngineError where
+    that fails, or where the ball does not fall as a ball does."""
     ball = Body(
         "ball",
         "ball",
