@@ -12,6 +12,9 @@ from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.mjwarp.importing import AUTO, PROCESSOR
 from simspec.engines.mujoco.settings import SETTINGS as MUJOCO
 
+LARGEST_RATIO = 1e5
+"""Of friction's hardness to that of contact, in singles."""
+
 SETTINGS: Mapping[str, Setting] = {
     **{name: setting for name, setting in MUJOCO.items() if name not in ("sleeping", "sleep_tolerance")},
     "device": Setting(
@@ -28,6 +31,16 @@ SETTINGS: Mapping[str, Setting] = {
         choices=("newton", "cg"),
         frictionless=None,
         frictionless_unless=None,
+    ),
+    "impratio": dataclasses.replace(MUJOCO["impratio"], maximum=LARGEST_RATIO),
+    "high_impratio": dataclasses.replace(
+        MUJOCO["high_impratio"],
+        default=LARGEST_RATIO,
+        meaning="impratio of worlds where compliant contact has friction, or something has torsional or rolling friction: "
+        "MuJoCo makes friction as soft as its contact, and moments softer by (μ/c)². At most 1e5: at 1e7, which MuJoCo has here, a "
+        "box that friction holds on a slope is no number (NaN) after 2 to 228 steps, since singles have seven digits; at 1e5 "
+        "it creeps 1e-6 m/s (measured).",
+        maximum=LARGEST_RATIO,
     ),
     "friction": dataclasses.replace(
         MUJOCO["friction"],

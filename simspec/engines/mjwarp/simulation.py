@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -69,7 +70,11 @@ class MjWarpSimulation(MujocoSimulation, abstract=True):
 
     def _take_over(self) -> None:
         """Make Warp's model of MuJoCo's, and its programs: one data for motion, one for questions."""
-        self._taken = self._taken_of(self.model)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            self._taken = self._taken_of(self.model)
+        # of every shape one: the first says what it is about
+        self._log += [str(one.message) for one in said[:1]]
         given = (self._modules, self._device, self._taken, self.model)
         self._motion, self._questions = Programs(*given), Programs(*given)
 
