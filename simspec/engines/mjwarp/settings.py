@@ -37,7 +37,7 @@ SETTINGS: Mapping[str, Setting] = {
         MUJOCO["high_impratio"],
         default=LARGEST_RATIO,
         meaning="impratio of worlds where compliant contact has friction, or something has torsional or rolling friction: "
-        "MuJoCo makes friction as soft as its contact, and moments softer by (μ/c)². At most 1e5: at 1e7, which MuJoCo has here, a "
+        "MuJoCo makes friction as soft as its contact, and moments softer by (μ/c)². At most 1e5: at 1e7, MuJoCo's here, a "
         "box that friction holds on a slope is no number (NaN) after 2 to 228 steps, since singles have seven digits; at 1e5 "
         "it creeps 1e-6 m/s (measured).",
         maximum=LARGEST_RATIO,

@@ -53,8 +53,9 @@ def test_its_files_are_those_of_the_other_engine_that_reads_them():
 
 
 def test_devices_and_solvers_that_there_are_not_are_refused():
-    for name, value in (("device", "cuda"), ("device", "gpu"), ("solver", "pgs"), ("friction", "coulomb")):
+    for name, value in (("device", "cuda"), ("device", "gpu"), ("solver", "pgs"), ("impratio", 1e7)):
         assert check_settings(MjWarp, [(name, value)])
+    assert check_settings(MjWarp, [("friction", "coulomb")])
     for name, value in (("device", "cuda:1"), ("device", "cpu"), ("solver", "cg")):
         assert check_settings(MjWarp, [(name, value)]) == []
 
