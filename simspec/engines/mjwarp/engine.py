@@ -14,13 +14,14 @@ from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.native_law import NativeLaw
 from simspec.engines.kit.precision import SINGLE
 from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.engines.mjwarp.contact import CONTACT_DEVIATIONS
 from simspec.engines.mjwarp.settings import SETTINGS
 from simspec.engines.mjwarp.simulation import SEARCH_OF_FILE, MjWarpSimulation
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.support.declarations import Level, Refinement, Support, Table, alike, never, not_here
 from simspec.support.features import Feature
-from simspec.world.meeting import meeting_kinds
+from simspec.world.meeting import meeting_kinds, meeting_laws
 from simspec.world.types import HeldValue, World
 
 CONTACT = {
@@ -46,6 +47,15 @@ EXACTLY_MET: Mapping[str, tuple[str, ...]] = {
     "mesh": ("plane",),
 }
 """By kind of shape those for which there is a function of the two; planes, spheres and boxes have one for each other."""
+
+
+def _no_friction(world: World) -> Refinement | None:
+    """Refused where anything has friction."""
+    if not any(law.friction or law.torsional_friction or law.rolling_friction for law in meeting_laws(world).values()):
+        return None
+    return not_here(
+        "under the pyramid a box with friction that is pushed becomes no number (NaN), in single precision (L5; measured)"
+    )
 
 
 def _met_exactly(kind: str, world: World) -> Refinement | None:
@@ -100,6 +110,9 @@ class MjWarp(MjWarpSimulation):
             "MuJoCo Warp meets height fields by prisms of their cells, by the search that loses digits with size"
         ),
         Feature.CONTROL_NATIVE: never("simspec drives MuJoCo Warp by efforts"),
+        Feature.CONE_PYRAMID_INSCRIBED: Support(
+            Level.EXACT, "where nothing has friction: a pyramid of one edge", refine=_no_friction
+        ),
         **alike(
             never("simspec's repeated solution of equalities in a step is written for MuJoCo alone"),
             Feature.CONSTRAINT_COUPLING,
@@ -107,7 +120,7 @@ class MjWarp(MjWarpSimulation):
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
-    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = MuJoCo.CONTACT_DEVIATIONS
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
     COMPILING: ClassVar[float] = 300.0
     HULL_PRECISION: ClassVar[float] = MuJoCo.HULL_PRECISION
     DRY_FRICTION_CREEP: ClassVar[float] = 2e-5  # of 0.22 rad/s after 20 steps its solver misses 8e-6 (measured)

@@ -42,6 +42,12 @@ def test_shapes_that_it_meets_by_searching_are_refused_by_name(kind):
     assert "0.17 mm" in told
 
 
+def test_the_pyramid_is_refused_where_anything_has_friction():
+    assert "under the pyramid a box with friction that is pushed becomes no number" in refused(
+        worlds.with_cone("pyramid-inscribed")
+    )
+
+
 def test_what_it_has_functions_for_is_taken():
     assert compile_world(accepting(shipped.shapes_world(("sphere", "box", "capsule")), "mjwarp"), ["mjwarp"])
 
@@ -53,10 +59,10 @@ def test_its_files_are_those_of_the_other_engine_that_reads_them():
 
 
 def test_devices_and_solvers_that_there_are_not_are_refused():
-    for name, value in (("device", "cuda"), ("device", "gpu"), ("solver", "pgs"), ("impratio", 1e7)):
+    for name, value in (("device", "cuda"), ("device", "gpu"), ("solver", "pgs"), ("solver", "cg"), ("impratio", 1e7)):
         assert check_settings(MjWarp, [(name, value)])
     assert check_settings(MjWarp, [("friction", "coulomb")])
-    for name, value in (("device", "cuda:1"), ("device", "cpu"), ("solver", "cg")):
+    for name, value in (("device", "cuda:1"), ("device", "cpu"), ("solver", "newton")):
         assert check_settings(MjWarp, [(name, value)]) == []
 
 
