@@ -22,7 +22,7 @@ SETTINGS: Mapping[str, Setting] = {
         "What computes. auto: the first graphics processor that Warp finds (CUDA), where there is one, else the processor "
         "(cpu). Others than the processor are told with the run's messages; nobody has run simspec on one.",
         (AUTO, PROCESSOR, *(f"cuda:{index}" for index in range(8))),
-        group=Group.OTHER,
+        group=Group.ORDER,  # of sums, which a graphics processor takes otherwise
     ),
     "solver": dataclasses.replace(
         MUJOCO["solver"],
