@@ -81,6 +81,7 @@ NAMED_ELSEWHERE = {
     ("engines/dart/foreign.py", '"mujoco"'): "the root element of a language that it reads",
     ("engines/drake/foreign.py", '"mujoco"'): "the same",
     ("engines/pybullet/foreign.py", '"mujoco"'): "the same",
+    **{("engines/kit/hulls", part): "the library that these are a class of geoms for" for part in ("ode", "ODE")},
     ("dialects/dart", "ode"): "a collision detector of that engine's",
     ("engines/dart", "ode"): "the same",
     ("imports/sdf/surfaces.py", "ode"): "an element of the language",

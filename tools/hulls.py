@@ -40,7 +40,7 @@ from simspec.world.types import (
     World,
 )
 
-ENGINES = ("mujoco", "pybullet", "drake")
+ENGINES = ("mujoco", "pybullet", "drake", "ode")
 FALL, STEPS = 0.005, 2000
 POSES, HALVINGS = 4, 40
 

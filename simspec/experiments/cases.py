@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from simspec.compiler import check_options
 from simspec.errors import Problem, SpecError
 from simspec.experiments.asked import digest
 from simspec.experiments.plan import Cell, Plan
@@ -74,7 +75,10 @@ def _make(plan: Plan, cell: Cell) -> _Made:
         overrides = list(_located(plan, cell))
         overrides += (Override(one.path, one.taken, None, None) for one in roundings(plan, cell))
         spec = plan.spec.with_overrides(overrides) if overrides else plan.spec
-        return _Made(spec, spec.resolve())
+        world = spec.resolve()
+        # an engine refuses such a world, too, but there it would be a run that failed and not values that are wrong
+        problems = tuple(check_options(world, spec.locate))
+        return _Made(None, None, problems) if problems else _Made(spec, world)
     except SpecError as error:
         return _Made(None, None, error.problems)
 

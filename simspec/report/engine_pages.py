@@ -24,6 +24,7 @@ from simspec.errors import UnsupportedError
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.reading import read_bytes
 from simspec.proof.certificate import Certificate
+from simspec.report.engine_figures import closeness, compared, study_of
 from simspec.report.matrix import NOT_YET, SIGNATURE, WORDS, support, word
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -31,9 +32,8 @@ from simspec.world.canonical import from_plain
 from simspec.world.types import World
 
 PAGE = "engines.md"
-STUDY = "docs/studies/fair-speed"
 LARGEST = 64 * 2**20
-"""Bytes of a certificate or a study that are read."""
+"""Bytes of a certificate that are read."""
 HEAD = f"""# Engines
 
 {SIGNATURE}
@@ -51,14 +51,16 @@ def is_page(page: bytes) -> bool:
 
 
 def markdown(root: Path) -> str:
-    """The page, with the certificates below ``root / "generated"`` and the study of speed in ``root / STUDY``, where these
+    """The page, with the certificates below ``root / "generated"`` and the published study of every engine, where these
     are there. Raises SpecError for files that are damaged."""
     certificates = _certificates(root)
-    costs = _costs(root)
+    study = study_of(root)
     lines = [HEAD]
     for engine in engines().values():
         lines += [f"## {engine.TITLE or engine.NAME}", "", *_about(engine), ""]
-        lines += [*_facts(engine, certificates, costs), ""]
+        lines += [*_facts(engine, certificates), ""]
+        measured = [*closeness(engine.NAME, certificates), *compared(engine.NAME, study)]
+        lines += [f"### Measured: {engine.NAME}", "", *measured] if measured else []
         lines += [*_support(engine), *_settings(engine), *_deviations(engine), *_certified(engine, certificates, root)]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -70,7 +72,7 @@ def _about(engine: type[Engine]) -> list[str]:
     return [" ".join(paragraph.split()).replace("``", "`") for paragraph in text.split("\n\n")]
 
 
-def _facts(engine: type[Engine], certificates: Mapping[str, Certificate], costs: Mapping[str, list[str]]) -> list[str]:
+def _facts(engine: type[Engine], certificates: Mapping[str, Certificate]) -> list[str]:
     versions = {proof.version for one in certificates.values() if (proof := one.engines.get(engine.NAME)) is not None}
     needs = "; ".join(f"{name}: {what}" for name, what in engine.NEEDS.debian)
     lacks = "; ".join(f"{capability} ({reason})" for capability, reason in engine.LACKS.items())
@@ -87,7 +89,6 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate], costs:
         "reads": f"`{format_of(engine)}` (dialect `{engine.DIALECT}`)",
         f"of {len(Feature)} features": ", ".join(f"{counts[one]} {one}" for one in LEVELS if counts[one]),
         "lacks": lacks,
-        "cost of a step": "; ".join(costs.get(engine.NAME, ())),
     }
     return ["| | |", "|---|---|", *(f"| {name} | {_cell(text)} |" for name, text in rows.items() if text)]
 
@@ -205,23 +206,6 @@ def _certificates(root: Path) -> dict[str, Certificate]:
     files = sorted((root / "generated").glob(f"*/{CERTIFICATE_FILE}"))
     texts = {file: read_bytes(file, LARGEST).decode("utf-8", "replace") for file in files}
     return {file.parent.name: Certificate.from_json(text, str(file)) for file, text in texts.items()}
-
-
-def _costs(root: Path) -> dict[str, list[str]]:
-    """By engine the cost of a step in the sweeps of the study of speed: the timestep over the real-time factor."""
-    file = root / STUDY / "study.json"
-    found: dict[str, list[str]] = {}
-    if not file.is_file():
-        return found
-    for sweep, tables in json.loads(read_bytes(file, LARGEST))["sweeps"].items():
-        for table in tables:
-            if table["name"] != "speed.real_time_factor":
-                continue
-            for row in table["records"]:
-                cost = 1e3 * row["timestep"] / row["median"]
-                text = f"{cost:.2g} ms ([{sweep}](studies/fair-speed/study.md), at {1e3 * row['timestep']:g} ms)"
-                found.setdefault(row["engine"], []).append(text)
-    return found
 
 
 def _line(text: str) -> str:

@@ -23,10 +23,11 @@ from simspec.world.inset import inset
 from simspec.world.kinematics import initial_state
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World
+from tests.installed import each
 
-DEEPEST = {"mujoco": 6e-7, "pybullet": 1.5e-5, "drake": 1e-7}
+DEEPEST = {"mujoco": 6e-7, "pybullet": 1.5e-5, "drake": 1e-7, "ode": 1e-7, "physx": 1e-6, "rapier": 5e-6}
 """How deep (m) a hull rests beyond what its engine's own hull is off."""
-HULLS_OFF = {"mujoco": 3e-7, "pybullet": 2e-4, "drake": 1e-5}
+HULLS_OFF = {"mujoco": 3e-7, "pybullet": 2e-4, "drake": 1e-5, "ode": 0.0, "physx": 1e-6, "rapier": 1e-6}
 """The same as shares of its extent. Drake's own hull is not off, but touches boxes from 2e-6 m of overlap on."""
 
 
@@ -53,7 +54,7 @@ def ask(world: World, engine: str, folder, operation: Operation):
     return call(engine, folder, [operation]).answers[0]
 
 
-@pytest.mark.parametrize("engine", list(DEEPEST))
+@pytest.mark.parametrize("engine", each(DEEPEST))
 def test_a_hull_rests_on_its_face(engine, tmp_path):
     world = dropped(engine, (0.9, 0.2, 0.3, 0.1))
     q = ask(world, engine, tmp_path / "files", run_operation(world, 4000, 4000)).arrays["q"][-1]
@@ -64,7 +65,7 @@ def test_a_hull_rests_on_its_face(engine, tmp_path):
     assert abs(depth) <= DEEPEST[engine] + HULLS_OFF[engine] * extent(size)
 
 
-@pytest.mark.parametrize("engine", list(DEEPEST))
+@pytest.mark.parametrize("engine", each(DEEPEST))
 def test_a_hull_touches_where_its_surface_is(engine, tmp_path):
     """In twelve poses: apart by more than the engine's hull may be off it does not touch, as deep it does."""
     world = dropped(engine, (1.0, 0.0, 0.0, 0.0))
@@ -201,12 +202,12 @@ def tilt(world: World, engine: str, folder) -> float:
     return float(np.degrees(np.arccos(1 - 2 * (x * x + y * y))))
 
 
-@pytest.mark.parametrize("engine", list(DEEPEST))
+@pytest.mark.parametrize("engine", each(DEEPEST))
 def test_a_body_of_two_hulls_stands(engine, tmp_path):
     assert tilt(of_two_hulls(engine, 0.0), engine, tmp_path / "files") < 0.1
 
 
-@pytest.mark.parametrize("engine", list(DEEPEST))
+@pytest.mark.parametrize("engine", each(DEEPEST))
 def test_a_body_of_two_hulls_lands_flat(engine, tmp_path):
     """PyBullet finds one point of a hull in a step, and tumbles by more than 5 degrees, unless it has features of the hulls."""
     world = of_two_hulls(engine, 0.1)

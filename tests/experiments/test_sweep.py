@@ -204,6 +204,18 @@ def test_values_that_make_the_spec_invalid_are_told_and_the_rest_is_done(store):
     assert "whole number of timesteps" in str(outcome.invalid[0])
 
 
+def test_what_engines_are_told_is_checked_as_elsewhere(store):
+    wrong = spec(over={"engines.mujoco.settings": [{}, {"no_such_setting": 1}]})
+    engines = Engines()
+    outcome = do(store, engines, wrong)
+    assert (outcome.ran, outcome.invalid_count, outcome.exit_code(0, 0)) == (2, 1, 2), (
+        "the other engine is not told of it"
+    )
+    (problem,) = outcome.invalid
+    assert problem.message == "mujoco has no setting 'no_such_setting'"
+    assert problem.path == "engines.mujoco.settings.no_such_setting"
+
+
 def test_times_that_are_rounded_up_are_told_with_the_run_and_the_results(store, capsys):
     engines = Engines()
     of = spec(over={"physics.timestep": ["1 ms", "3 ms"]}, times="round_up")

@@ -11,7 +11,9 @@ import pytest
 
 from simspec.engines.kit.registry import engines
 from simspec.errors import SpecError
-from simspec.report import engine_pages
+from simspec.proof.certificate import Certificate, EngineProof
+from simspec.proof.checks import Check
+from simspec.report import engine_figures, engine_pages
 from simspec.report.matrix import support
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -59,7 +61,8 @@ def test_certificates_are_judged_and_counted(tmp_path):
     assert "\n- coupled-gripper: DART does not support constraint.coupling: " in told
     assert "L6 in 1" in told
     assert "L5" not in told.split("### Certificates")[1]
-    assert "cost of a step" not in told
+    assert "nearest to what is tolerated" in told
+    assert "a step, processor time" not in told
 
 
 def test_every_scenario_without_a_certificate_is_named_with_the_reason(page):
@@ -84,16 +87,49 @@ def test_a_damaged_certificate_is_an_error(tmp_path):
         engine_pages.markdown(tmp_path)
 
 
-def test_the_cost_is_that_of_the_study(page):
-    study = json.loads((ROOT / engine_pages.STUDY / "study.json").read_text())
-    [table] = [one for one in study["sweeps"]["spheres"] if one["name"] == "speed.real_time_factor"]
-    [row] = [one for one in table["records"] if one["engine"] == "dart"]
-    assert f"| cost of a step | {1.0 / row['median']:.2g} ms ([spheres](studies/fair-speed/study.md), at 1 ms)" in part(
-        page, "dart"
+def test_what_is_measured_is_that_of_certificates_and_study(page):
+    study = json.loads((ROOT / engine_figures.STUDY / "study.json").read_text())["sweeps"]["spheres"]
+    tables = {table["name"]: table["records"] for table in study}
+    [speed] = [row for row in tables["speed.cpu_factor"] if (row["engine"], row["timestep"]) == ("rapier", 0.001)]
+    [gap] = [row for row in tables["attribution"] if row["engine"] == "rapier"]
+    told = part(page, "rapier").split("### Measured")[1].split("\n### ")[0]
+    [row] = [line for line in told.splitlines() if line.startswith("| spheres, 1 ms |")]
+    assert f"| {1e3 / speed['median']:.3g} µs | {speed['median']:.3g} | up to 1 ms |" in row
+    assert row.endswith(f"| {gap['gap.all']:.2g} m |")
+    assert "| spheres, mujoco@3.17, 1 ms |" in part(page, "mujoco")
+    assert "| robot" not in told
+
+
+def test_every_engine_that_can_be_had_has_a_row_of_each_of_its_scenarios(page):
+    study = json.loads((ROOT / engine_figures.STUDY / "study.json").read_text())["sweeps"]
+    for sweep, tables in study.items():
+        records = {table["name"]: table["records"] for table in tables}["speed.cpu_factor"]
+        for label in {row["engine"] for row in records}:
+            name = label.partition("@")[0]
+            rows = [
+                line
+                for line in part(page, name).splitlines()
+                if line.startswith((f"| {sweep}, 1 ms", f"| {sweep}, {label}, 1 ms"))
+            ]
+            assert rows, (sweep, label)
+
+
+def test_of_a_level_the_check_that_is_nearest_to_its_tolerance_is_told():
+    checks = (
+        Check("L1", "mass", 3, 1e-9, 1e-12, "bodies.a.mass"),
+        Check("L1", "inertia tensor", 2, 1e-6, 5e-7, "bodies.b.inertia"),
+        Check("L2", "poses", 4, 1e-9, 0.0, "a"),
+        Check("L4", "shape hull", 1, 0.0, None, "shapes.c"),
     )
+    certificate = Certificate("one", "0" * 64, "oracle", {"dart": EngineProof("6", "0" * 64, checks)})
+    rows = list(engine_figures.closeness("dart", {"one": certificate}))
+    assert "| L1 mass | 1 | 5 | inertia tensor, one: 5e-07 of 1e-06 |" in rows
+    assert "| L2 kinematics | 1 | 4 | equal |" in rows
+    assert any("shape hull, one: different in kind" in row for row in rows)
+    assert not list(engine_figures.closeness("drake", {"one": certificate}))
 
 
 def test_without_certificates_and_studies_it_says_nothing_of_them(tmp_path):
     told = engine_pages.markdown(tmp_path)
     assert "### Certificates" not in told
-    assert "cost of a step" not in told
+    assert "### Measured" not in told

@@ -11,16 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.engines.gazebo.library import NAME
+from simspec.engines.kit.hulls import check_solid
 from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD as SDF_WORLD
 from simspec.formats.sdf.format import Sdf
-from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Copy, Document, FreeJoint, rows_of
+from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Copy, Document, FreeJoint, Shape, rows_of
+from simspec.world.shapes import SHAPES as WORLD_SHAPES
 from simspec.world.types import Inertial, Pose
 
 KINDS = ("fixed", "hinge", "slide", "ball", "free")
 """As the part in C++ numbers them."""
-SHAPES = ("sphere", "box", "cylinder", "capsule", "plane")
+SHAPES = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
 CONE = "pyramid-circumscribed"
 """The one that DART's solvers have here."""
 DETECTOR = "ode"
@@ -80,6 +82,8 @@ class Plan:
                     raise EngineError(NAME, f"does not support the {shape.kind} {shape.name!r}")
                 if shape.copies and shape.kind == "plane" and self.groups[row] >= 0:
                     raise EngineError(NAME, f"does not support the plane {shape.name!r} on a body that moves")
+                if shape.copies and shape.kind == "mesh":
+                    check_solid(NAME, shape.name, shape.size)
                 for copy in shape.copies:
                     if copy.torsional_friction or copy.rolling_friction or copy.hardness is not None:
                         raise EngineError(
@@ -127,8 +131,7 @@ class Plan:
         shapes = tuple(
             sdf.Shape(
                 unit.name,
-                body.shapes[unit.shape].kind,
-                body.shapes[unit.shape].size,
+                *_written(body.shapes[unit.shape]),
                 body.shapes[unit.shape].pose,
                 self._surface(unit),
                 None,
@@ -170,6 +173,13 @@ class Plan:
             joint.armature / self.document.timestep,
             joint.dry_friction,
         )
+
+
+def _written(shape: Shape) -> tuple[str, tuple[float, ...]]:
+    """Kind and size of a shape in the text: a hull is given to DART's detector afterwards, in place of the ball around it."""
+    if shape.kind == "mesh":
+        return "sphere", (WORLD_SHAPES["mesh"].outer_radius(shape.size),)
+    return shape.kind, shape.size
 
 
 def proper(body: Body) -> bool:

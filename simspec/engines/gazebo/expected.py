@@ -11,7 +11,7 @@ from simspec.contact.parts import parts
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.gathering import gathered
+from simspec.world.gathering import NOTHING, gathered
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Body, HeldValue, Inertial, World
 
@@ -89,5 +89,6 @@ def _body(body: Body, mass: Inertial, timestep: float, still: bool) -> dict[str,
     if mass.mass == 0.0:
         found["centre_of_mass"] = (0.0, 0.0, 0.0)
     if still:
-        found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
+        whole = mass if mass.mass else NOTHING  # what is told of a fixed body without mass
+        found |= {"mass": whole.mass, "centre_of_mass": whole.centre_of_mass, "inertia": whole.inertia}
     return found

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.engines.kit import hulls
 from simspec.engines.kit.compiled import Compiled
 from simspec.engines.kit.needs import Needs
 
@@ -32,15 +33,27 @@ PART = Compiled(
     flags=("-O1", "-ffp-contract=off"),
     links=("-std=c++17",),  # the last word on it: DART's package says c++11
 )
+HULLS = Compiled(
+    NAME,
+    "gazebo-hulls",
+    hulls.SOURCES,
+    headers=hulls.HEADERS,
+    packages=("ode >= 0.16",),
+    flags=hulls.FLAGS,
+    links=("-lm",),
+)
+"""The class of hulls for the collision library of DART's detector, whose shared library is the one that DART has."""
 NEEDS = Needs(
     PACKAGE,
-    (PART,),
+    (PART, HULLS),
     (
         ("libignition-physics-dev", "Gazebo's physics library"),
         ("libignition-physics5-dartsim-plugin5", "its engine dartsim"),
         ("libsdformat-dev", "reads SDF"),
         ("libdart-dev", "what dartsim is made of"),
+        ("libode-dev", "what its detector is made of"),
         ("g++", "compiles its part in C++"),
+        ("gcc", "compiles its part in C"),
         ("pkg-config", "finds them"),
     ),
 )
@@ -57,6 +70,8 @@ HOST: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "gz_bodies": (Integer, (Pointer, Integer, Texts, Integers, Numbers)),
     "gz_inertia": (None, (Pointer, Integer, Numbers)),
     "gz_units": (Integer, (Pointer, Integer, Texts, Integers, Integer, Text, Integer, Keys, Integer)),
+    "gz_space": (Pointer, (Pointer,)),
+    "gz_object": (Pointer, (Pointer, Integer)),
     "gz_restitution": (None, (Pointer, Integer, Number)),
     "gz_set": (None, (Pointer, Numbers, Numbers)),
     "gz_get": (None, (Pointer, Numbers, Numbers)),
@@ -111,6 +126,16 @@ class Library:
 def library() -> Library:
     """gz-physics. Raises CompileError, an EngineError, where it, or a compiler, is not there."""
     return Library(PART.load())
+
+
+@functools.cache
+def hull_library() -> Any:
+    """The part in C that makes hulls; raises CompileError as :func:`library` does."""
+    found = HULLS.load()
+    for name, (result, arguments) in hulls.FUNCTIONS.items():
+        function = getattr(found, name)
+        function.restype, function.argtypes = result, arguments
+    return found
 
 
 def pointer(array: NDArray[np.float64]) -> Any:

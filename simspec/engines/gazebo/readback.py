@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from simspec.engines.gazebo.building import Unit
-from simspec.engines.gazebo.library import NAME, asked
+from simspec.engines.gazebo.library import NAME, asked, hull_library
 from simspec.engines.gazebo.simulation import Simulation
+from simspec.engines.kit.hulls import vertices_of
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.sdf.format import UNLIMITED
@@ -88,10 +89,13 @@ def held_unit(sim: Simulation, number: int) -> HeldUnit:
     lib = sim.library
     n = asked(lib.gz_unit, (sim.sim, number), lib.gz_unit_numbers())
     name = lib.gz_shape_type(sim.sim, number).decode()
-    kind = KINDS.get(name)
+    kind, pose = KINDS.get(name), _pose(n[3:15])
     if kind is None:
         raise EngineError(NAME, f"holds a {name}, unknown here")
-    size, pose = tuple(n[: SIZES[kind]]), _pose(n[3:15])
+    if number in sim.hulls and hull_library().hull_is(sim.hulls[number]):
+        kind, size = "mesh", vertices_of(hull_library(), sim.hulls[number])
+    else:
+        size = tuple(n[: SIZES[kind]])
     return HeldUnit(
         kind, size, pose, (n[15], n[16]), (n[17], n[18]), n[19], _vector(n[20:23]), bool(n[23]), bool(n[25])
     )

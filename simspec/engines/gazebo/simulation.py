@@ -11,8 +11,9 @@ import numpy as np
 
 from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.engines.gazebo.building import CONE, DETECTOR, KINDS, Plan, losses, proper
-from simspec.engines.gazebo.library import NAME, Integers, Keys, Text, library, pointer
+from simspec.engines.gazebo.library import NAME, Integers, Keys, Text, hull_library, library, pointer
 from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.hulls import DOUBTED
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import initial_coordinates
@@ -106,6 +107,24 @@ class Simulation:
         )
         for number, restitution in plan.lively():
             lib.gz_restitution(self.sim, number, restitution)
+        self.hulls = self._hulls()
+
+    def _hulls(self) -> dict[int, Any]:
+        """The geoms of hulls, by the numbers of their units: each in place of the geom of the ball that the text has."""
+        found: dict[int, Any] = {}
+        for number, one in enumerate(self.plan.units):
+            shape = self.document.bodies[one.body].shapes[one.shape]
+            if shape.kind != "mesh":
+                continue
+            space, known = self.library.gz_space(self.sim), self.library.gz_object(self.sim, number)
+            vertices = np.array(shape.size)
+            geom = (
+                space and known and hull_library().hull_instead(space, known, pointer(vertices), len(shape.size) // 3)
+            )
+            if not geom:
+                raise EngineError(NAME, f"has no place for the hull {shape.name!r} in its collision detector")
+            found[number] = geom
+        return found
 
     def _done(self, failed: int) -> None:
         if failed:
@@ -204,6 +223,9 @@ class Simulation:
 
     def disable_contact(self) -> None:
         """Nothing touches anything."""
+        for geom in self.hulls.values():
+            hull_library().hull_gone(geom)
+        self.hulls = {}
         self.library.gz_no_contact(self.sim)
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
@@ -214,7 +236,9 @@ class Simulation:
 
     def messages(self) -> list[str]:
         """What gz-physics said while it loaded."""
-        return [line for line in self.library.gz_log(self.sim).decode(errors="replace").splitlines() if line.strip()]
+        lines = [line for line in self.library.gz_log(self.sim).decode(errors="replace").splitlines() if line.strip()]
+        doubted = hull_library().hulls_doubted() if self.hulls else 0
+        return [*lines, DOUBTED.format(doubted)] if doubted else lines
 
     def close(self) -> None:
         sim, self.sim = self.sim, None

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.ode.sidecar import OdeSidecar
+from simspec.engines.kit.hulls import check_solid
 from simspec.engines.ode.library import NAME, Library, numbers
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, parent_of
@@ -23,7 +24,7 @@ ERROR_REDUCTION = 0.01
 """β of the common law (:class:`simspec.world.types.Hardness`)."""
 KINDS = ("fixed", "hinge", "slide", "ball", "free")
 """As the part in C numbers them."""
-SHAPES = ("sphere", "box", "cylinder", "capsule", "plane")
+SHAPES = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
 """The same of shapes."""
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
 """The same of friction cones."""
@@ -112,13 +113,16 @@ class Built:
             if not shape.copies:
                 continue
             made = -1
+            if shape.kind == "mesh":
+                check_solid(NAME, shape.name, shape.size)
             if shape.kind in SHAPES:
-                size = (*shape.size, *[0.0] * SIZES)[:SIZES]
+                size = (*shape.size, *[0.0] * SIZES)[: max(SIZES, len(shape.size))]
                 made = self.library.sim_shape(
                     self.sim,
                     row,
                     SHAPES.index(shape.kind),
                     numbers(size),
+                    len(shape.size) // 3,
                     numbers((*shape.pose.position, *shape.pose.quaternion)),
                     self.materials.index(shape.material),
                     self.groups.index(body.group),

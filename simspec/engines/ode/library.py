@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.engines.kit import hulls
 from simspec.engines.kit.compiled import Compiled
 from simspec.engines.kit.needs import Needs
 from simspec.errors import EngineError
@@ -26,10 +27,10 @@ HEADERS = ("simspec_ode.h",)
 PART = Compiled(
     NAME,
     "ode-shim",
-    tuple(FOLDER / name for name in SOURCES),
-    headers=tuple(FOLDER / name for name in HEADERS),
+    (*(FOLDER / name for name in SOURCES), *hulls.SOURCES),
+    headers=(*(FOLDER / name for name in HEADERS), *hulls.HEADERS),
     packages=(PACKAGE,),
-    flags=("-std=c99", "-O2", "-ffp-contract=off"),
+    flags=hulls.FLAGS,
     links=("-lm",),
 )
 NEEDS = Needs(
@@ -51,7 +52,7 @@ SHIM: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
         Integer,
         (Pointer, Integer, Integer, Numbers, Numbers, Number, Numbers, Numbers, Numbers, Integer),
     ),
-    "sim_shape": (Integer, (Pointer, Integer, Integer, Numbers, Numbers, Integer, Integer)),
+    "sim_shape": (Integer, (Pointer, Integer, Integer, Numbers, Integer, Numbers, Integer, Integer)),
     "sim_law": (None, (Pointer, Integer, Integer, Numbers)),
     "sim_told_law": (None, (Pointer, Integer, Integer, Numbers)),
     "sim_ignore": (None, (Pointer, Integer, Integer)),
@@ -162,7 +163,7 @@ class Library:
 
     def __init__(self, shim: ctypes.CDLL):
         # the part in C is linked with ODE, whose functions are found through it
-        for name, (result, arguments) in {**SHIM, **ODE}.items():
+        for name, (result, arguments) in {**SHIM, **ODE, **hulls.FUNCTIONS}.items():
             function = getattr(shim, name)
             function.restype, function.argtypes = result, arguments
             setattr(self, name, function)

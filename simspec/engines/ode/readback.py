@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.kit.hulls import vertices_of
 from simspec.engines.ode.building import CONES
 from simspec.engines.ode.library import Mass, Numbers, numbers
 from simspec.engines.ode.simulation import Simulation, quaternions
@@ -151,11 +152,16 @@ def _shapes(sim: Simulation, row: int, body: Told, solid: Sequence[int]) -> list
 
 def _solid(sim: Simulation, row: int, number: int, told: ToldShape) -> Shape:
     geom = sim.library.sim_geom(sim.sim, number)
-    kind = CLASSES[sim.library.dGeomGetClass(geom)]
+    kind = kind_of(sim, geom)
     surfaces = (Surface(0.0, 0.0, 0.0, 0.0),)
     return Shape(
         told.name, kind, size_of(sim, geom, kind), pose_of(sim, row, geom, kind), visual=False, surfaces=surfaces
     )
+
+
+def kind_of(sim: Simulation, geom: Any) -> str:
+    """What a geom is: one of ODE's classes, or of the one of hulls."""
+    return "mesh" if sim.library.hull_is(geom) else CLASSES[sim.library.dGeomGetClass(geom)]
 
 
 def size_of(sim: Simulation, geom: Any, kind: str) -> tuple[float, ...]:
@@ -167,6 +173,8 @@ def size_of(sim: Simulation, geom: Any, kind: str) -> tuple[float, ...]:
         return tuple(asked(lib.dGeomBoxGetLengths, geom, 3))
     if kind == "plane":
         return ()
+    if kind == "mesh":
+        return vertices_of(lib, geom)
     ask = lib.dGeomCapsuleGetParams if kind == "capsule" else lib.dGeomCylinderGetParams
     radius, length = numbers((0.0,)), numbers((0.0,))
     ask(geom, radius, length)

@@ -11,6 +11,7 @@ import numpy as np
 
 from simspec.dialects.ode.sidecar import OdeSidecar
 from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.hulls import DOUBTED
 from simspec.engines.ode.building import Built
 from simspec.engines.ode.library import NAME, Integers, library, pointer
 from simspec.errors import EngineError
@@ -178,9 +179,9 @@ class Simulation:
 
     def messages(self) -> list[str]:
         """What ODE said, and steps that had to be solved again."""
-        counts = (ctypes.c_long * 3)()
+        counts = (ctypes.c_long * 4)()
         self.library.sim_counts(self.sim, counts)
-        retries, unsolved, said = counts
+        retries, unsolved, said, doubtful = counts
         lines = []
         if said:
             lines.append(f"{self.library.sim_text(self.sim).decode(errors='replace').strip()} ({said} messages)")
@@ -192,6 +193,8 @@ class Simulation:
             lines.append(
                 f"{unsolved} steps that ODE did not solve, with contacts as soft as they may be: forces are missing there"
             )
+        if doubtful:
+            lines.append(DOUBTED.format(doubtful))
         return lines
 
     def close(self) -> None:

@@ -11,6 +11,8 @@ import os
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from simspec.dialects.physx.sidecar import PhysxSidecar
 from simspec.engines.kit.single import held_by
 from simspec.engines.physx.filters import apart, kinds
@@ -202,7 +204,9 @@ class Built:
     def _shape(self, unit: Unit) -> Any:
         told = unit.shape
         size, physx = lengths(told.size, f"size of {told.name}"), self.physx
-        if not all(edge > 0.0 for edge in size):  # PhysX would take another, with a word on the error output alone
+        if told.kind != "mesh" and not all(
+            edge > 0.0 for edge in size
+        ):  # PhysX would take another, with a word on the error output alone
             raise EngineError(NAME, f"has no {told.kind} of the size {min(told.size)!r} ({told.name})")
         friction, restitution = held_by(NAME, (unit.copy.friction, unit.copy.restitution), f"numbers of {told.name}")
         if (
@@ -223,6 +227,8 @@ class Built:
                 if self.carrier[unit.body] >= 0:
                     raise EngineError(NAME, f"does not support the plane {told.name!r} on a body that moves")
                 made = physx.PhysxCollisionShapePlane(material)
+            case "mesh":
+                made = self._hull(told.name, size, material)
             case kind:
                 raise EngineError(NAME, f"does not support the {kind} {told.name!r}")
         pose = told.pose if self.carrier[unit.body] < 0 else frames.compose(self.local[unit.body], told.pose)
@@ -230,6 +236,22 @@ class Built:
         made.local_pose = self.pose(placed, f"pose of {told.name}")
         made.contact_offset, made.rest_offset = SCALE * CONTACT_OFFSET, 0.0
         made.patch_radius = made.min_patch_radius = 0.0
+        return made
+
+    def _hull(self, name: str, size: tuple[float, ...], material: Any) -> Any:
+        """A convex hull of vertices (1/1024 m, flat). PhysX makes a hull of the points anew: it leaves some out in silence
+        (``hulls.py``), and makes a solid with other corners of what is flat."""
+        told = np.array(size, dtype=np.float32).reshape(-1, 3)
+        try:
+            made = self.physx.PhysxCollisionShapeConvexMesh(told, np.ones(3, dtype=np.float32), material)
+        except RuntimeError as error:
+            raise EngineError(NAME, f"makes no hull of the {len(told)} corners of {name!r}: {error}") from error
+        wanted, held = ({tuple(corner) for corner in points.tolist()} for points in (told, made.vertices))
+        if held != wanted:
+            lost, added = len(wanted - held), len(held - wanted)
+            raise EngineError(
+                NAME, f"leaves {lost} of the {len(told)} corners of {name!r} out of its hull, and adds {added}"
+            )
         return made
 
     def pose(self, pose: Pose, what: str) -> Any:

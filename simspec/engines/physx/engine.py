@@ -28,6 +28,7 @@ from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.physx.building import imported
 from simspec.engines.physx.expected import expected
 from simspec.engines.physx.filters import apart, kinds
+from simspec.engines.physx.hulls import hulls_held
 from simspec.engines.physx.inventory import inventory, neutral
 from simspec.engines.physx.readback import read_back
 from simspec.engines.physx.simulation import Simulation
@@ -132,7 +133,12 @@ class PhysX(SteppedEngine[Simulation]):
             "of bodies that cannot move",
             refine=_planes_still,
         ),
-        Feature.SHAPE_MESH: not_yet(_NOT_YET, Attempt.READ_BACK),
+        Feature.SHAPE_MESH: Support(
+            Level.EXACT,
+            "the convex hull, of up to 255 faces, each corner of which reaches further beyond the hull of the others than "
+            "3.6e-4 of the sum of its extents: PhysX leaves others out",
+            refine=hulls_held,
+        ),
         Feature.SHAPE_MARGIN: never("PhysX's contact begins where shapes touch"),
         Feature.MARGIN_PAIRS: never("PhysX's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),

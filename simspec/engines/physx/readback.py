@@ -25,7 +25,7 @@ from simspec.world.gathering import NOTHING
 from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 PREFIX = "PhysxCollisionShape"
-KINDS = {"Sphere": "sphere", "Box": "box", "Capsule": "capsule", "Plane": "plane"}
+KINDS = {"Sphere": "sphere", "Box": "box", "Capsule": "capsule", "Plane": "plane", "ConvexMesh": "mesh"}
 """SAPIEN's names of types of shapes."""
 
 
@@ -126,4 +126,6 @@ def size_of(shape: Any) -> tuple[float, ...]:
             return (x, y, z)
         case "capsule":
             return (float(shape.radius) / SCALE, 2.0 * float(shape.half_length) / SCALE)
+        case "mesh":
+            return tuple((np.array(shape.vertices, dtype=float) * shape.scale / SCALE).ravel().tolist())
     return ()

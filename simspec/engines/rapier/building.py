@@ -14,14 +14,15 @@ import numpy as np
 
 from simspec.dialects.rapier.sidecar import RapierSidecar
 from simspec.engines.kit.single import held_by
+from simspec.engines.rapier.hulls import convex
 from simspec.engines.rapier.laws import Laws
+from simspec.engines.rapier.units import NAME, SCALE, SQUARE, lengths
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, Shape, parent_of
 from simspec.world import frames
 from simspec.world.principal import principal_axes
 from simspec.world.types import Pose, Quaternion, Vector3
 
-NAME = "rapier"
 ERROR_REDUCTION = 0.01
 """β of the common law (:class:`simspec.world.types.Hardness`)."""
 RIGID = 1000.0
@@ -29,6 +30,8 @@ RIGID = 1000.0
 away is β, and nothing gives way beside that (measured: the contact law to three digits from 0.5 to 8 ms)."""
 PREDICTION = 1e-6
 """m by which two shapes may be apart and have a contact: from 1e-3 on what slides hops."""
+FAR = 1e3
+"""m by which bodies are apart while Rapier sees their colliders for the first time."""
 FASTEST = 1e6
 """m/s: Rapier holds speeds below a largest one, 400 m/s by itself, and those that an overlap is undone with below 3 m/s."""
 SHAPES = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")
@@ -42,7 +45,7 @@ class Built:
 
     def __init__(self, rapier: Any, document: Document, told: RapierSidecar):
         self.rapier, self.document = rapier, document
-        self.world = rapier.PhysicsWorld(gravity=rapier.Vec3(*held_by(NAME, document.gravity, "gravity")))
+        self.world = rapier.PhysicsWorld(gravity=rapier.Vec3(*lengths(document.gravity, "gravity")))
         self.world.set_num_threads(1)
         if document.friction_cone != "elliptic":
             raise EngineError(NAME, f"does not support the friction cone {document.friction_cone}")
@@ -77,6 +80,11 @@ class Built:
         of the sum anew, by a formula that loses half of all digits, and all where two moments are nearly equal (measured: up to
         0.42 of a tilted capsule's inertia). Asked to add none it keeps what was told, from when it has seen its colliders.
         """
+        for number, handle in enumerate(dict.fromkeys(self.bodies)):
+            # far apart: what touches here Rapier would take for touching in the state that is set next, with the normal of
+            # here, as long as nothing turns or slides (a cube put onto a table was thrown down through it, measured)
+            if self.world.rigid_bodies[handle].is_dynamic:
+                self.world.rigid_bodies[handle].translation = self.rapier.Vec3(0.0, 0.0, SCALE * FAR * (number + 1))
         self.world.detect_collisions()
         none = self.rapier.ColliderSet()
         for handle in dict.fromkeys(self.bodies):
@@ -133,12 +141,11 @@ class Built:
 
     def _mass(self, body: Body) -> Any:
         moments, axes = principal(body.inertia)
-        held_by(NAME, (body.mass, *body.centre_of_mass), f"mass and centre of {body.name}")
-        held_by(NAME, moments, f"inertia of {body.name}")
+        mass = held_by(NAME, (body.mass,), f"mass of {body.name}")[0]
+        centre = lengths(body.centre_of_mass, f"centre of {body.name}")
+        told = held_by(NAME, (SQUARE * moment for moment in moments), f"inertia of {body.name}")
         vector = self.rapier.Vec3
-        return self.rapier.MassProperties(
-            vector(*body.centre_of_mass), body.mass, vector(*moments), self.rapier.Rotation3(*axes)
-        )
+        return self.rapier.MassProperties(vector(*centre), mass, vector(*told), self.rapier.Rotation3(*axes))
 
     def _shape(self, row: int, shape: Shape) -> None:
         builder = collider_of(self.rapier, shape)
@@ -148,8 +155,8 @@ class Built:
             raise EngineError(NAME, f"does not support the plane {shape.name!r} on a body that moves")
         pose = shape.pose if self.carrier[row] < 0 else frames.compose(self.local[row], shape.pose)
         placed = frames.compose(pose, AXES[shape.kind]) if shape.kind in AXES else pose
-        builder = builder.density(0.0).user_data(len(self.shapes))
-        builder = builder.position(isometry(self.rapier, placed, f"pose of {shape.name}"))
+        place = isometry(self.rapier, placed, f"pose of {shape.name}")
+        builder = builder.density(0.0).user_data(len(self.shapes)).position(place)
         self.shapes.append((row, shape.name))
         self.colliders.append(self.world.add_collider(builder, self.bodies[row]))
 
@@ -166,9 +173,9 @@ AXES: Mapping[str, Pose] = {
 
 def collider_of(rapier: Any, shape: Shape) -> Any:
     """A builder of a collider; None of a shape that Rapier does not have."""
-    size = held_by(NAME, shape.size, f"size of {shape.name}")
-    if not all(edge > 0.0 for edge in size):  # Rapier turns a capsule round, in silence
-        raise EngineError(NAME, f"has no {shape.kind} of the size {min(size)!r} ({shape.name})")
+    size = lengths(shape.size, f"size of {shape.name}")
+    if shape.kind != "mesh" and not all(edge > 0.0 for edge in size):  # Rapier turns a capsule round, in silence
+        raise EngineError(NAME, f"has no {shape.kind} of the size {min(shape.size)!r} ({shape.name})")
     made = rapier.Collider
     match shape.kind:
         case "sphere":
@@ -181,6 +188,8 @@ def collider_of(rapier: Any, shape: Shape) -> Any:
             return made.capsule_y(0.5 * size[1], size[0])
         case "plane":
             return made.halfspace(rapier.Vec3(0.0, 0.0, 1.0))
+        case "mesh":
+            return convex(rapier, shape.name, size)
     return None
 
 
@@ -196,15 +205,15 @@ def configure(rapier: Any, world: Any, timestep: float, settings: Settings) -> N
     held.contact_softness = rapier.SpringCoefficients(RIGID / (2.0 * math.pi * timestep), damping)
     held.static_contact_softness = rapier.SpringCoefficients(RIGID / (2.0 * math.pi * timestep), damping)
     held.normalized_allowed_linear_error = 0.0
-    held.normalized_prediction_distance = PREDICTION
-    held.normalized_max_corrective_velocity = FASTEST
-    held.normalized_max_linear_velocity = FASTEST
+    held.normalized_prediction_distance = SCALE * PREDICTION
+    held.normalized_max_corrective_velocity = SCALE * FASTEST
+    held.normalized_max_linear_velocity = SCALE * FASTEST
     held.contact_recycling = held.contact_clustering = False
     held.warmstart_coefficient = 1.0
 
 
 def isometry(rapier: Any, pose: Pose, what: str) -> Any:
-    place = rapier.Vec3(*held_by(NAME, pose.position, what))
+    place = rapier.Vec3(*lengths(pose.position, what))
     return rapier.Isometry3(place, rapier.Rotation3(*pose.quaternion))
 
 

@@ -25,6 +25,7 @@ from simspec.engines.kit.refinements import only_balls_slide, planes_still, stil
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.rapier.expected import expected
+from simspec.engines.rapier.hulls import STACKED, hulls_held
 from simspec.engines.rapier.inventory import inventory, neutral
 from simspec.engines.rapier.readback import read_back
 from simspec.engines.rapier.simulation import Simulation
@@ -101,7 +102,14 @@ class Rapier(SteppedEngine[Simulation]):
             "of bodies that cannot move",
             refine=_planes_still,
         ),
-        Feature.SHAPE_MESH: not_yet(_NOT_YET, Attempt.READ_BACK),
+        Feature.SHAPE_MESH: Support(
+            Level.EXACT,
+            "the convex hull, where no two faces meet at less than 1.5°, none has more than four corners, and on planes the "
+            "deepest corner is always one of the face that looks down; what balls alone touch may have any faces. Hulls that "
+            "may touch each other are approximate, and accepted by name",
+            refine=hulls_held,
+            cases=(STACKED,),
+        ),
         Feature.SHAPE_MARGIN: never("Rapier's contact begins where shapes touch"),
         Feature.MARGIN_PAIRS: never("Rapier's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),

@@ -8,16 +8,17 @@ from simspec.engines.kit.expected_filter import named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.rapier.readback import inertial, kind_of
 from simspec.engines.rapier.simulation import Simulation
+from simspec.engines.rapier.units import SCALE
 from simspec.world.types import HeldValue
 
 NUMBERS = (
     *("min_ccd_dt", "warmstart_coefficient", "length_unit", "normalized_allowed_linear_error"),
-    *("normalized_max_corrective_velocity", "normalized_prediction_distance", "num_solver_iterations"),
-    *("num_internal_pgs_iterations", "num_internal_stabilization_iterations", "contact_clustering"),
-    *("contact_recycling", "normalized_contact_recycle_distance", "normalized_max_linear_velocity"),
-    *("max_ccd_substeps", "friction_in_bias_pass", "warmstart_joints"),
+    *("num_solver_iterations", "num_internal_pgs_iterations", "num_internal_stabilization_iterations"),
+    *("contact_clustering", "contact_recycling", "normalized_contact_recycle_distance", "max_ccd_substeps"),
+    *("friction_in_bias_pass", "warmstart_joints"),
 )
-"""Parameters of the integration, beside the timestep and those that are read apart."""
+LENGTHS = ("normalized_max_corrective_velocity", "normalized_prediction_distance", "normalized_max_linear_velocity")
+"""Parameters of the integration, beside the timestep and those that are read apart; the latter in m and m/s."""
 APART = ("dt", "friction_model", "contact_softness", "static_contact_softness", "soft_bodies")
 BODY = (
     *("gravity_scale", "linear_damping", "angular_damping", "dominance_group", "additional_solver_iterations"),
@@ -64,6 +65,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
 def _world(world: Any) -> dict[str, HeldValue]:
     held = world.integration_parameters
     found: dict[str, HeldValue] = {f"parameters.{name}": getattr(held, name) for name in NUMBERS}
+    found |= {f"parameters.{name}": getattr(held, name) / SCALE for name in LENGTHS}
     found["parameters.friction_model"] = word(held.friction_model)
     for name in ("contact_softness", "static_contact_softness"):
         soft = getattr(held, name)

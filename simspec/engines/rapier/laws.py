@@ -16,11 +16,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from simspec.engines.rapier.units import NAME, SCALE
 from simspec.errors import EngineError
 from simspec.formats.world.tree import Document
 from simspec.world.types import Hardness, PairContact
-
-NAME = "rapier"
 
 
 def not_held(law: PairContact) -> str | None:
@@ -139,7 +138,7 @@ class Laws:
             points = (contact.point, contact.point2)  # in the world
             speeds = [body.velocity_at_point(point) for body, point in zip(pair, points, strict=True)]
             largest = max(largest, sum((a - b) * n for a, b, n in zip(*speeds, normal, strict=True)))
-        return largest
+        return largest / SCALE
 
     def law_table(self) -> dict[tuple[str, str], tuple[float, float, float]]:
         """By sorted materials friction, restitution and threshold."""

@@ -15,6 +15,7 @@ import numpy as np
 from simspec.engines.rapier.building import AXES
 from simspec.engines.rapier.simulation import Simulation
 from simspec.engines.rapier.turning import held_tensor, pose_of
+from simspec.engines.rapier.units import SCALE
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.world.tree import Body as Told
 from simspec.formats.world.tree import FreeJoint, parent_of
@@ -23,7 +24,14 @@ from simspec.world import frames
 from simspec.world.gathering import NOTHING
 from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, ReadBack, Shape, Surface, Vector3
 
-KINDS = {"BALL": "sphere", "CUBOID": "box", "CAPSULE": "capsule", "CYLINDER": "cylinder", "HALFSPACE": "plane"}
+KINDS = {
+    "BALL": "sphere",
+    "CUBOID": "box",
+    "CAPSULE": "capsule",
+    "CYLINDER": "cylinder",
+    "HALFSPACE": "plane",
+    "CONVEX_POLYHEDRON": "mesh",
+}
 """Rapier's names of types of shapes."""
 
 
@@ -46,7 +54,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     )
     moved = zip(sim.names, sim.offsets.tolist(), strict=True)
     offsets: dict[str, Vector3] = {name: tuple(offset) for name, offset in moved if any(offset)}
-    x, y, z = sim.world.gravity
+    x, y, z = (value / SCALE for value in sim.world.gravity)
     return ReadBack(
         restore_frames(bodies, offsets),
         (x, y, z),
@@ -66,7 +74,7 @@ def inertial(sim: Simulation, row: int) -> Inertial:
     if not mass.mass:
         return NOTHING
     m = held_tensor(held)
-    x, y, z = mass.local_com
+    x, y, z = (value / SCALE for value in mass.local_com)
     return Inertial(mass.mass, (x, y, z), (m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))
 
 
@@ -131,15 +139,17 @@ def size_of(collider: Any, kind: str) -> tuple[float, ...]:
     shape = collider.shape
     match kind:
         case "sphere":
-            return (float(shape.as_ball().radius),)
+            return (float(shape.as_ball().radius) / SCALE,)
         case "box":
-            return tuple(2.0 * edge for edge in shape.as_cuboid().half_extents)
+            return tuple(2.0 * edge / SCALE for edge in shape.as_cuboid().half_extents)
         case "capsule":
             held = shape.as_capsule()
-            return (float(held.radius), 2.0 * float(held.half_height))
+            return (float(held.radius) / SCALE, 2.0 * float(held.half_height) / SCALE)
         case "cylinder":
             held = shape.as_cylinder()
-            return (float(held.radius), 2.0 * float(held.half_height))
+            return (float(held.radius) / SCALE, 2.0 * float(held.half_height) / SCALE)
+        case "mesh":
+            return tuple((shape.as_convex_polyhedron().points.astype(float) / SCALE).ravel().tolist())
     return ()
 
 

@@ -18,7 +18,7 @@ from simspec.dialects.kit.passive import Passive
 from simspec.dialects.rapier.sidecar import RapierSidecar
 from simspec.engines.kit.arrays import ContactRow, contact_arrays, empty_contacts
 from simspec.engines.kit.single import demand_held
-from simspec.engines.rapier.building import NAME, Built
+from simspec.engines.rapier.building import Built
 from simspec.engines.rapier.turning import (
     SLOW,
     gyroscopic,
@@ -29,6 +29,7 @@ from simspec.engines.rapier.turning import (
     turn_of,
     turned_on,
 )
+from simspec.engines.rapier.units import NAME, SCALE, SQUARE
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import initial_coordinates
@@ -105,14 +106,15 @@ class Simulation:
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
         """The same with the contacts of earlier steps."""
         rapier = self.rapier
-        demand_held(NAME, np.concatenate([q, v]), "state")
+        demand_held(NAME, SCALE * np.concatenate([q, v]), "state")
         states, speeds = np.array(q, dtype=float).reshape(-1, 7), np.asarray(v, dtype=float).reshape(-1, 6)
         states[:, 3:] /= np.linalg.norm(states[:, 3:], axis=1, keepdims=True)
         spins = rotate(states[:, 3:], speeds[:, 3:])
-        rows = zip(self.bodies, states.tolist(), speeds.tolist(), spins.tolist(), strict=True)
-        for body, state, speed, spin in rows:
-            body.position = rapier.Isometry3(rapier.Vec3(*state[:3]), rapier.Rotation3(*state[3:]))
-            body.linvel, body.angvel = rapier.Vec3(*speed[:3]), rapier.Vec3(*spin)
+        places, speeds = SCALE * states[:, :3], SCALE * speeds[:, :3]
+        rows = zip(self.bodies, places.tolist(), states[:, 3:].tolist(), speeds.tolist(), spins.tolist(), strict=True)
+        for body, place, turn, speed, spin in rows:
+            body.position = rapier.Isometry3(rapier.Vec3(*place), rapier.Rotation3(*turn))
+            body.linvel, body.angvel = rapier.Vec3(*speed), rapier.Vec3(*spin)
         self._stepped, self._last = False, b""
         touched = {number for number, row in enumerate(self.free) if row in self.built.turned_by_contact}
         self._watch(touched.union((number for number, _ in self._spins), np.flatnonzero(spins.any(axis=1)).tolist()))
@@ -126,6 +128,8 @@ class Simulation:
         told = np.array(rows, dtype=float).reshape(-1, 13)
         poses, speeds = told[:, (0, 1, 2, 6, 3, 4, 5)], told[:, 7:]
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+        poses[:, :3] /= SCALE
+        speeds[:, :3] /= SCALE
         return poses, speeds
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -195,18 +199,18 @@ class Simulation:
             if (own := gyroscopic(self.bodies[number], inertia)) is not None:
                 torques[number] = own
         if effort is not None:
-            demand_held(NAME, np.asarray(effort, dtype=float), "effort")
+            demand_held(NAME, SQUARE * np.asarray(effort, dtype=float), "effort")
             given = np.asarray(effort, dtype=float).reshape(-1, 6)
             for number in np.flatnonzero(given.any(axis=1)).tolist():
                 body, (force, torque) = self.bodies[number], (given[number, :3], given[number, 3:])
                 if force.any():
-                    body.add_force(vector(*force.tolist()))
+                    body.add_force(vector(*(SCALE * force).tolist()))
                     self._given.add(number)
                 if torque.any():
                     turned = turn_of(body.rotation) @ torque
                     torques[number] = tuple((np.array(torques.get(number, (0.0, 0.0, 0.0))) + turned).tolist())
-        for number, all_of_it in torques.items():
-            self.bodies[number].add_torque(vector(*all_of_it))
+        for number, (x, y, z) in torques.items():
+            self.bodies[number].add_torque(vector(SQUARE * x, SQUARE * y, SQUARE * z))
         self._given |= torques.keys()
         if not torques.keys() <= self._turning:
             self._watch(self._turning | torques.keys())
@@ -216,7 +220,7 @@ class Simulation:
         gravity = self.world.gravity.to_tuple()
         kinetic = sum(body.kinetic_energy() for body in self.bodies)
         potential = -sum(body.mass * frames.dot(gravity, tuple(body.center_of_mass)) for body in self.bodies)
-        return kinetic, potential
+        return kinetic / SQUARE, potential / SQUARE
 
     def _probe(self) -> Simulation:
         """A copy of this simulation in its present state, without contact, whose step is ``LONG``."""
@@ -278,10 +282,12 @@ class Simulation:
                 for point in manifold.points:
                     if point.dist > 0.0 and not point.impulse > 0.0:
                         continue
-                    here, there = self._at(places, one, point.local_p1), self._at(places, other, point.local_p2)
-                    at = (0.5 * (here[0] + there[0]), 0.5 * (here[1] + there[1]), 0.5 * (here[2] + there[2]))
-                    force = max(0.0, point.impulse) / timestep
-                    rows.append(((min(one, other), max(one, other)), at, towards, point.dist, force))
+                    here = self._at(places, one, point.local_p1)
+                    there = self._at(places, other, point.local_p2)
+                    x, y, z = (0.5 * (a + b) / SCALE for a, b in zip(here, there, strict=True))
+                    force = max(0.0, point.impulse) / (SCALE * timestep)
+                    ends = (min(one, other), max(one, other))
+                    rows.append((ends, (x, y, z), towards, point.dist / SCALE, force))
         return contact_arrays(rows, [body for body, _ in self.built.shapes])
 
     def _places(self) -> Callable[[Any], tuple[Vector3, Quaternion]]:
@@ -303,7 +309,7 @@ class Simulation:
         return functools.cache(back)
 
     def _at(self, places: Callable[[Any], tuple[Vector3, Quaternion]], number: int, point: Any) -> Vector3:
-        """Where a point of a collider is in the world, of these ``places`` of bodies."""
+        """Where a point of a collider is in the world (1/1024 m), of these ``places`` of bodies."""
         own = self.world.colliders[self.built.colliders[number]].position_wrt_parent
         position, turn = places(self.built.bodies[self.built.shapes[number][0]])
         return frames.add(position, frames.rotate(turn, tuple(own.transform_point(point))))

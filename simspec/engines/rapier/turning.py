@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.rapier.units import SCALE, SQUARE
 from simspec.world import frames
 from simspec.world.rotations import exponential_of, matrices, multiply_of, unit
 from simspec.world.types import Quaternion, Vector3
@@ -33,17 +34,17 @@ def turn_of(rotation: Any) -> np.ndarray:
 
 
 def pose_of(pose: Any) -> np.ndarray:
-    """x y z w x y z of one of Rapier's poses, its quaternion of unit length."""
+    """x y z w x y z of one of Rapier's poses (m), its quaternion of unit length."""
     turn = pose.rotation
-    return np.array((*pose.translation, *unit(np.array((turn.w, turn.i, turn.j, turn.k)))))
+    return np.array((*(value / SCALE for value in pose.translation), *unit(np.array((turn.w, turn.i, turn.j, turn.k)))))
 
 
 def held_tensor(body: Any) -> np.ndarray:
-    """The inertia (3, 3) of a body about its centre of mass, in its own axes."""
+    """The inertia (3, 3, kg m²) of a body about its centre of mass, in its own axes."""
     held = body.mass_properties
     turn = turn_of(held.principal_inertia_local_frame)
     found: np.ndarray = turn @ np.diag(tuple(held.principal_inertia)) @ turn.T
-    return found
+    return found / SQUARE
 
 
 def tensor_of(inertia: np.ndarray) -> frames.Matrix3 | None:

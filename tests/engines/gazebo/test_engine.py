@@ -29,7 +29,7 @@ from tests.files import write
 from tests.planted import SHARED
 
 installed = pytest.mark.skipif(Gazebo.version() is None, reason="gz-physics or a C++ compiler is not installed")
-REFUSED = ("rolling", "meshes", "ground")
+REFUSED = ("rolling", "ground")
 DT = 0.001
 
 
@@ -247,3 +247,15 @@ def test_a_missing_library_is_named():
     lacking = missing.lacking()
     assert isinstance(lacking, CompileError)
     assert lacking.missing in (Missing.PACKAGE, Missing.PKG_CONFIG, Missing.COMPILER)
+
+
+@installed
+def test_a_fixed_body_without_mass_has_no_centre_and_no_moments(load_files):
+    """As bases of robots are written, whose inertial has a place and moments, and no mass."""
+    world = accepting(boxes(1), "gazebo")
+    floor, *others = world.bodies
+    floor = dataclasses.replace(floor, inertial=Inertial(0.0, (-0.1, 0.0, 0.07), (0.05, 0.06, 0.03, 0.0, 0.0, 0.0)))
+    world = dataclasses.replace(world, bodies=(floor, *others))
+    held = load_files(Gazebo, compile_world(world, ["gazebo"])["gazebo"].files).read_back()
+    (check,) = inventory_checks(Gazebo.expected_inventory(world, held.neutral), held.inventory)
+    assert check.passed, check.detail

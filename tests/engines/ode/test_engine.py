@@ -23,7 +23,7 @@ from tests.engines.drake.scenes import boxes
 from tests.planted import SHARED
 
 pytestmark = pytest.mark.skipif(Ode.version() is None, reason="ODE or a C compiler is not installed")
-REFUSED = ("meshes", "ground")
+REFUSED = ("ground",)
 DT = 0.001
 
 

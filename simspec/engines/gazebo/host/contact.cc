@@ -2,6 +2,7 @@
 
 #include "simspec_gazebo.h"
 
+#include <dart/collision/ode/OdeCollisionGroup.hpp>
 #include <dart/constraint/ContactConstraint.hpp>
 
 #include <algorithm>
@@ -31,7 +32,29 @@ bool Filter::ignoresCollision(const dart::collision::CollisionObject *one,
   return a < 0 || b < 0 || sim.apart(a, b);
 }
 
+// What DART keeps to itself of a group of its detector ode: the space of its library, and the objects in it by their shapes.
+struct Inside : dart::collision::OdeCollisionGroup {
+  static dSpaceID space(dart::collision::OdeCollisionGroup *group) { return group->*(&Inside::mSpaceId); }
+  static dart::collision::CollisionObject *object(dart::collision::CollisionGroup *group, const dart::dynamics::ShapeFrame *of) {
+    for (const auto &one : group->*(&Inside::mObjectInfoList))
+      if (one->mFrame == of) return one->mObject.get();
+    return nullptr;
+  }
+};
+
 extern "C" {
+
+// Where a hull takes the place of a unit's geom: the space of the detector's library, and what its geom is known by. Null where it is
+// another detector.
+void *gz_space(Sim *sim) {
+  auto *solver = sim->world->getConstraintSolver();
+  if (solver->getCollisionDetector()->getType() != "ode") return nullptr;
+  return Inside::space(static_cast<dart::collision::OdeCollisionGroup *>(solver->getCollisionGroup().get()));
+}
+
+void *gz_object(Sim *sim, int unit) {
+  return Inside::object(sim->world->getConstraintSolver()->getCollisionGroup().get(), sim->units[unit].node);
+}
 
 // The collision shapes in the world's order, each the one of that name on its body; whatever else collides is an error.
 // numbers: body, class, rigid group of each. meet: classes by classes. excluded: sorted keys of pairs of bodies.

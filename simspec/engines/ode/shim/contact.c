@@ -43,6 +43,7 @@ static void near(void *data, dGeomID one, dGeomID two) {
 void detect(Sim *s) {
   s->points = 0;
   if (s->contact && s->shapes > 1) dSpaceCollide(s->space, s, near);
+  s->doubtful += hulls_doubted();
 }
 
 static double length(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }

@@ -55,7 +55,7 @@ typedef struct {
   double *q, *u, *start, timestep;
   int cone, quick, contact, lost, jointed;
   int native;               /* bodies stay where ODE's steps leave them */
-  long retries, unsolved;
+  long retries, unsolved, doubtful;
   char text[TEXT]; long messages; jmp_buf trap; int armed;
 } Sim;
 
@@ -82,4 +82,9 @@ void aim(Sim *s);
 double aim_again(Sim *s);
 int rubs(const Sim *s, const Law *law);
 int apart(Sim *s, const Shape *one, const Shape *two);
+
+/* engines/kit/hulls/hulls.c */
+void hulls_start(void);
+long hulls_doubted(void);
+dGeomID hull_new(dSpaceID space, const double *vertices, int count);
 #endif

@@ -29,6 +29,7 @@ int sim_start(void) {
   dSetMessageHandler(heard);
   dSetErrorHandler(failed);
   dSetDebugHandler(failed);
+  hulls_start();
   return made;
 }
 
@@ -162,8 +163,9 @@ int sim_body(Sim *s, int kind, int parent, const double *origin, const double *a
 }
 
 
-/* A shape at a pose in its body's frame: sphere, box, cylinder, capsule, plane. -1 where ODE has no such. */
-int sim_shape(Sim *s, int body, int kind, const double *size, const double *pose, int material, int group) {
+/* A shape at a pose in its body's frame: sphere, box, cylinder, capsule, plane, hull, of which size are so many vertices. -1 where
+   ODE has no such. */
+int sim_shape(Sim *s, int body, int kind, const double *size, int vertices, const double *pose, int material, int group) {
   dGeomID g = 0;
   const Body *b = s->body + body;
   double R[9], whole[9], at[3];
@@ -180,6 +182,8 @@ int sim_shape(Sim *s, int body, int kind, const double *size, const double *pose
     case 3: g = dCreateCapsule(s->space, size[0], size[1]); break;
     case 4:
       if (b->carrier < 0) g = dCreatePlane(s->space, n[0], n[1], n[2], n[0] * at[0] + n[1] * at[1] + n[2] * at[2]);
+      break;
+    case 5: g = hull_new(s->space, size, vertices);
   }
   if (!g) return -1;
   if (kind != 4) {
@@ -255,7 +259,7 @@ void sim_told_body(const Sim *s, int body, double *told) {
 }
 
 const char *sim_text(const Sim *s) { return s->text; }
-void sim_counts(const Sim *s, long *counts) { counts[0] = s->retries, counts[1] = s->unsolved, counts[2] = s->messages; }
+void sim_counts(const Sim *s, long *counts) { counts[0] = s->retries, counts[1] = s->unsolved, counts[2] = s->messages, counts[3] = s->doubtful; }
 
 void sim_no_dry_friction(Sim *s, int body) {
   Body *b = s->body + body;

@@ -1,0 +1,108 @@
+"""Hulls for tests of engines that hold convex hulls, and tests that all of these must pass."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from simspec.errors import EngineError
+from simspec.proof.verify import read_back_checks
+from simspec.testing.bench import failures
+from simspec.world.hull import HullError, centred, corners, size_of
+from simspec.world.shapes import SHAPES
+from simspec.world.types import Body, Inertial, Pose, Shape
+from tests.engines.free_bodies import ball, of, scene
+
+
+def random_hull(seed: int, points: int = 20) -> tuple[float, ...]:
+    """The hull of so many points on an ellipsoid, of 0.1 to 0.4 m, in its own principal frame."""
+    draw = np.random.default_rng(seed)
+    found = draw.normal(size=(points, 3))
+    found *= draw.uniform(0.05, 0.2, 3) / np.linalg.norm(found, axis=1)[:, None]
+    return size_of(centred(found[corners(found)])[1])
+
+
+def prism(sides: int, radius: float = 0.1, height: float = 0.1) -> tuple[float, ...]:
+    """A prism that stands along z."""
+    turns = 0.1 + 2.0 * np.pi * np.arange(sides) / sides
+    rim = np.stack([radius * np.cos(turns), radius * np.sin(turns)], axis=1)
+    ends = [np.column_stack([rim, np.full(sides, end)]) for end in (-0.5 * height, 0.5 * height)]
+    return size_of(np.concatenate(ends))
+
+
+def cube(edge: float) -> tuple[float, ...]:
+    """A cube as a hull."""
+    signs = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    return size_of(edge * signs)
+
+
+def solid(name: str, size: tuple[float, ...], at: tuple[float, float, float], turn=(1.0, 0.0, 0.0, 0.0)) -> Body:
+    """A free body of 2 kg that is a hull, or of three numbers a box."""
+    kind = "box" if len(size) == 3 else "mesh"
+    body = ball(name, at, kind=kind, size=size, turn=turn)
+    return dataclasses.replace(body, inertial=Inertial(2.0, inertia=(*SHAPES[kind].moments(size, 2.0), 0.0, 0.0, 0.0)))
+
+
+def still(name: str, kind: str, size: tuple[float, ...], at: tuple[float, float, float]) -> Body:
+    """A body that cannot move, of the material of what moves."""
+    body = ball(name, at)
+    joint = dataclasses.replace(body.joint, kind="fixed", origin=Pose(at), position=(), velocity=())
+    shape = Shape(name, kind, size, material="m")
+    return dataclasses.replace(body, joint=joint, inertial=Inertial(0.0), shapes=(shape,))
+
+
+def check_corners(load, engine, size: tuple[float, ...]) -> None:
+    """Hulls are read back as they were told, and a corner that is moved, left out or added is seen."""
+    world = scene(solid("hull", size, (0.0, 0.0, 1.0)))
+    held = load(world).read_back()
+    assert failures(read_back_checks(world, engine, held)) == []
+    own = next(body for body in held.bodies if body.name == "hull").shapes[0].size
+    assert sorted(np.float32(own).reshape(-1, 3).tolist()) == sorted(np.float32(size).reshape(-1, 3).tolist())
+    changes = {
+        "moved": lambda told: told.__setitem__(4, told[4] * (1.0 + 1e-4)),
+        "left out": lambda told: told.__delitem__(slice(0, 3)),
+        "added": lambda told: told.extend([0.0, 0.0, 0.3]),
+    }
+
+    def seen(change) -> bool:
+        """Whether the engine refuses it, or its read-back shows it."""
+        try:
+            other = load(world, lambda content, _: change(of("hull")(content)["shapes"][0]["size"]))
+        except EngineError:
+            return True
+        return bool(failures(read_back_checks(world, engine, other.read_back())))
+
+    assert [name for name, change in changes.items() if not seen(change)] == []
+
+
+def check_stands(load, floor: Body | None, moving: list[Body], seconds: float = 0.5) -> None:
+    """What is put down stays where it is, within 10 µm and 1 mrad."""
+    world = scene(*([floor] if floor else []), *moving)
+    engine = load(world)
+    before = engine.get_state()[0].reshape(-1, 7)
+    engine.step(round(seconds / world.physics.timestep))
+    after = engine.get_state()[0].reshape(-1, 7)
+    assert after[:, :3] == pytest.approx(before[:, :3], abs=1e-5)
+    assert after[:, 4:] == pytest.approx(before[:, 4:], abs=5e-4)
+
+
+def many(count: int) -> list[tuple[float, ...]]:
+    """Hulls of all forms and of 4 to 150 corners."""
+    draw, found = np.random.default_rng(5), []
+    while len(found) < count:
+        points = draw.normal(size=(int(draw.integers(5, 150)), 3))
+        match len(found) % 4:
+            case 0:
+                points /= np.linalg.norm(points, axis=1)[:, None]
+            case 1:
+                points[:, 2] = np.sign(points[:, 2])
+            case 2:
+                points = np.round(3.0 * points) / 3.0
+        points *= draw.uniform(0.02, 1.0, 3) * 10.0 ** draw.uniform(-2.0, 0.0)
+        try:
+            found.append(size_of(centred(points[corners(points)])[1]))
+        except HullError:
+            continue
+    return found

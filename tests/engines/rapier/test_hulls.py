@@ -1,0 +1,200 @@
+"""Convex hulls in Rapier: their faces, and their corners, which are what planes touch."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from simspec.compiler import compile_world
+from simspec.engines.rapier.engine import Rapier
+from simspec.engines.rapier.hulls import Faces, faces_of
+from simspec.errors import EngineError, UnsupportedError
+from simspec.proof.touch.geometry import gap, solids, transforms
+from simspec.testing.worlds import accepting, with_options
+from simspec.world import frames
+from simspec.world.hull import size_of
+from tests.engines.free_bodies import ball, loader, of, scene
+from tests.engines.hulls import check_corners, check_stands, cube, many, prism, random_hull, solid, still
+
+PLAIN = (random_hull(4, 8), random_hull(15, 10))
+"""Hulls whose faces are far from being in one plane."""
+installed = pytest.mark.skipif(Rapier.version() is None, reason="rapier3d is not installed")
+
+
+@pytest.fixture
+def load(load_files):
+    return loader(Rapier, load_files)
+
+
+def bent(up: float) -> tuple[float, ...]:
+    """A cube of 0.2 m, one corner of which is so much (m) higher, so that two triangles of its top are not in one plane."""
+    corners = np.array(cube(0.2)).reshape(-1, 3)
+    corners[7, 2] += up
+    return size_of(corners)
+
+
+@installed
+def test_corners_are_held_and_a_change_of_one_is_seen(load):
+    check_corners(load, Rapier, PLAIN[0])
+
+
+@installed
+def test_hulls_of_all_forms_are_held():
+    import rapier3d
+
+    from simspec.engines.rapier.hulls import convex
+
+    for size in many(60):
+        told = np.array(size).astype(np.float32).reshape(-1, 3)
+        held = convex(rapier3d, "hull", size).build().shape.as_convex_polyhedron()
+        assert np.array_equal(held.points, told)
+
+
+@installed
+def test_what_is_no_hull_is_an_error(load):
+    flat = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0]
+    with pytest.raises(EngineError, match="has no hull 'hull': all points are in one plane"):
+        load(
+            scene(solid("hull", PLAIN[0], (0.0, 0.0, 1.0))),
+            lambda content, _: of("hull")(content)["shapes"][0].update(size=flat),
+        )
+
+
+@installed
+@pytest.mark.parametrize("floor", ["plane", "box", "hull"])
+def test_cubes_as_hulls_stand(floor, load):
+    under = {"plane": None, "box": ("box", (4.0, 4.0, 0.2)), "hull": ("mesh", prism(4, 2.0, 0.2))}[floor]
+    base = under and still("base", *under, (0.0, 0.0, 0.1))
+    height = 0.2 if under else 0.0
+    check_stands(
+        lambda world: load(accepting(world, "rapier")),
+        base,
+        [solid(f"cube {k}", cube(0.2), (0.5 * k, 0.0, height + 0.1)) for k in range(3)],
+    )
+
+
+def test_hulls_on_hulls_are_accepted_by_name():
+    world = scene(*(solid(f"cube {k}", cube(0.2), (0.0, 0.0, 0.1 + 0.2 * k)) for k in range(2)))
+    with pytest.raises(UnsupportedError, match=r"a stack of five cubes falls over"):
+        compile_world(world, ["rapier"])
+    assert compile_world(accepted(world), ["rapier"])
+    assert compile_world(scene(solid("cube", cube(0.2), (0.0, 0.0, 0.1)), BOX), ["rapier"]), "not on planes and boxes"
+
+
+@installed
+def test_a_cube_as_a_hull_slides_as_far_as_a_box(load):
+    for turn in (0.1, 0.9, 2.5):
+        body = solid("cube", cube(0.2), (0.0, 0.0, 0.1))
+        speed = (np.cos(turn), np.sin(turn), 0.0, 0.0, 0.0, 0.0)
+        engine = load(scene(dataclasses.replace(body, joint=dataclasses.replace(body.joint, velocity=speed))))
+        engine.step(250)
+        assert engine.get_state()[0][:2] == pytest.approx(0.1014 * np.array(speed[:2]), abs=3e-4)
+
+
+@installed
+@pytest.mark.parametrize("kind", ["plane", "sphere", "capsule", "cylinder", "box", "mesh"])
+def test_overlaps_are_told_as_deep_as_they_are(kind, load):
+    """In 40 poses 0.1 mm deep. With lengths in metres Rapier misses some of them with balls, capsules and cylinders."""
+    other = {
+        "sphere": (0.1,),
+        "capsule": (0.08, 0.15),
+        "cylinder": (0.1, 0.2),
+        "box": (0.2, 0.15, 0.1),
+        "mesh": PLAIN[1],
+    }
+    hull = solid("hull", PLAIN[0], (0.0, 0.0, 1.0))
+    beside = [] if kind == "plane" else [ball("other", (0.0, 0.0, 9.0), kind=kind, size=other[kind])]
+    world = scene(hull, *beside)
+    world = accepted(without_floor(world)) if beside else world
+    engine, found = load(world), {one.body: one for one in solids(world)}
+    draw = np.random.default_rng(8)
+    for _ in range(40):
+        turns = [frames.normalise(tuple(draw.normal(size=4).tolist())) for _ in range(2)]
+        away = draw.normal(size=3) if beside else np.array([0.0, 0.0, 1.0])
+        away /= np.linalg.norm(away)
+        base = np.array([0.0, 0.0, 5.0]) if beside else np.zeros(3)
+
+        def between(far, turns=turns, away=away, base=base):
+            poses = [np.array([*(base + far * away), *turns[0]])]
+            poses.append(np.array([*base, *(turns[1] if beside else (1.0, 0.0, 0.0, 0.0))]))
+            one, two = (transforms(pose[None])[0] for pose in poses)
+            depth = gap(found[1], one, found[2 if beside else 0], two).distance
+            return depth, np.concatenate(poses if beside else poses[:1])
+
+        near, far = 0.0, 1.0
+        for _ in range(40):
+            middle = 0.5 * (near + far)
+            near, far = (middle, far) if between(middle)[0] < -1e-4 else (near, middle)
+        depth, q = between(far)
+        engine.set_state(q, np.zeros(12 if beside else 6))
+        engine.step(1)
+        # Rapier's cylinders are off where they meet others by their rims, boxes as well as hulls
+        assert np.min(engine.contacts()["distance"]) == pytest.approx(depth, abs=5e-4 if kind == "cylinder" else 1e-6)
+
+
+def test_what_rapier_makes_of_faces():
+    assert faces_of(cube(0.2)) == Faces(4, 0.0, 0.0)
+    assert faces_of(prism(12)) == Faces(12, 0.0, 0.0)
+    assert faces_of(bent(1e-3)).off == pytest.approx(1e-3, rel=0.02)
+    assert faces_of(bent(0.05)).off == 0.0
+    assert faces_of(random_hull(1)).unfelt == pytest.approx(0.055, abs=0.001)
+
+
+@installed
+def test_a_corner_that_is_said_to_be_unfelt_is(load):
+    """Were Rapier to feel it, hulls need not be refused on planes: the same hull, told where the refusal is not asked."""
+    size = random_hull(1)
+    world = scene(solid("hull", cube(0.2), (0.0, 0.0, 1.0)))
+    engine = load(world, lambda content, _: of("hull")(content)["shapes"][0].update(size=list(size)))
+    draw, missed = np.random.default_rng(1), 0
+    for _ in range(300):
+        turn = frames.normalise(tuple(draw.normal(size=4).tolist()))
+        low = np.min(np.array(size).reshape(-1, 3) @ np.array(frames.matrix(turn))[2])
+        engine.set_state(np.array([0.0, 0.0, -low - 1e-3, *turn]), np.zeros(6))
+        missed += not len(engine.detect_contacts())
+    assert 1 <= missed <= 30
+
+
+def accepted(world):
+    """With hulls as Rapier has them."""
+    return with_options(world, "rapier", accept=("contact.cone.elliptic", "shape.mesh"))
+
+
+def beside(size, *others):
+    """A world of a hull and others, above a floor that it does not touch."""
+    return scene(solid("hull", size, (0.0, 0.0, 1.0)), *others)
+
+
+BOX = ball("box", (0.0, 0.0, 3.0), kind="box", size=(0.2, 0.2, 0.2))
+BALL = ball("ball", (0.0, 0.0, 3.0))
+
+
+def without_floor(world):
+    """Nothing touches the floor."""
+    contact = dataclasses.replace(world.contact, ignored_groups=(("default", "ground"),))
+    floor = dataclasses.replace(world.bodies[0], collision_group="ground")
+    return dataclasses.replace(world, bodies=(floor, *world.bodies[1:]), contact=contact)
+
+
+@pytest.mark.parametrize(
+    ("size", "others", "why"),
+    [
+        (prism(12), (BOX,), r"one has 12 here.*\('hull', which may touch 'box'\)"),
+        (prism(12), (), r"one has 12 here.*\('hull', which may touch 'floor'\)"),
+        (random_hull(1), (), r"55 mm deep; a box in place of the plane feels all \('hull', which may touch 'floor'\)"),
+    ],
+)
+def test_a_hull_of_which_rapier_would_not_feel_corners_is_refused_by_name(size, others, why):
+    world = beside(size, *others)
+    with pytest.raises(UnsupportedError, match=why):
+        compile_world(without_floor(world) if others else world, ["rapier"])
+    assert compile_world(without_floor(beside(size, BALL)), ["rapier"]), "balls touch whatever faces there are"
+
+
+def test_a_hull_with_faces_nearly_in_one_plane_is_approximate():
+    world = without_floor(beside(bent(1e-3), BOX))
+    with pytest.raises(UnsupportedError, match=r"'box' may feel 'hull' up to 1 mm off"):
+        compile_world(world, ["rapier"])
+    assert compile_world(accepted(world), ["rapier"])
