@@ -1,7 +1,7 @@
 """MuJoCo Warp and Warp, imported, and the device that they compute on.
 
 Warp compiles its functions when they are first called, 0.1 to 15 s each, and keeps what it compiled by the text of the function
-and the processor: in a folder of simspec's cache, so that processes share it.
+and the processor: in a folder of simspec's cache, so that processes share it (``kept.py``).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.kit.captured import captured
+from simspec.engines.mjwarp.kept import hold
 from simspec.errors import EngineError
 from simspec.outputs.cache import cache_folder
 from simspec.scratch import scratch_folder
@@ -58,7 +59,7 @@ def begin(log: list[str]) -> Modules:
     if not _begun:
         warp = modules.warp
         warp.config.log_level = warp.LOG_WARNING
-        warp.config.kernel_cache_dir = str(_place())
+        warp.config.kernel_cache_dir = str(_place(log))
         with captured(sys.stderr, log, known=("CUDA driver",)), captured(sys.stdout, log):
             warp.init()
         _begun.extend(str(device) for device in warp.get_cuda_devices())
@@ -66,11 +67,17 @@ def begin(log: list[str]) -> Modules:
     return modules
 
 
-def _place() -> Path:
-    """Where Warp keeps what it compiles: in the user's cache; where the user has none, as long as this process lives."""
+def _place(log: list[str]) -> Path:
+    """Where Warp keeps what it compiles: in the user's cache; where the user has none that can be written, as long as this
+    process lives."""
     folder = cache_folder(FOLDER)
     if folder is not None:
-        return folder
+        try:
+            hold(folder)
+        except OSError as error:
+            log.append(f"what Warp compiles is not kept: {error}")
+        else:
+            return folder
     stack = contextlib.ExitStack()
     atexit.register(stack.close)
     return stack.enter_context(scratch_folder("kernels"))
