@@ -1,8 +1,5 @@
-"""What Warp compiled, in the user's cache: a folder for each set of functions, 20 kB to 1.1 MB.
-
-They grow by models: of 26 functions of the solver Warp writes the text anew for the number of degrees of freedom, of rows, of
-pairs of kinds of shapes (240 folders, 20 MB, after all worlds of the self-test and simspec's own specs; measured). Warp itself
-removes none.
+"""A folder in the user's cache that a library fills by itself, with a folder for each version and in it one for each thing that
+it made: how many of these are kept, and that none is removed while a process uses it.
 """
 
 from __future__ import annotations
@@ -14,16 +11,15 @@ import shutil
 from pathlib import Path
 
 LOCK = "lock"
-MOST = 2048
-"""Folders that are kept, of all versions of Warp, some 170 MB: those that were made last. Warp leaves no mark of use."""
 
 _held: list[int] = []
 """The lock of this process, which the system lets go when it and those that were forked from it have ended."""
 
 
-def hold(folder: Path, most: int = MOST) -> None:
+def hold(folder: Path, most: int) -> None:
     """Say that this process uses what is kept in a folder. Where no other does, what is more than ``most`` is removed before:
-    Warp reads files that it has seen to be there. Raises OSError where the folder cannot be written."""
+    the library reads files that it has seen to be there. Those stay that were made last, since a library leaves no mark of use.
+    Raises OSError where the folder cannot be written."""
     folder.mkdir(parents=True, exist_ok=True)
     lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
     _held.append(lock)

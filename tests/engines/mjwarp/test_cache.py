@@ -7,8 +7,9 @@ import os
 
 import pytest
 
-from simspec.engines.mjwarp import importing, kept
+from simspec.engines.mjwarp import importing
 from simspec.engines.mjwarp.engine import MjWarp
+from simspec.outputs import filled
 
 installed = pytest.mark.skipif(MjWarp.version() is None, reason="mujoco-warp is not installed")
 
@@ -16,7 +17,7 @@ installed = pytest.mark.skipif(MjWarp.version() is None, reason="mujoco-warp is 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Six sets of functions of two versions, the first made first."""
-    monkeypatch.setattr(kept, "_held", [])
+    monkeypatch.setattr(filled, "_held", [])
     place = tmp_path / "mjwarp"
     for index in range(6):
         one = place / ("1.18.0" if index < 2 else "1.19.0") / f"wp_{index}"
@@ -24,7 +25,7 @@ def folder(tmp_path, monkeypatch):
         (one / "functions.o").write_bytes(b"code")
         os.utime(one, (1000 + index, 1000 + index))
     yield place
-    for lock in kept._held:
+    for lock in filled._held:
         os.close(lock)
 
 
@@ -33,29 +34,29 @@ def there(folder) -> list[str]:
 
 
 def test_those_made_last_stay(folder):
-    kept.hold(folder, 6)
+    filled.hold(folder, 6)
     assert len(there(folder)) == 6
-    os.close(kept._held.pop())
-    kept.hold(folder, 3)
+    os.close(filled._held.pop())
+    filled.hold(folder, 3)
     assert there(folder) == ["wp_3", "wp_4", "wp_5"]
 
 
 def test_nothing_is_removed_while_another_uses_it(folder):
-    kept.hold(folder, 6)
-    kept.hold(folder, 3)  # flock is of an open file: in one process as in two
+    filled.hold(folder, 6)
+    filled.hold(folder, 3)  # flock is of an open file: in one process as in two
     assert len(there(folder)) == 6
-    while kept._held:
-        os.close(kept._held.pop())
-    kept.hold(folder, 3)
+    while filled._held:
+        os.close(filled._held.pop())
+    filled.hold(folder, 3)
     assert len(there(folder)) == 3
 
 
 def test_it_is_used_as_long_as_the_process_lives(folder):
-    kept.hold(folder)
-    lock = os.open(folder / kept.LOCK, os.O_RDWR)
+    filled.hold(folder, 6)
+    lock = os.open(folder / filled.LOCK, os.O_RDWR)
     with pytest.raises(BlockingIOError):
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    os.close(kept._held.pop())
+    os.close(filled._held.pop())
     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     os.close(lock)
 
@@ -74,4 +75,4 @@ def test_a_cache_that_cannot_be_written_is_told_and_not_used(tmp_path, monkeypat
 @installed
 def test_an_engine_at_work_says_so():
     importing.begin([])
-    assert kept._held
+    assert filled._held
