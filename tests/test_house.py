@@ -72,7 +72,7 @@ HOMES = ("engines", "dialects", "formats", "imports")
 """An engine or a format is named in its own packages of these, and nowhere else: in no name, text, comment or docstring."""
 ALSO = {"pybullet": ("bullet",)}
 """What an engine is called besides its name; other engines' packages may say it (a collision detector has the same name)."""
-BUILT_ON = {"gzsim": {"gazebo"}, "mjx": {"mujoco"}}
+BUILT_ON = {"gzsim": {"gazebo"}, "mjwarp": {"mujoco"}, "mjx": {"mujoco"}}
 """Engines that are another's dynamics, written anew, told that one's files: their packages import it, and name it."""
 NAMED_ELSEWHERE = {
     ("__init__.py", ">>>"): "the first example that a user reads is one to type in",

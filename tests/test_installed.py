@@ -28,8 +28,9 @@ def test_what_make_setup_installs_is_demanded_and_what_is_named():
         NAME, EXTRA = "rare", "rare"
 
     known = [*engines().values(), Rare]
-    # make setup installs Rapier beside these extras: environments that are older than it go on without; MJX has its own
-    usual = {name for name, engine in engines().items() if engine.DISTRIBUTION} - {"physx", "rapier", "mjx"}
+    # make setup installs Rapier beside these extras: environments that are older than it go on without; MJX and MuJoCo Warp
+    # have their own
+    usual = {name for name, engine in engines().items() if engine.DISTRIBUTION} - {"physx", "rapier", "mjx", "mjwarp"}
     assert demanded("", known) == usual >= {"dart", "drake", "mujoco", "pybullet"}
     assert demanded("rare", known) == {*usual, "rare"}
     assert demanded(" all ,", known) == {*engines(), "rare"}

@@ -13,6 +13,8 @@ MUJOCO = EngineOptions("mujoco", accept=("contact.friction.impact",))
 """What a world accepts in which something has friction and moves."""
 MJX = EngineOptions("mjx", accept=("contact.friction.impact",))
 """The same."""
+MJWARP = EngineOptions("mjwarp", accept=("contact.friction.impact",))
+"""The same."""
 BULLET = EngineOptions("pybullet", accept=("contact.cone.elliptic",))
 """What a world accepts in which more than balls has friction, under the elliptic cone."""
 GAZEBO = EngineOptions("gazebo", accept=("contact.cone.elliptic",))
@@ -21,7 +23,7 @@ RAPIER = EngineOptions("rapier", accept=("contact.cone.elliptic",))
 """What a world accepts in which more than balls has friction, under the elliptic cone."""
 PHYSX = EngineOptions("physx", accept=("contact.cone.elliptic", "shape.box", "shape.mesh"))
 """What a world accepts in which something has friction, under the elliptic cone, and boxes or hulls may meet each other."""
-ROUGH = (MUJOCO, MJX, BULLET, GAZEBO, RAPIER, PHYSX)
+ROUGH = (MUJOCO, MJX, MJWARP, BULLET, GAZEBO, RAPIER, PHYSX)
 KINDS = ("sphere", "box", "cylinder", "capsule")
 
 

@@ -10,13 +10,15 @@ import numpy as np
 from simspec.compiler import compile_world, missing_options, write_folder
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import Operation, call
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.scratch import scratch_folder
 from simspec.world.types import Body, Contact, EngineOptions, Inertial, Joint, Physics, World
 
 GRAVITY, TIMESTEP, STEPS, HEIGHT = 9.81, 1e-3, 100, 1.0
 DEADLINE = 60.0
-"""s: a cold disk and a compiler at work on an engine's own part take some; the fall itself milliseconds."""
+"""s: a cold disk and a compiler at work on an engine's own part take some; the fall itself milliseconds. What it compiles
+for a model comes on top (``Engine.COMPILING``)."""
 SPEED = 1e-5
 """How far the speed may be from g t, relative: every integrator that simspec admits gives it exactly, and a hundred sums in
 single precision are off by 100 × 6e-8 at most."""
@@ -34,8 +36,9 @@ class Fall:
     height_error: float
 
 
-def fall(engine: str, python: str | None = None, deadline: float = DEADLINE) -> Fall:
-    """Let a ball fall in ``engine``. Raises EngineError where that fails, or where the ball does not fall as a ball does."""
+def fall(engine: str, python: str | None = None, deadline: float | None = None) -> Fall:
+    """Let a ball fall in ``engine``, within ``deadline`` (s; None: what the engine needs at most). Raises EngineError where
+    that fails, or where the ball does not fall as a ball does."""
     ball = Body(
         "ball",
         "ball",
@@ -43,6 +46,7 @@ def fall(engine: str, python: str | None = None, deadline: float = DEADLINE) -> 
         Joint("free", "free", position=(0.0, 0.0, HEIGHT, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),
     )
     world = World("fall", (ball,), Contact(), Physics((0.0, 0.0, -GRAVITY), TIMESTEP, STEPS))
+    deadline = DEADLINE + find_engine(engine).COMPILING if deadline is None else deadline
     pythons = {engine: python} if python is not None else {}
     # how a body turns, which an engine may have approximately, is not asked here
     needed = missing_options(world, engine, pythons)

@@ -144,18 +144,20 @@ class ForcesSuite(Suite):
         pose = bench.run(asked, STEPS, 20).arrays["pose"]
         times = np.arange(0, STEPS + 1, 20) * 0.001
         share = np.clip(times / 0.1, 0.0, 1.0)
-        np.testing.assert_allclose(pose[:, 0, 0], 0.7 * share**3 * (10 - 15 * share + 6 * share**2), atol=1e-8)
-        np.testing.assert_allclose(pose[:, 1, 0], 0.0, atol=1e-8)
+        np.testing.assert_allclose(
+            pose[:, 0, 0], 0.7 * share**3 * (10 - 15 * share + 6 * share**2), atol=bench.near(1e-8)
+        )
+        np.testing.assert_allclose(pose[:, 1, 0], 0.0, atol=bench.near(1e-8))
         angle = 2.0 * np.arctan2(pose[:, 2, 6], pose[:, 2, 3])
-        np.testing.assert_allclose(angle, 3.0 * np.clip((times - 0.02) / 0.08, 0.0, 1.0), atol=1e-8)
-        np.testing.assert_allclose(pose[:, 3, 6], 0.0, atol=1e-8)
+        np.testing.assert_allclose(angle, 3.0 * np.clip((times - 0.02) / 0.08, 0.0, 1.0), atol=bench.near(1e-8))
+        np.testing.assert_allclose(pose[:, 3, 6], 0.0, atol=bench.near(1e-8))
         proof = bench.proof(asked, "L7")
         if bench.lacks("contact_off"):
             assert proof.not_checked["L7"] == bench.lacks("contact_off")
             return
         (check,) = proof.level("L7")
         assert (check.name, check.passed, check.count) == ("prescribed motion", True, 202), check
-        lighter = dataclasses.replace(heavy, mass=heavy.mass * 0.999)
+        lighter = dataclasses.replace(heavy, mass=heavy.mass * bench.near(0.999, 0.98))
         other = dataclasses.replace(asked, bodies=(dataclasses.replace(bodies[0], inertial=lighter), *bodies[1:]))
         folder = bench.place / "other-base"
         write_folder(compile_world(other, [bench.engine])[bench.engine].files, folder)

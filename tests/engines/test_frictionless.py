@@ -156,7 +156,7 @@ def test_the_defaults_are_listed_for_programs():
     conditions = [entry["frictionless_unless"] for entry in listed["mujoco"].values() if "frictionless_unless" in entry]
     assert conditions == [{"friction": "coulomb"}] == [listed["mujoco"]["solver"]["frictionless_unless"]]
     by_pair = {engine: [name for name in settings if settings[name]["by_pair"]] for engine, settings in listed.items()}
-    for engine in ("mujoco", "mjx"):  # of one dialect
+    for engine in ("mujoco", "mjx", "mjwarp"):  # of one dialect
         assert "contact_impedance" in by_pair.pop(engine)
     assert not any(by_pair.values())
     json.dumps(listed)

@@ -14,7 +14,10 @@ contact:
 BODIES = """bodies:
   floor: {fixed: true, shapes: [{box: {size: [4, 4, 0.2]}, material: steel}]}
   ball: {pose: {xyz: [0, 0, 1]}, mass: 1 kg, shapes: [{sphere: {radius: 0.1}, material: rubber}]}
-engines: {mujoco: {accept: [contact.friction.impact]}, mjx: {accept: [contact.friction.impact]}}
+engines:
+  mujoco: {accept: [contact.friction.impact]}
+  mjx: {accept: [contact.friction.impact]}
+  mjwarp: {accept: [contact.friction.impact]}
 """
 
 

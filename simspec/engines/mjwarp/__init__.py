@@ -1,0 +1,1 @@
+"""MuJoCo Warp: MuJoCo written for graphics processors, in single precision, told by MuJoCo's own files."""

@@ -1,0 +1,135 @@
+"""MuJoCo Warp: an MJCF file in, arrays out. Its declarations; what it does is in ``simulation.py``."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import ClassVar
+
+from simspec.contact.rules import Rules
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.foreign import Own, Reads
+from simspec.engines.kit.native_law import NativeLaw
+from simspec.engines.kit.precision import SINGLE
+from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.engines.mjwarp.contact import CONTACT_DEVIATIONS
+from simspec.engines.mjwarp.settings import SETTINGS
+from simspec.engines.mjwarp.simulation import SEARCH_OF_FILE, MjWarpSimulation
+from simspec.engines.mujoco.engine import MuJoCo
+from simspec.engines.mujoco.expected import expected_inventory
+from simspec.support.declarations import Level, Refinement, Support, Table, alike, never, not_here
+from simspec.support.features import Feature
+from simspec.world.meeting import meeting_kinds, meeting_laws
+from simspec.world.types import HeldValue, World
+
+CONTACT = {
+    feature: dataclasses.replace(MuJoCo.SUPPORT[feature], since="")
+    for feature in (
+        Feature.HARDNESS_COMMON,
+        Feature.HARDNESS_TIME_CONSTANT,
+        Feature.HARDNESS_STIFFNESS,
+        Feature.HARDNESS_NATIVE,
+    )
+}
+"""As MuJoCo's, whose bounds are of MuJoCo's releases."""
+
+SEARCHED = (
+    "MuJoCo Warp finds the contacts of the two by a search in single precision, which loses digits with size: a 10 cm box on "
+    "one of 4 m it so finds 12 µm deep, on one of 20 m 0.17 mm, on one of 400 m 1.3 mm and in half of all steps not at all "
+    "(measured)"
+)
+EXACTLY_MET: Mapping[str, tuple[str, ...]] = {
+    "capsule": ("plane", "sphere", "capsule", "box"),
+    "cylinder": ("plane", "sphere"),
+    "ellipsoid": ("plane",),
+    "mesh": ("plane",),
+}
+"""By kind of shape those for which there is a function of the two; planes, spheres and boxes have one for each other."""
+
+
+def _no_friction(world: World) -> Refinement | None:
+    """Refused where anything has friction."""
+    if not any(law.friction or law.torsional_friction or law.rolling_friction for law in meeting_laws(world).values()):
+        return None
+    return not_here(
+        "under the pyramid a box with friction that is pushed becomes no number (NaN), in single precision (L5; measured)"
+    )
+
+
+def _met_exactly(kind: str, world: World) -> Refinement | None:
+    """Refused where a shape may meet what Warp has no function for."""
+    for pair in sorted(meeting_kinds(world)):
+        if kind in pair:
+            one, other = pair
+            met = other if one == kind else one
+            if met not in EXACTLY_MET[kind]:
+                return not_here(f"a {kind} may meet a {met}: {SEARCHED}")
+    return None
+
+
+def _of_kind(kind: str) -> Support:
+    met = EXACTLY_MET[kind]
+    told = f"against {met[0]}s" + "".join(
+        f", {one.removesuffix('x')}{'xes' if one[-1] == 'x' else 's'}" for one in met[1:]
+    )
+    return Support(Level.EXACT, f"{told}, and what never meets anything", refine=functools.partial(_met_exactly, kind))
+
+
+class MjWarp(MjWarpSimulation):
+    """MuJoCo Warp, the form of MuJoCo's dynamics for graphics processors, in single precision: the same law of contact and the
+    same numbers as in :class:`MuJoCo`, solved by code of its own. It computes on a processor, too.
+    """
+
+    NAME: ClassVar[str] = "mjwarp"
+    TITLE: ClassVar[str] = "MuJoCo Warp"
+    DIALECT: ClassVar[str] = "mujoco"
+    DISTRIBUTION: ClassVar[str] = "mujoco-warp"
+    EXTRA: ClassVar[str] = ""
+    APART: ClassVar[str] = "4.0"
+    PRECISION: ClassVar[str] = SINGLE
+    RULES: ClassVar[Rules] = MuJoCo.RULES
+    LAYERS: ClassVar[bool] = False
+    LACKS: ClassVar[Mapping[Capability, str]] = {
+        Capability.NATIVE_CONTROLLERS: "simspec drives MuJoCo Warp by efforts",
+        Capability.FOREIGN_FILES: "MuJoCo Warp reads no files: it is given a model that MuJoCo has read",
+        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
+    }
+    FOREIGN: ClassVar[Mapping[str, Reads]] = {}
+    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = {}
+    NATIVE_LAW: ClassVar[NativeLaw | None] = None
+    SUPPORT: ClassVar[Table] = {
+        **MuJoCo.SUPPORT,
+        **CONTACT,
+        Feature.SHAPE_CAPSULE: _of_kind("capsule"),
+        Feature.SHAPE_CYLINDER: _of_kind("cylinder"),
+        Feature.SHAPE_ELLIPSOID: _of_kind("ellipsoid"),
+        Feature.SHAPE_MESH: _of_kind("mesh"),
+        Feature.SHAPE_HEIGHTFIELD: never(
+            "MuJoCo Warp meets height fields by prisms of their cells, by the search that loses digits with size"
+        ),
+        Feature.CONTROL_NATIVE: never("simspec drives MuJoCo Warp by efforts"),
+        Feature.CONE_PYRAMID_INSCRIBED: Support(
+            Level.EXACT, "where nothing has friction: a pyramid of one edge", refine=_no_friction
+        ),
+        **alike(
+            never("simspec's repeated solution of equalities in a step is written for MuJoCo alone"),
+            Feature.CONSTRAINT_COUPLING,
+            Feature.CONSTRAINT_LOOP,
+        ),
+    }
+    SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
+    COMPILING: ClassVar[float] = 300.0
+    HULL_PRECISION: ClassVar[float] = MuJoCo.HULL_PRECISION
+    DRY_FRICTION_CREEP: ClassVar[float] = 2e-5  # of 0.22 rad/s after 20 steps its solver misses 8e-6 (measured)
+    UNREADABLE: ClassVar[Mapping[str, str]] = MuJoCo.UNREADABLE
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+        settings = resolve_settings(cls, world)
+        found: dict[str, HeldValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        found[SEARCH_OF_FILE] = found["flags.disable_nativeccd"]
+        found["flags.disable_nativeccd"] = True
+        return found

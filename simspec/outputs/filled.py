@@ -1,0 +1,42 @@
+"""A folder in the user's cache that a library fills by itself, with a folder for each version and in it one for each thing that
+it made: how many of these are kept, and that none is removed while a process uses it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import shutil
+from pathlib import Path
+
+LOCK = "lock"
+
+_held: list[int] = []
+"""The lock of this process, which the system lets go when it and those that were forked from it have ended."""
+
+
+def hold(folder: Path, most: int) -> None:
+    """Say that this process uses what is kept in a folder. Where no other does, what is more than ``most`` is removed before:
+    the library reads files that it has seen to be there. Those stay that were made last, since a library leaves no mark of use.
+    Raises OSError where the folder cannot be written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    _held.append(lock)
+    with contextlib.suppress(BlockingIOError):  # another uses it: the next that is alone removes what is too much
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _remove(folder, most)
+    fcntl.flock(lock, fcntl.LOCK_SH)
+
+
+def _remove(folder: Path, most: int) -> None:
+    """Remove all but the ``most`` that were made last, of all versions; what a killed process left is one of them."""
+    made = [
+        (one.stat(follow_symlinks=False).st_mtime_ns, one.path)
+        for version in os.scandir(folder)
+        if version.is_dir(follow_symlinks=False)
+        for one in os.scandir(version)
+        if one.is_dir(follow_symlinks=False)
+    ]
+    for _, path in sorted(made)[: max(len(made) - most, 0)]:
+        shutil.rmtree(path)

@@ -1,0 +1,78 @@
+"""What Warp compiled is kept up to a number of folders; nothing is removed while another process uses it."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+
+import pytest
+
+from simspec.engines.mjwarp import importing
+from simspec.engines.mjwarp.engine import MjWarp
+from simspec.outputs import filled
+
+installed = pytest.mark.skipif(MjWarp.version() is None, reason="mujoco-warp is not installed")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Six sets of functions of two versions, the first made first."""
+    monkeypatch.setattr(filled, "_held", [])
+    place = tmp_path / "mjwarp"
+    for index in range(6):
+        one = place / ("1.18.0" if index < 2 else "1.19.0") / f"wp_{index}"
+        one.mkdir(parents=True)
+        (one / "functions.o").write_bytes(b"code")
+        os.utime(one, (1000 + index, 1000 + index))
+    yield place
+    for lock in filled._held:
+        os.close(lock)
+
+
+def there(folder) -> list[str]:
+    return sorted(path.name for path in folder.glob("*/wp_*"))
+
+
+def test_those_made_last_stay(folder):
+    filled.hold(folder, 6)
+    assert len(there(folder)) == 6
+    os.close(filled._held.pop())
+    filled.hold(folder, 3)
+    assert there(folder) == ["wp_3", "wp_4", "wp_5"]
+
+
+def test_nothing_is_removed_while_another_uses_it(folder):
+    filled.hold(folder, 6)
+    filled.hold(folder, 3)  # flock is of an open file: in one process as in two
+    assert len(there(folder)) == 6
+    while filled._held:
+        os.close(filled._held.pop())
+    filled.hold(folder, 3)
+    assert len(there(folder)) == 3
+
+
+def test_it_is_used_as_long_as_the_process_lives(folder):
+    filled.hold(folder, 6)
+    lock = os.open(folder / filled.LOCK, os.O_RDWR)
+    with pytest.raises(BlockingIOError):
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    os.close(filled._held.pop())
+    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    os.close(lock)
+
+
+def test_a_cache_that_cannot_be_written_is_told_and_not_used(tmp_path, monkeypatch):
+    (tmp_path / "simspec").write_text("a file")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    said: list[str] = []
+    place = importing._place(said)
+    assert place.is_dir()
+    assert not place.is_relative_to(tmp_path / "simspec")
+    (line,) = said
+    assert line.startswith("what Warp compiles is not kept: ")
+
+
+@installed
+def test_an_engine_at_work_says_so():
+    importing.begin([])
+    assert filled._held
