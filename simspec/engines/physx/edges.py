@@ -38,13 +38,16 @@ APPROXIMATE: Mapping[tuple[str, str], str] = {
 }
 """Of pairs of kinds, what is lost."""
 SHORT = "where edges cross the normal of contact is 0.3 to 1.5 rad off"
+SHORT_HULLS = "where edges of hulls cross the normal of contact is up to 0.7 rad off"
 SHORT_ROUND = "depths of balls and capsules on hulls are up to 0.1 mm off"
 
 
 def _refinement(met: Mapping[tuple[str, str], str]) -> Refinement:
     told = "; ".join(f"{one} and {other}: {how}" for (one, other), how in met.items())
-    crossed = any(set(pair) <= {"box", "mesh"} for pair in met)
-    return Refinement(Level.APPROXIMATE, told, SHORT if crossed else SHORT_ROUND)
+    crossed = SHORT_HULLS if any("mesh" in pair for pair in met) else SHORT
+    return Refinement(
+        Level.APPROXIMATE, told, crossed if any(set(pair) <= {"box", "mesh"} for pair in met) else SHORT_ROUND
+    )
 
 
 def _of(kind: str) -> Mapping[tuple[str, str], str]:

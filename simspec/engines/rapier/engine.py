@@ -93,7 +93,7 @@ class Rapier(SteppedEngine[Simulation]):
         ),
         **jointless("Rapier", _DRIFT, "motors"),
         **shape_kinds("Rapier", ("sphere", "box", "capsule", "cylinder")),
-        Feature.SHAPE_SPHERE: Support(Level.EXACT, refine=balls, cases=(SMALL,)),
+        Feature.SHAPE_SPHERE: Support(Level.EXACT, "balls of at least 0.1 mm of radius", refine=balls, cases=(SMALL,)),
         Feature.JOINT_FIXED: Support(
             Level.EXACT,
             "of what cannot move, and of bodies without mass on one that moves, which are parts of it",
