@@ -49,6 +49,8 @@ def _nearest(checks: Iterable[tuple[str, Check]]) -> str:
     if check.passed and not check.worst:
         return "equal"
     what = f"{check.name}, {scenario}"
+    if not check.count:
+        return f"{what}: nothing was compared"
     if check.worst is None:
         return f"{what}: different in kind"
     return f"{what}: {check.worst:.2g} of {check.tolerance:.2g}"
@@ -96,7 +98,7 @@ def _rows(name: str, study: Mapping[str, Mapping[str, list[dict[str, Any]]]]) ->
             version = f", {label}" if label != name else ""
             cells = (
                 f"{sweep}{version}, {1e3 * smallest:g} ms",
-                f"{_time(smallest / row['median'])}",
+                _time(smallest / row["median"]),
                 f"{row['median']:.3g}",
                 _holds(_of(tables, "validity", label)),
                 _of(tables, "determinism", label, smallest).get("result", "–"),

@@ -49,8 +49,10 @@ def test_a_cone_that_an_engine_lacks_is_refused_where_it_is_written(engine, cone
     support = engines()[engine].SUPPORT[CONES[cone]]
     support = support.in_world(load(path).resolve())
     if support.level in (Level.UNSUPPORTED, Level.APPROXIMATE):
-        # what else of these boxes an engine has only approximately is told besides
-        (problem,) = [one for one in refused(path, engine) if CONES[cone].value in one.message]
+        problem, *others = sorted(refused(path, engine), key=lambda one: CONES[cone].value not in one.message)
+        # an engine may have boxes on boxes approximately, whatever the cone
+        assert all(Feature.SHAPE_BOX.value in one.message for one in others)
+        assert CONES[cone].value in problem.message
         assert engines()[engine].TITLE in problem.message
         assert problem.location.line == 5
         assert f"--engine {engine}" in problem.hint or f"accept: [{CONES[cone].value}]" in problem.hint

@@ -120,12 +120,14 @@ def test_of_a_level_the_check_that_is_nearest_to_its_tolerance_is_told():
         Check("L1", "inertia tensor", 2, 1e-6, 5e-7, "bodies.b.inertia"),
         Check("L2", "poses", 4, 1e-9, 0.0, "a"),
         Check("L4", "shape hull", 1, 0.0, None, "shapes.c"),
+        Check("L6", "motion", 0, 1e-9, None, ""),
     )
     certificate = Certificate("one", "0" * 64, "oracle", {"dart": EngineProof("6", "0" * 64, checks)})
     rows = list(engine_figures.closeness("dart", {"one": certificate}))
     assert "| L1 mass | 1 | 5 | inertia tensor, one: 5e-07 of 1e-06 |" in rows
     assert "| L2 kinematics | 1 | 4 | equal |" in rows
     assert any("shape hull, one: different in kind" in row for row in rows)
+    assert any("motion, one: nothing was compared" in row for row in rows)
     assert not list(engine_figures.closeness("drake", {"one": certificate}))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import ClassVar
@@ -19,21 +18,10 @@ from simspec.engines.mjwarp.settings import SETTINGS
 from simspec.engines.mjwarp.simulation import SEARCH_OF_FILE, MjWarpSimulation
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
-from simspec.support.declarations import Level, Refinement, Support, Table, alike, never, not_here
+from simspec.engines.mujoco.rewritten import NO_EQUALITIES, hardnesses, met_exactly, no_friction
+from simspec.support.declarations import Level, Support, Table, never
 from simspec.support.features import Feature
-from simspec.world.meeting import meeting_kinds, meeting_laws
 from simspec.world.types import HeldValue, World
-
-CONTACT = {
-    feature: dataclasses.replace(MuJoCo.SUPPORT[feature], since="")
-    for feature in (
-        Feature.HARDNESS_COMMON,
-        Feature.HARDNESS_TIME_CONSTANT,
-        Feature.HARDNESS_STIFFNESS,
-        Feature.HARDNESS_NATIVE,
-    )
-}
-"""As MuJoCo's, whose bounds are of MuJoCo's releases."""
 
 SEARCHED = (
     "MuJoCo Warp finds the contacts of the two by a search in single precision, which loses digits with size: a 10 cm box on "
@@ -49,32 +37,18 @@ EXACTLY_MET: Mapping[str, tuple[str, ...]] = {
 """By kind of shape those for which there is a function of the two; planes, spheres and boxes have one for each other."""
 
 
-def _no_friction(world: World) -> Refinement | None:
-    """Refused where anything has friction."""
-    if not any(law.friction or law.torsional_friction or law.rolling_friction for law in meeting_laws(world).values()):
-        return None
-    return not_here(
-        "under the pyramid a box with friction that is pushed becomes no number (NaN), in single precision (L5; measured)"
-    )
-
-
-def _met_exactly(kind: str, world: World) -> Refinement | None:
-    """Refused where a shape may meet what Warp has no function for."""
-    for pair in sorted(meeting_kinds(world)):
-        if kind in pair:
-            one, other = pair
-            met = other if one == kind else one
-            if met not in EXACTLY_MET[kind]:
-                return not_here(f"a {kind} may meet a {met}: {SEARCHED}")
-    return None
+_NO_NUMBER = (
+    "under the pyramid a box with friction that is pushed becomes no number (NaN), in single precision (L5; measured)"
+)
 
 
 def _of_kind(kind: str) -> Support:
     met = EXACTLY_MET[kind]
-    told = f"against {met[0]}s" + "".join(
-        f", {one.removesuffix('x')}{'xes' if one[-1] == 'x' else 's'}" for one in met[1:]
+    return Support(
+        Level.EXACT,
+        f"with what is a {' or a '.join(met)}, and what never meets anything",
+        refine=functools.partial(met_exactly, kind, met, SEARCHED),
     )
-    return Support(Level.EXACT, f"{told}, and what never meets anything", refine=functools.partial(_met_exactly, kind))
 
 
 class MjWarp(MjWarpSimulation):
@@ -101,7 +75,7 @@ class MjWarp(MjWarpSimulation):
     NATIVE_LAW: ClassVar[NativeLaw | None] = None
     SUPPORT: ClassVar[Table] = {
         **MuJoCo.SUPPORT,
-        **CONTACT,
+        **hardnesses(MuJoCo.SUPPORT),
         Feature.SHAPE_CAPSULE: _of_kind("capsule"),
         Feature.SHAPE_CYLINDER: _of_kind("cylinder"),
         Feature.SHAPE_ELLIPSOID: _of_kind("ellipsoid"),
@@ -111,13 +85,11 @@ class MjWarp(MjWarpSimulation):
         ),
         Feature.CONTROL_NATIVE: never("simspec drives MuJoCo Warp by efforts"),
         Feature.CONE_PYRAMID_INSCRIBED: Support(
-            Level.EXACT, "where nothing has friction: a pyramid of one edge", refine=_no_friction
+            Level.EXACT,
+            "where nothing has friction: a pyramid of one edge",
+            refine=functools.partial(no_friction, why=_NO_NUMBER),
         ),
-        **alike(
-            never("simspec's repeated solution of equalities in a step is written for MuJoCo alone"),
-            Feature.CONSTRAINT_COUPLING,
-            Feature.CONSTRAINT_LOOP,
-        ),
+        **NO_EQUALITIES,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS

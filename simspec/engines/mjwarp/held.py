@@ -7,13 +7,12 @@ differ. What it does not take over, since it does not compute with it (names of 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 
-from simspec.engines.mjwarp.importing import ENGINE, Modules
+from simspec.engines.mjwarp.importing import ENGINE
 from simspec.errors import EngineError
 
 LAWS = ("timestep", "*solref*", "*solimp*", "o_*")
@@ -67,22 +66,3 @@ def _either(held: Any, file: Any, name: str) -> Any:
     if any(fnmatchcase(name, law) for law in LAWS):
         found = np.where(like.astype(np.float32) == found.astype(np.float32), like, found)
     return found if like.shape else found.item()
-
-
-class HeldMujoco:
-    """MuJoCo's module for what reads a :class:`Held`: names are those of its file, models of text become Warp's."""
-
-    def __init__(self, modules: Modules, taken_over: Callable[[Any], Held]):
-        self._mujoco, self._taken_over = modules.mujoco, taken_over
-        self.MjModel = self
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._mujoco, name)
-
-    def mj_id2name(self, held: Held, kind: Any, index: int) -> Any:
-        """The name of a thing in the file."""
-        return self._mujoco.mj_id2name(held.file, kind, index)
-
-    def from_xml_string(self, text: str) -> Held:
-        """What Warp holds of a model."""
-        return self._taken_over(self._mujoco.MjModel.from_xml_string(text))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ from simspec.scratch import scratch_folder
 
 ENGINE = "mjwarp"
 FOLDER = "mjwarp"
+MADE = re.compile(r"wp_.*")
+"""Names of Warp's folders of compiled functions."""
 MOST = 2048
 """Folders of compiled functions that are kept, of all versions of Warp: some 170 MB."""
 AUTO, PROCESSOR = "auto", "cpu"
@@ -77,7 +80,7 @@ def _place(log: list[str]) -> Path:
     folder = cache_folder(FOLDER)
     if folder is not None:
         try:
-            hold(folder, MOST)
+            hold(folder, MADE, MOST)
         except OSError as error:
             log.append(f"what Warp compiles is not kept: {error}")
         else:

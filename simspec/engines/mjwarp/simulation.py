@@ -7,23 +7,20 @@ and what is asked of it, are singles; between them stands nothing but their copi
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from simspec.engines.kit.arrays import sorted_pairs
-from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.single import demand_held
-from simspec.engines.mjwarp.held import LACKED, Held, HeldMujoco
+from simspec.engines.mjwarp.held import LACKED, Held
 from simspec.engines.mjwarp.importing import Modules, begin, chosen_device, import_modules
 from simspec.engines.mjwarp.programs import Programs, taken_over
-from simspec.engines.mujoco.readback import read_back
-from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulation
+from simspec.engines.mujoco.rewritten import RewrittenSimulation
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.world.types import ReadBack
@@ -37,14 +34,15 @@ SIGNS: Mapping[str, str] = {
 """What Warp says of steps that went on, by its names, in words."""
 SEARCH_OF_FILE = "file.flags.disable_nativeccd"
 """In the inventory: the flag that stands in the file, where Warp is given it set."""
+MOST_WARNINGS = 10
+"""Different ones that are told of a model; the others are counted."""
 PLACES = ("xpos", "xquat", "xipos", "site_xpos", "site_xmat", "subtree_com")
 
 
-class MjWarpSimulation(MujocoSimulation, abstract=True):
+class MjWarpSimulation(RewrittenSimulation, abstract=True):
     """The methods of the engine; its declarations are in ``engine.py``."""
 
-    data: Any
-    """The present state, ``qpos`` and ``qvel``, and the contacts of the last step under MuJoCo's names."""
+    OWN: ClassVar[tuple[str, ...]] = ("_taken", "_motion", "_questions", "_file")
 
     # --- life -----------------------------------------------------------------------------------------------------
 
@@ -69,12 +67,14 @@ class MjWarpSimulation(MujocoSimulation, abstract=True):
         self._forget()
 
     def _take_over(self) -> None:
-        """Make Warp's model of MuJoCo's, and its programs: one data for motion, one for questions."""
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             self._taken = self._taken_of(self.model)
-        # of every shape one: the first says what it is about
-        self._log += [str(one.message) for one in said[:1]]
+        told = list(dict.fromkeys(str(one.message) for one in said))  # one for every shape that it is about
+        self._log += told[:MOST_WARNINGS]
+        if len(told) > MOST_WARNINGS:
+            self._log.append(f"and {len(told) - MOST_WARNINGS} more warnings")
+        # one data for motion, one for questions
         given = (self._modules, self._device, self._taken, self.model)
         self._motion, self._questions = Programs(*given), Programs(*given)
 
@@ -84,40 +84,16 @@ class MjWarpSimulation(MujocoSimulation, abstract=True):
         except (NotImplementedError, ValueError) as error:
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
 
-    def read_back(self) -> ReadBack:
-        held = Held(self._taken, self.model, self._lacked)
-        actuation = int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-        flags = (int(held.opt.disableflags) & ~actuation) | (self._disabled_by_file & actuation)
-        seen = HeldMujoco(self._modules, lambda model: Held(self._taken_of(model), model, self._lacked))
-        try:
-            found = read_back(seen, held, self._sidecar, flags)
-        except EngineError as error:  # says that it is MuJoCo
-            raise EngineError(self.NAME, str(error).removeprefix(f"{error.engine}: ")) from error
-        by_file = bool(self._disabled_by_file & int(self._mujoco.mjtDisableBit.mjDSBL_NATIVECCD))
-        return dataclasses.replace(
-            found, inventory={**found.inventory, SEARCH_OF_FILE: by_file}, made_of=self._made_of()
-        )
+    def _seen(self, model: Any) -> Held:
+        return Held(self._taken_of(model), model, self._lacked)
 
-    def _made_of(self) -> str:
-        """A hash of the model that Warp is given, whole, and of the sidecar: it is told nothing else."""
-        model = np.empty(self._mujoco.mj_sizeModel(self.model), dtype=np.uint8)
-        self._mujoco.mj_saveModel(self.model, None, model)
-        digest = hashlib.sha256(model.tobytes())
-        digest.update(repr(self._sidecar).encode())
-        return digest.hexdigest()
+    def read_back(self) -> ReadBack:
+        found = self._read(Held(self._taken, self.model, self._lacked))
+        by_file = bool(self._disabled_by_file & int(self._mujoco.mjtDisableBit.mjDSBL_NATIVECCD))
+        return dataclasses.replace(found, inventory={**found.inventory, SEARCH_OF_FILE: by_file})
 
     def log(self) -> list[str]:
-        found = list(self._log)
-        if self._mujoco is not None and not self._sidecar.explicit_pairs:
-            found.append(NO_EXPLICIT_PAIRS)
-        if self._mujoco is not None:
-            found += [f"{SIGNS.get(name, name)}: after {count} calls" for name, count in self._signs.items()]
-        return found
-
-    def close(self) -> None:
-        super().close()
-        for name in ("_taken", "_motion", "_questions", "_file"):
-            self.__dict__.pop(name, None)
+        return super().log() + [f"{SIGNS.get(name, name)}: after {count} calls" for name, count in self._signs.items()]
 
     # --- state ----------------------------------------------------------------------------------------------------
 
@@ -180,9 +156,6 @@ class MjWarpSimulation(MujocoSimulation, abstract=True):
         self.data.qpos, self.data.qvel, self._warm = taken
         self.data.ncon = -1  # not asked yet
 
-    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
-        return Actuation(self, q, v)
-
     def energy(self) -> tuple[float, float]:
         """By Warp, which leaves the weight that gravcomp takes away in the potential energy."""
         asked = self._asked("energy")
@@ -216,8 +189,4 @@ class MjWarpSimulation(MujocoSimulation, abstract=True):
 
     def disable_contact(self) -> None:
         super().disable_contact()
-        self._take_over()
-
-    def disable_dry_friction(self, v: np.ndarray) -> None:
-        super().disable_dry_friction(v)
         self._take_over()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import ClassVar
@@ -18,11 +17,12 @@ from simspec.engines.mjx.settings import SETTINGS
 from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation, turns
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
+from simspec.engines.mujoco.rewritten import NO_EQUALITIES, hardnesses, met_exactly, no_friction, rubs
 from simspec.support.declarations import Level, Refinement, Support, Table, alike, approximate, never, not_here
 from simspec.support.features import Feature
 from simspec.world.kinematics import layout_of
-from simspec.world.meeting import meeting_kinds, meeting_laws, shape_pairs, solid_shapes
-from simspec.world.types import HeldValue, PairContact, World
+from simspec.world.meeting import meeting_laws, shape_pairs, solid_shapes
+from simspec.world.types import HeldValue, World
 
 MOST_NUMBERS = 1_000_000
 """Of a step's Jacobian: what each contact there can be has, for every degree of freedom."""
@@ -37,24 +37,19 @@ PYRAMIDAL = 0
 SMOOTH = ("ellipsoid", "cylinder")
 """Kinds that MJX meets others with by searching on distance functions, but planes and spheres."""
 EXACTLY_MET = ("plane", "sphere")
+_NOT_EXACTLY = "MJX has no function for the two, or one that searches on distance functions"
+_HOPS = (
+    "under the pyramid what rests overlaps by 0.2 nm, and of faces that overlap by less than 1 µm MJX takes some corners "
+    "more than once: a cube at rest hops again and again, by g dt (measured)"
+)
 
 
 def _friction_everywhere(world: World) -> Refinement | None:
     """Refused where some contacts have friction and others none."""
-    smooth = next((pair for pair, law in meeting_laws(world).items() if not _rubs(law)), None)
-    if smooth is None or not any(map(_rubs, meeting_laws(world).values())):
+    smooth = next((pair for pair, law in meeting_laws(world).items() if not rubs(law)), None)
+    if smooth is None or not any(map(rubs, meeting_laws(world).values())):
         return None
     return not_here(f"under the elliptic cone MJX has no contacts without friction, which {' and '.join(smooth)} have")
-
-
-def _no_friction(world: World) -> Refinement | None:
-    """Refused where anything has friction."""
-    if not any(map(_rubs, meeting_laws(world).values())):
-        return None
-    return not_here(
-        "under the pyramid what rests overlaps by 0.2 nm, and of faces that overlap by less than 1 µm MJX takes some corners "
-        "more than once: a cube at rest hops again and again, by g dt (measured)"
-    )
 
 
 def _small_enough(world: World) -> Refinement | None:
@@ -66,39 +61,10 @@ def _small_enough(world: World) -> Refinement | None:
     for pair, law in meeting_laws(world).items():
         for one, other in shape_pairs(world, [pair]):
             points = 1 if "sphere" in (kinds[one], kinds[other]) else FACE
-            rows += points * (RUBBING if _rubs(law) else 1)
+            rows += points * (RUBBING if rubs(law) else 1)
             if rows > most:
                 return not_here(_TOO_MANY)
     return None
-
-
-def _rubs(law: PairContact) -> bool:
-    return bool(law.friction or law.torsional_friction or law.rolling_friction)
-
-
-def _met_exactly(kind: str, world: World) -> Refinement | None:
-    """Refused where a round shape may meet what MJX has no exact function for."""
-    for pair in sorted(meeting_kinds(world)):
-        if kind in pair:
-            one, other = pair
-            met = other if one == kind else one
-            if met not in EXACTLY_MET:
-                return not_here(
-                    f"a {kind} may meet a {met}: MJX has no function for the two, or one that searches on distance functions"
-                )
-    return None
-
-
-CONTACT = {
-    feature: dataclasses.replace(MuJoCo.SUPPORT[feature], since="", refine=_small_enough)
-    for feature in (
-        Feature.HARDNESS_COMMON,
-        Feature.HARDNESS_TIME_CONSTANT,
-        Feature.HARDNESS_STIFFNESS,
-        Feature.HARDNESS_NATIVE,
-    )
-}
-"""As MuJoCo's, whose bounds are of MuJoCo's releases."""
 
 
 class Mjx(MjxSimulation):
@@ -130,14 +96,16 @@ class Mjx(MjxSimulation):
     NATIVE_LAW: ClassVar[NativeLaw | None] = None
     SUPPORT: ClassVar[Table] = {
         **MuJoCo.SUPPORT,
-        **CONTACT,
+        **hardnesses(MuJoCo.SUPPORT, _small_enough),
         Feature.SHAPE_CYLINDER: Support(
             Level.EXACT,
             "against planes and spheres, and what never meets anything",
-            refine=functools.partial(_met_exactly, "cylinder"),
+            refine=functools.partial(met_exactly, "cylinder", EXACTLY_MET, _NOT_EXACTLY),
         ),
         Feature.SHAPE_ELLIPSOID: Support(
-            Level.EXACT, "against planes and spheres", refine=functools.partial(_met_exactly, "ellipsoid")
+            Level.EXACT,
+            "against planes and spheres",
+            refine=functools.partial(met_exactly, "ellipsoid", EXACTLY_MET, _NOT_EXACTLY),
         ),
         Feature.SHAPE_HEIGHTFIELD: never(
             "MJX meets height fields by prisms of their cells, and with spheres, capsules, boxes and hulls alone"
@@ -151,7 +119,9 @@ class Mjx(MjxSimulation):
             Level.EXACT, "cone=elliptic; a pyramid of one edge where nothing has friction", refine=_friction_everywhere
         ),
         Feature.CONE_PYRAMID_INSCRIBED: Support(
-            Level.EXACT, "where nothing has friction: a pyramid of one edge", refine=_no_friction
+            Level.EXACT,
+            "where nothing has friction: a pyramid of one edge",
+            refine=functools.partial(no_friction, why=_HOPS),
         ),
         Feature.IMPACT_FRICTION: approximate(
             "most of it is missing, as in MuJoCo: of the speed along the surface that an impact should take away 80 to 90 % "
@@ -159,11 +129,7 @@ class Mjx(MjxSimulation):
             short="80 to 90 % of the friction in an impact is missing, at 1 ms",
         ),
         Feature.SURFACE_VELOCITY: never("MJX has no surfacevel"),
-        **alike(
-            never("simspec's repeated solution of equalities in a step is written for MuJoCo alone"),
-            Feature.CONSTRAINT_COUPLING,
-            Feature.CONSTRAINT_LOOP,
-        ),
+        **NO_EQUALITIES,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
@@ -177,6 +143,6 @@ class Mjx(MjxSimulation):
         settings = resolve_settings(cls, world)
         found: dict[str, HeldValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
         found[CONE_OF_FILE] = found["opt.cone"]
-        if not any(map(_rubs, meeting_laws(world).values())):
+        if not any(map(rubs, meeting_laws(world).values())):
             found["opt.cone"] = PYRAMIDAL
         return found | turns(world.bodies)

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.mjx.importing import Modules
-
 
 class HeldOption:
     """The options of an ``mjx.Model``, those of its implementation among them."""
@@ -49,23 +47,3 @@ def _either(held: Any, file: Any, name: str) -> Any:
 
 def _plain(value: Any) -> Any:
     return np.asarray(value) if hasattr(value, "shape") else value
-
-
-class HeldMujoco:
-    """MuJoCo's module for what reads a :class:`Held`: names are those of its file, models of text become MJX's."""
-
-    def __init__(self, modules: Modules):
-        self._mujoco, self._mjx = modules.mujoco, modules.mjx
-        self.MjModel = self
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._mujoco, name)
-
-    def mj_id2name(self, held: Held, kind: Any, index: int) -> Any:
-        """The name of a thing in the file."""
-        return self._mujoco.mj_id2name(held.file, kind, index)
-
-    def from_xml_string(self, text: str) -> Held:
-        """What MJX holds of a model."""
-        file = self._mujoco.MjModel.from_xml_string(text)
-        return Held(self._mjx.put_model(file), file)

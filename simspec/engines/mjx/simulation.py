@@ -6,21 +6,19 @@ Facts marked *measured* were obtained with MJX 3.17.0 on JAX 0.10.2, in double p
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from simspec.engines.kit.arrays import sorted_pairs
-from simspec.engines.kit.contract import Actuation
-from simspec.engines.mjx.held import Held, HeldMujoco
+from simspec.engines.mjx.held import Held
 from simspec.engines.mjx.importing import Modules, begin, import_mjx
 from simspec.engines.mjx.programs import Programs, as_numpy
-from simspec.engines.mujoco.readback import CONE_NAMES, read_back
-from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulation
+from simspec.engines.mujoco.readback import CONE_NAMES
+from simspec.engines.mujoco.rewritten import RewrittenSimulation
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.world.types import Body, Quaternion, ReadBack
@@ -44,11 +42,10 @@ def turns(bodies: Sequence[Body]) -> dict[str, Quaternion]:
     }
 
 
-class MjxSimulation(MujocoSimulation, abstract=True):
+class MjxSimulation(RewrittenSimulation, abstract=True):
     """The methods of the engine; its declarations are in ``engine.py``."""
 
-    data: Any
-    """The present state, ``qpos`` and ``qvel``, and the contacts of the last step under MuJoCo's names."""
+    OWN: ClassVar[tuple[str, ...]] = ("_taken", "_programs", "_file")
 
     # --- life -----------------------------------------------------------------------------------------------------
 
@@ -78,46 +75,22 @@ class MjxSimulation(MujocoSimulation, abstract=True):
             raise EngineError(self.NAME, f"{MODEL} has contacts with friction and without, under the elliptic cone")
 
     def _take_over(self) -> None:
-        """Make MJX's model of MuJoCo's, and its programs."""
         try:
             self._taken = self._modules.mjx.put_model(self.model)
             self._programs = Programs(self._modules, self._taken)
         except NotImplementedError as error:
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
 
+    def _seen(self, model: Any) -> Held:
+        return Held(self._modules.mjx.put_model(model), model)
+
     def read_back(self) -> ReadBack:
-        held = Held(self._taken, self.model)
-        actuation = int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-        flags = (int(held.opt.disableflags) & ~actuation) | (self._disabled_by_file & actuation)
-        try:
-            found = read_back(HeldMujoco(self._modules), held, self._sidecar, flags)
-        except EngineError as error:  # says that it is MuJoCo
-            raise EngineError(self.NAME, str(error).removeprefix(f"{error.engine}: ")) from error
+        found = self._read(Held(self._taken, self.model))
         return dataclasses.replace(
             found,
             friction_cone=CONE_NAMES[self._cone_of_file],
             inventory={**found.inventory, CONE_OF_FILE: self._cone_of_file, **turns(found.bodies)},
-            made_of=self._made_of(),
         )
-
-    def _made_of(self) -> str:
-        """A hash of the model that MJX is given, whole, and of the sidecar: it is told nothing else."""
-        model = np.empty(self._mujoco.mj_sizeModel(self.model), dtype=np.uint8)
-        self._mujoco.mj_saveModel(self.model, None, model)
-        digest = hashlib.sha256(model.tobytes())
-        digest.update(repr(self._sidecar).encode())
-        return digest.hexdigest()
-
-    def log(self) -> list[str]:
-        found = list(self._log)
-        if self._mujoco is not None and not self._sidecar.explicit_pairs:
-            found.append(NO_EXPLICIT_PAIRS)
-        return found
-
-    def close(self) -> None:
-        super().close()
-        for name in ("_taken", "_programs", "_file"):
-            self.__dict__.pop(name, None)
 
     # --- state ----------------------------------------------------------------------------------------------------
 
@@ -157,9 +130,6 @@ class MjxSimulation(MujocoSimulation, abstract=True):
         last = self._programs.step(self.data.qpos, self.data.qvel, self._warm, applied, count)
         self.data.qpos, self.data.qvel = np.array(last["q"]), np.array(last["v"])
         self._warm, self._last = np.array(last["warm"]), last
-
-    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
-        return Actuation(self, q, v)
 
     def energy(self) -> tuple[float, float]:
         """Kinetic by MJX's mass matrix. MJX computes no potential energy: that is MuJoCo's, of the model that it took over."""
@@ -204,8 +174,4 @@ class MjxSimulation(MujocoSimulation, abstract=True):
         super().disable_contact()
         # without a contact no cone is of effect, and MJX has no form of the elliptic one where limits or friction are rows
         self.model.opt.cone = self._mujoco.mjtCone.mjCONE_PYRAMIDAL
-        self._take_over()
-
-    def disable_dry_friction(self, v: np.ndarray) -> None:
-        super().disable_dry_friction(v)
         self._take_over()

@@ -204,9 +204,8 @@ class Built:
     def _shape(self, unit: Unit) -> Any:
         told = unit.shape
         size, physx = lengths(told.size, f"size of {told.name}"), self.physx
-        if told.kind != "mesh" and not all(
-            edge > 0.0 for edge in size
-        ):  # PhysX would take another, with a word on the error output alone
+        # PhysX would take another size, with a word on the error output alone
+        if told.kind != "mesh" and not all(edge > 0.0 for edge in size):
             raise EngineError(NAME, f"has no {told.kind} of the size {min(told.size)!r} ({told.name})")
         friction, restitution = held_by(NAME, (unit.copy.friction, unit.copy.restitution), f"numbers of {told.name}")
         if (

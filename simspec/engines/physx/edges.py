@@ -23,16 +23,11 @@ from simspec.world.meeting import meeting_kinds
 from simspec.world.types import World
 
 _CROSSED = "a corner in a face is exact, and so is what stands or slides on faces; where two edges cross the normal is"
+_OF_HULLS = _CROSSED + " up to 0.7 rad off, the depth up to {} mm, and one of {} overlaps is missed"
 APPROXIMATE: Mapping[tuple[str, str], str] = {
     ("box", "box"): f"{_CROSSED} 0.27 rad off (median; 1.5 rad at most), the depth up to 2.1 mm",
-    (
-        "box",
-        "mesh",
-    ): f"{_CROSSED} up to 0.7 rad off, the depth up to 0.22 mm, and one of 90 overlaps is missed",
-    (
-        "mesh",
-        "mesh",
-    ): f"{_CROSSED} up to 0.7 rad off, the depth up to 0.12 mm, and one of 120 overlaps is missed",
+    ("box", "mesh"): _OF_HULLS.format(0.22, 90),
+    ("mesh", "mesh"): _OF_HULLS.format(0.12, 120),
     ("mesh", "sphere"): "depths are up to 0.1 mm off in 3 of 100 overlaps",
     ("capsule", "mesh"): "depths are up to 0.03 mm off in 2 of 100 overlaps",
 }
@@ -44,10 +39,11 @@ SHORT_ROUND = "depths of balls and capsules on hulls are up to 0.1 mm off"
 
 def _refinement(met: Mapping[tuple[str, str], str]) -> Refinement:
     told = "; ".join(f"{one} and {other}: {how}" for (one, other), how in met.items())
-    crossed = SHORT_HULLS if any("mesh" in pair for pair in met) else SHORT
-    return Refinement(
-        Level.APPROXIMATE, told, crossed if any(set(pair) <= {"box", "mesh"} for pair in met) else SHORT_ROUND
-    )
+    if ("box", "box") in met:
+        short = SHORT
+    else:
+        short = SHORT_HULLS if any(set(pair) <= {"box", "mesh"} for pair in met) else SHORT_ROUND
+    return Refinement(Level.APPROXIMATE, told, short)
 
 
 def _of(kind: str) -> Mapping[tuple[str, str], str]:

@@ -124,7 +124,10 @@ class PhysX(SteppedEngine[Simulation]):
             "PhysX has no cylinder; SAPIEN's is a prism of 32 sides, whose faces lie 0.48 % of the radius inside it (measured)"
         ),
         Feature.SHAPE_BOX: Support(
-            Level.EXACT, "with boxes approximate, and accepted by name", refine=boxes, cases=(BOXES,)
+            Level.EXACT,
+            "those that may meet other boxes are approximate, and accepted by name",
+            refine=boxes,
+            cases=(BOXES,),
         ),
         Feature.JOINT_FIXED: Support(
             Level.EXACT,
