@@ -31,6 +31,7 @@ from simspec.dialects.kit.mutations import STILL, Inert, Mutation, MutationTable
 from simspec.dialects.kit.together import Together
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.installed import version_of
+from simspec.engines.kit.precision import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Answer, Operation, call, side_by_side
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
@@ -305,9 +306,10 @@ class _Bench:
     def _note(self, mutation: Mutation, apart: float, found: _Found) -> bool:
         """Whether a mutation moves otherwise than its row allows; then it is noted."""
         row = self.table.inertness(mutation) or NOTHING
-        if apart > row.within:
+        acts = apart > max(row.within, STILL * ROUNDING[self.engine.PRECISION] / ROUNDING[DOUBLE])
+        if acts:
             found.acting[mutation.name] = f"declared inert, but the motion differs by {apart:.1e}: {row.why}"
-        return apart > row.within
+        return acts
 
     # --- judging --------------------------------------------------------------------------------------------------
 

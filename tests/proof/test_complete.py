@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import pytest
 
 from simspec.commands import self_test as command
-from simspec.dialects.kit.mutations import Inert, MutationTable
+from simspec.dialects.kit.mutations import Inert, Mutation, MutationTable
+from simspec.engines.kit.registry import find_engine
 from simspec.proof import complete, complete_asking
 from simspec.proof.complete import complete_self_test
 from simspec.proof.complete_verdicts import CompleteTest, Verdict
@@ -167,6 +168,19 @@ def test_rows_that_no_change_needs_are_named(tested):
     assert needed.name in {one.row for one in tested.verdicts if one.verdict == "inert"}
     assert complete.unused_rows(table, tested.verdicts) == ("nothing@*; word", "inertial@mass; *.xml")
     assert tested.unused == {}, "nothing is known of rows when only some changes were tried"
+
+
+@pytest.mark.parametrize(("engine", "acts"), [("mujoco", True), ("mjwarp", False)])
+def test_the_same_motion_is_as_near_as_numbers_of_the_engine_are(engine, acts, monkeypatch):
+    """What singles make of another order of the same sums is not an effect of a change; what doubles make is much less."""
+    monkeypatch.setattr(complete._Bench, "__init__", lambda self: None)
+    bench, row, found = complete._Bench(), Inert("*", "because"), complete._Found()
+    change = Mutation("model.xml", "scaled", "geom@quat", "geom@quat", "[0] 1 to 1.01", "")
+    object.__setattr__(bench, "engine", find_engine(engine))
+    object.__setattr__(bench, "table", MutationTable(inert=(row,)))
+    assert bench._note(change, 4.1e-5, found) is acts
+    assert bench._note(change, 1e-3, found)
+    assert change.name in found.acting
 
 
 @pytest.mark.parametrize("large", [True, False])

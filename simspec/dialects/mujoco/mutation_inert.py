@@ -92,6 +92,14 @@ INERT: tuple[Inert, ...] = (
         Inert(f"geom@{name}", "each shape states its own value", ("attribute added",), place="*/default(*)/geom@*")
         for name in ("axisangle", "conaffinity", "contype", "euler", "pos", "quat", "size", "type", "xyaxes", "zaxis")
     ),
+    Inert(
+        "geom@margin",
+        "each shape of the class states its own",
+        ("attribute added",),
+        place="*/default(material/*)/geom@*",
+    ),
+    Inert("geom@class", "the two classes say the same of the shape", ("word",)),
+    Inert("default@class", "the two classes say the same of each of their shapes", ("swapped",)),
     *(
         Inert(f"geom@{name}", "other bits of a mask, by which the same shapes collide", ("scaled", "moved", "sign"))
         for name in ("contype", "conaffinity")
