@@ -20,6 +20,7 @@ from simspec.engines.mujoco import fields
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
 from simspec.proof.comparator import inventory_checks
+from simspec.proof.mutation_worlds import WORLDS
 from simspec.testing import worlds as shipped
 from simspec.testing.worlds import accepting
 from tests import worlds
@@ -46,6 +47,14 @@ def test_the_pyramid_is_refused_where_anything_has_friction():
     assert "under the pyramid a box with friction that is pushed becomes no number" in refused(
         worlds.with_cone("pyramid-inscribed")
     )
+
+
+def test_what_weighs_nothing_and_rubs_is_refused_where_its_solver_makes_no_numbers():
+    world = WORLDS["weightless"]("mjwarp")
+    assert "'root' has no mass and touches with friction" in refused(world)
+    smooth = tuple(dataclasses.replace(pair, friction=0.0) for pair in world.contact.pairs)
+    contact = dataclasses.replace(world.contact, pairs=smooth)
+    assert compile_world(accepting(dataclasses.replace(world, contact=contact), "mjwarp"), ["mjwarp"])
 
 
 def test_what_it_has_functions_for_is_taken():
