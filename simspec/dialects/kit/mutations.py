@@ -52,7 +52,7 @@ MOVED = 0.01
 STILL = 1e-12
 """Metres, radians and their rates, relative to the larger of one and the value: motions within it are the same. So it is for
 engines that compute with doubles; for others it is as many roundings: 5.4e-4 in single precision, where what is computed in
-another way was up to 4.1e-5 off (measured: MuJoCo Warp, quaternions of one rotation of a shape or of equal moments)."""
+another way was up to 4.1e-5 off (measured: quaternions of one rotation of a shape or of equal moments)."""
 UNKNOWN = "something-else"
 FLAGS = {"true": "false", "false": "true", "enable": "disable", "disable": "enable"}
 
