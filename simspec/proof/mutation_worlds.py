@@ -219,7 +219,16 @@ def light_shapes(engine: str) -> World:
 
 def shapes_but_cylinders(engine: str) -> World:
     """The same with capsules in place of cylinders."""
-    world = light_shapes(engine)
+    return _with_capsules(light_shapes(engine), "self-test-shapes-but-cylinders")
+
+
+def heavy_shapes_but_cylinders(engine: str) -> World:
+    """The same where what is welded to a moving body has a mass."""
+    return _with_capsules(shapes(engine), "self-test-heavy-shapes-but-cylinders")
+
+
+def _with_capsules(world: World, name: str) -> World:
+    """Under this name, with capsules in place of cylinders."""
     bodies = tuple(
         dataclasses.replace(
             body,
@@ -230,7 +239,7 @@ def shapes_but_cylinders(engine: str) -> World:
         )
         for body in world.bodies
     )
-    return dataclasses.replace(world, name="self-test-shapes-but-cylinders", bodies=bodies)
+    return dataclasses.replace(world, name=name, bodies=bodies)
 
 
 def settings(engine: str) -> World:
@@ -355,6 +364,7 @@ WORLDS: Mapping[str, Callable[[str], World]] = {
     "shapes": shapes,
     "light shapes": light_shapes,
     "shapes but cylinders": shapes_but_cylinders,
+    "heavy shapes but cylinders": heavy_shapes_but_cylinders,
     "weightless": weightless,
     "several joints": several_joints,
     "ellipsoid": ellipsoid,
@@ -374,6 +384,7 @@ STAND_INS: Mapping[str, str] = {
     **{name: smaller for name, (smaller, _) in SMALLER.items()},
     "shapes": "light shapes",
     "light shapes": "shapes but cylinders",
+    "shapes but cylinders": "heavy shapes but cylinders",
     "settings": "settings on a floor",
 }
 """The world that takes another's place where an engine refuses that one; it comes after that."""

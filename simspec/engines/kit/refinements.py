@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from simspec.support.declarations import Level, Refinement, not_here
 from simspec.world.gathering import gathered
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import frictionless, meeting_laws, solid_shapes
+from simspec.world.meeting import Pair, frictionless, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.types import Body, Shape, World
 
 Refine = Callable[[World], Refinement | None]
@@ -88,3 +88,15 @@ def planes_still(why: str) -> Refine:
         return not_here(None if name is None else why.format(name=repr(name)))
 
     return refine
+
+
+def met_pairs(world: World, told: Mapping[Pair, str]) -> Mapping[Pair, str]:
+    """Of what is told of sorted pairs of kinds of shapes, that of those that may meet here."""
+    met = meeting_kinds(world)
+    return {pair: how for pair, how in told.items() if pair in met}
+
+
+def approximate_pairs(told: Mapping[Pair, str], short: str) -> Refinement:
+    """Approximate, with what is told of each pair of kinds of shapes; ``short`` is one line on what is lost."""
+    how = "; ".join(f"{one} and {other}: {lost}" for (one, other), lost in told.items())
+    return Refinement(Level.APPROXIMATE, how, short)

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from simspec.engines.kit.refinements import approximate_pairs, met_pairs
 from simspec.engines.physx.hulls import hulls_held
-from simspec.support.declarations import Level, Refinement
-from simspec.world.meeting import meeting_kinds
+from simspec.support.declarations import Refinement
 from simspec.world.types import World
 
 _CROSSED = "a corner in a face is exact, and so is what stands or slides on faces; where two edges cross the normal is"
@@ -38,12 +38,9 @@ SHORT_ROUND = "depths of balls and capsules on hulls are up to 0.1 mm off"
 
 
 def _refinement(met: Mapping[tuple[str, str], str]) -> Refinement:
-    told = "; ".join(f"{one} and {other}: {how}" for (one, other), how in met.items())
     if ("box", "box") in met:
-        short = SHORT
-    else:
-        short = SHORT_HULLS if any(set(pair) <= {"box", "mesh"} for pair in met) else SHORT_ROUND
-    return Refinement(Level.APPROXIMATE, told, short)
+        return approximate_pairs(met, SHORT)
+    return approximate_pairs(met, SHORT_HULLS if any(set(pair) <= {"box", "mesh"} for pair in met) else SHORT_ROUND)
 
 
 def _of(kind: str) -> Mapping[tuple[str, str], str]:
@@ -53,7 +50,7 @@ def _of(kind: str) -> Mapping[tuple[str, str], str]:
 
 def boxes(world: World) -> Refinement | None:
     """Boxes that may meet boxes; with hulls they are told of the hulls."""
-    met = {pair: how for pair, how in _of("box").items() if pair in meeting_kinds(world)}
+    met = met_pairs(world, _of("box"))
     return _refinement(met) if met else None
 
 
@@ -61,7 +58,7 @@ def meshes(world: World) -> Refinement | None:
     """Not hulls that PhysX would not hold; approximate are those that may meet more than planes."""
     if refused := hulls_held(world):
         return refused
-    met = {pair: how for pair, how in _of("mesh").items() if pair in meeting_kinds(world)}
+    met = met_pairs(world, _of("mesh"))
     return _refinement(met) if met else None
 
 

@@ -25,6 +25,7 @@ from simspec.engines.kit.refinements import only_balls_slide, planes_still, stil
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.rapier.balls import SMALL, balls
+from simspec.engines.rapier.cylinders import CYLINDERS, cylinders
 from simspec.engines.rapier.expected import expected
 from simspec.engines.rapier.hulls import STACKED, hulls_held
 from simspec.engines.rapier.inventory import inventory, neutral
@@ -94,6 +95,12 @@ class Rapier(SteppedEngine[Simulation]):
         **jointless("Rapier", _DRIFT, "motors"),
         **shape_kinds("Rapier", ("sphere", "box", "capsule", "cylinder")),
         Feature.SHAPE_SPHERE: Support(Level.EXACT, "balls of at least 0.1 mm of radius", refine=balls, cases=(SMALL,)),
+        Feature.SHAPE_CYLINDER: Support(
+            Level.EXACT,
+            "those that may meet more than planes and balls are approximate, and accepted by name",
+            refine=cylinders,
+            cases=(CYLINDERS,),
+        ),
         Feature.JOINT_FIXED: Support(
             Level.EXACT,
             "of what cannot move, and of bodies without mass on one that moves, which are parts of it",

@@ -10,8 +10,9 @@ NAME = "rapier"
 SCALE = 1024.0
 """Rapier is told lengths in 1/1024 m. Its search for nearest points ends by thresholds in its own unit: with the metre 12 % of
 the overlaps of a ball and a hull of 100 corners were missed, half of those with 400, and 13 % of a capsule and a cylinder; from
-four times that to a million times none (0.03 to 5 mm deep, shapes of 0.2 m). Of 30 stacks of three boxes as hulls 9 fell with
-the metre, and some with 1/256 m and more; with 1/1024 m none of 60 (measured). A power of two changes no digit of a number."""
+four times that to a million times none (0.03 to 5 mm deep, shapes of 0.2 m; shallower ones of cylinders are still missed,
+``cylinders.py``). Of 30 stacks of three boxes as hulls 9 fell with the metre, and some with 1/256 m and more; with 1/1024 m
+none of 60 (measured). A power of two changes no digit of a number."""
 SQUARE = SCALE * SCALE
 """Its unit of torque, inertia and energy in 1 N m, 1 kg m² and 1 J."""
 

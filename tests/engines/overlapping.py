@@ -1,0 +1,58 @@
+"""Two bodies in random poses that overlap so deep, and what an engine tells of them beside the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from simspec.engines.kit.contract import Engine
+from simspec.proof.touch.geometry import Gap, gap, solids, transforms
+from simspec.world import frames
+from simspec.world.types import World
+
+DEPTH = 1e-4
+FAR = 5.0
+"""m above the floor."""
+
+
+def overlaps(
+    engine: Engine, world: World, count: int, seed: int
+) -> Iterator[tuple[Gap, float | None, float, np.ndarray]]:
+    """Of the last two shapes of a world, with random turns and directions between them: the true gap, ``DEPTH`` deep; how far
+    (m) the engine's deepest point is off (None: it has no contact), how far its normal is turned (its sine), and the bodies' axes
+    (6, 3). The first of them may be a plane, which stays."""
+    one, two = solids(world)[-2:]
+    floor = one.shape.kind == "plane"
+    base = np.array([0.0, 0.0, 0.0 if floor else FAR])
+    draw = np.random.default_rng(seed)
+    for _ in range(count):
+        turns = [frames.normalise(tuple(draw.normal(size=4).tolist())) for _ in range(2)]
+        away = draw.normal(size=3)
+        if floor:
+            turns[0], away = (1.0, 0.0, 0.0, 0.0), np.array([0.0, 0.0, 1.0])
+        away /= np.linalg.norm(away)
+
+        def poses(far: float, turns=turns, away=away) -> np.ndarray:
+            return np.array([[*base, *turns[0]], [*(base + far * away), *turns[1]]])
+
+        def between(far: float, poses=poses) -> Gap:
+            first, second = transforms(poses(far))
+            return gap(one, first, two, second)
+
+        near, far = 0.0, 1.0
+        for _ in range(40):
+            middle = 0.5 * (near + far)
+            near, far = (middle, far) if between(middle).distance < -DEPTH else (near, middle)
+        true = between(far)
+        q = poses(far)[1:] if floor else poses(far)
+        engine.set_state(q.ravel(), np.zeros(6 * len(q)))
+        engine.step(1)
+        told = engine.contacts()
+        axes = np.concatenate([np.array(frames.matrix(turn)).T for turn in turns])
+        if not len(told["distance"]):
+            yield true, None, 0.0, axes
+            continue
+        deepest = int(np.argmin(told["distance"]))
+        turned = float(np.linalg.norm(np.cross(told["normal"][deepest], true.normal)))
+        yield true, float(abs(told["distance"][deepest] - true.distance)), turned, axes
