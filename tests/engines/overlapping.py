@@ -20,8 +20,8 @@ def overlaps(
     engine: Engine, world: World, count: int, seed: int
 ) -> Iterator[tuple[Gap, float | None, float, np.ndarray]]:
     """Of the last two shapes of a world, with random turns and directions between them: the true gap, ``DEPTH`` deep; how far
-    (m) the engine's deepest point is off (None: it has no contact), how far its normal is turned (its sine), and the bodies' axes
-    (6, 3). The first of them may be a plane, which stays."""
+    (m) the engine's deepest point is off (None: it has no contact), how far its normal is turned (its sine), and the axes of
+    both bodies (6, 3). The first of them may be a plane, which stays."""
     one, two = solids(world)[-2:]
     floor = one.shape.kind == "plane"
     base = np.array([0.0, 0.0, 0.0 if floor else FAR])
