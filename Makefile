@@ -2,7 +2,7 @@
 # make demo    the main job: 216 spheres in every engine that is here, then a robot arm
 # make engines   engines that need more than pip: installed where that is possible (root, apt-get); fails where one is missing then; ENGINES="ode drake" those alone
 # make test    what CI runs: lint, types, stale files, tests
-# make check   lint, types (mypy, strict) and stale files alone
+# make check   lint, types (mypy, strict) and stale files alone (make types, make stale: one half)
 # make quick   the developer's loop: lint, and the tests that start no engine
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make fuzz LANGUAGE=urdf MINUTES=10   damaged and hostile files for an importer, so many minutes of processor time
@@ -21,7 +21,7 @@ JOBS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 8 ] && echo $$((n + 1
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: corpora engines setup demo test quick check generated lock benchmarks scenario-full random-worlds fuzz selftest kills study study-small study-contact page-bundle clean
+.PHONY: corpora engines setup demo test quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest kills study study-small study-contact page-bundle clean
 
 setup: .venv/ready
 
@@ -45,10 +45,14 @@ demo: setup
 PAGES := docs/results.md $(if $(wildcard docs/studies/koerber-2021/study.json),docs/stacking.md) \
 	$(if $(wildcard docs/studies/contact/study.json),docs/contact.md)
 
-check: setup
+check: types stale
+
+types: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+stale: setup
 	$(BIN)/simspec schema --check
 	$(BIN)/simspec schema --of engine-request --check
 	$(BIN)/simspec schema --of engine-result --check
@@ -60,7 +64,9 @@ check: setup
 	$(BIN)/simspec compile --check
 	$(BIN)/simspec pages --check $(PAGES)
 
-test: check
+# both halves of check side by side
+test: setup
+	$(MAKE) -j2 check
 	$(BIN)/pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 # the language, the world, formats, comparisons, reports: all that needs no engine at work
