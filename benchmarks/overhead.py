@@ -11,22 +11,26 @@ last bit, so only the rest of the machine makes a chunk slower); the ratio is th
 from __future__ import annotations
 
 import argparse
+import functools
 import math
+import os
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-import simspec
-from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.registry import engines
+import numpy as np
+
 from simspec.engines.kit.session import Session
 
 SCENARIOS = ("spheres-216", "ur10e")
-WITHOUT = {("ur10e", "physx"), ("ur10e", "rapier")}
-"""What an engine does not support: joints of engines of single precision hold to 1e-4 at best, and simspec has none of them."""
+WITHOUT = {("ur10e", "physx"), ("ur10e", "rapier"), ("spheres-216", "mjx")}
+"""What an engine does not support: joints that drift by more than single precision does, and so many contacts that there can
+be."""
 ROOT = Path(__file__).resolve().parent.parent
+EVERY = 10
+"""Steps of a chunk."""
 
 
 def bare_mujoco(engine, steps, every):
@@ -106,8 +110,52 @@ def bare_physx(engine, steps, every):
     return seconds
 
 
+@functools.cache
+def _compiled_mjx():
+    import jax
+    from mujoco import mjx
+
+    return jax.jit(mjx.step)
+
+
+def bare_mjx(engine, steps, every):
+    """One compiled step, called from Python; simspec compiles a loop of steps. Both have the same arrays at the end."""
+    import jax
+
+    step, model = _compiled_mjx(), jax.device_put(engine._taken)
+    now = engine.data
+    data = jax.device_put(engine._programs.blank.replace(qpos=now.qpos, qvel=now.qvel, qacc_warmstart=engine._warm))
+    started = time.perf_counter()
+    for _ in range(steps):
+        data = step(model, data)
+    jax.block_until_ready(data)
+    seconds = time.perf_counter() - started
+    now.qpos, now.qvel, engine._warm = (np.array(value) for value in (data.qpos, data.qvel, data.qacc_warmstart))
+    return seconds
+
+
+def bare_mjwarp(engine, steps, every):
+    """One recorded step, launched from Python."""
+    import warp
+
+    motion, now = engine._motion, engine.data
+    motion.run("step", engine._state(np.zeros(engine.model.nv)), 0)
+    launch, graph = warp.capture_launch, motion._graphs["step"]
+    started = time.perf_counter()
+    with warp.ScopedDevice(engine._device):
+        for _ in range(steps):
+            launch(graph)
+        warp.synchronize()
+    seconds = time.perf_counter() - started
+    now.qpos, now.qvel, engine._warm = (motion.take(name) for name in ("qpos", "qvel", "qacc_warmstart"))
+    now.ncon = -1
+    return seconds
+
+
 BARE = {
     "mujoco": bare_mujoco,
+    "mjx": bare_mjx,
+    "mjwarp": bare_mjwarp,
     "pybullet": bare_pybullet,
     "dart": bare_dart,
     "drake": bare_drake,
@@ -152,35 +200,40 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=4)
     parser.add_argument("--steps", type=int, default=1000)
-    parser.add_argument("--one", nargs=2, metavar=("SCENARIO", "ENGINE"), help="measure one pair in this process")
+    parser.add_argument("--engine", action="append", help="an engine; repeatable (default: all that are here)")
+    parser.add_argument("--one", nargs=2, metavar=("ENGINE", "FOLDER"), help="measure these files in this process")
     given = parser.parse_args()
-    every = 10
     if given.one:
-        scenario, name = given.one
-        world = simspec.load(ROOT / "specs" / f"{scenario}.yaml").resolve()
-        with tempfile.TemporaryDirectory() as folder:
-            write_folder(compile_world(world, [name])[name].files, Path(folder) / name)
-            ours, bare = measure(name, Path(folder) / name, given.steps, every, given.rounds)
-        print(
-            f"{scenario:14} {name:9} {1e6 * ours / given.steps:10.1f} {1e6 * bare / given.steps:10.1f} {ours / bare:7.3f}"
-        )
+        name, folder = given.one
+        ours, bare = measure(name, Path(folder), given.steps, EVERY, given.rounds)
+        print(f"{1e6 * ours / given.steps:10.1f} {1e6 * bare / given.steps:10.1f} {ours / bare:7.3f}")
         return 0
+    return every_engine(given)
+
+
+def every_engine(given: argparse.Namespace) -> int:
+    """Each pair in a process of its own, in the interpreter of the engine."""
+    # these need more than the interpreters of some engines have
+    import simspec
+    from simspec.compiler import compile_world, write_folder
+    from simspec.engines.kit.registry import engines
+    from simspec.project import load_project
+    from simspec.testing.worlds import accepting
+
+    pythons = load_project().known_interpreters()
     print(f"{'scenario':14} {'engine':9} {'simspec µs':>10} {'bare µs':>10} {'ratio':>7}")
     for scenario in SCENARIOS:
-        for name in (name for name in engines() if name in BARE and (scenario, name) not in WITHOUT):
-            command = [
-                sys.executable,
-                __file__,
-                "--one",
-                scenario,
-                name,
-                "--rounds",
-                str(given.rounds),
-                "--steps",
-                str(given.steps),
-            ]
-            output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-            print(output.strip().splitlines()[-1], flush=True)
+        world = simspec.load(ROOT / "specs" / f"{scenario}.yaml").resolve()
+        for name in given.engine or [name for name in engines() if name in BARE]:
+            if (scenario, name) in WITHOUT:
+                continue
+            with tempfile.TemporaryDirectory() as folder:
+                write_folder(compile_world(accepting(world, name), [name])[name].files, Path(folder) / name)
+                command = [pythons.get(name, sys.executable), __file__, "--one", name, str(Path(folder) / name)]
+                command += ["--rounds", str(given.rounds), "--steps", str(given.steps)]
+                environment = os.environ | {"PYTHONPATH": str(ROOT)}
+                found = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+            print(f"{scenario:14} {name:9} {found.stdout.strip().splitlines()[-1]}", flush=True)
     return 0
 
 

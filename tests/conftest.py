@@ -20,6 +20,9 @@ settings.load_profile("simspec")
 
 ROOT = Path(__file__).resolve().parent
 os.environ["XDG_DATA_HOME"] = os.devnull  # versions of engines that the user has made are none of a test's business
+# commands that tests start inherit what is ignored here: by nohup, or beside a shell that goes on, and would not be told to end
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_report_header() -> list[str]:

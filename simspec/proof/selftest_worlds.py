@@ -309,7 +309,7 @@ def surfaces(engine: str) -> World:
         bodies,
         contact,
         PHYSICS,
-        engines=_options(engine, "contact.cone.elliptic", "contact.friction.impact"),
+        engines=_options(engine, "contact.cone.elliptic", "contact.friction.impact", "shape.box"),
     )
 
 

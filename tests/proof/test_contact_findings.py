@@ -44,7 +44,7 @@ def world_of(name: str, duration: float, bodies: dict):
         "engines": {
             "mujoco": {"accept": ["contact.friction.impact"]},
             "pybullet": {"accept": ["contact.cone.elliptic"]},
-            "physx": {"accept": ["contact.cone.elliptic"]},
+            "physx": {"accept": ["contact.cone.elliptic", "shape.box"]},
         },
     }
     return simspec.Spec.from_data(data).resolve()
