@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import ClassVar
@@ -14,15 +15,14 @@ from simspec.engines.kit.native_law import NativeLaw
 from simspec.engines.kit.precision import SINGLE
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mjwarp.contact import CONTACT_DEVIATIONS
+from simspec.engines.mjwarp.no_numbers import MOST_TORSIONAL_RATIO, PYRAMID, torsional_alone, weightless_rub
 from simspec.engines.mjwarp.settings import SETTINGS
 from simspec.engines.mjwarp.simulation import SEARCH_OF_FILE, MjWarpSimulation
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
-from simspec.engines.mujoco.rewritten import NO_EQUALITIES, hardnesses, met_exactly, no_friction, rubs
-from simspec.support.declarations import Level, Refinement, Support, Table, never, not_here
+from simspec.engines.mujoco.rewritten import NO_EQUALITIES, hardnesses, met_exactly, no_friction
+from simspec.support.declarations import Level, Refinement, Support, Table, never
 from simspec.support.features import Feature
-from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import HeldValue, World
 
 SEARCHED = (
@@ -39,25 +39,11 @@ EXACTLY_MET: Mapping[str, tuple[str, ...]] = {
 """By kind of shape those for which there is a function of the two; planes, spheres and boxes have one for each other."""
 
 
-_NO_NUMBER = (
-    "under the pyramid a box with friction that is pushed becomes no number (NaN), in single precision (L5; measured)"
-)
+_TORSIONAL = MuJoCo.SUPPORT[Feature.TORSIONAL_FRICTION]
 
 
-def _weightless_rub(world: World) -> Refinement | None:
-    """Refused where a body without mass has shapes with friction on what moves. *Measured*, at 1 ms under the elliptic cone: a
-    free body of which the first part weighs nothing, and the parts that are fixed to it 1.1 kg, lands on a box with 3 m/s and
-    is no number 0.1 s later, with a hinge on it or without; not where the first part weighs 0.5 kg, not without friction."""
-    groups = rigid_groups(world)
-    rubbing = {name for pair, law in meeting_laws(world).items() if rubs(law) for name in pair}
-    for body in world.bodies:
-        weightless = not body.inertial.mass and groups[body.name] != "world"
-        if weightless and any(shape.material in rubbing for shape in solid_shapes(body)):
-            return not_here(
-                f"{body.name!r} has no mass and touches with friction, of which MuJoCo Warp's solver makes no numbers (NaN) "
-                "within 0.1 s, in single precision (measured); give it mass, or its shapes to the body that carries it"
-            )
-    return None
+def _torsional(world: World) -> Refinement | None:
+    return torsional_alone(world, float(resolve_settings(MjWarp, world)["high_impratio"]))
 
 
 def _of_kind(kind: str) -> Support:
@@ -101,12 +87,17 @@ class MjWarp(MjWarpSimulation):
         Feature.SHAPE_HEIGHTFIELD: never(
             "MuJoCo Warp meets height fields by prisms of their cells, by the search that loses digits with size"
         ),
-        Feature.MASSLESS: Support(Level.EXACT, "of what touches nothing with friction", refine=_weightless_rub),
+        Feature.MASSLESS: Support(Level.EXACT, "of what touches nothing with friction", refine=weightless_rub),
+        Feature.TORSIONAL_FRICTION: dataclasses.replace(
+            _TORSIONAL,
+            how=f"beside rolling friction, or at a high_impratio of up to {MOST_TORSIONAL_RATIO:g}: {_TORSIONAL.how}",
+            refine=_torsional,
+        ),
         Feature.CONTROL_NATIVE: never("simspec drives MuJoCo Warp by efforts"),
         Feature.CONE_PYRAMID_INSCRIBED: Support(
             Level.EXACT,
             "where nothing has friction: a pyramid of one edge",
-            refine=functools.partial(no_friction, why=_NO_NUMBER),
+            refine=functools.partial(no_friction, why=PYRAMID),
         ),
         **NO_EQUALITIES,
     }

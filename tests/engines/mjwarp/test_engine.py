@@ -22,7 +22,7 @@ from simspec.errors import UnsupportedError
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.testing import worlds as shipped
-from simspec.testing.worlds import accepting
+from simspec.testing.worlds import accepting, with_options
 from tests import worlds
 
 installed = pytest.mark.skipif(MjWarp.version() is None, reason="mujoco-warp is not installed")
@@ -55,6 +55,18 @@ def test_what_weighs_nothing_and_rubs_is_refused_where_its_solver_makes_no_numbe
     smooth = tuple(dataclasses.replace(pair, friction=0.0) for pair in world.contact.pairs)
     contact = dataclasses.replace(world.contact, pairs=smooth)
     assert compile_world(accepting(dataclasses.replace(world, contact=contact), "mjwarp"), ["mjwarp"])
+
+
+@pytest.mark.parametrize(("rolling", "ratio", "taken"), [(0.0, None, False), (0.0, 1000.0, True), (0.001, None, True)])
+def test_torsional_friction_alone_is_refused_where_what_lands_would_be_no_number(rolling, ratio, taken):
+    world = WORLDS["rolling"]("mjwarp")
+    law = dataclasses.replace(world.contact.pairs[0], rolling_friction=rolling)
+    world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=(law,)))
+    world = with_options(world, "mjwarp", settings=() if ratio is None else (("high_impratio", ratio),))
+    if taken:
+        assert compile_world(accepting(world, "mjwarp"), ["mjwarp"])
+    else:
+        assert "set engines.mjwarp.settings.high_impratio to 1000" in refused(world)
 
 
 def test_what_it_has_functions_for_is_taken():
