@@ -83,6 +83,7 @@ class Programs:
         with self._warp.ScopedDevice(self._device):
             self._data = self._solver.make_data(self._file, nconmax=room.contacts, njmax=room.rows)
         self._graphs: dict[str, Any] = {}
+        self._seen: dict[str, np.ndarray] = {}
 
     def run(self, name: str, state: Mapping[str, Numbers], count: int = 1) -> None:
         """Run a program ``count`` times from a state: the fields of data by Warp's names. Where contacts had no room there is
@@ -98,9 +99,13 @@ class Programs:
         graph = self._graphs.get(name)
         if graph is None:
             graph = self._graphs[name] = self._recorded(WORK[name], name)
+            self._seen = {}  # whatever that call has made of the data
         for field, values in state.items():
-            self._put(getattr(self._data, field), values)
-        self._data.overflow.zero_()
+            self._put(field, values)
+        if self._device.is_cpu:
+            self._numbers("overflow")[0] = 0
+        else:
+            self._data.overflow.zero_()
         with self._warp.ScopedDevice(self._device):
             for _ in range(count):
                 self._warp.capture_launch(graph)
@@ -114,26 +119,36 @@ class Programs:
                 work(self._solver, self._taken, self._data)
         return capture.graph
 
-    def _put(self, array: Any, values: Numbers) -> None:
+    def _numbers(self, name: str) -> np.ndarray:
+        """A field of the data: on a processor seen, and remembered, since asking costs microseconds; elsewhere copied."""
+        if not self._device.is_cpu:
+            copied: np.ndarray = getattr(self._data, name).numpy()
+            return copied
+        seen = self._seen.get(name)
+        if seen is None:
+            seen = self._seen[name] = getattr(self._data, name).numpy()
+        return seen
+
+    def _put(self, name: str, values: Numbers) -> None:
         if self._device.is_cpu:
-            array.numpy()[0] = values
+            self._numbers(name)[0] = values
         else:
-            array.assign(values[None].astype(np.float32))
+            getattr(self._data, name).assign(values[None].astype(np.float32))
 
     def take(self, name: str) -> np.ndarray:
         """A field of the data, as an array of its own."""
-        return _own(getattr(self._data, name).numpy()[0])
+        return _own(self._numbers(name)[0])
 
     @property
     def out_of_room(self) -> bool:
         """Whether something was left out of the last run for want of room."""
         contacts = self._data.naconmax
-        there = max(int(self._data.nacon.numpy()[0]), int(self._data.ncollision.numpy()[0]))
+        there = max(int(self._numbers("nacon")[0]), int(self._numbers("ncollision")[0]))
         return there > contacts or bool(self._overflow & self._out_of_room)
 
     @property
     def _overflow(self) -> int:
-        return int(self._data.overflow.numpy()[0])
+        return int(self._numbers("overflow")[0])
 
     @property
     def signs(self) -> list[str]:
@@ -142,7 +157,7 @@ class Programs:
 
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts of the last run that are within their margin, and the force of each row of constraints."""
-        held, count = self._data.contact, int(self._data.nacon.numpy()[0])
+        held, count = self._data.contact, int(self._numbers("nacon")[0])
         found = {name: _own(getattr(held, name).numpy()[:count]) for name in CONTACTS}
         there = (found["dist"] <= found["includemargin"]) & (found["type"] & 1 == 1)
         return {name: values[there] for name, values in found.items()} | {
