@@ -216,6 +216,7 @@ def every_engine(given: argparse.Namespace) -> int:
     # these need more than the interpreters of some engines have
     import simspec
     from simspec.compiler import compile_world, write_folder
+    from simspec.engines.kit.installed import version_of
     from simspec.engines.kit.registry import engines
     from simspec.project import load_project
     from simspec.testing.worlds import accepting
@@ -224,7 +225,9 @@ def every_engine(given: argparse.Namespace) -> int:
     print(f"{'scenario':14} {'engine':9} {'simspec µs':>10} {'bare µs':>10} {'ratio':>7}")
     for scenario in SCENARIOS:
         world = simspec.load(ROOT / "specs" / f"{scenario}.yaml").resolve()
-        for name in given.engine or [name for name in engines() if name in BARE]:
+        for name in given.engine or [
+            name for name in engines() if name in BARE and version_of(name, pythons.get(name))
+        ]:
             if (scenario, name) in WITHOUT:
                 continue
             with tempfile.TemporaryDirectory() as folder:

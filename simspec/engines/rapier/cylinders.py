@@ -35,7 +35,7 @@ APPROXIMATE: Mapping[tuple[str, str], str] = {
     ("cylinder", "mesh"): f"{_FLAT}one of 240 overlaps is missed (by 18 µm), the normal is 0.008 rad off in 1 of 100",
 }
 """Of pairs of kinds, what is lost."""
-SHORT = "aslant normals of cylinders are 0.01 rad off, and 0.2 to 4 % of overlaps of 10 to 40 µm are missed"
+SHORT = "aslant normals of cylinders are 0.01 rad off, and 0.1 to 4 % of overlaps of 10 to 40 µm are missed"
 CYLINDERS = approximate_pairs(APPROXIMATE, SHORT)
 """Where all of these pairs may meet, for tables."""
 
