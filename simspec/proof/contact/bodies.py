@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 from simspec.proof.contact.probe import FLOOR, Law
 from simspec.world import frames
@@ -10,7 +11,7 @@ from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Shape, 
 
 FLOOR_SIZE = (400.0, 400.0, 2.0)
 """m. A box, not a plane: on one engine's planes boxes tumble, and another's gives one contact for a face."""
-STILL = (0.0,) * 6
+STATIONARY = (0.0,) * 6
 """Velocity: linear of the body's frame, then angular, both in world axes."""
 
 
@@ -20,13 +21,39 @@ def floor(law: Law, size: Vector3 = FLOOR_SIZE) -> Body:
     return Body(FLOOR, FLOOR, Inertial(0.0), Joint(f"{FLOOR}_joint", "fixed"), (shape,))
 
 
+def fixed_box(name: str, size: Vector3, at: Vector3, material: str, turn: Quaternion = frames.IDENTITY) -> Body:
+    """A fixed box with its centre at ``at``."""
+    shape = Shape(f"{name}_0", "box", size, Pose(at, turn), material)
+    return Body(name, name, Inertial(0.0), Joint(f"{name}_joint", "fixed"), (shape,))
+
+
+def cluster(
+    law: Law,
+    name: str,
+    balls: Mapping[str, Vector3],
+    radius: float,
+    mass: float,
+    inertia: float,
+    at: Vector3,
+    turn: Quaternion = frames.IDENTITY,
+    velocity: tuple[float, ...] = STATIONARY,
+) -> Body:
+    """A free body of several balls of one radius (m), by name the places of their centres in its frame; its centre of mass at
+    ``at``, and one moment of inertia (kg m²) about every axis."""
+    shapes = tuple(
+        Shape(f"{name}_{part}", "sphere", (radius,), Pose(place), law.pair.second) for part, place in balls.items()
+    )
+    body = _free(name, Inertial(mass, inertia=(inertia,) * 3 + (0.0,) * 3), shapes[0], at, turn, velocity)
+    return dataclasses.replace(body, shapes=shapes)
+
+
 def ball(
     law: Law,
     name: str,
     radius: float,
     mass: float,
     at: Vector3,
-    velocity: tuple[float, ...] = STILL,
+    velocity: tuple[float, ...] = STATIONARY,
     inertia: float | None = None,
     material: str | None = None,
     group: str = "default",
@@ -45,14 +72,17 @@ def box(
     size: Vector3,
     mass: float,
     at: Vector3,
-    velocity: tuple[float, ...] = STILL,
+    velocity: tuple[float, ...] = STATIONARY,
     turn: Quaternion = frames.IDENTITY,
+    material: str | None = None,
+    group: str = "default",
 ) -> Body:
-    """A free box of uniform density with its centre at ``at``."""
+    """A free box of uniform density with its centre at ``at``; ``material`` and ``group`` as of :func:`ball`."""
     x, y, z = (edge * edge for edge in size)
     moments = (mass / 12.0 * (y + z), mass / 12.0 * (x + z), mass / 12.0 * (x + y))
-    shape = Shape(f"{name}_0", "box", size, Pose(), law.pair.second)
-    return _free(name, Inertial(mass, inertia=(*moments, 0.0, 0.0, 0.0)), shape, at, turn, velocity)
+    shape = Shape(f"{name}_0", "box", size, Pose(), material or law.pair.second)
+    body = _free(name, Inertial(mass, inertia=(*moments, 0.0, 0.0, 0.0)), shape, at, turn, velocity)
+    return dataclasses.replace(body, collision_group=group)
 
 
 def _free(

@@ -12,12 +12,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from simspec.proof.contact.reach import Reach
 from simspec.world.types import LEFT_OUT, Body, PairContact, Vector3
 
 GRAVITY = 9.81
 """Of all probes, downwards (m/s²), whatever the scenario's is: a contact law does not depend on it."""
 FLOOR = "floor"
 """Name of the fixed body that probes stand on: a box whose upper face is at z = 0, of the pair's *first* material."""
+
+
+NO_BELT = (0.0, 0.0, 0.0)
+"""m/s: of surfaces that do not move."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +32,12 @@ class Law:
     pair: PairContact
     friction_cone: str
     timestep: float
-    belt: Vector3 = field(default=(0.0, 0.0, 0.0), metadata=LEFT_OUT)
+    belt: Vector3 = field(default=NO_BELT, metadata=LEFT_OUT)
     """The velocity (m/s) of a surface of the two that moves, in its shape's axes; zero where none does."""
     belt_told: Vector3 | None = field(default=None, metadata=LEFT_OUT)
     """The same as the files have it; None: as it is."""
+    reach: Reach = field(default=Reach(), metadata=LEFT_OUT)
+    """What bodies of the two materials can do together in the scenario."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,9 +27,22 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.checks import Check, failed
-from simspec.proof.contact import cache, compliance, friction, impact, oblique, size, spin
+from simspec.proof.contact import (
+    cache,
+    carried,
+    compliance,
+    friction,
+    impact,
+    leaning,
+    oblique,
+    size,
+    spin,
+    stacking,
+    together,
+)
 from simspec.proof.contact.held import Held, belts, held, of_pair
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
+from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Motion, Probe, Trial
+from simspec.proof.contact.reach import reach
 from simspec.proof.contact.split import joined, split
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
@@ -44,6 +57,10 @@ PROBES: Mapping[str, Probe] = {
     **oblique.PROBES,
     **compliance.PROBES,
     **spin.PROBES,
+    **leaning.PROBES,
+    **together.PROBES,
+    **stacking.PROBES,
+    **carried.PROBES,
 }
 """Every probe of two materials, by name, in the order of reports."""
 MOVING = "probe"
@@ -144,7 +161,13 @@ def laws(world: World) -> list[Law]:
     """What is to be measured of ``world``: the laws of all pairs of materials that can meet."""
     moving = belts(world)
     return [
-        Law(law, world.contact.friction_cone, world.physics.timestep, *(belt[2] for belt in [moving.get(pair)] if belt))
+        Law(
+            law,
+            world.contact.friction_cone,
+            world.physics.timestep,
+            moving[pair][2] if pair in moving else NO_BELT,
+            reach=reach(world, *pair),
+        )
         for pair, law in meeting_laws(world).items()
     ]
 

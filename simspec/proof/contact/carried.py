@@ -1,0 +1,208 @@
+"""Contact probes of what is carried by a body that accelerates, and of what spins as it slides.
+
+carrier     A box lies on a slab that speeds up, or on one that turns, at half the acceleration that friction allows: it stays
+            where it lies. A law of friction that takes slip back at a rate instead of within the step lets it drift, at its
+            acceleration over that rate, whatever the timestep.
+slide-spin  A ball with an eccentric centre of mass, and a tripod, slide with spin. Normal forces follow from the levers of
+            friction, and friction from the slip of each point; the truth is the equation of motion of the sliding body
+            (Newton and Euler), stepped as all engines step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from simspec.proof.contact.bodies import box, cluster, floor
+from simspec.proof.contact.friction import SETTLE, SLIDE_SPEED
+from simspec.proof.contact.impact import subject
+from simspec.proof.contact.law import project
+from simspec.proof.contact.leaning import HELD_SPEED, HELD_WAY
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.world import frames
+from simspec.world.types import Body, Vector3
+
+SHARE = 0.5
+"""Acceleration of a carrier over the largest that friction transmits."""
+CARRIED_TIME, CARRIED_STEPS = 0.3, 40
+"""The longer of the two (s, steps)."""
+SLAB, SLAB_MASS = (3.0, 3.0, 0.4), 1000.0
+"""Of carriers (m, kg): so heavy that what they carry tilts them by less than 1e-4 rad."""
+EDGE, MASS = 0.2, 1.0
+"""Of what is carried (m, kg): flat, half as high."""
+OUT = 1.0
+"""m from a turning carrier's axis."""
+SPACING = 10.0
+
+SLIDE_STEPS = 100
+"""Steps in which friction takes ``SLOWED`` of the speed, up to ``friction.SLIDE_SPEED``."""
+SLOWED = 0.4
+SPIN = 0.7
+"""Speed of the outermost point of contact by spin, over that of the slide: no point is near rest."""
+SLIDE_TOLERANCE = 0.03
+"""Of the change of velocity. The direction of slip is that of the step's beginning or of its end, which is 1 % at 100 steps."""
+RADIUS = 0.1
+"""Of the balls that slide (m)."""
+SLIDERS: Mapping[str, tuple[Vector3, ...]] = {
+    "eccentric ball": ((0.03, 0.0, 0.01),),
+    "tripod": ((0.3, 0.0, -0.1), (-0.15, 0.26, -0.1), (-0.15, -0.26, -0.1)),
+}
+"""Centres of the balls, from the centre of mass (m)."""
+INERTIA: Mapping[str, float] = {"eccentric ball": 0.006, "tripod": 0.05}
+"""kg m² about every axis."""
+
+
+class Carrier(Probe):
+    """Boxes that lie on slabs that accelerate."""
+
+    NAME = "carrier"
+    MEANING = (
+        "how far a box slips on a carrier that accelerates at half the limit of friction, along a line and turning"
+    )
+    CASES = ("speeds up", "turns")
+
+    def applies(self, law: Law) -> bool:
+        return law.pair.collide and law.pair.friction > 0.0 and law.pair.hardness.kind == "common" and law.reach.carries
+
+    def _acceleration(self, law: Law) -> float:
+        return SHARE * law.pair.friction * GRAVITY
+
+    def _bodies(self, law: Law) -> Iterator[Body]:
+        turn = math.sqrt(self._acceleration(law) / OUT)
+        height = SLAB[2] / 2.0 + EDGE / 4.0
+        states = {
+            "speeds up": ((0.0,) * 6, (0.0,) * 6, 0.0),
+            "turns": ((0.0, 0.0, 0.0, 0.0, 0.0, turn), (0.0, turn * OUT, 0.0, 0.0, 0.0, turn), OUT),
+        }
+        for number, case in enumerate(self.CASES):
+            carrier, carried, out = states[case]
+            x = SPACING * number
+            slab, load = f"slab_{number}", f"load_{number}"
+            yield box(law, slab, SLAB, SLAB_MASS, (x, 0.0, 0.0), carrier, material=law.pair.first, group=slab)
+            yield box(law, load, (EDGE, EDGE, EDGE / 2.0), MASS, (x + out, 0.0, height), carried, group=load)
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        settle = max(10, math.ceil(SETTLE / law.timestep))
+        steps = max(CARRIED_STEPS, math.ceil(CARRIED_TIME / law.timestep))
+        weight = (SLAB_MASS + MASS) * GRAVITY
+        held = (0.0, 0.0, weight, 0.0, 0.0, 0.0)
+        pushed = ((SLAB_MASS + MASS) * self._acceleration(law), 0.0, weight, 0.0, 0.0, 0.0)
+        phases = (
+            Phase(settle, settle, {"slab_0": held, "slab_1": held}),
+            Phase(steps, steps, {"slab_0": pushed, "slab_1": held}),
+        )
+        meets = tuple((f"load_{number}", f"slab_{number}") for number in range(len(self.CASES)))
+        return [Trial(tuple(self._bodies(law)), phases, meets)]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        motion = motions[0]
+        figures = []
+        for number, case in enumerate(self.CASES):
+            places = [_seen(motion, f"slab_{number}", f"load_{number}", at) for at in (-2, -1)]
+            slip = float(np.linalg.norm(places[1] - places[0]))
+            time = float(motion.time[-1] - motion.time[-2])
+            # a point that turns goes along the tangent for a step: it moves outwards by ω² r dt/2 in a second
+            outwards = self._acceleration(law) * law.timestep / 2.0 * time if case == "turns" else 0.0
+            numbers = (outwards, slip, HELD_WAY + HELD_SPEED * time)
+            figures.append(Figure(self.NAME, subject(law), f"a carrier that {case}", "slip", "m", *numbers))
+        return figures
+
+
+def _seen(motion: Motion, carrier: str, carried: str, at: int) -> np.ndarray:
+    """Where a body's frame is in another's (3,), in m."""
+    below, above = motion.pose[carrier][at], motion.pose[carried][at]
+    found: np.ndarray = np.array(frames.matrix(tuple(below[3:].tolist()))).T @ (above[:3] - below[:3])
+    return found
+
+
+class Slide(Probe):
+    """Bodies on one and on three balls that slide with spin."""
+
+    NAME = "slide-spin"
+    MEANING = "velocity and spin of an eccentric ball and a tripod after a slide, against their equation of motion"
+
+    def applies(self, law: Law) -> bool:
+        """Torsional and rolling friction are moments that the equation has no place for."""
+        return (
+            law.pair.collide
+            and law.pair.friction > 0.0
+            and law.pair.hardness.kind == "common"
+            and not law.pair.torsional_friction
+            and not law.pair.rolling_friction
+        )
+
+    def _start(self, law: Law, slider: str) -> tuple[np.ndarray, np.ndarray]:
+        speed = min(SLIDE_SPEED, SLIDE_STEPS * law.timestep * law.pair.friction * GRAVITY / SLOWED)
+        out = max(float(np.hypot(*place[:2])) for place in SLIDERS[slider])
+        return np.array([0.8 * speed, 0.6 * speed, 0.0]), np.array([0.0, 0.0, SPIN * speed / out])
+
+    def _steps(self, law: Law, slider: str) -> int:
+        speed = float(np.linalg.norm(self._start(law, slider)[0]))
+        return max(1, round(SLOWED * speed / (law.pair.friction * GRAVITY) / law.timestep))
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        bodies: list[Body] = [floor(law)]
+        for number, (slider, places) in enumerate(SLIDERS.items()):
+            velocity, spin = self._start(law, slider)
+            at = (SPACING * number, 0.0, RADIUS - places[0][2])
+            balls = {str(index): place for index, place in enumerate(places)}
+            state = (*velocity.tolist(), *spin.tolist())
+            name = slider.replace(" ", "_")
+            bodies.append(cluster(law, name, balls, RADIUS, MASS, INERTIA[slider], at, velocity=state))
+        steps = max(self._steps(law, slider) for slider in SLIDERS)
+        return [Trial(tuple(bodies), (Phase(steps),))]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        figures = []
+        for slider in SLIDERS:
+            steps = self._steps(law, slider)
+            start = self._start(law, slider)
+            truth = slid(law, slider, *start, steps)
+            state = motions[0].velocity[slider.replace(" ", "_")][steps]
+            for quantity, before, after, measured, unit in zip(
+                ("velocity", "spin"), start, truth, (state[:3], state[3:]), ("m/s", "rad/s"), strict=True
+            ):
+                size = float(np.linalg.norm(after - before))
+                off = float(np.linalg.norm(measured - after))
+                sign = 1.0 if np.linalg.norm(measured - before) >= size else -1.0
+                numbers = (size, size + sign * off, SLIDE_TOLERANCE * size)
+                figures.append(Figure(self.NAME, subject(law), slider, f"change of {quantity}", unit, *numbers))
+        return figures
+
+
+def slid(law: Law, slider: str, velocity: np.ndarray, spin: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity (3,) of the centre of mass and spin (3,) of a body of balls after ``steps`` steps in which every point slides.
+
+    Unknown are the normal forces N_i alone: friction is d_i N_i, d_i the section of the cone of size μ opposite to the slip of
+    the point, and no ball's centre accelerates along the vertical: g + Σ N (…)/m + (α × c)_z + (ω × (ω × c))_z = 0.
+    """
+    centres, turn = np.array(SLIDERS[slider]), np.eye(3)
+    inertia, up = INERTIA[slider], np.array([0.0, 0.0, 1.0])
+    velocity, spin = velocity.copy(), spin.copy()
+    for _ in range(steps):
+        places = centres @ turn.T
+        levers = places - RADIUS * up
+        slip = velocity + np.cross(spin, levers)
+        forces = np.array([_opposed(point[:2], law) for point in slip])
+        turning = np.cross(levers, forces) / inertia
+        rises = forces[:, 2] / MASS + np.cross(turning[None, :, :], places[:, None, :])[..., 2]
+        held = GRAVITY - np.cross(spin, np.cross(spin, places))[:, 2]
+        normal = np.linalg.solve(rises, held)
+        velocity += law.timestep * (normal @ forces / MASS - GRAVITY * up)
+        spin += law.timestep * normal @ turning
+        angle = float(np.linalg.norm(spin)) * law.timestep
+        axis = tuple((spin / np.linalg.norm(spin)).tolist())
+        turn = np.array(frames.matrix(frames.from_axis_angle(axis, angle))) @ turn
+    return velocity, spin
+
+
+def _opposed(slip: np.ndarray, law: Law) -> np.ndarray:
+    """The force (3,) of a point that slides, per newton of its normal force."""
+    far = slip / np.linalg.norm(slip) * 1e3 * law.pair.friction
+    x, y = project(-far, law.pair.friction, law.friction_cone)
+    return np.array([x, y, 1.0])
+
+
+PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Carrier(), Slide())}

@@ -1,0 +1,421 @@
+"""Contact probes of friction that changes the normal force: a rod on a wall, a clamp on a post, and a pile of balls.
+
+In the probes of one slider (``friction``) the normal force is the weight, whatever friction does. Here it follows from
+friction itself, so that a solver that bounds friction by the normal forces of the frictionless problem drops what must stand.
+All contact points are those of balls, which every engine finds exactly.
+
+rod    Two balls on a light rod, one on the floor, one at a wall of the same material, at an angle θ. With N₂ = μ N₁ and
+       N₁ + μ N₂ = m g the moment about the centre vanishes at the least friction that holds the rod.
+clamp  Two balls of one body at opposite faces of a post, a height h apart, the centre of mass at a distance d, under a moment
+       T. Without slip N h = m g d + T; where it slips N (h − 2 μ d) = T, so that friction multiplies the frictionless force
+       T/h. It holds from T = m g (h / 2 μ − d) on.
+pile   A ball on two or three others: it stands up to the angle φ from the vertical between centres with tan(φ/2) = μ, for
+       which the moments about each lower ball's centre demand equal friction above and below.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simspec.proof.contact.bodies import STATIONARY, ball, cluster, fixed_box, floor
+from simspec.proof.contact.impact import subject
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.world import frames
+from simspec.world.types import Body
+
+STANDS, SLIPS = (1.1, 1.7), (0.6, 0.9)
+"""Friction over the least friction that holds: near the threshold and well away from it, to both sides."""
+HELD_WAY = 2e-4
+"""m: twice the depth that rigid contact may have at rest (``impact.REST_DEPTH``), since a body settles on two contacts."""
+HELD_SPEED = 1e-4
+"""m/s: the creep below the limit of friction that sliders may have (``friction.CREEP``)."""
+HELD_TIME, HELD_STEPS = 0.3, 40
+"""The longer of the two (s, steps). A rod at 0.9 of the threshold moves by centimetres in this time."""
+SLIPPED, SLIPPED_SHARE = 0.1, 0.4
+"""The lesser of the two (m, share of the way that the equation of motion holds for): how far a body slips before it is
+measured. Far over the settling of any contact, and short of a change of regime."""
+SLIP_TIME = 1.0
+"""s: in which the slowest slip is measured at the latest."""
+SLIP_TOLERANCE = 0.03
+"""Of the way: what is promised at 1 ms. One percent of friction (``friction.PUSH_TOLERANCE``) changes the acceleration near
+the threshold by up to three times as much."""
+TURNS = {"elliptic": (0.0, 35.0), "pyramid-inscribed": (0.0, 90.0), "pyramid-circumscribed": (0.0, 90.0)}
+"""Directions (degrees) of the plane of motion, by cone: along a pyramid's axes the law is the same in all engines."""
+SPACING = 8.0
+"""m between bodies that do not meet."""
+WALL = (0.2, 1.0, 4.0)
+"""m: thickness, width and height of walls."""
+
+
+@dataclass(frozen=True)
+class _Case:
+    """One body or pile: its name, direction (degrees), friction over the least that holds, and place in the grid."""
+
+    name: str
+    turn: float
+    ratio: float
+    number: int
+
+    @property
+    def stands(self) -> bool:
+        return self.ratio > 1.0
+
+    @property
+    def centre(self) -> np.ndarray:
+        return np.array([SPACING * (self.number % 4), SPACING * (self.number // 4), 0.0])
+
+    def place(self, x: float, z: float) -> tuple[float, float, float]:
+        """A point of the plane of motion, in world axes (m)."""
+        along = np.array([math.cos(math.radians(self.turn)), math.sin(math.radians(self.turn)), 0.0])
+        found = self.centre + x * along + np.array([0.0, 0.0, z])
+        return float(found[0]), float(found[1]), float(found[2])
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float]:
+        return frames.from_axis_angle((0.0, 0.0, 1.0), math.radians(self.turn))
+
+
+class _Leaning(Probe):
+    """What the three have in common: cases that stand are held to rest, cases that slip to their equation of motion."""
+
+    QUANTITY = "way"
+
+    def applies(self, law: Law) -> bool:
+        """Rolling friction is a moment that the closed forms have no place for."""
+        return (
+            law.pair.collide
+            and law.pair.friction > 0.0
+            and law.pair.hardness.kind == "common"
+            and not law.pair.rolling_friction
+            and law.reach.leans
+            and bool(self.cases(law))
+        )
+
+    def angle(self, friction: float) -> float | None:
+        """The angle at which this friction is the least that holds; None where there is none in the range that is probed."""
+        raise NotImplementedError
+
+    def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
+        raise NotImplementedError
+
+    def effort(self, law: Law, case: _Case) -> Mapping[str, tuple[float, ...]]:
+        return {}
+
+    def meets(self, law: Law) -> tuple[tuple[str, str], ...]:
+        return ()
+
+    def slip(self, law: Law, case: _Case, steps: int) -> np.ndarray:
+        """The way (steps + 1,), in m, of the body that is measured where it slips."""
+        raise NotImplementedError
+
+    def way(self, case: _Case, motion: Motion) -> np.ndarray:
+        """The same of a motion (n,)."""
+        raise NotImplementedError
+
+    def cases(self, law: Law) -> list[_Case]:
+        found = [
+            (turn, ratio)
+            for turn in TURNS[law.friction_cone]
+            for ratio in (*STANDS, *SLIPS)
+            if self.angle(law.pair.friction / ratio) is not None
+        ]
+        return [_Case(f"{self.NAME}_{number}", turn, ratio, number) for number, (turn, ratio) in enumerate(found)]
+
+    def steps(self, law: Law) -> int:
+        """Long enough for the slowest slip to be ``SLIPPED``, and for what stands to be seen standing."""
+        least = max(HELD_STEPS, math.ceil(HELD_TIME / law.timestep))
+        slipping = [case for case in self.cases(law) if not case.stands and case.turn == 0.0]
+        return max([least, *(self._until(law, case) for case in slipping)])
+
+    def _until(self, law: Law, case: _Case) -> int:
+        """The step at which a slip is measured."""
+        way = self.slip(law, case, math.ceil(SLIP_TIME / law.timestep))
+        return int(np.argmax(way >= min(SLIPPED, SLIPPED_SHARE * way[-1])))
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        cases = self.cases(law)
+        bodies = [floor(law), *(body for case in cases for body in self.bodies(law, case))]
+        effort = {name: values for case in cases for name, values in self.effort(law, case).items()}
+        phase = Phase(self.steps(law), effort=effort)  # type: ignore[arg-type]
+        return [Trial(tuple(bodies), (phase,), self.meets(law))]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        return [*self._standing(law, motions[0]), *self._slipping(law, motions[0])]
+
+    def _standing(self, law: Law, motion: Motion) -> Iterator[Figure]:
+        ways = {case: float(np.abs(self.way(case, motion)).max()) for case in self.cases(law) if case.stands}
+        if not ways:
+            return
+        case = max(ways, key=lambda case: math.inf if math.isnan(ways[case]) else ways[case])
+        time = float(motion.time[-1])
+        numbers = (0.0, ways[case], HELD_WAY + HELD_SPEED * time)
+        yield Figure(self.NAME, subject(law), "stands", self.QUANTITY, "m", *numbers, worst=self._text(case))
+
+    def _slipping(self, law: Law, motion: Motion) -> Iterator[Figure]:
+        worst: tuple[float, float, float, _Case] | None = None
+        for case in self.cases(law):
+            if case.stands:
+                continue
+            step = self._until(law, case)
+            expected, way = float(self.slip(law, case, step)[-1]), float(self.way(case, motion)[step])
+            off = abs(way - expected) / expected
+            if worst is None or not off <= worst[0]:
+                worst = (off, expected, way, case)
+        if worst is not None:
+            _, expected, way, case = worst
+            numbers = (expected, way, SLIP_TOLERANCE * expected)
+            yield Figure(self.NAME, subject(law), "slips", self.QUANTITY, "m", *numbers, worst=self._text(case))
+
+    def _text(self, case: _Case) -> str:
+        return f"{case.ratio:g} × the least friction, {case.turn:g}°"
+
+
+def _stepped(
+    acceleration: Callable[[float, float], float],
+    start: float,
+    timestep: float,
+    steps: int,
+    bounds: tuple[float, float],
+) -> np.ndarray:
+    """Values (steps + 1,) of one coordinate from rest, by semi-implicit Euler, the method of all engines; it stays where it
+    leaves ``bounds``, beyond which the equation does not hold."""
+    values = np.full(steps + 1, start)
+    speed = 0.0
+    for step in range(steps):
+        speed += timestep * acceleration(values[step], speed)
+        values[step + 1 :] = values[step] + timestep * speed
+        if not bounds[0] < values[step + 1] < bounds[1]:
+            break
+    return values
+
+
+class Rod(_Leaning):
+    """A rod that leans on a wall."""
+
+    NAME = "rod"
+    MEANING = "how far a rod that leans on a wall moves, at four ratios of its friction to the least that holds it"
+    LENGTH, RADIUS, MASS = 1.0, 0.05, 1.0
+    INERTIA = MASS * LENGTH**2 / 12.0
+    """kg m², about every axis through the centre; the rod turns about the one across its plane alone."""
+    ANGLES = (math.radians(10.0), math.radians(80.0))
+    """Between rod and floor."""
+
+    def _least(self, angle: float) -> float:
+        """The least friction that holds the rod at this angle to the floor: the root of the moment about its centre,
+        −(L/2) c (1 − μ²) + μ L s + μ r (1 + μ) = 0."""
+        c, s = self.LENGTH / 2.0 * math.cos(angle), self.LENGTH / 2.0 * math.sin(angle)
+        square, linear = c + self.RADIUS, 2.0 * s + self.RADIUS
+        return (-linear + math.sqrt(linear * linear + 4.0 * square * c)) / (2.0 * square)
+
+    def angle(self, friction: float) -> float | None:
+        low, high = self.ANGLES
+        if friction >= self._least(low):
+            return low
+        if friction <= self._least(high):
+            return None
+        for _ in range(60):
+            middle = (low + high) / 2.0
+            low, high = (middle, high) if self._least(middle) > friction else (low, middle)
+        return (low + high) / 2.0
+
+    def cases(self, law: Law) -> list[_Case]:
+        """A slip needs its own threshold: at the flattest angle the least friction may be below the case's."""
+        return [
+            case
+            for case in super().cases(law)
+            if case.stands or law.pair.friction / case.ratio < self._least(self.ANGLES[0])
+        ]
+
+    def _angle(self, law: Law, case: _Case) -> float:
+        found = self.angle(law.pair.friction / case.ratio)
+        if found is None:
+            raise ValueError("a case has an angle")
+        return found
+
+    def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
+        angle, half = self._angle(law, case), self.LENGTH / 2.0
+        c, s = half * math.cos(angle), half * math.sin(angle)
+        ends = {"foot": (-c, 0.0, -s), "top": (c, 0.0, s)}
+        at = case.place(-c, self.RADIUS + s)
+        yield cluster(law, case.name, ends, self.RADIUS, self.MASS, self.INERTIA, at, case.quaternion)
+        wall = case.place(self.RADIUS + WALL[0] / 2.0, WALL[2] / 2.0)
+        yield fixed_box(f"{case.name}_wall", WALL, wall, law.pair.first, case.quaternion)
+
+    def slip(self, law: Law, case: _Case, steps: int) -> np.ndarray:
+        start = self._angle(law, case)
+
+        def acceleration(angle: float, speed: float) -> float:
+            return rod_acceleration(angle, speed, law.pair.friction, self.LENGTH, self.RADIUS, self.MASS, self.INERTIA)
+
+        bounds = (math.radians(3.0), math.pi / 2.0)
+        angles = _stepped(acceleration, start, law.timestep, steps, bounds)
+        found: np.ndarray = self.LENGTH / 2.0 * (np.cos(angles) - math.cos(start))
+        return found
+
+    def way(self, case: _Case, motion: Motion) -> np.ndarray:
+        pose = motion.pose[case.name]
+        along = np.array([math.cos(math.radians(case.turn)), math.sin(math.radians(case.turn)), 0.0])
+        moved = pose[:, :3] - pose[0, :3]
+        if case.stands:
+            found: np.ndarray = np.linalg.norm(moved, axis=1)
+            return found
+        ahead: np.ndarray = -moved @ along
+        return ahead
+
+
+def rod_acceleration(
+    angle: float, speed: float, friction: float, length: float, radius: float, mass: float, inertia: float
+) -> float:
+    """Angular acceleration (rad/s²) of a rod that slips down between floor and wall, both of this friction.
+
+    With the ends' balls of this radius, c and s the half rod's horizontal and vertical extent:
+    m ẍ = μ N₁ − N₂,  m z̈ = N₁ + μ N₂ − m g,  I θ̈ = N₁ (μ (s + r) − c) + N₂ (s + μ (c + r)),  x = −c(θ), z = s(θ).
+    """
+    c, s = length / 2.0 * math.cos(angle), length / 2.0 * math.sin(angle)
+    equations = np.array(
+        [
+            [mass * s, -friction, 1.0],
+            [mass * c, -1.0, -friction],
+            [inertia, c - friction * (s + radius), -(s + friction * (c + radius))],
+        ]
+    )
+    sides = np.array([-mass * c * speed**2, mass * s * speed**2 - mass * GRAVITY, 0.0])
+    return float(np.linalg.solve(equations, sides)[0])
+
+
+class Clamp(_Leaning):
+    """A clamp that is pressed onto a post by its own weight and a moment."""
+
+    NAME = "clamp"
+    MEANING = "how far a clamp slips down a post, where friction multiplies the force that presses it on"
+    RADIUS, MASS, POST = 0.05, 1.0, 0.2
+    INERTIA = 0.05
+    HEIGHT = 0.4
+    """m between the two balls."""
+    GAIN = 0.8
+    """2 μ d / h: friction multiplies the frictionless normal force by 1 / (1 − GAIN) where the clamp slips. From 1 on it would
+    jam under any moment, and fall without one: two solutions."""
+    FURTHEST = 2.0
+    """m from the post to the centre of mass, at most; the gain of a law of little friction is smaller."""
+
+    def _distance(self, friction: float) -> float:
+        return min(self.GAIN * self.HEIGHT / (2.0 * friction), self.FURTHEST)
+
+    def angle(self, friction: float) -> float | None:
+        return 0.0
+
+    def _moment(self, law: Law, case: _Case) -> float:
+        """N m: at ratio 1 friction just carries the weight."""
+        friction = law.pair.friction
+        least = GRAVITY * self.MASS * (self.HEIGHT / (2.0 * friction) - self._distance(friction))
+        return case.ratio * least
+
+    def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
+        out, half = self._distance(law.pair.friction), self.HEIGHT / 2.0
+        reach = self.POST / 2.0 + self.RADIUS
+        ends = {"far": (-out - reach, 0.0, half), "near": (-out + reach, 0.0, -half)}
+        height = 3.0
+        yield cluster(
+            law, case.name, ends, self.RADIUS, self.MASS, self.INERTIA, case.place(out, height), case.quaternion
+        )
+        size = (self.POST, 1.0, 2.0 * height)
+        yield fixed_box(f"{case.name}_post", size, case.place(0.0, height), law.pair.first, case.quaternion)
+
+    def effort(self, law: Law, case: _Case) -> Mapping[str, tuple[float, ...]]:
+        return {case.name: (0.0, 0.0, 0.0, 0.0, self._moment(law, case), 0.0)}
+
+    def slip(self, law: Law, case: _Case, steps: int) -> np.ndarray:
+        friction = law.pair.friction
+        normal = self._moment(law, case) / (self.HEIGHT - 2.0 * friction * self._distance(friction))
+        fall = GRAVITY - 2.0 * friction * normal / self.MASS
+        return _stepped(lambda way, speed: fall, 0.0, law.timestep, steps, (-math.inf, math.inf))
+
+    def way(self, case: _Case, motion: Motion) -> np.ndarray:
+        height = motion.pose[case.name][:, 2]
+        found: np.ndarray = height[0] - height
+        return found
+
+
+class Pile(_Leaning):
+    """A ball on two others, or under the elliptic cone on three, that only friction keeps together."""
+
+    NAME = "pile"
+    MEANING = (
+        "how far the balls of a pile of three and one move, at four ratios of friction to the least that holds them"
+    )
+    RADIUS, MASS = 0.1, 1.0
+    WIDEST = math.radians(70.0)
+    """Of the angle between the vertical and the line of centres."""
+
+    def applies(self, law: Law) -> bool:
+        return super().applies(law) and law.reach.gathers
+
+    def _below(self, law: Law) -> int:
+        return 3 if law.friction_cone == "elliptic" else 2
+
+    def angle(self, friction: float) -> float | None:
+        return min(2.0 * math.atan(friction), self.WIDEST)
+
+    def cases(self, law: Law) -> list[_Case]:
+        widest = math.tan(self.WIDEST / 2.0)
+        return [case for case in super().cases(law) if case.stands or law.pair.friction / case.ratio < widest]
+
+    def _start(self, law: Law, case: _Case) -> float:
+        return min(2.0 * math.atan(law.pair.friction / case.ratio), self.WIDEST)
+
+    def _names(self, law: Law, case: _Case) -> list[str]:
+        return [f"{case.name}_{number}" for number in range(self._below(law))]
+
+    def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
+        angle, count = self._start(law, case), self._below(law)
+        out, up = 2.0 * self.RADIUS * math.sin(angle), 2.0 * self.RADIUS * math.cos(angle)
+        for number, name in enumerate(self._names(law, case)):
+            bearing = math.radians(case.turn) + 2.0 * math.pi * number / count
+            at = case.centre + np.array([out * math.cos(bearing), out * math.sin(bearing), self.RADIUS])
+            yield ball(law, name, self.RADIUS, self.MASS, tuple(at.tolist()), group=f"{case.name}_below")
+        top = case.place(0.0, self.RADIUS + up)
+        yield ball(
+            law, case.name, self.RADIUS, self.MASS, top, STATIONARY, material=law.pair.first, group=f"{case.name}_top"
+        )
+
+    def meets(self, law: Law) -> tuple[tuple[str, str], ...]:
+        return tuple((f"{case.name}_below", f"{case.name}_top") for case in self.cases(law))
+
+    def slip(self, law: Law, case: _Case, steps: int) -> np.ndarray:
+        start, below = self._start(law, case), self._below(law)
+
+        def acceleration(angle: float, speed: float) -> float:
+            return pile_acceleration(angle, speed, law.pair.friction, below, self.RADIUS, self.MASS)
+
+        angles = _stepped(acceleration, start, law.timestep, steps, (0.0, math.radians(85.0)))
+        found: np.ndarray = 2.0 * self.RADIUS * (math.cos(start) - np.cos(angles))
+        return found
+
+    def way(self, case: _Case, motion: Motion) -> np.ndarray:
+        height = motion.pose[case.name][:, 2]
+        found: np.ndarray = height[0] - height
+        return found
+
+
+def pile_acceleration(angle: float, speed: float, friction: float, below: int, radius: float, mass: float) -> float:
+    """Angular acceleration (rad/s²) of the lines of centres of a pile whose upper ball slips on the lower ones, which roll.
+
+    N the normal force between an upper and a lower ball, φ the angle to the vertical, all balls solid and alike:
+    (7/5) m s̈ = N (sin φ − μ cos φ − μ),  m z̈ = −m g + n N (cos φ + μ sin φ),  s = 2 r sin φ,  z = 2 r cos φ.
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    equations = np.array(
+        [
+            [1.4 * mass * 2.0 * radius * c, -(s - friction * c - friction)],
+            [-mass * 2.0 * radius * s, -below * (c + friction * s)],
+        ]
+    )
+    sides = np.array([1.4 * mass * 2.0 * radius * s * speed**2, mass * 2.0 * radius * c * speed**2 - mass * GRAVITY])
+    return float(np.linalg.solve(equations, sides)[0])
+
+
+PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Rod(), Clamp(), Pile())}

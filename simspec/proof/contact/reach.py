@@ -1,0 +1,193 @@
+"""What bodies of two materials can do together in a world: which coupled probes of level L5 apply to it, and why others do not.
+
+A probe of something that cannot happen in a world would refuse engines for nothing; one that is left out must say so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from simspec.world.derived import derived
+from simspec.world.kinematics import CollisionFilter, rigid_groups
+from simspec.world.meeting import solid_shapes
+from simspec.world.types import Body, World
+
+FLAT = ("plane", "box")
+"""Kinds of fixed shapes of which one alone gives every contact the same normal."""
+MANY = 400
+"""Classes of bodies up to which excluded pairs are told apart one by one; beyond, such bodies count as their class does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """What can happen between two materials.
+
+    leans    a body may be touched from two sides, or is held by a joint: friction can change a normal force
+    gathers  one body may touch two others that move
+    corners  a body with several points of contact can land on some of them
+    carries  a body may lie on another that accelerates: one that moves, is kinematic, or has a moving surface
+    ratio    the largest ratio of masses of two bodies that move and may touch; 0: no two may
+    layers   how many such bodies can lie on each other, 3 standing for more
+    """
+
+    leans: bool = False
+    gathers: bool = False
+    corners: bool = False
+    carries: bool = False
+    ratio: float = 0.0
+    layers: int = 0
+
+
+@dataclass(frozen=True)
+class _Class:
+    """Bodies that are alike for which touch which: some of them, the lightest and the heaviest among them."""
+
+    materials: frozenset[str]
+    moves: bool
+    bodies: tuple[Body, ...]
+
+
+@derived
+def reach(world: World, first: str, second: str) -> Reach:
+    """What bodies of two materials can do together in ``world``."""
+    masses, groups = _masses(world), rigid_groups(world)
+    kinematic, leaning = _kinematic(world), _leaning(world)
+    ratio, leans, carries = 0.0, False, False
+    moved: set[str] = set()
+    for one, other in _touching(world, frozenset((first, second))):
+        moving = [body for body in (one, other) if _moves(world, body)]
+        moved |= {body.name for body in moving}
+        leans = leans or any(body.name in leaning for body in moving)
+        free = [body for body in moving if body.name not in kinematic]
+        carries = carries or len(moving) == 2 or any(_surface_moves(body) for body in (one, other))
+        if len(free) == 2:
+            low, high = sorted(masses[groups[body.name]] for body in free)
+            ratio = max(ratio, high / low) if low > 0.0 else ratio
+    together = _together(world, first, second) if ratio else 0
+    corners = any(_has_corners(body) for body in world.bodies if body.name in moved)
+    return Reach(leans, together > 2, corners, carries, ratio, together)
+
+
+def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator[tuple[Body, Body]]:
+    """Pairs of bodies, of each two classes some and the extremes of their masses, of which one moves and that may touch; with
+    two ``materials``, one of each."""
+    allowed, classes = CollisionFilter(world), _classes(world)
+    for index, one in enumerate(classes):
+        for other in classes[index:]:
+            if not (one.moves or other.moves):
+                continue
+            if materials is not None and not _meet(one, other, materials):
+                continue
+            for body in one.bodies:
+                for partner in other.bodies:
+                    if allowed.may_touch(body.name, partner.name):
+                        yield body, partner
+
+
+def _meet(one: _Class, other: _Class, materials: frozenset[str]) -> bool:
+    first, second = min(materials), max(materials)
+    return (first in one.materials and second in other.materials) or (
+        second in one.materials and first in other.materials
+    )
+
+
+@derived
+def _leaning(world: World) -> frozenset[str]:
+    """Names of bodies, of each class some, that may be touched from two sides, or that joints or constraints hold: all but free
+    ones that may touch one flat fixed shape and nothing else."""
+    touched: dict[str, set[str]] = {}
+    leaning: set[str] = set()
+    for one, other in _touching(world):
+        for body, partner in ((one, other), (other, one)):
+            if not _moves(world, body):
+                continue
+            shapes = solid_shapes(partner)
+            touched.setdefault(body.name, set()).update(shape.name for shape in shapes)
+            flat = len(shapes) == 1 and shapes[0].kind in FLAT and not _moves(world, partner)
+            if not flat or not _is_lone(world, body) or len(touched[body.name]) > 1:
+                leaning.add(body.name)
+    return frozenset(leaning)
+
+
+@derived
+def _kinematic(world: World) -> frozenset[str]:
+    return frozenset(motion.body for motion in world.motions)
+
+
+@derived
+def _classes(world: World) -> list[_Class]:
+    masses, groups = _masses(world), rigid_groups(world)
+    special = {name for pair in world.contact.excluded_bodies for name in pair}
+    if len(special) > MANY:
+        special = set()
+    kinematic = _kinematic(world)
+    members: dict[tuple[frozenset[str], bool, tuple[object, ...]], list[Body]] = {}
+    for body in world.bodies:
+        materials = frozenset(shape.material for shape in solid_shapes(body))
+        if materials:
+            alone = body.name in special or body.name in kinematic
+            kinds = tuple(sorted({shape.kind for shape in solid_shapes(body)})), len(solid_shapes(body))
+            moves = _moves(world, body)
+            more = (body.collision_group, kinds, body.name if alone or not moves else "")
+            members.setdefault((materials, moves, more), []).append(body)
+    found = []
+    for (materials, moves, _), bodies in members.items():
+        by_mass = sorted(bodies, key=lambda body: masses[groups[body.name]])
+        some = dict.fromkeys((*bodies[:2], by_mass[0], by_mass[-1]))
+        found.append(_Class(materials, moves, tuple(some)))
+    return found
+
+
+@derived
+def _masses(world: World) -> dict[str, float]:
+    """Of each rigid group (kg)."""
+    masses: dict[str, float] = {}
+    for body in world.bodies:
+        group = rigid_groups(world)[body.name]
+        masses[group] = masses.get(group, 0.0) + body.inertial.mass
+    return masses
+
+
+def _moves(world: World, body: Body) -> bool:
+    return rigid_groups(world)[body.name] != "world"
+
+
+def _surface_moves(body: Body) -> bool:
+    return any(any(shape.surface_velocity) for shape in solid_shapes(body))
+
+
+def _is_lone(world: World, body: Body) -> bool:
+    """Whether a body is free, and no other hangs on it by a joint or a constraint."""
+    return body.joint.kind == "free" and body.name not in _held(world)
+
+
+@derived
+def _held(world: World) -> frozenset[str]:
+    """The names of bodies that others are joined to, or that constraints hold."""
+    names = {body.joint.parent for body in world.bodies if body.joint.parent is not None and body.joint.kind != "fixed"}
+    for constraint in world.constraints:
+        names |= {str(value) for value in dataclasses.asdict(constraint).values() if isinstance(value, str)}
+    return frozenset(names)
+
+
+def _has_corners(body: Body) -> bool:
+    shapes = solid_shapes(body)
+    return len(shapes) > 1 or any(shape.kind != "sphere" for shape in shapes)
+
+
+def _together(world: World, first: str, second: str) -> int:
+    """How many rigid groups move freely or on joints and have one of the two materials: up to 3, which stands for more."""
+    groups, kinematic = rigid_groups(world), _kinematic(world)
+    found: set[str] = set()
+    for body in world.bodies:
+        if (
+            _moves(world, body)
+            and body.name not in kinematic
+            and any(shape.material in (first, second) for shape in solid_shapes(body))
+        ):
+            found.add(groups[body.name])
+            if len(found) > 2:
+                break
+    return len(found)

@@ -1,0 +1,94 @@
+"""Contact probe of heavy bodies on light ones: stacks of cubes whose masses differ as the scenario's do.
+
+A solver that takes contacts one after the other needs the more sweeps the larger the ratio of masses is, and what it has not
+solved is left as overlap. The truth is that nothing moves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from simspec.proof.contact.bodies import box, floor
+from simspec.proof.contact.impact import DROP_RESTITUTION, REST_DEPTH, hop, subject
+from simspec.proof.contact.probe import Figure, Law, Motion, Phase, Probe, Trial
+from simspec.world.types import Body
+
+EDGE, LIGHTEST = 0.1, 1.0
+"""Edge (m) of all cubes, and the mass (kg) of the lowest."""
+TIME, STEPS = 0.8, 400
+"""The longer of the two (s, steps): what sinks for ever is an order of magnitude beyond the tolerance by then (measured: the
+slowest that is called wrong sinks or slides 0.2 mm/s)."""
+SIDEWAYS = 1e-4
+"""m: friction holds a stack, so that it moves sideways no further than it may sink."""
+SPACING = 1.0
+
+
+class Stack(Probe):
+    """Cubes on each other, the heavy above the light."""
+
+    NAME = "stack"
+    SIDEWAYS = "stack-sideways"
+    MEANING = (
+        "how far cubes sink into lighter ones below them, or move sideways, at the scenario's own ratios of masses"
+    )
+
+    def applies(self, law: Law) -> bool:
+        return (
+            law.pair.collide
+            and law.pair.hardness.kind == "common"
+            and law.reach.ratio > 0.0
+            and law.pair.restitution <= DROP_RESTITUTION
+        )
+
+    def stacks(self, law: Law) -> dict[str, tuple[float, ...]]:
+        """Masses (kg) from the lowest up, by name: two layers at the whole ratio, and three that share it."""
+        ratio = law.reach.ratio
+        found: dict[str, tuple[float, ...]] = {"two": (LIGHTEST, ratio * LIGHTEST)}
+        if law.reach.layers > 2:
+            found["three"] = (LIGHTEST, math.sqrt(ratio) * LIGHTEST, ratio * LIGHTEST)
+        return found
+
+    def _bodies(self, law: Law) -> Iterator[Body]:
+        for number, (name, masses) in enumerate(self.stacks(law).items()):
+            for layer, mass in enumerate(masses):
+                at = (SPACING * number, 0.0, EDGE * (layer + 0.5))
+                material = law.pair.first if layer % 2 else law.pair.second
+                yield box(law, f"{name}_{layer}", (EDGE,) * 3, mass, at, material=material, group=f"{name}_{layer}")
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        meets = [
+            (f"{name}_{layer}", f"{name}_{layer + 1}")
+            for name, masses in self.stacks(law).items()
+            for layer in range(len(masses) - 1)
+        ]
+        steps = max(STEPS, math.ceil(TIME / law.timestep))
+        return [Trial((floor(law), *self._bodies(law)), (Phase(steps, steps),), tuple(meets))]
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        motion = motions[0]
+        hops = hop(law) * law.timestep
+        figures = []
+        for name, masses in self.stacks(law).items():
+            text = f"{' on '.join(f'{mass:.4g}' for mass in reversed(masses))} kg"
+            moved = [
+                motion.pose[f"{name}_{layer}"][-1, :3] - motion.pose[f"{name}_{layer}"][0, :3]
+                for layer in range(len(masses))
+            ]
+            # the depth of each contact, not of the sum of those below it
+            depths = [float(lower[2] - upper[2]) for lower, upper in zip([np.zeros(3), *moved], moved, strict=False)]
+            depth = max(depths, key=_size)
+            aside = max((float(np.hypot(*move[:2])) for move in moved), key=_size)
+            figures.append(Figure(self.NAME, subject(law), text, "depth", "m", 0.0, depth, REST_DEPTH + hops))
+            if law.pair.friction:
+                figures.append(Figure(self.SIDEWAYS, subject(law), text, "way", "m", 0.0, aside, SIDEWAYS + hops))
+        return figures
+
+
+def _size(value: float) -> float:
+    return math.inf if math.isnan(value) else abs(value)
+
+
+PROBES: Mapping[str, Probe] = {Stack.NAME: Stack()}
