@@ -10,8 +10,11 @@ from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.support.features import Feature
 from simspec.support.needs import Need
 from simspec.world.meeting import Pair, meeting_laws
+from simspec.world.reach import reach
 from simspec.world.types import World
 
+HEAVY_ON_LIGHT = 10.0
+"""Ratio of two masses from which a world needs MASS_RATIO: at 10 no engine's stacks sink or slide by 0.01 mm (measured)."""
 _FEATURES = {
     "friction": Feature.FRICTION_PAIRS,
     "torsional_friction": Feature.FRICTION_PAIRS,
@@ -50,6 +53,24 @@ def pair_needs(world: World, rules: Rules) -> list[Need]:
         if rules.hardness == "same" and any(simple.numbers[name, 0].hardness != law.hardness for name in pair):
             found.setdefault(Feature.HARDNESS_PAIRS, {})[f"contact.pairs.{pair[0]}.{pair[1]}.hardness"] = None
     return [Need(feature, tuple(paths)) for feature, paths in found.items()]
+
+
+def coupled_needs(world: World) -> list[Need]:
+    """The needs of contact of several bodies, where rigid contact can bring it about in this world (``world/reach.py``)."""
+    found: dict[Feature, list[str]] = {}
+    for (first, second), law in meeting_laws(world).items():
+        if law.hardness.kind != "common":
+            continue
+        there, path = reach(world, first, second), f"contact.pairs.{first}.{second}"
+        if law.friction and (there.leans or there.corners):
+            found.setdefault(Feature.COUPLED_FRICTION, []).append(f"{path}.friction")
+        if law.friction and there.carries:
+            found.setdefault(Feature.CARRIED_FRICTION, []).append(f"{path}.friction")
+        if law.restitution and (there.gathers or there.corners):
+            found.setdefault(Feature.IMPACT_TOGETHER, []).append(f"{path}.restitution")
+        if there.ratio >= HEAVY_ON_LIGHT:
+            found.setdefault(Feature.MASS_RATIO, []).append(path)
+    return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
 
 
 def impact_needs(world: World) -> list[Need]:

@@ -66,6 +66,10 @@ class Feature(StrEnum):
     MARGIN_PAIRS = "contact.pairs.margin"
     PASSING_PAIRS = "contact.pairs.collide"
     IMPACT_FRICTION = "contact.friction.impact"
+    COUPLED_FRICTION = "contact.friction.coupled"
+    CARRIED_FRICTION = "contact.friction.carriers"
+    IMPACT_TOGETHER = "contact.impact.together"
+    MASS_RATIO = "contact.mass-ratio"
     CONE_ELLIPTIC = "contact.cone.elliptic"
     CONE_PYRAMID_INSCRIBED = "contact.cone.pyramid-inscribed"
     CONE_PYRAMID_CIRCUMSCRIBED = "contact.cone.pyramid-circumscribed"
@@ -144,6 +148,10 @@ MEANING: Mapping[Feature, str] = {
     Feature.MARGIN_PAIRS: "a distance for each pair of materials at which their contact begins",
     Feature.PASSING_PAIRS: "pairs of materials that do not collide",
     Feature.IMPACT_FRICTION: "friction of bodies that hit each other obliquely, in the step of the impact",
+    Feature.COUPLED_FRICTION: "friction that changes the normal force: bodies that lean, clamp, or are piled on each other",
+    Feature.CARRIED_FRICTION: "friction that holds a body on another that accelerates: platforms, turntables, grippers",
+    Feature.IMPACT_TOGETHER: "impacts with restitution that touch several places at once",
+    Feature.MASS_RATIO: "bodies that may lie on others of a tenth of their mass or less",
     Feature.CONE_ELLIPTIC: "|f| ≤ μ N",
     Feature.CONE_PYRAMID_INSCRIBED: "|fx| + |fy| ≤ μ N",
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: "|fx| ≤ μ N and |fy| ≤ μ N",
@@ -163,3 +171,6 @@ MEANING: Mapping[Feature, str] = {
     Feature.TIMESTEP: "the length of one step",
     Feature.FLUID: "drag and viscous resistance of a fluid around the bodies, by the box of each one's inertia",
 }
+
+COUPLED_CONTACT = (Feature.COUPLED_FRICTION, Feature.CARRIED_FRICTION, Feature.IMPACT_TOGETHER, Feature.MASS_RATIO)
+"""What contact of several bodies needs: the coupled probes of level L5 measure it."""

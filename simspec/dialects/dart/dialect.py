@@ -48,7 +48,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.meeting import balls_alone, excluded_pairs, solid_shapes
@@ -111,6 +111,7 @@ class DartDialect(Dialect):
         Feature.RESTITUTION_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api(_SIDECAR),
         Feature.IMPACT_FRICTION: EXACT,
+        **exactly(*COUPLED_CONTACT),
         Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
         Feature.CONE_PYRAMID_INSCRIBED: never("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),

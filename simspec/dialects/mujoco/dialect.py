@@ -71,7 +71,7 @@ from simspec.support.declarations import (
     not_here,
     shape_kinds,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.anchors import anchors
 from simspec.world.carriers import absorbed
 from simspec.world.gathering import least_moment, rigid_members
@@ -134,6 +134,7 @@ class MujocoDialect(Dialect):
             ),
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
             *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
+            *COUPLED_CONTACT,
             *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
             *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS, Feature.MARGIN_PAIRS),
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),

@@ -39,11 +39,12 @@ from simspec.support.declarations import (
     Support,
     Table,
     alike,
+    exactly,
     never,
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.kinematics import free_rigid, trees
 from simspec.world.types import POSITION_SIZE, ReadBack, World
 
@@ -114,6 +115,7 @@ class PybulletDialect(Dialect):
         Feature.HARDNESS_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api(_SIDECAR),
         Feature.IMPACT_FRICTION: EXACT,
+        **exactly(*COUPLED_CONTACT),
         Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
         Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),

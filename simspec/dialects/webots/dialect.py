@@ -43,7 +43,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import poses, rigid_groups
@@ -94,6 +94,7 @@ class WebotsDialect(Dialect):
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
             *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
             *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION, Feature.EXCLUDED_PAIRS),
+            *COUPLED_CONTACT,
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
             *(Feature.FORCES, Feature.CONTROL),
         ),

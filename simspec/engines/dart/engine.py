@@ -64,7 +64,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.meeting import frictionless
 from simspec.world.types import Body, HeldValue, ReadBack, World
 
@@ -227,6 +227,7 @@ class Dart(SteppedEngine[Simulation]):
         Feature.HARDNESS_PAIRS: never(_RIGID),
         Feature.PASSING_PAIRS: via_api("pairs in the collision filter"),
         Feature.IMPACT_FRICTION: EXACT,
+        **exactly(*COUPLED_CONTACT),
         Feature.CONE_ELLIPTIC: approximate(
             "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and is four times "
             "faster, the circumscribed pyramid: up to 1.41 times the friction between its axes",

@@ -50,7 +50,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import solid_shapes
@@ -208,6 +208,7 @@ class Drake(SteppedEngine[Simulation]):
             "1 ms end with an error, since its equations do not converge (5 with stiction_tolerance 1e-5); by SAP none of 20",
         ),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", refine=planes_covered),
+        **exactly(*COUPLED_CONTACT),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
         Feature.RESTITUTION: never("Drake's contact has no restitution"),
         Feature.RESTITUTION_PAIRS: never("Drake's contact has no restitution"),

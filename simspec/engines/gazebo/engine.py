@@ -48,7 +48,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.types import Body, HeldValue, ReadBack, World
 
 TINY_FRICTION = 0.001
@@ -171,6 +171,7 @@ class Gazebo(SteppedEngine[Simulation]):
         Feature.FRICTION: Support(
             Level.EXACT, "up to 0.001 is accepted by name: DART treats it as zero", refine=_tiny, cases=(_TINY,)
         ),
+        **exactly(*COUPLED_CONTACT),
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: approximate(
             "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "

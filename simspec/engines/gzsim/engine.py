@@ -37,7 +37,7 @@ from simspec.support.declarations import (
     never,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.gathering import gathered
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import solid_shapes
@@ -169,6 +169,7 @@ class GzSim(SteppedEngine[Simulation]):
         **_without_contact(
             *(Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS, Feature.SURFACE_VELOCITY),
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.IMPACT_FRICTION),
+            *COUPLED_CONTACT,
             *(Feature.RESTITUTION, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
             *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
             *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),

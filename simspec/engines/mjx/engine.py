@@ -18,8 +18,8 @@ from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation, turns
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.rewritten import NO_EQUALITIES, hardnesses, met_exactly, no_friction, rubs
-from simspec.support.declarations import Level, Refinement, Support, Table, alike, approximate, never, not_here
-from simspec.support.features import Feature
+from simspec.support.declarations import Level, Refinement, Support, Table, alike, approximate, exactly, never, not_here
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.kinematics import layout_of
 from simspec.world.meeting import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.types import HeldValue, World
@@ -114,6 +114,7 @@ class Mjx(MjxSimulation):
             never("a box with a margin over a floor meets it 3.5 mm later than it should (L5, size; measured)"),
             *(Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
         ),
+        **exactly(*COUPLED_CONTACT),
         Feature.CONTROL_NATIVE: never("simspec drives MJX by efforts"),
         Feature.CONE_ELLIPTIC: Support(
             Level.EXACT, "cone=elliptic; a pyramid of one edge where nothing has friction", refine=_friction_everywhere

@@ -14,8 +14,8 @@ from typing import Any
 
 from simspec.dialects.mujoco.names import COULOMB, NATIVE
 from simspec.engines.kit.deviations import Deviation
-from simspec.support.declarations import Level, Refinement, Support, approximate, never
-from simspec.support.features import Feature
+from simspec.support.declarations import Level, Refinement, Support, approximate, exactly, never
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.types import World
 
 _FACES = "3.4"
@@ -104,6 +104,7 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         refine=coulomb_asked,
         cases=(BY_COULOMB,),
     ),
+    **exactly(*COUPLED_CONTACT),
     Feature.CONE_ELLIPTIC: Support(Level.EXACT, "cone=elliptic"),
     Feature.CONE_PYRAMID_INSCRIBED: approximate(
         "the force keeps to the pyramid, but MuJoCo's pyramid throws sliding bodies up, by 4 to 13 mm at 1 m/s and 100 to "

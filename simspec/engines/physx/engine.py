@@ -49,7 +49,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.meeting import excluded_pairs, solid_shapes
 from simspec.world.types import HeldValue, ReadBack, World
 
@@ -149,6 +149,7 @@ class PhysX(SteppedEngine[Simulation]):
         Feature.SHAPE_MARGIN: never("PhysX's contact begins where shapes touch"),
         Feature.MARGIN_PAIRS: never("PhysX's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
+        **exactly(*COUPLED_CONTACT),
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: Support(
             Level.EXACT, "of what arrives with more than 2 / (1 − e) steps of gravity: what is slower does not bounce"

@@ -61,12 +61,13 @@ from simspec.support.declarations import (
     Support,
     Table,
     approximate,
+    exactly,
     never,
     outside,
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.anchors import anchors
 from simspec.world.kinematics import members
 from simspec.world.types import Body, HeldValue, ReadBack, Vector3, World
@@ -179,6 +180,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.SHAPES_PER_BODY: EXACT,
         Feature.MATERIALS_PER_BODY: via_api(_COPIES),
         Feature.FRICTION: Support(Level.EXACT, "numbers, up to 10 for a pair"),
+        **exactly(*COUPLED_CONTACT),
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: Support(
             Level.EXACT, "numbers; taking back the overlap adds up to 0.013 to the ratio (measured, contact_erp 0.01)"

@@ -46,7 +46,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.types import HeldValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for Rapier"
@@ -123,6 +123,7 @@ class Rapier(SteppedEngine[Simulation]):
         Feature.MARGIN_PAIRS: never("Rapier's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
         Feature.FRICTION: Support(Level.EXACT, _LAW),
+        **exactly(*COUPLED_CONTACT),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, _LAW),
         Feature.RESTITUTION: Support(Level.EXACT, _LAW),
         Feature.RESTITUTION_PAIRS: Support(Level.EXACT, _LAW),

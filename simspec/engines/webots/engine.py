@@ -39,7 +39,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.types import ReadBack, World
 
 _NOT_WRITTEN = "simspec does not write it for Webots"
@@ -106,6 +106,7 @@ class Webots(GivenEngine[Simulation]):
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
             *(Feature.RESTITUTION_THRESHOLD, Feature.IMPACT_FRICTION, Feature.GRAVITY, Feature.TIMESTEP),
+            *COUPLED_CONTACT,
         ),
         **shape_kinds("Webots", ("sphere", "box", "capsule")),
         Feature.JOINT_HINGE: _joint("hinges"),

@@ -48,7 +48,7 @@ from simspec.support.declarations import (
     never,
     shape_kinds,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.carriers import absorbed, is_carrier
 from simspec.world.meeting import Pair, excluded_pairs, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.types import Joint, PairContact, Pose, Shape, World
@@ -83,6 +83,7 @@ SUPPORT: Final[Table] = {
         *(Feature.MARGIN_PAIRS, Feature.SURFACE_VELOCITY),
         *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
         *(Feature.IMPACT_FRICTION, Feature.HARDNESS_NATIVE, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
+        *COUPLED_CONTACT,
         *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
         *(Feature.GRAVITY, Feature.TIMESTEP, Feature.FLUID),
     ),

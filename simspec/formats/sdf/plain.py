@@ -25,7 +25,7 @@ from simspec.support.declarations import (
     not_here,
     shape_kinds,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
 from simspec.world.meeting import meeting_laws
 from simspec.world.types import Body, Inertial, PairContact, Pose, Shape, World
@@ -103,6 +103,7 @@ SUPPORT: Final[Table] = {
     Feature.FRICTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
     Feature.RESTITUTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
     Feature.IMPACT_FRICTION: never(_SOLVER),
+    **alike(never(_SOLVER), *COUPLED_CONTACT),
     **alike(
         never(_SOLVER),
         *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),

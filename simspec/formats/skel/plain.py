@@ -11,7 +11,7 @@ from simspec.formats.skel import tree
 from simspec.formats.skel.from_world import KINDS, RESERVED, coordinates, file_name, zero_poses
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Level, Support, Table, alike, approximate, exactly, never, shape_kinds
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World
@@ -52,6 +52,7 @@ SUPPORT: Final[Table] = {
         *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION),
         *(Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
         *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC),
+        *COUPLED_CONTACT,
         *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
     ),
     **alike(

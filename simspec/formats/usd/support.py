@@ -20,7 +20,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.kinematics import trees
 from simspec.world.meeting import meeting_laws
 from simspec.world.types import World
@@ -80,6 +80,7 @@ SUPPORT: Final[Table] = {
     **alike(
         never(_SOLVER),
         *(Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
+        *COUPLED_CONTACT,
         *(Feature.CONE_PYRAMID_CIRCUMSCRIBED, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
         *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
     ),

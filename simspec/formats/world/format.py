@@ -25,7 +25,7 @@ from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.support.declarations import UNTOLD_FRAMES, Table, exactly, never, shape_kinds
-from simspec.support.features import Feature
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.canonical import canonical_json
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World
@@ -59,6 +59,7 @@ class WorldJson(Format):
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
             *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
             *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
+            *COUPLED_CONTACT,
             *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
             *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),

@@ -47,9 +47,11 @@ RADIUS = 0.1
 """Of the balls that slide (m)."""
 SLIDERS: Mapping[str, tuple[Vector3, ...]] = {
     "eccentric ball": ((0.03, 0.0, 0.01),),
-    "tripod": ((0.3, 0.0, -0.1), (-0.15, 0.26, -0.1), (-0.15, -0.26, -0.1)),
+    "tripod": ((0.3, 0.0, 0.0), (-0.15, 0.26, 0.0), (-0.15, -0.26, 0.0)),
 }
-"""Centres of the balls, from the centre of mass (m)."""
+"""Centres of the balls, from the centre of mass (m); see :func:`centres` for a tripod's height."""
+HEIGHT, TIPS = 0.2, 0.1
+"""m: of a tripod's centre of mass above the floor, and at most that over μ; it would tip over two feet from 0.15/μ on."""
 INERTIA: Mapping[str, float] = {"eccentric ball": 0.006, "tripod": 0.05}
 """kg m² about every axis."""
 
@@ -144,7 +146,8 @@ class Slide(Probe):
 
     def trials(self, law: Law) -> Sequence[Trial]:
         bodies: list[Body] = [floor(law)]
-        for number, (slider, places) in enumerate(SLIDERS.items()):
+        for number, slider in enumerate(SLIDERS):
+            places = centres(law, slider)
             velocity, spin = self._start(law, slider)
             at = (SPACING * number, 0.0, RADIUS - places[0][2])
             balls = {str(index): place for index, place in enumerate(places)}
@@ -172,17 +175,23 @@ class Slide(Probe):
         return figures
 
 
+def centres(law: Law, slider: str) -> list[Vector3]:
+    """Centres of a slider's balls, from its centre of mass (m)."""
+    raised = RADIUS - min(HEIGHT, TIPS / law.pair.friction) if slider == "tripod" else 0.0
+    return [(x, y, z + raised) for x, y, z in SLIDERS[slider]]
+
+
 def slid(law: Law, slider: str, velocity: np.ndarray, spin: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Velocity (3,) of the centre of mass and spin (3,) of a body of balls after ``steps`` steps in which every point slides.
 
     Unknown are the normal forces N_i alone: friction is d_i N_i, d_i the section of the cone of size μ opposite to the slip of
     the point, and no ball's centre accelerates along the vertical: g + Σ N (…)/m + (α × c)_z + (ω × (ω × c))_z = 0.
     """
-    centres, turn = np.array(SLIDERS[slider]), np.eye(3)
+    arms, turn = np.array(centres(law, slider)), np.eye(3)
     inertia, up = INERTIA[slider], np.array([0.0, 0.0, 1.0])
     velocity, spin = velocity.copy(), spin.copy()
     for _ in range(steps):
-        places = centres @ turn.T
+        places = arms @ turn.T
         levers = places - RADIUS * up
         slip = velocity + np.cross(spin, levers)
         forces = np.array([_opposed(point[:2], law) for point in slip])

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.proof.contact.bodies import STATIONARY, ball, cluster, fixed_box, floor
+from simspec.proof.contact.friction import PUSH_TOLERANCE
 from simspec.proof.contact.impact import subject
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.world import frames
@@ -41,8 +42,8 @@ measured. Far over the settling of any contact, and short of a change of regime.
 SLIP_TIME = 1.0
 """s: in which the slowest slip is measured at the latest."""
 SLIP_TOLERANCE = 0.03
-"""Of the way: what is promised at 1 ms. One percent of friction (``friction.PUSH_TOLERANCE``) changes the acceleration near
-the threshold by up to three times as much."""
+"""Of the way, at least: what is promised at 1 ms. Near the threshold it is what ``friction.PUSH_TOLERANCE`` of friction changes
+(a tenth of the way of a pile at 0.9 of the threshold)."""
 TURNS = {"elliptic": (0.0, 35.0), "pyramid-inscribed": (0.0, 90.0), "pyramid-circumscribed": (0.0, 90.0)}
 """Directions (degrees) of the plane of motion, by cone: along a pyramid's axes the law is the same in all engines."""
 SPACING = 8.0
@@ -108,8 +109,8 @@ class _Leaning(Probe):
     def meets(self, law: Law) -> tuple[tuple[str, str], ...]:
         return ()
 
-    def slip(self, law: Law, case: _Case, steps: int) -> np.ndarray:
-        """The way (steps + 1,), in m, of the body that is measured where it slips."""
+    def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
+        """The way (steps + 1,), in m, of the body that is measured where it slips with this friction."""
         raise NotImplementedError
 
     def way(self, case: _Case, motion: Motion) -> np.ndarray:
@@ -133,7 +134,7 @@ class _Leaning(Probe):
 
     def _until(self, law: Law, case: _Case) -> int:
         """The step at which a slip is measured."""
-        way = self.slip(law, case, math.ceil(SLIP_TIME / law.timestep))
+        way = self.slip(law, case, math.ceil(SLIP_TIME / law.timestep), law.pair.friction)
         return int(np.argmax(way >= min(SLIPPED, SLIPPED_SHARE * way[-1])))
 
     def trials(self, law: Law) -> Sequence[Trial]:
@@ -156,18 +157,23 @@ class _Leaning(Probe):
         yield Figure(self.NAME, subject(law), "stands", self.QUANTITY, "m", *numbers, worst=self._text(case))
 
     def _slipping(self, law: Law, motion: Motion) -> Iterator[Figure]:
-        worst: tuple[float, float, float, _Case] | None = None
+        worst: tuple[float, float, float, float, _Case] | None = None
         for case in self.cases(law):
             if case.stands:
                 continue
             step = self._until(law, case)
-            expected, way = float(self.slip(law, case, step)[-1]), float(self.way(case, motion)[step])
-            off = abs(way - expected) / expected
+            low, expected, high = (
+                float(self.slip(law, case, step, (1.0 + share) * law.pair.friction)[-1])
+                for share in (-PUSH_TOLERANCE, 0.0, PUSH_TOLERANCE)
+            )
+            tolerance = max(SLIP_TOLERANCE * expected, abs(high - low) / 2.0)
+            way = float(self.way(case, motion)[step])
+            off = abs(way - expected) / tolerance
             if worst is None or not off <= worst[0]:
-                worst = (off, expected, way, case)
+                worst = (off, expected, way, tolerance, case)
         if worst is not None:
-            _, expected, way, case = worst
-            numbers = (expected, way, SLIP_TOLERANCE * expected)
+            _, expected, way, tolerance, case = worst
+            numbers = (expected, way, tolerance)
             yield Figure(self.NAME, subject(law), "slips", self.QUANTITY, "m", *numbers, worst=self._text(case))
 
     def _text(self, case: _Case) -> str:
@@ -245,11 +251,11 @@ class Rod(_Leaning):
         wall = case.place(self.RADIUS + WALL[0] / 2.0, WALL[2] / 2.0)
         yield fixed_box(f"{case.name}_wall", WALL, wall, law.pair.first, case.quaternion)
 
-    def slip(self, law: Law, case: _Case, steps: int) -> np.ndarray:
+    def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
         start = self._angle(law, case)
 
         def acceleration(angle: float, speed: float) -> float:
-            return rod_acceleration(angle, speed, law.pair.friction, self.LENGTH, self.RADIUS, self.MASS, self.INERTIA)
+            return rod_acceleration(angle, speed, friction, self.LENGTH, self.RADIUS, self.MASS, self.INERTIA)
 
         bounds = (math.radians(3.0), math.pi / 2.0)
         angles = _stepped(acceleration, start, law.timestep, steps, bounds)
@@ -296,7 +302,7 @@ class Clamp(_Leaning):
     INERTIA = 0.05
     HEIGHT = 0.4
     """m between the two balls."""
-    GAIN = 0.8
+    GAIN = 0.6
     """2 μ d / h: friction multiplies the frictionless normal force by 1 / (1 − GAIN) where the clamp slips. From 1 on it would
     jam under any moment, and fall without one: two solutions."""
     FURTHEST = 2.0
@@ -328,9 +334,8 @@ class Clamp(_Leaning):
     def effort(self, law: Law, case: _Case) -> Mapping[str, tuple[float, ...]]:
         return {case.name: (0.0, 0.0, 0.0, 0.0, self._moment(law, case), 0.0)}
 
-    def slip(self, law: Law, case: _Case, steps: int) -> np.ndarray:
-        friction = law.pair.friction
-        normal = self._moment(law, case) / (self.HEIGHT - 2.0 * friction * self._distance(friction))
+    def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
+        normal = self._moment(law, case) / (self.HEIGHT - 2.0 * friction * self._distance(law.pair.friction))
         fall = GRAVITY - 2.0 * friction * normal / self.MASS
         return _stepped(lambda way, speed: fall, 0.0, law.timestep, steps, (-math.inf, math.inf))
 
@@ -385,11 +390,11 @@ class Pile(_Leaning):
     def meets(self, law: Law) -> tuple[tuple[str, str], ...]:
         return tuple((f"{case.name}_below", f"{case.name}_top") for case in self.cases(law))
 
-    def slip(self, law: Law, case: _Case, steps: int) -> np.ndarray:
+    def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
         start, below = self._start(law, case), self._below(law)
 
         def acceleration(angle: float, speed: float) -> float:
-            return pile_acceleration(angle, speed, law.pair.friction, below, self.RADIUS, self.MASS)
+            return pile_acceleration(angle, speed, friction, below, self.RADIUS, self.MASS)
 
         angles = _stepped(acceleration, start, law.timestep, steps, (0.0, math.radians(85.0)))
         found: np.ndarray = 2.0 * self.RADIUS * (math.cos(start) - np.cos(angles))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simspec.proof.contact.reach import Reach
+from simspec.world.reach import Reach
 from simspec.world.types import LEFT_OUT, Body, PairContact, Vector3
 
 GRAVITY = 9.81

@@ -42,13 +42,13 @@ from simspec.proof.contact import (
 )
 from simspec.proof.contact.held import Held, belts, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Motion, Probe, Trial
-from simspec.proof.contact.reach import reach
 from simspec.proof.contact.split import joined, split
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
 from simspec.world.kinematics import layout_of
 from simspec.world.meeting import meeting_laws
-from simspec.world.types import Body, Physics, ReadBack, World
+from simspec.world.reach import reach
+from simspec.world.types import Body, Contact, EngineOptions, Physics, ReadBack, World
 
 LEVEL = "L5"
 PROBES: Mapping[str, Probe] = {
@@ -227,10 +227,10 @@ def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: b
     told = whole.belts.get((law.pair.first, law.pair.second))
     for trial in probe.trials(dataclasses.replace(law, belt_told=told)):
         parts = split(trial, engine.PROBED_TOGETHER)
-        worlds.append(tuple(_world(of_two, law, part) for part in parts))
+        worlds.append(tuple(_world(of_two, part) for part in parts))
         for world, part in zip(worlds[-1], parts, strict=True):
             compiled.append(_compiled(engine, world, of_two.plan, python))
-            operations.append(_drive(world, part))
+            operations.append(drive_of(world, part))
     name = _key(engine, compiled, operations, law, probe.NAME) if use_cache else ""
     known = cache.read(name) if use_cache else None
     return _Job(
@@ -273,7 +273,13 @@ def _key(
     return cache.key(engine, [artifacts.sha256 for artifacts in compiled], drives, wanted, probe)
 
 
-def _world(held_pair: Held, law: Law, trial: Trial) -> World:
+def _world(held_pair: Held, trial: Trial) -> World:
+    physics = Physics((0.0, 0.0, -GRAVITY), held_pair.timestep)
+    return world_of_trial(trial, held_pair.contact, physics, held_pair.options)
+
+
+def world_of_trial(trial: Trial, contact: Contact, physics: Physics, options: EngineOptions) -> World:
+    """The world of a trial under a contact law: what moves meets fixed bodies alone, but for what the trial lets meet."""
     meeting = {group for pair in trial.meets for group in pair}
     bodies = tuple(
         body
@@ -283,9 +289,9 @@ def _world(held_pair: Held, law: Law, trial: Trial) -> World:
     )
     groups = sorted({MOVING, *meeting})
     ignored = tuple(pair for pair in itertools.combinations_with_replacement(groups, 2) if pair not in set(trial.meets))
-    contact = dataclasses.replace(held_pair.contact, ignored_groups=ignored, excluded_bodies=_joined(bodies))
-    physics = Physics((0.0, 0.0, -GRAVITY), held_pair.timestep, sum(phase.steps for phase in trial.phases))
-    return World("contact-probe", bodies, contact, physics, engines=(held_pair.options,))
+    contact = dataclasses.replace(contact, ignored_groups=ignored, excluded_bodies=_joined(bodies))
+    physics = dataclasses.replace(physics, steps=sum(phase.steps for phase in trial.phases))
+    return World("contact-probe", bodies, contact, physics, engines=(options,))
 
 
 def _joined(bodies: Sequence[Body]) -> tuple[tuple[str, str], ...]:
@@ -293,7 +299,8 @@ def _joined(bodies: Sequence[Body]) -> tuple[tuple[str, str], ...]:
     return tuple(sorted((min(pair), max(pair)) for pair in pairs))
 
 
-def _drive(world: World, trial: Trial) -> Operation:
+def drive_of(world: World, trial: Trial) -> Operation:
+    """The operation that drives the world of a trial."""
     places = layout_of(world)
     index = {body.name: number for number, body in enumerate(world.bodies)}
     effort = np.zeros((len(trial.phases), places.nv))
@@ -310,11 +317,12 @@ def _figures(job: _Job, answers: Sequence[Answer], engine: type[Engine]) -> Sequ
     if job.probe is None or job.law is None:
         raise ValueError("a job is a probe of a law, or of sizes")
     answer = iter(answers)
-    motions = [joined([_motion(world, next(answer)) for world in worlds]) for worlds in job.worlds]
+    motions = [joined([motion_of(world, next(answer)) for world in worlds]) for worlds in job.worlds]
     return job.probe.figures(job.law, motions)
 
 
-def _motion(world: World, answer: Answer) -> Motion:
+def motion_of(world: World, answer: Answer) -> Motion:
+    """What came back of a driven world, by body."""
     arrays = answer.arrays
     pose = {body.name: arrays["pose"][:, number] for number, body in enumerate(world.bodies)}
     velocity = {body.name: arrays["velocity"][:, number] for number, body in enumerate(world.bodies)}

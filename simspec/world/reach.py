@@ -1,6 +1,6 @@
-"""What bodies of two materials can do together in a world: which coupled probes of level L5 apply to it, and why others do not.
+"""What bodies of two materials can do together in a world: which contact features it needs, and which coupled probes apply.
 
-A probe of something that cannot happen in a world would refuse engines for nothing; one that is left out must say so.
+A demand for something that cannot happen in a world would refuse engines for nothing.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from simspec.world.derived import derived
 from simspec.world.kinematics import CollisionFilter, rigid_groups
-from simspec.world.meeting import solid_shapes
+from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import Body, World
 
 FLAT = ("plane", "box")
@@ -191,3 +191,9 @@ def _together(world: World, first: str, second: str) -> int:
             if len(found) > 2:
                 break
     return len(found)
+
+
+@derived
+def largest_ratio(world: World) -> float:
+    """The largest ratio of masses of two bodies that move and may touch; 0: no two may."""
+    return max((reach(world, *pair).ratio for pair in meeting_laws(world)), default=0.0)

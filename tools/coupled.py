@@ -1,0 +1,166 @@
+"""The coupled contact probes in every engine, solver and cone: the table of docs/coupled-contact.md.
+
+python tools/coupled.py [--engine NAME ...] [--timestep MS ...] [--json FILE] [--write]
+
+Prints, for each probe, how far its worst figure is off in units of its tolerance, over frictions of 0.2, 0.5 and 1,
+restitutions of 0, 0.5 and 1 and ratios of masses of 1, 10, 100 and 1000. Declared deviations play no part: what is printed is what the engine
+did.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import itertools
+import json
+import math
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from simspec.compiler import compile_world, write_folder
+from simspec.engines.kit.process import Operation, call
+from simspec.engines.kit.registry import find_engine
+from simspec.errors import EngineError, UnsupportedError
+from simspec.proof.contact import carried, leaning, stacking, together
+from simspec.proof.contact.held import EVERYTHING
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
+from simspec.proof.contact.run import drive_of, motion_of, world_of_trial
+from simspec.world.reach import Reach
+from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
+
+PROBES: Mapping[str, Probe] = {**leaning.PROBES, **together.PROBES, **stacking.PROBES, **carried.PROBES}
+FRICTIONS, RESTITUTIONS, RATIOS = (0.2, 0.5, 1.0), (0.0, 0.5, 1.0), (1.0, 10.0, 100.0, 1000.0)
+SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
+    "mujoco": ({}, {"friction": "coulomb"}),
+    "pybullet": ({},),
+    "dart": ({"contact_solver": "nsgs"}, {"contact_solver": "dantzig"}),
+    "drake": ({}, {"contact_solver": "sap"}),
+    "ode": ({}, {"solver": "quick-step"}),
+    "gazebo": ({"contact_solver": "dantzig"}, {"contact_solver": "pgs"}),
+    "rapier": ({},),
+    "physx": ({},),
+}
+"""Settings by engine: each solver that a setting can choose."""
+KEPT = ("probe", "case", "expected", "measured", "tolerance", "unit", "worst")
+"""What is kept of a figure."""
+CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
+
+
+def laws(probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
+    """The laws that a probe is measured under: friction varies in all, restitution in impacts, the ratio in stacks."""
+    impacts, stacks = probe.NAME in together.PROBES, probe.NAME in stacking.PROBES
+    frictions = (0.0, 0.5) if impacts else (0.5,) if stacks else FRICTIONS
+    restitutions, ratios = RESTITUTIONS if impacts else (0.0,), RATIOS if stacks else (1.0,)
+    for friction, restitution, ratio in itertools.product(frictions, restitutions, ratios):
+        pair = PairContact("base", "body", friction, restitution)
+        law = Law(pair, cone, timestep, reach=Reach(True, True, True, True, ratio, 3))
+        if probe.applies(law):
+            yield law
+
+
+def worlds(engine: str, law: Law, trials: Sequence[Trial], settings: Mapping[str, Any]) -> list[World]:
+    pair = law.pair
+    materials = tuple(Material(name, pair.friction, pair.restitution) for name in (pair.first, pair.second))
+    pairs = tuple(
+        dataclasses.replace(pair, first=one.name, second=other.name)
+        for one, other in itertools.combinations_with_replacement(materials, 2)
+    )
+    options = EngineOptions(engine, tuple(sorted(settings.items())), EVERYTHING)
+    contact = Contact(law.friction_cone, materials, pairs)
+    return [world_of_trial(trial, contact, Physics((0.0, 0.0, -GRAVITY), law.timestep), options) for trial in trials]
+
+
+def measure(engine: str, settings: Mapping[str, Any], cone: str, timestep: float) -> list[tuple[Law, Figure]] | str:
+    """Every figure of every probe, all of one process; or why the engine refuses."""
+    jobs = [(probe, law) for probe in PROBES.values() for law in laws(probe, cone, timestep)]
+    operations: list[Operation] = []
+    tried = []
+    with tempfile.TemporaryDirectory() as folder:
+        for probe, law in jobs:
+            made = worlds(engine, law, probe.trials(law), settings)
+            try:
+                files = [compile_world(world, [engine])[engine].files for world in made]
+            except UnsupportedError as error:
+                return error.problems[0].message
+            for world, trial, written in zip(made, probe.trials(law), files, strict=True):
+                place = Path(folder) / str(len(operations))
+                write_folder(written, place)
+                operation = drive_of(world, trial)
+                operations.append(
+                    dataclasses.replace(operation, parameters={**operation.parameters, "artifacts": str(place)})
+                )
+            tried.append((probe, law, made))
+        try:
+            answers = iter(call(engine, Path(folder), operations, deadline=3000.0).answers)
+        except EngineError as error:
+            return str(error).splitlines()[0]
+        found = []
+        for probe, law, made in tried:
+            motions = [motion_of(world, next(answers)) for world in made]
+            found += [(law, figure) for figure in probe.figures(law, motions)]
+        return found
+
+
+def off(figure: Figure) -> float:
+    if figure.measured is None or not math.isfinite(figure.measured):
+        return math.inf
+    return abs(figure.measured - figure.expected) / figure.tolerance
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--engine", action="append", choices=sorted(SOLVERS))
+    parser.add_argument("--timestep", action="append", type=float, help="ms; default 1 and 4")
+    parser.add_argument("--cone", action="append", choices=CONES)
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+    for engine in given.engine or SOLVERS:
+        if find_engine(engine).version() is None:
+            print(f"{engine} is not installed", file=sys.stderr)
+            continue
+        for settings, cone, timestep in itertools.product(
+            SOLVERS[engine], given.cone or CONES, given.timestep or (1.0, 4.0)
+        ):
+            found = measure(engine, settings, cone, timestep / 1e3)
+            label = f"{engine} {' '.join(f'{name}={value}' for name, value in settings.items())}".strip()
+            if isinstance(found, str):
+                print(f"{label:32} {cone:22} {timestep:g} ms: {found[:120]}", flush=True)
+                continue
+            for law, figure in found:
+                rows.append(
+                    {
+                        "engine": engine,
+                        "settings": dict(settings),
+                        "cone": cone,
+                        "timestep": timestep,
+                        "friction": law.pair.friction,
+                        "restitution": law.pair.restitution,
+                        "ratio": law.reach.ratio,
+                        "off": off(figure),
+                        **{name: getattr(figure, name) for name in KEPT},
+                    }
+                )
+            by_probe: dict[str, list[tuple[Law, Figure]]] = {}
+            for law, figure in found:
+                by_probe.setdefault(figure.probe, []).append((law, figure))
+            for probe, some in by_probe.items():
+                law, worst = max(some, key=lambda entry: off(entry[1]))
+                if off(worst) > 1.0:
+                    where = f"mu {law.pair.friction:g} e {law.pair.restitution:g} ratio {law.reach.ratio:g}"
+                    measured = "no number" if worst.measured is None else f"{worst.measured:.4g}"
+                    print(
+                        f"{label:32} {cone[:16]:16} {timestep:g} ms {probe:15} {off(worst):9.3g}  {measured} for "
+                        f"{worst.expected:.4g} {worst.unit}; {worst.case}; {where}",
+                        flush=True,
+                    )
+    if given.json:
+        given.json.write_text(json.dumps(rows, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
