@@ -3,8 +3,8 @@
 python tools/coupled.py [--engine NAME ...] [--timestep MS ...] [--json FILE] [--write]
 
 Prints, for each probe, how far its worst figure is off in units of its tolerance, over frictions of 0.2, 0.5 and 1,
-restitutions of 0, 0.5 and 1 and ratios of masses of 1, 10, 100 and 1000. Declared deviations play no part: what is printed is what the engine
-did.
+restitutions of 0, 0.5 and 1 and ratios of masses of 1, 10, 100 and 1000. Declared deviations play no part: what is
+X
 """
 
 from __future__ import annotations

@@ -105,9 +105,10 @@ class Carrier(Probe):
             places = [_seen(motion, f"slab_{number}", f"load_{number}", at) for at in (-2, -1)]
             slip = float(np.linalg.norm(places[1] - places[0]))
             time = float(motion.time[-1] - motion.time[-2])
-            # a point that turns goes along the tangent for a step: it moves outwards by ω² r dt/2 in a second
+            # a point that turns goes along the tangent for a step: it moves outwards by ω² r dt/2 in a
+            # second, or not at all where friction is a spring to where the body lies
             outwards = self._acceleration(law) * law.timestep / 2.0 * time if case == "turns" else 0.0
-            numbers = (outwards, slip, HELD_WAY + HELD_SPEED * time)
+            numbers = (outwards, slip, outwards + HELD_WAY + HELD_SPEED * time)
             figures.append(Figure(self.NAME, subject(law), f"a carrier that {case}", "slip", "m", *numbers))
         return figures
 

@@ -46,6 +46,8 @@ SLIP_TOLERANCE = 0.03
 (a tenth of the way of a pile at 0.9 of the threshold)."""
 TURNS = {"elliptic": (0.0, 35.0), "pyramid-inscribed": (0.0, 90.0), "pyramid-circumscribed": (0.0, 90.0)}
 """Directions (degrees) of the plane of motion, by cone: along a pyramid's axes the law is the same in all engines."""
+TOUCH = 1e-6
+"""m: overlap of all contacts at the start, so that none opens for the first step."""
 SPACING = 8.0
 """m between bodies that do not meet."""
 WALL = (0.2, 1.0, 4.0)
@@ -246,9 +248,9 @@ class Rod(_Leaning):
         angle, half = self._angle(law, case), self.LENGTH / 2.0
         c, s = half * math.cos(angle), half * math.sin(angle)
         ends = {"foot": (-c, 0.0, -s), "top": (c, 0.0, s)}
-        at = case.place(-c, self.RADIUS + s)
+        at = case.place(-c, self.RADIUS - TOUCH + s)
         yield cluster(law, case.name, ends, self.RADIUS, self.MASS, self.INERTIA, at, case.quaternion)
-        wall = case.place(self.RADIUS + WALL[0] / 2.0, WALL[2] / 2.0)
+        wall = case.place(self.RADIUS - TOUCH + WALL[0] / 2.0, WALL[2] / 2.0)
         yield fixed_box(f"{case.name}_wall", WALL, wall, law.pair.first, case.quaternion)
 
     def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
@@ -299,7 +301,7 @@ class Clamp(_Leaning):
     NAME = "clamp"
     MEANING = "how far a clamp slips down a post, where friction multiplies the force that presses it on"
     RADIUS, MASS, POST = 0.05, 1.0, 0.2
-    INERTIA = 0.05
+    INERTIA = 1.0
     HEIGHT = 0.4
     """m between the two balls."""
     GAIN = 0.6
@@ -322,7 +324,7 @@ class Clamp(_Leaning):
 
     def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
         out, half = self._distance(law.pair.friction), self.HEIGHT / 2.0
-        reach = self.POST / 2.0 + self.RADIUS
+        reach = self.POST / 2.0 + self.RADIUS - TOUCH
         ends = {"far": (-out - reach, 0.0, half), "near": (-out + reach, 0.0, -half)}
         height = 3.0
         yield cluster(
@@ -377,12 +379,13 @@ class Pile(_Leaning):
 
     def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
         angle, count = self._start(law, case), self._below(law)
-        out, up = 2.0 * self.RADIUS * math.sin(angle), 2.0 * self.RADIUS * math.cos(angle)
+        between = 2.0 * self.RADIUS - TOUCH
+        out, up = between * math.sin(angle), between * math.cos(angle)
         for number, name in enumerate(self._names(law, case)):
             bearing = math.radians(case.turn) + 2.0 * math.pi * number / count
-            at = case.centre + np.array([out * math.cos(bearing), out * math.sin(bearing), self.RADIUS])
+            at = case.centre + np.array([out * math.cos(bearing), out * math.sin(bearing), self.RADIUS - TOUCH])
             yield ball(law, name, self.RADIUS, self.MASS, tuple(at.tolist()), group=f"{case.name}_below")
-        top = case.place(0.0, self.RADIUS + up)
+        top = case.place(0.0, self.RADIUS - TOUCH + up)
         yield ball(
             law, case.name, self.RADIUS, self.MASS, top, STATIONARY, material=law.pair.first, group=f"{case.name}_top"
         )

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.proof.contact.bodies import ball, box, floor
-from simspec.proof.contact.impact import RESTITUTION_TOLERANCE, subject
-from simspec.proof.contact.oblique import ABOVE_THRESHOLD, impact_begins, impact_ends
+from simspec.proof.contact.impact import RESTITUTION_TOLERANCE, TURNED, subject
+from simspec.proof.contact.oblique import ABOVE_THRESHOLD, impact_begins
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.world import frames
 from simspec.world.tuples import ordered, vector3
@@ -165,8 +165,18 @@ class _Together(Probe):
             begin = impact_begins(velocity, law.timestep)
             along = velocity[begin + 1] - velocity[begin]
             begins.append(begin)
-            ends.append(impact_ends(velocity @ along, begin))
+            ends.append(_ends(velocity @ along / float(np.linalg.norm(along)), begin, law.timestep))
         return min(begins), max(ends)
+
+
+def _ends(speed: np.ndarray, begin: int, timestep: float) -> int:
+    """The first step after an impact, from the speeds (n,) along it: it goes on while steps add more than ``TURNED`` of what
+    the first step added, and more than the weight of what stays in touch can."""
+    change = np.diff(speed)
+    end = begin + 1
+    while end < len(change) and change[end] > TURNED * change[begin] + 2.0 * GRAVITY * timestep:
+        end += 1
+    return end
 
 
 def _kinetic(body: Body, velocity: np.ndarray, falling: np.ndarray, pose: np.ndarray) -> float:
