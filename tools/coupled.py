@@ -37,7 +37,7 @@ SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "mujoco": ({}, {"friction": "coulomb"}),
     "pybullet": ({},),
     "dart": ({"contact_solver": "nsgs"}, {"contact_solver": "dantzig"}),
-    "drake": ({}, {"contact_solver": "sap"}),
+    "drake": ({}, {"contact_approximation": "sap"}),
     "ode": ({}, {"solver": "quick-step"}),
     "gazebo": ({"contact_solver": "dantzig"}, {"contact_solver": "pgs"}),
     "rapier": ({},),
@@ -77,14 +77,16 @@ def measure(engine: str, settings: Mapping[str, Any], cone: str, timestep: float
     """Every figure of every probe, all of one process; or why the engine refuses."""
     jobs = [(probe, law) for probe in PROBES.values() for law in laws(probe, cone, timestep)]
     operations: list[Operation] = []
-    tried = []
+    tried: list[tuple[Probe, Law, list[World]]] = []
+    refused = ""
     with tempfile.TemporaryDirectory() as folder:
         for probe, law in jobs:
             made = worlds(engine, law, probe.trials(law), settings)
             try:
                 files = [compile_world(world, [engine])[engine].files for world in made]
             except UnsupportedError as error:
-                return error.problems[0].message
+                refused = error.problems[0].message
+                continue
             for world, trial, written in zip(made, probe.trials(law), files, strict=True):
                 place = Path(folder) / str(len(operations))
                 write_folder(written, place)
@@ -93,6 +95,8 @@ def measure(engine: str, settings: Mapping[str, Any], cone: str, timestep: float
                     dataclasses.replace(operation, parameters={**operation.parameters, "artifacts": str(place)})
                 )
             tried.append((probe, law, made))
+        if not tried:
+            return refused
         try:
             answers = iter(call(engine, Path(folder), operations, deadline=3000.0).answers)
         except EngineError as error:

@@ -11,9 +11,10 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.proof.contact.probe import GRAVITY, Law, Motion
+from simspec.proof.contact.run import world_of_trial
 from simspec.support.features import Feature
 from simspec.world.kinematics import layout_of
-from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
+from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics
 
 ACCEPT = tuple(sorted(feature.value for feature in Feature))
 
@@ -33,9 +34,9 @@ def world_of(law, trial):
         dataclasses.replace(pair, first=one.name, second=other.name)
         for one, other in itertools.combinations_with_replacement(materials, 2)
     )
-    physics = Physics((0.0, 0.0, -GRAVITY), law.timestep, sum(phase.steps for phase in trial.phases))
-    options = tuple(EngineOptions(name, (), ACCEPT) for name in engines())
-    return World("probe", trial.bodies, Contact(law.friction_cone, materials, pairs), physics, engines=options)
+    physics = Physics((0.0, 0.0, -GRAVITY), law.timestep)
+    world = world_of_trial(trial, Contact(law.friction_cone, materials, pairs), physics, EngineOptions("none"))
+    return dataclasses.replace(world, engines=tuple(EngineOptions(name, (), ACCEPT) for name in engines()))
 
 
 def motions(engine, cases, folder):

@@ -29,8 +29,8 @@ APPROACH = 2.0
 PHASES = (0.3, 0.7)
 """Shares of a step after which the bodies meet."""
 RADIUS, MASS = 0.1, 1.0
-WAYS = 50.0
-"""Radius over the way of one step, at least: it keeps the lever of a contact within 1 %."""
+WAYS = 100.0
+"""Radius over the way of one step, at least: it keeps the lever of a contact within half a percent."""
 TILT = math.radians(30.0)
 """Of the box that lands on one edge."""
 EDGE = (2.0, 1.0, 1.0)
