@@ -29,9 +29,10 @@ impulse at a corner moves it by 1.2/m along x and 3.9/m along y, near the most t
 SPACING = 4.0
 """m between sliders, at least; none slides half as far."""
 WIDE = 50.0
-"""Edge of the square slider over c, at least, where the pair has rolling friction. Each of a face's points may then carry a moment
-of up to c times its force, and nothing says which does: the pressure is off its middle by up to c, in a direction that a solver's
-order decides, and the slider turns. At an edge of 10 c a push was 1.2 % off by it, of 40 c 0.14 %, in a solver run to the end."""
+"""Edge of the square slider over c, at least, where the pair has rolling friction. Each of a face's points may then carry a
+moment of up to c times its force, and nothing says which does: the pressure is off its middle by up to c, in a direction
+that a solver's order decides, and the slider turns. At an edge of 10 c a push was 1.2 % off by it, of 40 c 0.14 %, in a
+solver run to the end."""
 WEIGHT = MASS * GRAVITY
 
 PUSH = 1.6
@@ -76,7 +77,8 @@ def _direction(degrees: float) -> np.ndarray:
 
 
 def _sliders(law: Law, size: Vector3, speeds: Mapping[float, float]) -> tuple[Body, ...]:
-    """A floor, and a slider of this size (m) for each direction with its initial speed along it: larger where ``WIDE`` says so."""
+    """A floor, and a slider of this size (m) for each direction with its initial speed along it: larger where ``WIDE`` says
+    so."""
     scale = max(1.0, WIDE * law.pair.rolling_friction / SQUARE[0])
     size = (scale * size[0], scale * size[1], size[2])
     spacing = SPACING + 2.0 * (scale - 1.0) * SQUARE[0]
@@ -92,7 +94,9 @@ def _sliders(law: Law, size: Vector3, speeds: Mapping[float, float]) -> tuple[Bo
 def _at_angle(figure: Figure, wanted: Figure) -> Figure | None:
     """``wanted`` where it is of the same name, case and quantity as ``figure``, and of a direction that is probed."""
     same = (figure.probe, figure.case, figure.quantity) == (wanted.probe, wanted.case, wanted.quantity)
-    probed = wanted.angle is None or any(math.isclose(math.degrees(wanted.angle), one, abs_tol=1e-6) for one in DIRECTIONS)
+    probed = wanted.angle is None or any(
+        math.isclose(math.degrees(wanted.angle), one, abs_tol=1e-6) for one in DIRECTIONS
+    )
     return wanted if same and probed else None
 
 
@@ -290,9 +294,7 @@ class Stick(Probe):
         pushed = float(np.linalg.norm(self._held(law, math.degrees(angle)))) / MASS
         without = pushed * law.timestep * (HELD_STEPS - HELD_STEPS // 3 / 2.0)
         case = f"{len(DIRECTIONS)} directions"
-        return Figure(
-            self.NAME, _subject(law), case, "creep", "m/s", 0.0, None, CREEP, angle=angle, without=without
-        )
+        return Figure(self.NAME, _subject(law), case, "creep", "m/s", 0.0, None, CREEP, angle=angle, without=without)
 
     def trials(self, law: Law) -> Sequence[Trial]:
         settle = max(10, math.ceil(SETTLE / law.timestep))

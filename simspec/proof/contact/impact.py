@@ -185,8 +185,8 @@ class Rest(Probe):
             for shape in ("cube", "ball"):
                 named = (subject(law), f"{shape} {case}")
                 figures.append(Figure(self.NAME, *named, "depth", "m", 0.0, None, REST_DEPTH, without=fallen))
-                moving = (0.0, None, REST_SPEED + hop(law))
-                figures.append(Figure(self.STEADY, *named, "speed", "m/s", *moving, without=falls))
+                moves = REST_SPEED + hop(law)
+                figures.append(Figure(self.STEADY, *named, "speed", "m/s", 0.0, None, moves, without=falls))
         return figures
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
