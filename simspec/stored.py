@@ -54,6 +54,7 @@ class StoredProof(Stored):
     checks: list[dict[str, Any]]
     contact: list[dict[str, Any]]
     precision: str = "double"
+    contact_scope: dict[str, str] = {}
 
 
 class StoredCertificate(Stored):

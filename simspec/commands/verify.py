@@ -17,7 +17,7 @@ from simspec.outputs.marker import COMPILED, STUDY
 from simspec.outputs.targets import demand, folder_problem, own_name_problem
 from simspec.outputs.writing import add_file
 from simspec.report import terminal
-from simspec.report.plain import plain, text
+from simspec.report.plain import certificate_data, text
 from simspec.report.progress import progress
 from simspec.report.screen import console
 from simspec.report.tested import certificate_suites, skipped_suites
@@ -146,7 +146,7 @@ def verify_world(
         sys.stdout.write(
             text(
                 {
-                    "certificate": plain(certificate),
+                    "certificate": certificate_data(certificate),
                     "valid": certificate.valid,
                     "file": path,
                     "stored": stored.data(),

@@ -48,6 +48,22 @@ def _folder_of_user(variable: str, usual: str, name: str) -> Path | None:
         return None
 
 
+def written_by_others(folder: Path) -> str | None:
+    """Why other users may have written into a folder, or put another in its place: a part of its path that is another user's
+    (but root's), or that everybody can write (but a folder with the sticky bit, as /tmp). None where nobody else can."""
+    place = Path(os.path.realpath(folder))
+    for part in (place, *place.parents):
+        try:
+            status = os.stat(part)
+        except OSError:
+            continue  # not there yet, or not to be seen: nothing is read from it
+        if status.st_uid not in (0, os.geteuid()):
+            return f"{part} is another user's (uid {status.st_uid})"
+        if status.st_mode & stat.S_IWOTH and (part == place or not status.st_mode & stat.S_ISVTX):
+            return f"everybody can write {part}"
+    return None
+
+
 def built(place: Path, build: Callable[[Path], None], patience: float, anew: bool = False, keep: int = KEPT) -> Path:
     """``place``, a file in a folder of such files alone, of which those ``keep`` stay that were used last. Where it is not
     there, or ``anew``, ``build`` makes it: under another name, in a folder of its own on the same disk, from where it is

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from simspec.errors import SpecError
-from simspec.outputs.cache import cache_folder
+from simspec.outputs.cache import cache_folder, written_by_others
 from simspec.outputs.reading import read_bytes
 from simspec.outputs.staging import locked
 from simspec.outputs.writing import write_file
@@ -41,10 +41,16 @@ class Entries:
         """Where entries are kept; None where the user has no cache folder."""
         return cache_folder(self.name)
 
-    def read(self, key: str) -> bytes | None:
-        """The entry of a key; None where there is none that can be read."""
+    def refused(self) -> str | None:
+        """Why the folder is not used, though the user has one: others may have written it; None where it is."""
         place = self.folder()
-        if place is None:
+        why = None if place is None else written_by_others(place)
+        return None if why is None else f"the cache {place} is not used: {why}"
+
+    def read(self, key: str) -> bytes | None:
+        """The entry of a key; None where there is none that can be read, or where others may have written it."""
+        place = self.folder()
+        if place is None or self.refused():
             return None
         path = place / f"{key}.json"
         try:
@@ -58,7 +64,7 @@ class Entries:
     def write(self, key: str, content: str) -> bool:
         """Keep an entry; False where that is not possible, which costs time only. Every sixteenth key looks after the bound."""
         place = self.folder()
-        if place is None:
+        if place is None or self.refused():
             return False
         try:
             # not synced: what a power cut leaves half is no entry

@@ -14,7 +14,9 @@ from simspec.engines.kit.precision import DOUBLE
 from simspec.errors import Problem, SpecError
 from simspec.markup import html_table
 from simspec.proof.checks import Check
+from simspec.proof.contact.declared import Declared, declared
 from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.scope import unmeasured
 from simspec.stored import StoredCertificate, parse, read_as
 from simspec.world.canonical import from_plain, to_plain
 
@@ -45,6 +47,8 @@ class EngineProof:
     not_compared: dict[str, str] = field(default_factory=dict)
     precision: str = DOUBLE
     """The numbers of the engine, by which its tolerances are (``proof/precision.py``)."""
+    contact_scope: dict[str, str] = field(default_factory=dict)
+    """By kind of contact whether level L5 measured it for this world, or why not (``proof/contact/scope.py``)."""
 
     def __repr__(self) -> str:
         return f"<EngineProof {self.version}: {len(self.checks)} checks, {'valid' if self.valid else 'not valid'}>"
@@ -74,8 +78,8 @@ class EngineProof:
 
     @property
     def verdict(self) -> str:
-        """In a line: ``valid``, in which numbers where these are not doubles, with what was not checked and why; ``not valid``;
-        or ``not proven`` where the files alone were checked."""
+        """In a line: ``valid``, in which numbers where these are not doubles, with what was not checked and why, and what its
+        contact rests on; ``not valid``; or ``not proven`` where the files alone were checked."""
         if not self.passed:
             return "not valid"
         if self.files_alone:
@@ -83,7 +87,20 @@ class EngineProof:
             return f"not proven: the files hold the world (L0); not checked: {levels} ({why})"
         valid = "valid" if self.precision == DOUBLE else f"valid in {self.precision} precision"
         parts = ", ".join(f"{name} ({why})" for name, why in self.unchecked.items())
-        return f"{valid}; not checked: {parts}" if parts else valid
+        said = [valid, f"not checked: {parts}" if parts else "", *self.contact_words]
+        return "; ".join(filter(None, said))
+
+    @property
+    def declared(self) -> Declared:
+        """What the contact figures rest on."""
+        return declared(self.contact)
+
+    @property
+    def contact_words(self) -> list[str]:
+        """What must be said of contact beside the verdict: declared deviations and absent effects, and what was not
+        measured."""
+        words = self.declared.words
+        return ([words] if words else []) + [f"{kind}: not measured" for kind in unmeasured(self.contact_scope)]
 
     @property
     def brief(self) -> str:
@@ -97,6 +114,11 @@ class EngineProof:
     def level(self, name: str) -> list[Check]:
         """The checks of one level."""
         return [check for check in self.checks if check.level == name]
+
+
+def _lasting(figure: Figure) -> Figure:
+    """A figure as a file has it, whether it was measured or cached: a certificate does not change by that."""
+    return dataclasses.replace(figure, cached=False) if figure.cached else figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +200,7 @@ class Certificate:
             head |= {"seconds": proof.seconds}
             head |= {"verdict": proof.verdict, "approximations": proof.approximations, "not_checked": proof.not_checked}
             head |= {"not_compared": proof.not_compared}
+            head |= {"contact_scope": proof.contact_scope} if proof.contact_scope else {}
             lines = [
                 f"      {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}," for key, value in head.items()
             ]
@@ -185,7 +208,7 @@ class Certificate:
                 f"        {json.dumps(to_plain(check), ensure_ascii=False, allow_nan=False)}" for check in proof.checks
             )
             figures = ",\n".join(
-                f"        {json.dumps(to_plain(figure), ensure_ascii=False, allow_nan=False)}"
+                f"        {json.dumps(to_plain(_lasting(figure)), ensure_ascii=False, allow_nan=False)}"
                 for figure in proof.contact
             )
             rows = f'\n      "checks": [\n{checks}\n      ],\n      "contact": [\n{figures}\n      ]'
@@ -225,6 +248,7 @@ class Certificate:
                     tuple(from_plain(Figure, figure) for figure in block.contact),
                     block.not_compared,
                     block.precision,
+                    block.contact_scope,
                 )
                 for name, block in data.engines.items()
             }

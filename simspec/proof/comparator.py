@@ -432,13 +432,3 @@ def _words(quantity: str) -> str:
 
 def _both(first: str, second: str) -> str:
     return first if first == second else f"{first} with {second}"
-
-
-def not_checked(world: World, read_back: ReadBack) -> dict[str, str]:
-    """What a read-back could not tell, with the reasons, sorted; of engines' own controllers and of frames only where the world
-    has some."""
-    own = natives(world)
-    left = {field: why for field, why in read_back.unreadable.items() if own or field != "control.native"}
-    if world.frames and read_back.frames is None:
-        left["frames"] = "the engine is told none"
-    return dict(sorted(left.items()))

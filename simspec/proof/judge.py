@@ -10,18 +10,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 
+from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.registry import engines
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import TEXT_TOLERANCE
 from simspec.proof.comparator import FIELD, HULL, SINGLE
-from simspec.proof.contact.run import PROBES, contact_checks, laws
+from simspec.proof.contact.judged import figure_faults
+from simspec.proof.contact.run import contact_checks
+from simspec.proof.contact.scope import scope
+from simspec.proof.demanded import demanded
 from simspec.proof.expected import judge as judge_checks
 from simspec.proof.expected import title
-from simspec.proof.lacking import TITLES, not_checked_parts, of_files_alone
+from simspec.proof.lacking import TITLES, UNTOLD, not_checked_parts, of_files_alone, unreadable
 from simspec.proof.precision import PRECISIONS
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
+from simspec.proof.realised import realised
+from simspec.proof.sum_limits import TOLERANCE as STOPS_TOLERANCE
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.shapes import SHAPES
@@ -32,16 +38,16 @@ COARSEST: Mapping[str, float] = {
     "L0": TEXT_TOLERANCE,
     **dict.fromkeys(READ_BACK, PRECISIONS[DOUBLE].model),
     "L5": 1.0,  # in units of each figure's own tolerance
-    "L6": 1e-2,
+    "L6": STOPS_TOLERANCE,
     "L7": 1e-2,
 }
 """The largest tolerance that a check of each level may have; of what is read back from an engine in single precision, that of
-its numbers. L6 and L7: relative, the larger of 1e-9 and 100 × the round-off floor, or 2e-3 for joints held by dry friction; a
-motion whose floor is above 1e-4 proves nothing."""
+its numbers. L6 and L7: relative; the tolerance of each check follows from the world (``proof/demanded.py``), which is worked
+out for a judgement that is ``thorough``."""
 
 
 def judge(certificate: Certificate, world: World) -> list[str]:
-    """Why ``certificate`` does not prove that its engines hold ``world``, a line each; [] when it does."""
+    """Why ``certificate`` does not prove that its engines hold ``world``, a line each; [] when it does. Thorough."""
     if certificate.world_sha256 != sha256(world):
         return ["it belongs to another world"]
     faults = []
@@ -50,12 +56,14 @@ def judge(certificate: Certificate, world: World) -> list[str]:
     if not certificate.engines:
         faults.append("it contains no engine")
     for name, proof in certificate.engines.items():
-        faults += [f"{name}: {line}" for line in judge_proof(name, proof, world)]
+        faults += [f"{name}: {line}" for line in judge_proof(name, proof, world, thorough=True)]
     return faults
 
 
-def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
-    """The same for one engine, by name or label. What it is said not to be asked for must be what it declares to lack."""
+def judge_proof(engine: str, proof: EngineProof, world: World, thorough: bool = False) -> list[str]:
+    """The same for one engine, by name or label. What it is said not to be asked for must be what it declares to lack.
+    ``thorough``: also whether the checks of L6 and L7 are as many and as close as the world demands, which takes the
+    oracle's motion (:func:`simspec.proof.demanded.demanded`)."""
     known = engines().get(engine_name(engine))
     lacking = {} if known is None else not_checked_parts(world, known, proof.not_compared)
     alone = known is not None and bool(known.FILES_ALONE) and proof.files_alone
@@ -89,8 +97,52 @@ def judge_proof(engine: str, proof: EngineProof, world: World) -> list[str]:
     twice = [(check.level, check.name) for check in proof.checks]
     faults += sorted({f"{title(*part)} is duplicated" for part in twice if twice.count(part) > 1})
     faults += _counts(proof, world, lacking)
-    faults += _contact(proof, world)
+    if known is not None:
+        faults += _declarations(engine, known, proof, world)
+    faults += _contact(engine, known, proof, world, lacking)
+    if thorough and not proof.files_alone:
+        faults += _motions(proof, world)
     return faults
+
+
+def _declarations(engine: str, known: type[Engine], proof: EngineProof, world: World) -> Iterator[str]:
+    """Approximations and fields that are not readable back, which follow from the world and what the engine declares."""
+    told = realised(world, engine, proof.version)
+    if told.refused:
+        yield f"this world cannot be compiled for it: {told.refused}"
+    else:
+        yield from _compared("the accepted approximation", proof.approximations, told.approximations)
+    fields = {name: why for name, why in proof.not_checked.items() if name not in TITLES}
+    wanted = {} if proof.files_alone else unreadable(world, known.UNREADABLE)
+    if "frames" in fields and world.frames:
+        wanted["frames"] = UNTOLD  # whether an engine is told some is seen by reading it back
+    yield from _compared("the field that is not readable back", fields, wanted)
+
+
+def _compared(what: str, told: Mapping[str, str], wanted: Mapping[str, str]) -> Iterator[str]:
+    for name in sorted(told.keys() | wanted.keys()):
+        if name not in told:
+            yield f"{what} {name!r} is missing"
+        elif name not in wanted:
+            yield f"{what} {name!r} ({told[name]}), which this world and the engine do not have"
+        elif told[name] != wanted[name]:
+            yield f"{what} {name!r}: {told[name]!r}, should be {wanted[name]!r}"
+
+
+def _motions(proof: EngineProof, world: World) -> Iterator[str]:
+    """Checks of L6 and L7 that are fewer or coarser than the world demands, or that it does not have."""
+    demands = demanded(world, proof.precision)
+    for check in proof.checks:
+        if check.level not in ("L6", "L7") or not check.passed:
+            continue
+        named, demand = title(check.level, check.name), demands.get((check.level, check.name))
+        if demand is None:
+            yield f"{named}: this world has no such check"
+            continue
+        if not demand.least <= check.count or (check.count > demand.count and demand.least == demand.count):
+            yield f"{named}: {check.count} comparisons, this world has {demand.count}"
+        if check.tolerance > demand.tolerance * (1.0 + 1e-9):
+            yield f"{named}: a tolerance of {check.tolerance:g}, at most {demand.tolerance:g}"
 
 
 def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Iterator[str]:
@@ -115,18 +167,22 @@ def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Ite
             yield f"{title(*part)}: {counts.get(part, 0)} comparisons, this world has {count}"
 
 
-def _contact(proof: EngineProof, world: World) -> Iterator[str]:
-    """Probes that this world has and the certificate does not, and checks of L5 that are not those of its figures."""
-    if "L5" in proof.not_compared or proof.files_alone:
+def _contact(
+    engine: str, known: type[Engine] | None, proof: EngineProof, world: World, lacking: Mapping[str, str]
+) -> Iterator[str]:
+    """Figures that are not those of this world and engine, checks of L5 that are not those of the figures, and what is said of
+    which kinds of contact were measured."""
+    compared = not ("L5" in proof.not_compared or proof.files_alone)
+    kinds = scope(world, (figure.probe for figure in proof.contact)) if compared else {}
+    yield from _compared("the kind of contact", proof.contact_scope, kinds)
+    if not compared or "L5" in lacking:
+        if proof.contact:
+            yield "L5: figures of contact, which is listed as not compared"
         return
-    there = {(figure.probe, figure.subject) for figure in proof.contact}
-    for law in laws(world):
-        subject = f"{law.pair.first}, {law.pair.second}"
-        for name, probe in PROBES.items():
-            if probe.applies(law) and (name, subject) not in there:
-                yield f"L5 {name}: no figure of {subject}"
+    told = None if known is None else realised(world, engine, proof.version)
+    yield from figure_faults(proof.contact, world, known, lambda pair: {} if told is None else told.between(pair))
     made = {check.name: (check.count, check.worst) for check in contact_checks(proof.contact)}
-    told = {check.name: (check.count, check.worst) for check in proof.level("L5") if check.passed}
-    for name in sorted(made.keys() | told.keys()):
-        if made.get(name) != told.get(name):
+    checks = {check.name: (check.count, check.worst) for check in proof.level("L5") if check.passed}
+    for name in sorted(made.keys() | checks.keys()):
+        if made.get(name) != checks.get(name):
             yield f"L5 {name}: does not follow from its figures"

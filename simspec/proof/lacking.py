@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from simspec.control.native import natives
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.proof.comparator import INVENTORY, INVENTORY_LEVEL
@@ -18,7 +19,7 @@ from simspec.proof.expected import PARTS, expected, title
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
 from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK
 from simspec.world.kinematics import rubbing
-from simspec.world.types import World
+from simspec.world.types import ReadBack, World
 
 MATRIX = "collision matrix"
 NEEDS: Mapping[tuple[str, str], tuple[Capability, ...]] = {
@@ -94,3 +95,22 @@ def of_files_alone(not_compared: Mapping[str, str], why: str) -> dict[str, str]:
 
 WHOLE = ("L3", "L6", "L7")
 """The levels that are made of named parts and nothing else."""
+
+
+UNTOLD = "the engine is told none"
+"""Why frames are not readable back."""
+
+
+def not_checked(world: World, read_back: ReadBack) -> dict[str, str]:
+    """What a read-back could not tell, with the reasons, sorted; of engines' own controllers and of frames only where the world
+    has some."""
+    left = unreadable(world, read_back.unreadable)
+    if world.frames and read_back.frames is None:
+        left["frames"] = UNTOLD
+    return dict(sorted(left.items()))
+
+
+def unreadable(world: World, declared: Mapping[str, str]) -> dict[str, str]:
+    """Of the fields that an engine declares not to be readable back those that the world has."""
+    own = natives(world)
+    return {field: why for field, why in declared.items() if own or field != "control.native"}

@@ -52,6 +52,8 @@ GENTLE = 0.2
 GENTLER = (0.04, 0.008, 1e-4, 1e-6)
 """The same in more tries, where none so far keeps off the limits: the first two to come further, the others to come far enough
 at all where a range is a hair's breadth."""
+ROUND_OFF = "then round-off alone"
+"""How the reason begins for which a motion ends whose floor grows too large."""
 FEWEST = 100
 """Steps below which motion proves nothing: in 100 of 1 ms an acceleration that is off by 2e-7 m/s², which is what the smallest
 slip of a digit in printing makes of gravity, moves a body by the tolerance; where limits allow fewer, the check fails."""
@@ -148,7 +150,7 @@ def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int, precisi
         last = max(0, int(np.argmin(useful)) - 1)
         steps, ends = (
             last * every,
-            f"then round-off alone would move bodies by {precision.loosest / precision.factor:.0e}",
+            f"{ROUND_OFF} would move bodies by {precision.loosest / precision.factor:.0e}",
         )
     if steps < FEWEST and (diverging := unstable(world)):
         ends = f"then it diverges: {diverging[0]}; stable up to {diverging[0].largest_stable_step:.3g} s"

@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,14 +28,15 @@ from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.proof import control, dry_friction, forces, motion, sum_limits
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check, failed
-from simspec.proof.comparator import compare, inventory_checks, not_checked
+from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
+from simspec.proof.contact.scope import scope
 from simspec.proof.control import Response, control_checks
 from simspec.proof.dry_friction import SLIDING_CHECK, DryFriction, dry_friction_checks
 from simspec.proof.expected import left_out, shortfalls
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, Followed, Pushed, forces_checks
-from simspec.proof.lacking import MATRIX, not_checked_parts, of_files_alone, unchecked
+from simspec.proof.lacking import MATRIX, not_checked, not_checked_parts, of_files_alone, unchecked
 from simspec.proof.motion import Motion, motion_checks
 from simspec.proof.motionless import motionless
 from simspec.proof.precision import PRECISIONS, Precision
@@ -47,12 +49,12 @@ from simspec.proof.probes import (
     dynamics_operation,
     kinematics_checks,
 )
+from simspec.proof.realised import approximations
 from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK, SumLimits, stops_checks
 from simspec.proof.touch import plan as touch
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
 from simspec.scratch import scratch_folder
-from simspec.support.declarations import Level
 from simspec.world.canonical import sha256
 from simspec.world.meeting import meeting_laws
 from simspec.world.types import ReadBack, World
@@ -235,8 +237,14 @@ def verify(
             checks = [*texts[name], *contact.get(name, [])]
             answered = replies.get(name) if name not in refused else refused[name]
             proof = _engine_proof(world, compilation, folders[name], checks, answered, probes, not_compared)
-            proofs[name] = dataclasses.replace(proof, contact=tuple(figures.get(name, ())))
+            proofs[name] = dataclasses.replace(proof, **_measured(world, levels, figures.get(name, ())))
     return Certificate(world.name, sha256(world), _oracle_version(), {name: proofs[name] for name in order})
+
+
+def _measured(world: World, levels: Collection[str], figures: Sequence[Figure]) -> dict[str, Any]:
+    """What a proof says of contact: its figures, and which kinds of contact they are of."""
+    kinds = scope(world, (figure.probe for figure in figures)) if "L5" in levels else {}
+    return {"contact": tuple(figures), "contact_scope": kinds}
 
 
 def _of_files_alone(
@@ -399,17 +407,18 @@ def engine_checks(
 def _proof(
     compiled: Compiled, folder: Path, checks: list[Check], unreadable: dict[str, str], reply: Reply | None
 ) -> EngineProof:
-    approximations = {
-        decision.feature.value: f"{decision.level.value}: {decision.how}"
-        for decision in compiled.decisions
-        if decision.level in (Level.APPROXIMATE, Level.OUTSIDE)
-    }
     version = reply.versions["engine_version"] if reply else str(find_engine(compiled.engine).version())
     numbers = find_engine(compiled.engine).PRECISION
     seconds = round(reply.wall_seconds, 3) if reply else 0.0  # as a certificate prints it
     checks = sorted(checks, key=lambda check: check.level)
     return EngineProof(
-        version, Artifacts.read(folder).sha256, tuple(checks), approximations, unreadable, seconds, precision=numbers
+        version,
+        Artifacts.read(folder).sha256,
+        tuple(checks),
+        approximations(compiled.decisions),
+        unreadable,
+        seconds,
+        precision=numbers,
     )
 
 

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from simspec.comparison.study import Study
 from simspec.errors import MOST_PROBLEMS, MOST_WORDS, UNSEEN_CHARACTERS, EngineError, SimspecError, SpecError, clipped
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
+
+if TYPE_CHECKING:
+    from simspec.proof.certificate import Certificate, EngineProof
 
 REPORT_SCHEMA = 1
 REPORT_FILE = "report.json"
@@ -85,6 +88,20 @@ def run_data(run: Run, outcomes: tuple[Outcome, ...] = ()) -> dict[str, Any]:
     }
 
 
+def certificate_data(certificate: Certificate) -> dict[str, Any]:
+    """A certificate, whole, with each engine's verdict and what its contact figures rest on."""
+    data: dict[str, Any] = plain(certificate)
+    for name, proof in certificate.engines.items():
+        data["engines"][name] |= proof_data(proof)
+    return data
+
+
+def proof_data(proof: EngineProof) -> dict[str, Any]:
+    """The verdict of one engine's proof, and what its contact figures rest on."""
+    declared = {"declared": plain(proof.declared.data()), "contact_scope": proof.contact_scope} if proof.contact else {}
+    return {"valid": proof.valid, "verdict": proof.verdict, **declared}
+
+
 def diff_data(diff: Diff) -> dict[str, Any]:
     """One comparison, whole."""
     bodies = [{**plain(body), "verdict": body.verdict} for body in diff.bodies]
@@ -108,6 +125,10 @@ def study_data(study: Study) -> dict[str, Any]:
         "world": study.world.name,
         "exit_code": study.exit_code,
         "certificate_valid": study.certificate.valid if study.certificate is not None else None,
+        "proofs": {
+            name: proof_data(proof)
+            for name, proof in (study.certificate.engines.items() if study.certificate is not None else ())
+        },
         "runs": {name: run_data(run, study.outcomes.get(name, ())) for name, run in study.runs.items()},
         "floors": {name: floor_data(floor) for name, floor in study.floors.items()},
         "diffs": [diff_data(diff) for diff in study.diffs],

@@ -184,6 +184,8 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
         )
     counts = [sum(check.count for check in proof.checks) for proof in certificate.engines.values()]
     deviations.add_row("comparisons", "", *(f"{count:,}" for count in counts))
+    if any(proof.declared.declared for proof in certificate.engines.values()):
+        deviations.add_row("by declared deviation", "", *(_declared(proof) for proof in certificate.engines.values()))
     deviations.add_row("verdict", "", *(_verdict(proof) for proof in certificate.engines.values()))
     return [deviations, *_failures(certificate)]
 
@@ -199,6 +201,15 @@ def _verdict(proof: EngineProof) -> Text:
     if proof.passed and proof.files_alone:
         return Text("NOT PROVEN\nits files alone (L0)", style="bold yellow") + more
     return verdict(proof.valid, "valid", "NOT VALID") + more
+
+
+def _declared(proof: EngineProof) -> Text:
+    """How many contact figures pass by a declared deviation alone, the widest of these, and which effects are absent."""
+    found = proof.declared
+    if not found.declared:
+        return Text("–", style="dim")
+    cell = Text(f"{found.declared} of {found.figures}\nwidest: {found.width}", style="yellow")
+    return cell + Text(f"\nabsent: {', '.join(found.absent)}", style="bold yellow") if found.absent else cell
 
 
 def _strain(check: Check) -> float:
@@ -251,6 +262,12 @@ def certificate_notes(certificate: Certificate) -> list[str]:
         for feature, said in proof.approximations.items():
             why = short_reason(name, feature, said)
             notes.append(f"{name}: accepted approximation ({feature}): {why} ({link(name, feature)})")
+        notes += [f"{name}: {words}" for words in proof.contact_words]
+        if proof.declared.cached:
+            notes.append(
+                f"{name}: {proof.declared.cached} of {proof.declared.figures} contact figures from the cache "
+                "(--no-cache measures all)"
+            )
         declared: dict[str, dict[str, None]] = {}
         for figure in proof.contact:
             if figure.deviation:

@@ -230,7 +230,7 @@ def test_a_world_without_contact_has_no_contact_checks(engine):
 
 def deviating(figure, *declared, **pair):
     law = Law(PairContact("a", "b", **({"friction": 0.5, "restitution": 0.2} | pair)), "elliptic", 0.002)
-    return run._deviating(figure, law, SimpleNamespace(CONTACT_DEVIATIONS=declared), {"solver": "fast"})
+    return run.deviating(figure, law, SimpleNamespace(CONTACT_DEVIATIONS=declared), {"solver": "fast"})
 
 
 FIGURE = Figure("push", "a, b", "", "friction", "", 0.5, 0.45, 0.005)

@@ -1,5 +1,8 @@
 """Figures measured before, so that a proof of the same contact costs nothing the second time.
 
+Whoever can write the user's files can write an entry, with a hash that fits. So a folder that other users could have written is
+not used, and of each proof one entry, chosen at random, is measured again and compared; figures say that they come from here.
+
 The key of an entry is the hash of everything that could change it: the probe world's compiled files (materials, numbers,
 cone, hardness, timestep, solver settings), how they are driven, simspec's own code that takes part and the engine module's,
 the versions of engine, simspec, Python and numpy, and the processor. An entry carries its key and a hash of its figures: one
@@ -11,10 +14,12 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
+import itertools
 import json
 import platform
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -42,6 +47,9 @@ APART = (
 """Parts of the package whose code takes no part in measuring; all other code is part of the key."""
 COMPILED = ("*.c", "*.cc", "*.cpp", "*.h", "*.hpp")
 """Sources that an engine compiles for itself."""
+SAME = 0.1
+"""How far, in tolerances, a figure from the cache may be from what is measured again. The last digits of some solvers depend on
+where in memory their bodies are: 5e-4 of a tolerance in DART (measured)."""
 VERSION = 1
 ENTRIES = Entries("contact", head=b'{"simspec_cache": ', largest=16 * 2**20, bound=256 * 2**20)
 """The largest entry, with the points of 24 directions, has some 10 kB."""
@@ -103,6 +111,32 @@ def read(name: str) -> list[Figure] | None:
         return [from_plain(Figure, figure) for figure in entry.figures] or None  # every probe gives some figure
     except (SpecError, ValueError, KeyError, TypeError):
         return None
+
+
+def differing(cached: Sequence[Figure], now: Sequence[Figure]) -> list[Figure]:
+    """Of figures that were cached, and were measured again ``now`` in the same order, those that are not the same: each
+    without a number, so that it fails, and with both in its case."""
+    found = []
+    for figure, other in itertools.zip_longest(cached, now):
+        if figure is not None and (other is None or not _same(figure, other)):
+            value = "no such figure" if other is None else other.measured
+            why = f"{figure.case}; the cache has {figure.measured}, measured now: {value}. Remove {ENTRIES.folder()}"
+            found.append(replace(figure, measured=None, case=f"{why}, or use --no-cache"))
+    return found
+
+
+def _same(figure: Figure, other: Figure) -> bool:
+    if (figure.probe, figure.subject, figure.quantity) != (other.probe, other.subject, other.quantity):
+        return False
+    if figure.measured is None or other.measured is None:
+        return figure.measured is other.measured
+    pairs = (
+        (figure.measured, other.measured),
+        (figure.expected, other.expected),
+        (figure.tolerance, other.tolerance),
+        (figure.without or 0.0, other.without or 0.0),
+    )
+    return all(abs(one - another) <= SAME * other.tolerance for one, another in pairs)
 
 
 def _content(figures: Sequence[Any]) -> str:

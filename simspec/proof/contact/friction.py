@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from simspec.proof.contact.bodies import box, floor
+from simspec.proof.contact.bodies import FLOOR_SIZE, box, floor
 from simspec.proof.contact.law import project, slide
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.world import frames
@@ -27,7 +27,12 @@ SQUARE, OBLONG, MASS = (0.2, 0.2, 0.02), (0.4, 0.1, 0.02), 1.0
 """Of the sliders (m, kg): flat, so that a push at the centre hardly tilts the pressure on the faces' corners. Oblong: a unit
 impulse at a corner moves it by 1.2/m along x and 3.9/m along y, near the most that a uniform box has (1 and 4)."""
 SPACING = 4.0
-"""m between sliders; none slides half as far."""
+"""m between sliders, at least; none slides half as far."""
+WIDE = 50.0
+"""Edge of the square slider over c, at least, where the pair has rolling friction. Each of a face's points may then carry a
+moment of up to c times its force, and nothing says which does: the pressure is off its middle by up to c, in a direction
+that a solver's order decides, and the slider turns. At an edge of 10 c a push was 1.2 % off by it, of 40 c 0.14 %, in a
+solver run to the end."""
 WEIGHT = MASS * GRAVITY
 
 PUSH = 1.6
@@ -40,6 +45,8 @@ SPEED_OFF = 1.0
 """m/s at most while pushed: under an associated friction law, sliders hop at higher speed."""
 PUSH_TOLERANCE = 0.01
 """Of μ: what is promised at 1 ms; solvers of finite accuracy stay below."""
+UNBRAKED = 0.1
+"""Push over the weight where there is no friction."""
 NO_FRICTION = 1e-6
 """Tangential over normal force where μ = 0: round-off of solvers."""
 
@@ -70,13 +77,27 @@ def _direction(degrees: float) -> np.ndarray:
 
 
 def _sliders(law: Law, size: Vector3, speeds: Mapping[float, float]) -> tuple[Body, ...]:
-    """A floor, and a slider of this size (m) for each direction with its initial speed along it."""
-    bodies: list[Body] = [floor(law)]
+    """A floor, and a slider of this size (m) for each direction with its initial speed along it: larger where ``WIDE`` says
+    so."""
+    scale = max(1.0, WIDE * law.pair.rolling_friction / SQUARE[0])
+    size = (scale * size[0], scale * size[1], size[2])
+    spacing = SPACING + 2.0 * (scale - 1.0) * SQUARE[0]
+    x, y, z = FLOOR_SIZE
+    bodies: list[Body] = [floor(law, (max(x, 8.0 * spacing), max(y, 8.0 * spacing), z))]
     for index, (degrees, speed) in enumerate(speeds.items()):
-        at = (SPACING * (index % 6 - 2.5), SPACING * (index // 6 - 1.5), size[2] / 2)
-        x, y = (speed * _direction(degrees)).tolist()
-        bodies.append(box(law, _name(degrees), size, MASS, at, (x, y, 0.0, 0.0, 0.0, 0.0)))
+        at = (spacing * (index % 6 - 2.5), spacing * (index // 6 - 1.5), size[2] / 2)
+        along, across = (speed * _direction(degrees)).tolist()
+        bodies.append(box(law, _name(degrees), size, MASS, at, (along, across, 0.0, 0.0, 0.0, 0.0)))
     return tuple(bodies)
+
+
+def _at_angle(figure: Figure, wanted: Figure) -> Figure | None:
+    """``wanted`` where it is of the same name, case and quantity as ``figure``, and of a direction that is probed."""
+    same = (figure.probe, figure.case, figure.quantity) == (wanted.probe, wanted.case, wanted.quantity)
+    probed = wanted.angle is None or any(
+        math.isclose(math.degrees(wanted.angle), one, abs_tol=1e-6) for one in DIRECTIONS
+    )
+    return wanted if same and probed else None
 
 
 def _name(degrees: float) -> str:
@@ -112,7 +133,7 @@ class Push(Probe):
     def _force(self, law: Law) -> dict[float, np.ndarray]:
         if law.pair.friction:
             return _pushes(law, PUSH)
-        return {degrees: 0.1 * WEIGHT * _direction(degrees) for degrees in DIRECTIONS}
+        return {degrees: UNBRAKED * WEIGHT * _direction(degrees) for degrees in DIRECTIONS}
 
     def trials(self, law: Law) -> Sequence[Trial]:
         settle, pushed = self._steps(law)
@@ -120,6 +141,23 @@ class Push(Probe):
         efforts = _efforts(self._force(law))
         phases = (Phase(settle, settle), Phase(pushed - half, pushed - half, efforts), Phase(half, half, efforts))
         return [Trial(_sliders(law, self.SIZE, dict.fromkeys(DIRECTIONS, 0.0)), phases)]
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        return [self._wanted(law, 0.0)]
+
+    def reference(self, law: Law, figure: Figure) -> Figure | None:
+        return _at_angle(figure, self._wanted(law, figure.angle or 0.0))
+
+    def _wanted(self, law: Law, angle: float) -> Figure:
+        """The figure of the direction ``angle`` (rad)."""
+        friction = law.pair.friction
+        strength = PUSH * friction if friction else UNBRAKED
+        size = float(np.linalg.norm(project(strength * _direction(math.degrees(angle)), friction, law.friction_cone)))
+        tolerance = PUSH_TOLERANCE * friction if friction else NO_FRICTION
+        numbers = (size, None, tolerance)
+        without = 0.0 if friction else None
+        case = f"{len(DIRECTIONS)} directions"
+        return Figure(self.NAME, _subject(law), case, "friction", "", *numbers, angle=angle, without=without)
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         motion = motions[0]
@@ -181,6 +219,24 @@ class Stop(Probe):
         steps = self._steps(law)
         return [Trial(_sliders(law, self.SIZE, dict.fromkeys(DIRECTIONS, self._speed(law))), (Phase(steps, steps),))]
 
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        return [self._wanted(law, 0.0)]
+
+    def reference(self, law: Law, figure: Figure) -> Figure | None:
+        return _at_angle(figure, self._wanted(law, figure.angle or 0.0))
+
+    def _wanted(self, law: Law, angle: float) -> Figure:
+        """The figure of the direction ``angle`` (rad). Without friction it would go on at its speed, and be off by the way that
+        it then is too far."""
+        speed, steps, dt = self._speed(law), self._steps(law), law.timestep
+        start = speed * _direction(math.degrees(angle))
+        path, _ = slide(start, law.pair.friction, GRAVITY, dt, law.friction_cone, steps)
+        expected = float(np.linalg.norm(path[-1]))
+        without = expected + float(np.linalg.norm(start * steps * dt - path[-1]))
+        case = f"from {speed:.3g} m/s, {len(DIRECTIONS)} directions"
+        numbers = (expected, None, STOP_TOLERANCE * expected)
+        return Figure(self.NAME, _subject(law), case, "distance", "m", *numbers, angle=angle, without=without)
+
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         speed, steps, dt = self._speed(law), self._steps(law), law.timestep
         worst: tuple[float, float, float, float] | None = None
@@ -214,17 +270,31 @@ class Stick(Probe):
 
     def _force(self, law: Law) -> dict[float, np.ndarray]:
         """0.8 of what the cone holds in each direction."""
-        forces = {}
-        for degrees in DIRECTIONS:
-            direction = _direction(degrees)
-            if law.friction_cone == "elliptic":
-                reach = 1.0
-            elif law.friction_cone == "pyramid-inscribed":
-                reach = 1.0 / float(np.abs(direction).sum())
-            else:
-                reach = 1.0 / float(np.abs(direction).max())
-            forces[degrees] = HELD * reach * law.pair.friction * WEIGHT * direction
-        return forces
+        return {degrees: self._held(law, degrees) for degrees in DIRECTIONS}
+
+    def _held(self, law: Law, degrees: float) -> np.ndarray:
+        direction = _direction(degrees)
+        if law.friction_cone == "elliptic":
+            reach = 1.0
+        elif law.friction_cone == "pyramid-inscribed":
+            reach = 1.0 / float(np.abs(direction).sum())
+        else:
+            reach = 1.0 / float(np.abs(direction).max())
+        held: np.ndarray = HELD * reach * law.pair.friction * WEIGHT * direction
+        return held
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        return [self._wanted(law, 0.0)]
+
+    def reference(self, law: Law, figure: Figure) -> Figure | None:
+        return _at_angle(figure, self._wanted(law, figure.angle or 0.0))
+
+    def _wanted(self, law: Law, angle: float) -> Figure:
+        """The figure of the direction ``angle`` (rad); ``without``: the mean speed of the steps that count, if nothing held."""
+        pushed = float(np.linalg.norm(self._held(law, math.degrees(angle)))) / MASS
+        without = pushed * law.timestep * (HELD_STEPS - HELD_STEPS // 3 / 2.0)
+        case = f"{len(DIRECTIONS)} directions"
+        return Figure(self.NAME, _subject(law), case, "creep", "m/s", 0.0, None, CREEP, angle=angle, without=without)
 
     def trials(self, law: Law) -> Sequence[Trial]:
         settle = max(10, math.ceil(SETTLE / law.timestep))
@@ -270,6 +340,15 @@ class Carry(Stop):
         steps = self._steps(law)
         slider = box(law, _name(0.0), SQUARE, MASS, (0.0, 0.0, SQUARE[2] / 2))
         return [Trial((dataclasses.replace(carrying, shapes=(moving,)), slider), (Phase(steps, steps),))]
+
+    def _wanted(self, law: Law, angle: float) -> Figure:
+        speed, steps, dt = self._speed(law), self._steps(law), law.timestep
+        belt = speed * _direction(CARRIED)
+        slipped, _ = slide(-belt, law.pair.friction, GRAVITY, dt, law.friction_cone, steps)
+        size = float(np.linalg.norm(belt * steps * dt + slipped[-1]))
+        numbers = (size, None, STOP_TOLERANCE * float(np.linalg.norm(slipped[-1])))
+        case = f"by a surface at {speed:.3g} m/s"
+        return Figure(self.NAME, _subject(law), case, "distance", "m", *numbers, without=0.0)
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         speed, steps, dt = self._speed(law), self._steps(law), law.timestep

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -88,6 +89,18 @@ class Restitution(Probe):
                 bodies.append(ball(law, _name(row, column), radius, 1.0, place, (0.0, 0.0, -start, 0.0, 0.0, 0.0)))
         return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),))]
 
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        """Below the threshold what has none bounces as it does above."""
+        e = law.pair.restitution
+        figures = []
+        for speed, expected in self.speeds(law).items():
+            name = self.NAME if speed in RESTITUTION_SPEEDS else THRESHOLD
+            case = f"arriving at {speed:g} m/s, {len(STEP_PHASES)} phases"
+            without = (0.0 if expected else e) if e else None
+            numbers = (expected, None, RESTITUTION_TOLERANCE)
+            figures.append(Figure(name, subject(law), case, "ratio", "", *numbers, without=without))
+        return figures
+
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         figures = []
         for row, (speed, expected) in enumerate(self.speeds(law).items()):
@@ -156,9 +169,25 @@ class Rest(Probe):
             at = 3.0 * column
             bodies.append(box(law, f"cube_{column}", (CUBE, CUBE, CUBE), CUBE_MASS, (at, 0.0, CUBE / 2 + gap)))
             bodies.append(ball(law, f"ball_{column}", SPHERE, SPHERE_MASS, (at, 3.0, SPHERE + gap)))
-        steps = max(REST_STEPS, math.ceil(REST_TIME / law.timestep))
+        steps = self._steps(law)
         seen = steps // 4
         return [Trial(tuple(bodies), (Phase(steps - seen, every=max(1, steps - seen)), Phase(seen)))]
+
+    def _steps(self, law: Law) -> int:
+        return max(REST_STEPS, math.ceil(REST_TIME / law.timestep))
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        """Without a floor everything falls as long as the trial lasts."""
+        seconds = self._steps(law) * law.timestep
+        fallen, falls = 0.5 * GRAVITY * seconds**2, GRAVITY * seconds
+        figures = []
+        for case in self.cases(law):
+            for shape in ("cube", "ball"):
+                named = (subject(law), f"{shape} {case}")
+                figures.append(Figure(self.NAME, *named, "depth", "m", 0.0, None, REST_DEPTH, without=fallen))
+                moves = REST_SPEED + hop(law)
+                figures.append(Figure(self.STEADY, *named, "speed", "m/s", 0.0, None, moves, without=falls))
+        return figures
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         figures = []
@@ -213,15 +242,18 @@ class Overlap(Probe):
             bodies.append(ball(law, f"ball_{column}", SPHERE, 1.0, (3.0 * column, 0.0, SPHERE - overlap)))
         return [Trial(tuple(bodies), (Phase(1),))]
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+    def wanted(self, law: Law) -> Sequence[Figure]:
         figures = []
-        for column, overlap in enumerate(OVERLAPS):
+        for overlap in OVERLAPS:
             expected = ERROR_REDUCTION * overlap / law.timestep
-            speed = float(motions[0].velocity[f"ball_{column}"][1, 2])
             tolerance = OVERLAP_SHARE * expected + OVERLAP_GRAVITY * GRAVITY * law.timestep
-            text = f"overlap {overlap * 1e6:g} µm"
-            figures.append(Figure(self.NAME, subject(law), text, "speed", "m/s", expected, speed, tolerance))
+            named = (self.NAME, subject(law), f"overlap {overlap * 1e6:g} µm", "speed", "m/s")
+            figures.append(Figure(*named, expected, None, tolerance, without=0.0))
         return figures
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        speeds = (float(motions[0].velocity[f"ball_{column}"][1, 2]) for column in range(len(OVERLAPS)))
+        return [replace(figure, measured=speed) for figure, speed in zip(self.wanted(law), speeds, strict=True)]
 
 
 def subject(law: Law) -> str:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,8 @@ REGIMES = {"slips": 1.6, "grips": 0.6}
 TOLERANCE = 0.04
 """Of the change of speed: what is promised at 1 ms. The lever of a contact amid an overlap of up to one step's way is up to 1 %
 short, taking back the overlap adds up to 1 % to the normal impulse, and e may be 0.03 off (see ``impact``)."""
+ARRIVAL = 0.02
+"""By what share the expected change may differ from that of a planned arrival, beside gravity's part (see ``slack``)."""
 SHARE = {"box": 1.0, "ball": 2.0 / 7.0}
 """s: the share of the slip that friction must take from the bodies' velocity to stop it."""
 SOLID = 2.5
@@ -187,15 +189,51 @@ class Oblique(Probe):
             still = (*velocity.tolist(), 0.0, 0.0, 0.0)
             yield ball(law, name, radius, mass, tuple(place.tolist()), still, material=material, group=group)
 
+    def slack(self, law: Law) -> float:
+        """Gravity acts as long as an impact lasts, and balls meet along the line that their ways give."""
+        return ARRIVAL + GRAVITY * law.timestep * (STEPS_BEFORE + STEPS_AFTER + 1) / self.approach(law)
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        e = law.pair.restitution
+        groups: dict[str, _Case] = {}
+        for case in [*self.landings(law), *self.meetings(law)]:
+            groups.setdefault(_group(case), case)
+        figures = []
+        for text, case in groups.items():
+            size = self._change(law, case)
+            for quantity in ("velocity", "spin")[: 1 if case.shape == "box" else 2]:
+                named = (self.NAME, subject(law), text, f"change of {quantity}", "m/s")
+                figures.append(Figure(*named, size, None, TOLERANCE * size, without=0.0))
+            named = (self.SEPARATION, subject(law), text, "ratio", "")
+            figures.append(Figure(*named, e, None, RESTITUTION_TOLERANCE, without=0.0 if e else None))
+        return figures
+
+    def reference(self, law: Law, figure: Figure) -> Figure | None:
+        """Under a pyramid the expected change depends on the direction that came out worst."""
+        found = super().reference(law, figure)
+        if found is None or figure.probe != self.NAME:
+            return found
+        cases = [case for case in [*self.landings(law), *self.meetings(law)] if _group(case) == figure.case]
+        degrees = None if figure.angle is None else math.degrees(figure.angle)
+        same = [case for case in cases if degrees is not None and math.isclose(case.degrees, degrees, abs_tol=1e-6)]
+        if not same:
+            return None
+        size = self._change(law, same[0])
+        return replace(found, expected=size, tolerance=TOLERANCE * size)
+
+    def _change(self, law: Law, case: _Case) -> float:
+        """The change of speed (m/s) of a case that arrives exactly as it is meant to."""
+        approach = self.approach(law)
+        slip = SHARE[case.shape] * self._demand(law, approach, case.regime, case.shape) * _direction(case.degrees)
+        most = law.pair.friction * (1.0 + law.pair.restitution) * approach
+        return float(np.linalg.norm(project(slip, most, law.friction_cone)))
+
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         hits = [(case, self._landed(law, case, motions[0])) for case in self.landings(law)]
         hits += [(case, self._met(law, case, motions[1])) for case in self.meetings(law)]
         groups: dict[str, list[tuple[_Case, _Hit]]] = {}
         for case, hit in hits:
-            what = (
-                f"a {case.shape} on the floor" if len(case.bodies) == 1 else "a ball on a ball of three times its mass"
-            )
-            groups.setdefault(f"{what} that {case.regime}", []).append((case, hit))
+            groups.setdefault(_group(case), []).append((case, hit))
         return [figure for text, group in groups.items() for figure in self._figures(law, text, group)]
 
     def _figures(self, law: Law, text: str, group: Sequence[tuple[_Case, _Hit]]) -> Iterator[Figure]:
@@ -273,6 +311,11 @@ class Oblique(Probe):
             max(some, key=lambda measured: float(np.linalg.norm(measured - expected))) for some in (velocities, spins)
         ]
         return _Hit(expected, far[0], far[1], -float(relative[end] @ normal) / approach)
+
+
+def _group(case: _Case) -> str:
+    what = f"a {case.shape} on the floor" if len(case.bodies) == 1 else "a ball on a ball of three times its mass"
+    return f"{what} that {case.regime}"
 
 
 def impact_begins(velocity: np.ndarray, timestep: float) -> int:

@@ -7,6 +7,7 @@ engine it ran in; an engine's declared deviations are added afterwards, by data 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -17,6 +18,8 @@ from simspec.world.types import LEFT_OUT, Body, PairContact, Vector3
 
 GRAVITY = 9.81
 """Of all probes, downwards (m/s²), whatever the scenario's is: a contact law does not depend on it."""
+TRACE = 0.1
+"""Share of an effect that counts as none of it: a tolerance that passes an engine with less is no test of the effect."""
 FLOOR = "floor"
 """Name of the fixed body that probes stand on: a box whose upper face is at z = 0, of the pair's *first* material."""
 
@@ -92,6 +95,10 @@ class Figure:
     worst      which of the case's parts came out worst, in words ("45°")
     angle      the direction (rad) that came out worst, of probes that go in several
     note       what must be known of the figure ("2 more shapes not probed")
+    without    what an engine without the effect would show here: no friction, no bounce, no recovery; None where it would show
+               what is expected, or where the figure measures no effect
+    promised   of a figure that passes by a declared deviation alone: the probe's tolerance, which ``tolerance`` replaces
+    cached     whether it was measured before and comes from the user's cache; not part of a certificate's file
     """
 
     probe: str
@@ -107,6 +114,28 @@ class Figure:
     worst: str = ""
     angle: float | None = None
     note: str = ""
+    without: float | None = field(default=None, metadata=LEFT_OUT)
+    promised: float | None = field(default=None, metadata=LEFT_OUT)
+    cached: bool = field(default=False, compare=False, metadata=LEFT_OUT)
+
+    @property
+    def declared(self) -> bool:
+        """Whether it passes by a declared deviation of the engine alone."""
+        return bool(self.deviation) and self.passed
+
+    @property
+    def absent(self) -> bool:
+        """Whether the declared deviation is so wide that an engine with less than ``TRACE`` of the effect would pass."""
+        if not self.deviation or self.without is None:
+            return False
+        return (1.0 - TRACE) * abs(self.without - self.expected) <= self.tolerance
+
+    @property
+    def width(self) -> float:
+        """How wide the tolerance is: as a share of the expected value; where that is zero, in units of the tolerance without
+        the deviation. Infinite where that is zero too."""
+        unit = abs(self.expected) or self.promised or 0.0
+        return self.tolerance / unit if unit else math.inf
 
     @property
     def label(self) -> str:
@@ -125,6 +154,23 @@ class Probe:
     NAME: str
     MEANING: str
     """One line: what is measured, and against what."""
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        """Every figure that this law must have, without what an engine did (``measured`` is None): name, case, quantity,
+        expected value, tolerance, and ``without``. Of figures whose case or expected value depends on what came out worst, one
+        of them (see :meth:`reference`). Figures take ``without`` from here, and stored certificates are judged by it; the
+        figures of a probe that does not say this are judged by their own numbers."""
+        return ()
+
+    def reference(self, law: Law, figure: Figure) -> Figure | None:
+        """What a measured ``figure`` must be held against; None where the law has no such figure."""
+        named = (figure.probe, figure.case, figure.quantity)
+        return next((one for one in self.wanted(law) if (one.probe, one.case, one.quantity) == named), None)
+
+    def slack(self, law: Law) -> float:
+        """By what share of it the expected value of a measured figure may differ from :meth:`reference`'s, since it follows
+        from the motion itself (the speed with which a body arrives)."""
+        return 0.0
 
     def applies(self, law: Law) -> bool:
         """Whether this law has anything for this probe to measure."""

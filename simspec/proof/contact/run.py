@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import secrets
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -84,6 +85,8 @@ class _Job:
     """Of each trial the worlds that it is driven in, in the order of the operations."""
     sizes: size.SizeTrial | None = None
     known: tuple[Figure, ...] | None = None
+    sampled: tuple[Figure, ...] | None = None
+    """What the cache says of a job that is measured all the same, to see whether the cache is right."""
 
     def settings(self, engine: type[Engine]) -> Mapping[str, Any]:
         """What the scenario sets in the engine for the pair."""
@@ -109,6 +112,8 @@ class Measuring:
     ends: float
     """When the deadline is over (``time.monotonic``)."""
     use_cache: bool
+    refused: str = ""
+    """Why the cache is not used."""
 
     def wait(self, doing: Callable[[str], None] | None = None) -> tuple[list[Figure], list[str]]:
         """The figures, and the cache's complaints; ``doing`` as of :meth:`Running.wait`.
@@ -116,19 +121,20 @@ class Measuring:
         What makes the engine fail is a figure without a number."""
         answers = self._answers(doing)
         figures: list[Figure] = []
-        complaints: list[str] = []
+        complaints = [self.refused] if self.refused else []
         for job in self.jobs:
             if job.known is not None:
-                raw: Sequence[Figure] = job.known
+                raw: Sequence[Figure] = [dataclasses.replace(figure, cached=True) for figure in job.known]
             else:
                 answer = next(answers)
                 if isinstance(answer, EngineError):
                     figures.append(_failed(job, answer))
                     continue
-                raw = [_kept(figure) for figure in _figures(job, answer, self.engine)]
+                raw = [_kept(figure, job) for figure in _figures(job, answer, self.engine)]
                 if self.use_cache and not cache.write(job.key, raw):
                     complaints = [f"the cache {cache.ENTRIES.folder()} is not writable"]
-            figures += [_deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
+                figures += cache.differing(job.sampled or (), raw)
+            figures += [deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
         return figures, complaints
 
     def _answers(self, doing: Callable[[str], None] | None) -> Iterator[list[Answer] | EngineError]:
@@ -189,7 +195,8 @@ def measure(
     Raises UnsupportedError when the law that the files hold cannot be compiled, EngineError when the engine is missing.
     """
     engine = find_engine(engine_name)
-    use_cache = use_cache and python is None  # the version in another interpreter is known only afterwards
+    refused = (cache.ENTRIES.refused() or "") if use_cache else ""
+    use_cache = use_cache and python is None and not refused  # another interpreter's version is known only afterwards
     whole = held(world, engine, folder, read)
     jobs = [
         _job(engine, whole, law, probe, use_cache, python)
@@ -200,6 +207,7 @@ def measure(
     sizes = None if Capability.PAIR_DETECTION in engine.LACKS else size.size_trial(world)
     if sizes is not None:
         jobs.append(_size_job(engine, whole, sizes, use_cache, python))
+    jobs = _sampled(jobs)
     with ExitStack() as stack:
         operations: list[Operation] = []
         place = stack.enter_context(scratch_folder("contact"))
@@ -216,7 +224,7 @@ def measure(
             running = stack.enter_context(
                 start(engine_name, place, operations, python=python, deadline=deadline, warm=warm)
             )
-        yield Measuring(engine, tuple(jobs), tuple(operations), running, place, python, ends, use_cache)
+        yield Measuring(engine, tuple(jobs), tuple(operations), running, place, python, ends, use_cache, refused)
 
 
 def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool, python: str | None) -> _Job:
@@ -329,6 +337,16 @@ def motion_of(world: World, answer: Answer) -> Motion:
     return Motion(arrays["time"], pose, velocity)
 
 
+def _sampled(jobs: Sequence[_Job]) -> list[_Job]:
+    """The jobs, of which one that the cache knows is measured all the same: nobody can say beforehand which."""
+    known = [number for number, job in enumerate(jobs) if job.known is not None]
+    found = list(jobs)
+    if known:
+        chosen = secrets.choice(known)
+        found[chosen] = dataclasses.replace(jobs[chosen], known=None, sampled=jobs[chosen].known)
+    return found
+
+
 def _failed(job: _Job, error: EngineError) -> Figure:
     """The one figure of a job that the engine failed at."""
     subject = "shapes" if job.law is None else impact.subject(job.law)
@@ -336,8 +354,12 @@ def _failed(job: _Job, error: EngineError) -> Figure:
     return Figure(name, subject, str(error), "", "", 0.0, None, 0.0)
 
 
-def _kept(figure: Figure) -> Figure:
-    """A figure as certificates keep it: no number where there is none, and points only where they are drawn."""
+def _kept(figure: Figure, job: _Job) -> Figure:
+    """A figure as certificates keep it: no number where there is none, points only where they are drawn, and what an engine
+    without the effect would show."""
+    wanted = None if job.probe is None or job.law is None else job.probe.reference(job.law, figure)
+    if figure.without is None and wanted is not None:
+        figure = dataclasses.replace(figure, without=wanted.without)
     points: tuple[tuple[float, ...], ...] = ()
     if figure.probe in PLOTTED and np.isfinite(figure.points).all():
         points = tuple(tuple(round(value, DIGITS) for value in row) for row in figure.points)
@@ -346,7 +368,7 @@ def _kept(figure: Figure) -> Figure:
     return dataclasses.replace(figure, measured=float(measured) if finite else None, points=points)  # type: ignore[arg-type]
 
 
-def _deviating(figure: Figure, law: Law | None, engine: type[Engine], settings: Mapping[str, Any]) -> Figure:
+def deviating(figure: Figure, law: Law | None, engine: type[Engine], settings: Mapping[str, Any]) -> Figure:
     """The figure with the tolerance that the engine's declared deviations give it under its settings; a size has none."""
     if law is None:
         return figure
@@ -359,7 +381,7 @@ def _deviating(figure: Figure, law: Law | None, engine: type[Engine], settings: 
     if not wider or figure.passed:
         return figure
     tolerance, deviation = max(wider, key=lambda entry: entry[0])
-    return dataclasses.replace(figure, tolerance=tolerance, deviation=deviation.why)
+    return dataclasses.replace(figure, tolerance=tolerance, deviation=deviation.why, promised=figure.tolerance)
 
 
 def _size(deviation: Deviation, figure: Figure) -> float:

@@ -404,11 +404,26 @@ def size_figures(
         worst = max(errors, key=lambda point: abs(errors[point]))
         note = f"{trial.left_out} more shapes not probed" if trial.left_out else ""
         outside = thicker.get(trial.world.bodies[shape].shapes[0].name, 0.0)
-        passed = max(index for index, gap in enumerate(GAPS) if gap <= outside + TOLERANCE)
-        numbers = (0.0, errors[worst], _middle(passed) if outside else TOLERANCE)
-        case, why = f"{len(points)} points", THICKER if outside else ""
-        figures.append(Figure(NAME, subject, case, "size error", "m", *numbers, why, worst=worst.where, note=note))
+        tolerance, why = limits(outside)
+        numbers = (0.0, errors[worst], tolerance)
+        promised = TOLERANCE if why else None
+        named = (NAME, subject, case_of(len(points)), "size error", "m")
+        figures.append(Figure(*named, *numbers, why, worst=worst.where, note=note, promised=promised))
     return figures
+
+
+def limits(outside: float) -> tuple[float, str]:
+    """The tolerance (m) of a size, and the declared deviation, of a shape that the engine declares to hold so far (m)
+    outside."""
+    if not outside:
+        return TOLERANCE, ""
+    passed = max(index for index, gap in enumerate(GAPS) if gap <= outside + TOLERANCE)
+    return _middle(passed), THICKER
+
+
+def case_of(points: int) -> str:
+    """The case of a figure of so many points of a surface."""
+    return f"{points} points"
 
 
 def size_error(touched: dict[float, bool]) -> float:

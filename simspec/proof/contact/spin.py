@@ -56,6 +56,13 @@ class Torsional(Probe):
             bodies.append(ball(law, name, RADIUS, MASS, (3.0 * column, 0.0, RADIUS), velocity))
         return [Trial(tuple(bodies), (Phase(2 * STEPS),))]
 
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        expected = self._deceleration(law)
+        return _wanted(self.NAME, law, expected, expected * STEPS * law.timestep, "spin", "rad/s")
+
+    def reference(self, law: Law, figure: Figure) -> Figure | None:
+        return _of_quantity(self.wanted(law), figure)
+
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         expected = self._deceleration(law)
         spins = {name: sign * motions[0].velocity[name][:, 5] for name, sign in SPINS.items()}
@@ -92,12 +99,34 @@ class Rolling(Probe):
             bodies.append(ball(law, f"ball_{row}", radius, MASS, (0.0, 5.0 * radius * row, radius), velocity))
         return [Trial(tuple(bodies), (Phase(2 * STEPS),))]
 
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        expected = self._deceleration(law)
+        return _wanted(self.NAME, law, expected, expected * STEPS * law.timestep, "speed", "m/s")
+
+    def reference(self, law: Law, figure: Figure) -> Figure | None:
+        return _of_quantity(self.wanted(law), figure)
+
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         speeds = {}
         for row, angle in enumerate(DIRECTIONS):
             along = np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
             speeds[f"rolling at {angle:g}°"] = motions[0].velocity[f"ball_{row}"][:, :2] @ along
         return _deceleration_figures(self.NAME, law, speeds, self._deceleration(law), "speed", "m/s")
+
+
+def _wanted(probe: str, law: Law, expected: float, initial: float, quantity: str, unit: str) -> list[Figure]:
+    """What must be measured of balls with the speed ``initial``; their cases name the ball that came out worst."""
+    slowing = (f"{unit.removesuffix('/s')}/s²", expected, None, DECELERATION_SHARE * expected)
+    left = (unit, 0.0, None, REST_SHARE * initial)
+    return [
+        Figure(probe, subject(law), "", "deceleration", *slowing, without=0.0),
+        Figure(probe, subject(law), "", quantity, *left, without=initial),
+    ]
+
+
+def _of_quantity(wanted: Sequence[Figure], figure: Figure) -> Figure | None:
+    named = (figure.probe, figure.quantity)
+    return next((one for one in wanted if (one.probe, one.quantity) == named), None)
 
 
 def _deceleration_figures(

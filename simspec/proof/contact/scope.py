@@ -1,0 +1,87 @@
+"""Which kinds of contact the probes of level L5 measured for a world, and which not, with the reason: what a verdict must
+say, since a law that is right between two bodies says little of a stack.
+
+A kind is a group of probes. A world either has such contact, or does not for a reason that follows from the world alone; so
+a stored certificate is judged by the same function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from simspec.proof.contact.declared import EFFECTS
+from simspec.world.meeting import meeting_laws
+from simspec.world.types import VELOCITY_SIZE, World
+
+MEASURED = "measured"
+NO_PROBE = "not measured: no probe measures it"
+NO_FIGURE = "not measured: none of its probes gave a figure"
+NONE_HERE = "none in this world: "
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of contact: the probes that measure it, by the names of their figures, and why a world has none of it ("" where
+    it has some)."""
+
+    probes: tuple[str, ...]
+    missing: Callable[[World], str]
+
+
+def _meets(world: World) -> str:
+    return "" if meeting_laws(world) else "no two shapes may touch"
+
+
+def _several(world: World) -> str:
+    moving = sum(bool(VELOCITY_SIZE[body.joint.kind]) for body in world.bodies)
+    return "" if moving > 1 else "one body moves"
+
+
+def _carriers(world: World) -> str:
+    return "" if world.motions or world.controllers else "nothing is kinematic or driven"
+
+
+def _compliant(world: World) -> str:
+    kinds = {law.hardness.kind for law in meeting_laws(world).values()}
+    return "" if kinds & {"time-constant", "stiffness"} else "no compliance is stated"
+
+
+def _slides(world: World) -> str:
+    return "" if any(law.friction for law in meeting_laws(world).values()) else "no pair has friction"
+
+
+KINDS: Mapping[str, Kind] = {
+    "contact of two bodies": Kind(tuple(EFFECTS), _meets),
+    "contact of several bodies": Kind((), _several),
+    "contact on accelerating carriers": Kind((), _carriers),
+    "compliance by shape": Kind((), _compliant),
+    "sliding with spin": Kind((), _slides),
+}
+"""By name, in the order of verdicts."""
+
+
+def scope(world: World, probes: Iterable[str]) -> dict[str, str]:
+    """By kind of contact whether it was measured, or why not; ``probes``: the names of the figures that there are. Empty
+    where nothing can touch."""
+    if not meeting_laws(world):
+        return {}
+    there = set(probes)
+    return {name: _state(kind, world, there) for name, kind in KINDS.items()}
+
+
+def _state(kind: Kind, world: World, there: set[str]) -> str:
+    if why := kind.missing(world):
+        return NONE_HERE + why
+    if not kind.probes:
+        return NO_PROBE
+    return MEASURED if there & set(kind.probes) else NO_FIGURE
+
+
+def unmeasured(states: Mapping[str, str]) -> dict[str, str]:
+    """The kinds that the world has and nobody measured, with the reason."""
+    return {
+        name: state.removeprefix("not measured: ")
+        for name, state in states.items()
+        if state != MEASURED and not state.startswith(NONE_HERE)
+    }
