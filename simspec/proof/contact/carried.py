@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -87,7 +88,7 @@ class Carrier(Probe):
 
     def trials(self, law: Law) -> Sequence[Trial]:
         settle = max(10, math.ceil(SETTLE / law.timestep))
-        steps = max(CARRIED_STEPS, math.ceil(CARRIED_TIME / law.timestep))
+        steps = self._steps(law)
         weight = (SLAB_MASS + MASS) * GRAVITY
         held = (0.0, 0.0, weight, 0.0, 0.0, 0.0)
         pushed = ((SLAB_MASS + MASS) * self._acceleration(law), 0.0, weight, 0.0, 0.0, 0.0)
@@ -98,19 +99,30 @@ class Carrier(Probe):
         meets = tuple((f"load_{number}", f"slab_{number}") for number in range(len(self.CASES)))
         return [Trial(tuple(self._bodies(law)), phases, meets)]
 
+    def _steps(self, law: Law) -> int:
+        return max(CARRIED_STEPS, math.ceil(CARRIED_TIME / law.timestep))
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        """Without friction the box stays where it is in the world, or goes on along its tangent."""
+        time, acceleration = self._steps(law) * law.timestep, self._acceleration(law)
+        turn = math.sqrt(acceleration / OUT)
+        # a point that turns goes along the tangent for a step: it moves outwards by ω² r dt/2 in a second, or not at all
+        # where friction is a spring to where the body lies
+        outwards = acceleration * law.timestep / 2.0 * time
+        straight = OUT * complex(1.0, turn * time) * complex(math.cos(turn * time), -math.sin(turn * time))
+        named = {case: (self.NAME, subject(law), f"a carrier that {case}", "slip", "m") for case in self.CASES}
+        held = HELD_WAY + HELD_SPEED * time
+        return [
+            Figure(*named["speeds up"], 0.0, None, held, without=0.5 * acceleration * time**2),
+            Figure(*named["turns"], outwards, None, outwards + held, without=abs(straight - OUT)),
+        ]
+
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        motion = motions[0]
-        figures = []
-        for number, case in enumerate(self.CASES):
-            places = [_seen(motion, f"slab_{number}", f"load_{number}", at) for at in (-2, -1)]
-            slip = float(np.linalg.norm(places[1] - places[0]))
-            time = float(motion.time[-1] - motion.time[-2])
-            # a point that turns goes along the tangent for a step: it moves outwards by ω² r dt/2 in a
-            # second, or not at all where friction is a spring to where the body lies
-            outwards = self._acceleration(law) * law.timestep / 2.0 * time if case == "turns" else 0.0
-            numbers = (outwards, slip, outwards + HELD_WAY + HELD_SPEED * time)
-            figures.append(Figure(self.NAME, subject(law), f"a carrier that {case}", "slip", "m", *numbers))
-        return figures
+        slips = []
+        for number in range(len(self.CASES)):
+            places = [_seen(motions[0], f"slab_{number}", f"load_{number}", at) for at in (-2, -1)]
+            slips.append(float(np.linalg.norm(places[1] - places[0])))
+        return [replace(figure, measured=slip) for figure, slip in zip(self.wanted(law), slips, strict=True)]
 
 
 def _seen(motion: Motion, carrier: str, carried: str, at: int) -> np.ndarray:
@@ -158,22 +170,26 @@ class Slide(Probe):
         steps = max(self._steps(law, slider) for slider in SLIDERS)
         return [Trial(tuple(bodies), (Phase(steps),))]
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+    def wanted(self, law: Law) -> Sequence[Figure]:
         figures = []
         for slider in SLIDERS:
-            steps = self._steps(law, slider)
             start = self._start(law, slider)
-            truth = slid(law, slider, *start, steps)
-            state = motions[0].velocity[slider.replace(" ", "_")][steps]
-            for quantity, before, after, measured, unit in zip(
-                ("velocity", "spin"), start, truth, (state[:3], state[3:]), ("m/s", "rad/s"), strict=True
-            ):
-                size = float(np.linalg.norm(after - before))
-                off = float(np.linalg.norm(measured - after))
-                sign = 1.0 if np.linalg.norm(measured - before) >= size else -1.0
-                numbers = (size, size + sign * off, SLIDE_TOLERANCE * size)
-                figures.append(Figure(self.NAME, subject(law), slider, f"change of {quantity}", unit, *numbers))
+            after = slid(law, slider, *start, self._steps(law, slider))
+            for quantity, unit, first, last in zip(("velocity", "spin"), ("m/s", "rad/s"), start, after, strict=True):
+                size = float(np.linalg.norm(last - first))
+                named = (self.NAME, subject(law), slider, f"change of {quantity}", unit)
+                figures.append(Figure(*named, size, None, SLIDE_TOLERANCE * size, without=0.0))
         return figures
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        values = []
+        for slider in SLIDERS:
+            steps, start = self._steps(law, slider), self._start(law, slider)
+            state = motions[0].velocity[slider.replace(" ", "_")][steps]
+            for first, last, seen in zip(start, slid(law, slider, *start, steps), (state[:3], state[3:]), strict=True):
+                size, off = float(np.linalg.norm(last - first)), float(np.linalg.norm(seen - last))
+                values.append(size + math.copysign(off, float(np.linalg.norm(seen - first)) - size))
+        return [replace(figure, measured=value) for figure, value in zip(self.wanted(law), values, strict=True)]
 
 
 def centres(law: Law, slider: str) -> list[Vector3]:

@@ -30,6 +30,19 @@ EFFECTS: Mapping[str, str] = {
     "compliance": "compliance",
     "torsional": "torsional friction",
     "rolling": "rolling friction",
+    "rod": "friction of leaning bodies",
+    "clamp": "friction of clamped bodies",
+    "pile": "friction in piles",
+    "strike": "impacts on several bodies",
+    "strike-energy": "energy of impacts on several bodies",
+    "row": "impacts on several bodies",
+    "row-energy": "energy of impacts on several bodies",
+    "edge": "impacts on several corners",
+    "edge-energy": "energy of impacts on several corners",
+    "stack": "heavy bodies on light ones",
+    "stack-sideways": "heavy bodies on light ones",
+    "carrier": "friction on accelerating carriers",
+    "slide-spin": "friction of sliding with spin",
 }
 """By probe the effect that its figures measure; a probe that is not named here has its name."""
 

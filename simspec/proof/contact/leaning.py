@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,8 +85,6 @@ class _Case:
 class _Leaning(Probe):
     """What the three have in common: cases that stand are held to rest, cases that slip to their equation of motion."""
 
-    QUANTITY = "way"
-
     def applies(self, law: Law) -> bool:
         """Rolling friction is a moment that the closed forms have no place for."""
         return (
@@ -146,21 +144,18 @@ class _Leaning(Probe):
         phase = Phase(self.steps(law), effort=effort)  # type: ignore[arg-type]
         return [Trial(tuple(bodies), (phase,), self.meets(law))]
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        return [*self._standing(law, motions[0]), *self._slipping(law, motions[0])]
-
-    def _standing(self, law: Law, motion: Motion) -> Iterator[Figure]:
-        ways = {case: float(np.abs(self.way(case, motion)).max()) for case in self.cases(law) if case.stands}
-        if not ways:
-            return
-        case = max(ways, key=lambda case: math.inf if math.isnan(ways[case]) else ways[case])
-        time = float(motion.time[-1])
-        numbers = (0.0, ways[case], HELD_WAY + HELD_SPEED * time)
-        yield Figure(self.NAME, subject(law), "stands", self.QUANTITY, "m", *numbers, worst=self._text(case))
-
-    def _slipping(self, law: Law, motion: Motion) -> Iterator[Figure]:
-        worst: tuple[float, float, float, float, _Case] | None = None
-        for case in self.cases(law):
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        """One figure of all that stand, and one of each ratio that slips; without friction all of them fall."""
+        cases = {case.ratio: case for case in reversed(self.cases(law))}
+        figures = []
+        standing = [case for case in cases.values() if case.stands]
+        if standing:
+            steps = self.steps(law)
+            falls = max(float(self.slip(law, case, steps, 0.0)[-1]) for case in standing)
+            tolerance = HELD_WAY + HELD_SPEED * steps * law.timestep
+            named = (self.NAME, subject(law), "stands", "way", "m")
+            figures.append(Figure(*named, 0.0, None, tolerance, without=falls))
+        for ratio, case in sorted(cases.items()):
             if case.stands:
                 continue
             step = self._until(law, case)
@@ -169,17 +164,29 @@ class _Leaning(Probe):
                 for share in (-PUSH_TOLERANCE, 0.0, PUSH_TOLERANCE)
             )
             tolerance = max(SLIP_TOLERANCE * expected, abs(high - low) / 2.0)
-            way = float(self.way(case, motion)[step])
-            off = abs(way - expected) / tolerance
-            if worst is None or not off <= worst[0]:
-                worst = (off, expected, way, tolerance, case)
-        if worst is not None:
-            _, expected, way, tolerance, case = worst
-            numbers = (expected, way, tolerance)
-            yield Figure(self.NAME, subject(law), "slips", self.QUANTITY, "m", *numbers, worst=self._text(case))
+            named = (self.NAME, subject(law), f"slips at {ratio:g} × the least friction", "way", "m")
+            falls = float(self.slip(law, case, step, 0.0)[-1])
+            figures.append(Figure(*named, expected, None, tolerance, without=falls))
+        return figures
 
-    def _text(self, case: _Case) -> str:
-        return f"{case.ratio:g} × the least friction, {case.turn:g}°"
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        figures = []
+        for figure in self.wanted(law):
+            ways = {}
+            for case in self.cases(law):
+                way = self.way(case, motions[0])
+                if figure.expected == 0.0 and case.stands:
+                    ways[case] = float(np.abs(way).max())
+                elif figure.case == f"slips at {case.ratio:g} × the least friction":
+                    ways[case] = float(way[self._until(law, case)])
+            worst = max(ways, key=lambda case: _distance(ways[case], figure.expected))
+            text = f"{worst.turn:g}°" if figure.expected else f"{worst.ratio:g} × the least friction, {worst.turn:g}°"
+            figures.append(replace(figure, measured=ways[worst], worst=text))
+        return figures
+
+
+def _distance(way: float, expected: float) -> float:
+    return math.inf if math.isnan(way) else abs(way - expected)
 
 
 def _stepped(

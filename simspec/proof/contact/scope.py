@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from simspec.proof.contact.declared import EFFECTS
 from simspec.world.meeting import meeting_laws
-from simspec.world.types import VELOCITY_SIZE, World
+from simspec.world.reach import Reach, reach
+from simspec.world.types import World
 
 MEASURED = "measured"
 NO_PROBE = "not measured: no probe measures it"
@@ -34,12 +35,13 @@ def _meets(world: World) -> str:
 
 
 def _several(world: World) -> str:
-    moving = sum(bool(VELOCITY_SIZE[body.joint.kind]) for body in world.bodies)
-    return "" if moving > 1 else "one body moves"
+    there = [reach(world, *pair) for pair in meeting_laws(world)]
+    return "" if any(one != Reach() for one in there) else "each body can touch one flat surface alone"
 
 
 def _carriers(world: World) -> str:
-    return "" if world.motions or world.controllers else "nothing is kinematic or driven"
+    there = any(law.friction and reach(world, *pair).carries for pair, law in meeting_laws(world).items())
+    return "" if there else "nothing lies on what moves"
 
 
 def _compliant(world: World) -> str:
@@ -51,12 +53,14 @@ def _slides(world: World) -> str:
     return "" if any(law.friction for law in meeting_laws(world).values()) else "no pair has friction"
 
 
+SEVERAL = ("rod", "clamp", "pile", "strike", "row", "edge", "stack")
+PAIRS = tuple(probe for probe in EFFECTS if probe not in (*SEVERAL, "carrier", "slide-spin"))
 KINDS: Mapping[str, Kind] = {
-    "contact of two bodies": Kind(tuple(EFFECTS), _meets),
-    "contact of several bodies": Kind((), _several),
-    "contact on accelerating carriers": Kind((), _carriers),
+    "contact of two bodies": Kind(PAIRS, _meets),
+    "contact of several bodies": Kind(SEVERAL, _several),
+    "contact on accelerating carriers": Kind(("carrier",), _carriers),
     "compliance by shape": Kind((), _compliant),
-    "sliding with spin": Kind((), _slides),
+    "sliding with spin": Kind(("slide-spin",), _slides),
 }
 """By name, in the order of verdicts."""
 

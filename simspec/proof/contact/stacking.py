@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from simspec.proof.contact.bodies import box, floor
 from simspec.proof.contact.impact import DROP_RESTITUTION, REST_DEPTH, hop, subject
-from simspec.proof.contact.probe import Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.world.types import Body
 
 EDGE, LIGHTEST = 0.1, 1.0
@@ -64,27 +65,39 @@ class Stack(Probe):
             for name, masses in self.stacks(law).items()
             for layer in range(len(masses) - 1)
         ]
-        steps = max(STEPS, math.ceil(TIME / law.timestep))
+        steps = self._steps(law)
         return [Trial((floor(law), *self._bodies(law)), (Phase(steps, steps),), tuple(meets))]
+
+    def _steps(self, law: Law) -> int:
+        return max(STEPS, math.ceil(TIME / law.timestep))
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        """Without support everything falls as long as the trial lasts; sideways nothing moves without a cause."""
+        hops = hop(law) * law.timestep
+        fallen = 0.5 * GRAVITY * (self._steps(law) * law.timestep) ** 2
+        figures = []
+        for masses in self.stacks(law).values():
+            text = f"{' on '.join(f'{mass:.4g}' for mass in reversed(masses))} kg"
+            named = (subject(law), text)
+            figures.append(Figure(self.NAME, *named, "depth", "m", 0.0, None, REST_DEPTH + hops, without=fallen))
+            if law.pair.friction:
+                figures.append(Figure(self.SIDEWAYS, *named, "way", "m", 0.0, None, SIDEWAYS + hops))
+        return figures
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         motion = motions[0]
-        hops = hop(law) * law.timestep
-        figures = []
+        values = []
         for name, masses in self.stacks(law).items():
-            text = f"{' on '.join(f'{mass:.4g}' for mass in reversed(masses))} kg"
             moved = [
                 motion.pose[f"{name}_{layer}"][-1, :3] - motion.pose[f"{name}_{layer}"][0, :3]
                 for layer in range(len(masses))
             ]
             # the depth of each contact, not of the sum of those below it
             depths = [float(lower[2] - upper[2]) for lower, upper in zip([np.zeros(3), *moved], moved, strict=False)]
-            depth = max(depths, key=_size)
-            aside = max((float(np.hypot(*move[:2])) for move in moved), key=_size)
-            figures.append(Figure(self.NAME, subject(law), text, "depth", "m", 0.0, depth, REST_DEPTH + hops))
+            values.append(max(depths, key=_size))
             if law.pair.friction:
-                figures.append(Figure(self.SIDEWAYS, subject(law), text, "way", "m", 0.0, aside, SIDEWAYS + hops))
-        return figures
+                values.append(max((float(np.hypot(*move[:2])) for move in moved), key=_size))
+        return [replace(figure, measured=value) for figure, value in zip(self.wanted(law), values, strict=True)]
 
 
 def _size(value: float) -> float:

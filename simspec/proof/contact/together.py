@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -121,9 +121,21 @@ class _Together(Probe):
         meets = tuple(ordered(*pair) for group in groups for pair in self.meets(group))
         return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),), meets)]
 
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        """Of each body, and the energy; without the impact nothing changes."""
+        figures = []
+        tolerance = VELOCITY_TOLERANCE * (1.0 + law.pair.restitution) * self.approach(law)
+        roles = {_role(name): change for name, change in self.changes(law, self.groups()[0]).items()}
+        for role, change in roles.items():
+            named = (self.NAME, subject(law), f"{self.TEXT}: {role}", "change of velocity", "m/s")
+            figures.append(Figure(*named, float(np.linalg.norm(change)), None, tolerance, without=0.0))
+        share = self.energy(law)
+        named = (f"{self.NAME}-energy", subject(law), self.TEXT, "energy after, over before", "")
+        return [*figures, Figure(*named, share, None, RESTITUTION_TOLERANCE, without=None if share >= 1.0 else 1.0)]
+
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         motion, bodies = motions[0], {body.name: body for body in self.trials(law)[0].bodies}
-        worst: tuple[float, float, float, str] | None = None
+        seen: dict[str, list[tuple[float, _Group]]] = {}
         energies = []
         for group in self.groups():
             begin, end = self._span(law, group, motion)
@@ -131,31 +143,25 @@ class _Together(Probe):
             before = {name: motion.velocity[name][begin] for name in group.names}
             after = {name: np.array(motion.velocity[name][end]) for name in group.names}
             for name, expected in self.changes(law, group).items():
-                after[name][:3] += fallen * (end - begin - self.STANDS)  # one step of what lands leaves gravity no time
-                off = float(np.linalg.norm(after[name][:3] - before[name][:3] - expected))
-                size = float(np.linalg.norm(expected))
-                sign = 1.0 if np.linalg.norm(after[name][:3] - before[name][:3]) >= size else -1.0
-                if worst is None or not off <= worst[0]:
-                    worst = (off, size, size + sign * off, f"{name.split('_')[0]}, {group.phase:g} of a step")
+                # one step of what lands leaves gravity no time
+                after[name][:3] += fallen * (end - begin - self.STANDS)
+                change = after[name][:3] - before[name][:3]
+                off, size = float(np.linalg.norm(change - expected)), float(np.linalg.norm(expected))
+                signed = size + math.copysign(off, float(np.linalg.norm(change)) - size)
+                seen.setdefault(_role(name), []).append((signed, group))
             # as seen by what falls freely, where nothing stands
             falling = fallen * (0.0 if self.STANDS else begin)
             start, stop = (
                 sum(_kinetic(bodies[name], states[name], falling, motion.pose[name][at]) for name in group.names)
                 for states, at in ((before, begin), (after, end))
             )
-            energies.append(stop / start)
-        if worst is None:
-            raise ValueError("nothing met")
-        _, expected_size, measured, text = worst
-        tolerance = VELOCITY_TOLERANCE * (1.0 + law.pair.restitution) * self.approach(law)
-        share = self.energy(law)
-        energy = max(energies, key=lambda value: math.inf if math.isnan(value) else abs(value - share))
-        what, velocity = subject(law), (expected_size, measured, tolerance)
-        energies_name, quantity = f"{self.NAME}-energy", "energy after, over before"
-        return [
-            Figure(self.NAME, what, self.TEXT, "change of velocity", "m/s", *velocity, worst=text),
-            Figure(energies_name, what, self.TEXT, quantity, "", share, energy, RESTITUTION_TOLERANCE),
-        ]
+            energies.append((stop / start, group))
+        figures = []
+        for figure in self.wanted(law):
+            values = seen.get(figure.case.removeprefix(f"{self.TEXT}: "), energies)
+            measured, group = max(values, key=lambda entry: _distance(entry[0], figure.expected))
+            figures.append(replace(figure, measured=measured, worst=f"{group.phase:g} of a step"))
+        return figures
 
     def _span(self, law: Law, group: _Group, motion: Motion) -> tuple[int, int]:
         """Numbers of the last step before the impact and of the first after it, of all bodies of the group."""
@@ -167,6 +173,14 @@ class _Together(Probe):
             begins.append(begin)
             ends.append(_ends(velocity @ along / float(np.linalg.norm(along)), begin, law.timestep))
         return min(begins), max(ends)
+
+
+def _role(name: str) -> str:
+    return name.rsplit("_", 1)[0].replace("left", "struck").replace("right", "struck")
+
+
+def _distance(value: float, expected: float) -> float:
+    return math.inf if math.isnan(value) else abs(value - expected)
 
 
 def _ends(speed: np.ndarray, begin: int, timestep: float) -> int:
