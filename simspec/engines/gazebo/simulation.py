@@ -242,7 +242,8 @@ class Simulation:
         self.library.gz_counts(self.sim, counts)
         if counts[1]:
             lines.append(
-                f"of {counts[0]} solutions with friction in contact {counts[1]} ended before its bounds fitted the normal forces"
+                f"of {counts[0]} solutions with friction in contact {counts[1]} ended before its bounds fitted the normal "
+                "forces"
             )
         return [*lines, DOUBTED.format(doubted)] if doubted else lines
 
