@@ -51,16 +51,16 @@ from simspec.support.declarations import (
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import balls_alone, excluded_pairs, solid_shapes
+from simspec.world.meeting import balls_alone, excluded_pairs, frictionless, solid_shapes
 from simspec.world.types import Body, Inertial, Pose, Quaternion, ReadBack, Shape, Vector3, World
 
 COPY = "{body}.{index}"
 """The name of a body's further nodes (see ``dialects/dart/copies.py``), and of the welds that hold them; no name in a spec has
 a point."""
 
-SOLVERS = {"elliptic": "nsgs", "pyramid-circumscribed": "dantzig"}
-"""Which contact solver has each cone by default (setting ``contact_solver: auto``), but for free balls
-without friction."""
+SOLVERS = ("dantzig", "nsgs")
+"""The contact solvers that the setting ``contact_solver`` names; which of them ``auto`` stands for says
+:func:`contact_solver`."""
 
 SMALL_TURN = (1e-5, 1e-3)
 """Rotation vectors whose length lies in between are written as the same rotation the long way round (θ − 2π): DART turns
@@ -128,7 +128,7 @@ class DartDialect(Dialect):
 
     SIDECAR: ClassVar[type[Sidecar]] = DartSidecar
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {
-        "contact_solver": NeededSetting(str, ("auto", *sorted(SOLVERS.values()))),
+        "contact_solver": NeededSetting(str, ("auto", *SOLVERS)),
         "collision_detector": NeededSetting(str),
     }
 
@@ -172,11 +172,13 @@ def node_name(node: Node) -> str:
 
 
 def contact_solver(world: World, target: Target) -> str:
-    """The setting ``contact_solver``, with ``auto`` resolved by the friction cone, but for free balls without friction."""
+    """The setting ``contact_solver``, with ``auto`` resolved: Dantzig's where nothing has friction, which it bounds by other
+    normal forces than those that act, for free balls and under the pyramid."""
     chosen = str(target.settings["contact_solver"])
     if chosen != "auto":
         return chosen
-    return "dantzig" if balls_alone(world) else SOLVERS.get(world.contact.friction_cone, "nsgs")
+    pyramid = world.contact.friction_cone == "pyramid-circumscribed"
+    return "dantzig" if balls_alone(world) or (pyramid and frictionless(world)) else "nsgs"
 
 
 def collision_detector(world: World, target: Target) -> str:

@@ -13,13 +13,11 @@ from simspec.contact.plan import ContactPlan
 from simspec.engines.dart.inventory import finite, part_name
 from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import balls_alone
+from simspec.world.meeting import balls_alone, frictionless
 from simspec.world.types import VELOCITY_SIZE, Body, HeldValue, World
 
 SOLVERS = {"nsgs": "NsgsFrictionSolver", "dantzig": "DantzigBoxedLcpSolver"}
 LAWS = {"elliptic": "Coulomb", "pyramid-circumscribed": "Box"}
-CONES = {"elliptic": "nsgs", "pyramid-circumscribed": "dantzig"}
-"""The solver that ``auto`` stands for under each cone, but for free balls without friction."""
 
 Settings = Mapping[str, bool | int | float | str]
 
@@ -67,7 +65,8 @@ def chosen_solver(world: World, settings: Settings) -> str:
     chosen = str(settings["contact_solver"])
     if chosen != "auto":
         return chosen
-    return "dantzig" if balls_alone(world) else CONES[world.contact.friction_cone]
+    pyramid = world.contact.friction_cone == "pyramid-circumscribed"
+    return "dantzig" if balls_alone(world) or (pyramid and frictionless(world)) else "nsgs"
 
 
 def _world(world: World, settings: Settings, neutral: Mapping[str, HeldValue], detector: str) -> dict[str, HeldValue]:

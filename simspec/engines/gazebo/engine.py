@@ -200,7 +200,9 @@ class Gazebo(SteppedEngine[Simulation]):
             "the circumscribed pyramid: between its axes friction is up to 1.41 times that of the cone",
         ),
         Feature.CONE_PYRAMID_INSCRIBED: never("DART has the circumscribed pyramid only here"),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: EXACT,
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(
+            "Dantzig's solver in passes, bound by the last one's normal forces"
+        ),
         Feature.PASSING_PAIRS: via_api(_FILTER),
         Feature.COLLISION_GROUPS: via_api(_FILTER),
         Feature.EXCLUDED_PAIRS: via_api(_FILTER),
@@ -222,8 +224,11 @@ class Gazebo(SteppedEngine[Simulation]):
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_solver": Setting(
             "dantzig",
-            "dantzig: gz-physics' default, exact to round-off, of which DART falls back to pgs where it fails. pgs: sweeps "
-            "over the rows, approximate where many bodies bear each other.",
+            "dantzig: gz-physics' default, of which DART falls back to pgs where it fails. By itself it bounds friction by the "
+            "normal forces that would be without it (a rod that leans on a smooth wall falls at 1.6 times the friction that "
+            "it needs); simspec's part in C++ has it solve each group of bodies in contact in up to 20 passes, bound by the "
+            "normal forces of the pass before, until they fit within 0.1 %, and a run counts those that end before. Ten boxes "
+            "on one another cost no more so. pgs: sweeps over the rows, approximate where many bodies bear each other.",
             ("dantzig", "pgs"),
             group=Group.SOLVER,
         ),

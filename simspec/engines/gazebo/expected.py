@@ -63,8 +63,8 @@ def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, H
     return found | expected_apart(world, plan, carriers)
 
 
-SOLVERS = {"dantzig": "DantzigBoxedLcpSolver", "pgs": "PgsBoxedLcpSolver"}
-"""What gz-physics calls DART's solvers."""
+SOLVERS = {"dantzig": "DantzigBoxedLcpSolver in passes", "pgs": "PgsBoxedLcpSolver"}
+"""What DART calls its solvers, and what the part in C++ calls Dantzig's in passes."""
 
 
 def _body(body: Body, mass: Inertial, timestep: float, still: bool) -> dict[str, HeldValue]:

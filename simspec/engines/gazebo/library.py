@@ -22,7 +22,7 @@ from simspec.engines.kit.needs import Needs
 NAME = "gazebo"
 PACKAGE = "ignition-physics5"
 FOLDER = Path(__file__).parent / "host"
-HEADERS = ("simspec_gazebo.h", "load.cc", "motion.cc", "contact.cc")
+HEADERS = ("simspec_gazebo.h", "load.cc", "motion.cc", "contact.cc", "friction.cc")
 PART = Compiled(
     NAME,
     "gazebo-host",
@@ -99,6 +99,7 @@ HOST: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "gz_world": (None, (Pointer, Numbers)),
     "gz_detector": (Text, (Pointer,)),
     "gz_solver": (Text, (Pointer,)),
+    "gz_counts": (None, (Pointer, Integers)),
     "gz_skeleton": (None, (Pointer, Integer, Numbers)),
 }
 """The functions of the part in C++: result and arguments."""

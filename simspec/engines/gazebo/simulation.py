@@ -238,6 +238,13 @@ class Simulation:
         """What gz-physics said while it loaded."""
         lines = [line for line in self.library.gz_log(self.sim).decode(errors="replace").splitlines() if line.strip()]
         doubted = hull_library().hulls_doubted() if self.hulls else 0
+        counts = (ctypes.c_int * 2)()
+        self.library.gz_counts(self.sim, counts)
+        if counts[1]:
+            lines.append(
+                f"of {counts[0]} solutions with friction in contact {counts[1]} ended before its bounds fitted the normal "
+                "forces"
+            )
         return [*lines, DOUBTED.format(doubted)] if doubted else lines
 
     def close(self) -> None:

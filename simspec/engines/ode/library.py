@@ -22,7 +22,7 @@ from simspec.errors import EngineError
 NAME = "ode"
 PACKAGE = "ode >= 0.16"
 FOLDER = Path(__file__).parent / "shim"
-SOURCES = ("world.c", "motion.c", "contact.c", "step.c")
+SOURCES = ("world.c", "motion.c", "contact.c", "passes.c", "step.c")
 HEADERS = ("simspec_ode.h",)
 PART = Compiled(
     NAME,

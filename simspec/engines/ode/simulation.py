@@ -179,9 +179,9 @@ class Simulation:
 
     def messages(self) -> list[str]:
         """What ODE said, and steps that had to be solved again."""
-        counts = (ctypes.c_long * 4)()
+        counts = (ctypes.c_long * 6)()
         self.library.sim_counts(self.sim, counts)
-        retries, unsolved, said, doubtful = counts
+        retries, unsolved, said, doubtful, unsettled, stepped = counts
         lines = []
         if said:
             lines.append(f"{self.library.sim_text(self.sim).decode(errors='replace').strip()} ({said} messages)")
@@ -192,6 +192,10 @@ class Simulation:
         if unsolved:
             lines.append(
                 f"{unsolved} steps that ODE did not solve, with contacts as soft as they may be: forces are missing there"
+            )
+        if unsettled:
+            lines.append(
+                f"of {stepped} steps with friction in contact {unsettled} ended before its bounds fitted the normal forces"
             )
         if doubtful:
             lines.append(DOUBTED.format(doubtful))

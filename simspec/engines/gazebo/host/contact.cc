@@ -259,6 +259,12 @@ void gz_world(const Sim *sim, double *found) {
   std::copy(rest, rest + 11, found + 3);
 }
 
+// Groups of bodies in contact with friction that were solved in passes, and those whose bounds never fitted.
+void gz_counts(const Sim *sim, int *counts) {
+  counts[0] = sim->coupled ? static_cast<int>(sim->coupled->stepped) : 0;
+  counts[1] = sim->coupled ? static_cast<int>(sim->coupled->unsettled) : 0;
+}
+
 const char *gz_detector(const Sim *sim) { return sim->detector.c_str(); }
 const char *gz_solver(const Sim *sim) { return sim->solver.c_str(); }
 

@@ -3,3 +3,4 @@
 #include "load.cc"
 #include "motion.cc"
 #include "contact.cc"
+#include "friction.cc"

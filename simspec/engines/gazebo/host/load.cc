@@ -126,6 +126,16 @@ Sim *gz_load(const char *text, double timestep, const char *detector, const char
     sim->world = dart_world.get();
     sim->world->setTimeStep(timestep);
     sim->timestep = timestep;
+    auto *boxed = dynamic_cast<dart::constraint::BoxedLcpConstraintSolver *>(sim->world->getConstraintSolver());
+    if (std::string(solver) == "dantzig") {
+      if (!boxed || !boxed->getBoxedLcpSolver()->is<dart::constraint::DantzigBoxedLcpSolver>()) {
+        said = "gz-physics has another solver than Dantzig's";
+        return nullptr;
+      }
+      sim->coupled = std::make_shared<Coupled>(sim->world->getGravity().norm() * timestep);
+      boxed->setBoxedLcpSolver(sim->coupled);
+    }
+    if (boxed) sim->solver = boxed->getBoxedLcpSolver()->getType();
     auto input = std::make_shared<physics::ForwardStep::Input>();
     auto state = std::make_shared<physics::ForwardStep::State>();
     auto output = std::make_shared<physics::ForwardStep::Output>();

@@ -5,6 +5,7 @@
 #define SIMSPEC_GAZEBO_H
 
 #include <dart/collision/collision.hpp>
+#include <dart/constraint/DantzigBoxedLcpSolver.hpp>
 #include <dart/constraint/constraint.hpp>
 #include <dart/dynamics/dynamics.hpp>
 #include <dart/simulation/simulation.hpp>
@@ -54,6 +55,22 @@ class Filter : public dart::collision::CollisionFilter {
   const Sim &sim;
 };
 
+// Dantzig's solver in passes (friction.cc). fall: the speed (m/s) that gravity gives in a step.
+class Coupled : public dart::constraint::BoxedLcpSolver {
+ public:
+  explicit Coupled(double fall) : fall(fall) {}
+  const std::string &getType() const override;
+  bool solve(int n, double *A, double *x, double *b, int nub, double *lo, double *hi, int *findex, bool early) override;
+#ifndef NDEBUG
+  bool canSolve(int n, const double *A) override;
+#endif
+  long stepped = 0, unsettled = 0;  // groups with friction that were solved; those whose bounds never fitted
+
+ private:
+  dart::constraint::DantzigBoxedLcpSolver direct;
+  double fall;
+};
+
 struct Sim {
   dart::simulation::World *world = nullptr;
   std::function<void()> step;
@@ -67,6 +84,7 @@ struct Sim {
   int classes = 0;
   std::vector<long long> excluded;  // sorted keys of pairs of bodies, the smaller number first
   std::shared_ptr<Filter> filter;
+  std::shared_ptr<Coupled> coupled;  // where the solver is Dantzig's
   double timestep = 0.0;
   int nq = 0, nv = 0;
   size_t most_contacts = 0;

@@ -46,10 +46,10 @@ void detect(Sim *s) {
   s->doubtful += hulls_doubted();
 }
 
-static double length(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
+double length(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
 
 /* A vector without its part along a unit normal, brought to length 1; 0 where nothing is left of it. */
-static int across(const double *n, const double *x, double *t) {
+int across(const double *n, const double *x, double *t) {
   double along = n[0] * x[0] + n[1] * x[1] + n[2] * x[2], size = length(x);
   for (int i = 0; i < 3; i++) t[i] = x[i] - along * n[i];
   double left = length(t);
@@ -59,9 +59,15 @@ static int across(const double *n, const double *x, double *t) {
 }
 
 /* The first direction of friction. Pyramids: the world's x, of the inscribed one halfway to y; where x is the normal, y. */
-static int direction(const Sim *s, const Point *p, double *t) {
+int direction(const Sim *s, const Point *p, double *t) {
   static const double x[3] = {1, 0, 0}, y[3] = {0, 1, 0};
-  if (s->cone == ELLIPTIC) return across(p->geom.normal, p->against, t);
+  if (s->cone == ELLIPTIC) {
+    dVector3 one, other;
+    if (across(p->geom.normal, p->against, t)) return 1;
+    dPlaneSpace(p->geom.normal, one, other); /* as ODE does where it is given none */
+    memcpy(t, one, 24);
+    return 1;
+  }
   const double *n = p->geom.normal;
   if (fabs(n[0]) > 0.999 ? !across(n, y, t) : !across(n, x, t)) return 0;
   if (s->cone == INSCRIBED) {
@@ -71,13 +77,14 @@ static int direction(const Sim *s, const Point *p, double *t) {
   return 1;
 }
 
-/* Whether the friction of a law is solved for more than once: what ODE's own contacts do not bound as the law says. */
+/* Whether the friction of a law is solved for more than once (passes.c): what ODE's own contacts do not bound as the law says.
+   dWorldQuickStep bounds a pyramid by the present normal forces in every iteration. */
 int rubs(const Sim *s, const Law *law) {
-  return (law->friction > 0 && s->cone == ELLIPTIC) || law->torsional > 0 || law->rolling > 0;
+  return (law->friction > 0 && !(s->quick && s->cone != ELLIPTIC)) || law->torsional > 0 || law->rolling > 0;
 }
 
 /* Two directions across a normal, the first along x where that is across it at all. */
-static void frame(const double *n, const double *x, double *one, double *other) {
+void frame(const double *n, const double *x, double *one, double *other) {
   static const double axes[2][3] = {{1, 0, 0}, {0, 1, 0}};
   if (!across(n, x, one)) across(n, axes[fabs(n[0]) > 0.7], one);
   for (int i = 0; i < 3; i++) other[i] = n[(i + 1) % 3] * one[(i + 2) % 3] - n[(i + 2) % 3] * one[(i + 1) % 3];
@@ -108,7 +115,7 @@ static void motor(Sim *s, const Point *p, const double *most, double cfm) {
 
 /* Torsional and rolling friction: motors of speed 0 along and across the normal, one for all points at which two bodies touch with
    the same normal, since their torques are the same rows; ODE's own, one for each point, have no solution where several are at
-   their limits. Torques are bound by the normal forces of the solution before; rolling as sliding goes against the turning. */
+   their limits. Torques are bound by the normal forces of the pass before; rolling as sliding goes against the turning. */
 static void hinder(Sim *s, double softer) {
   for (int i = 0; i < s->points; i++) s->point[i].told = 0;
   for (int i = 0; i < s->points; i++) {
@@ -123,16 +130,17 @@ static void hinder(Sim *s, double softer) {
       const double *n = p->geom.normal, *m = next->geom.normal;
       if (fabs(n[0] * m[0] + n[1] * m[1] + n[2] * m[2]) < SAME_NORMAL) continue;
       next->told = 1;
-      most[0] += next->law->torsional * next->push;
-      most[1] += next->law->rolling * next->push;
+      most[0] += next->law->torsional * next->bound;
+      most[1] += next->law->rolling * next->bound;
     }
     most[2] = p->rolls ? 0 : most[1];
     motor(s, p, most, p->law->soft_cfm * softer);
   }
 }
 
-/* Joints of the points for one step. softer: factor of every softness. nudge: speeds (m/s) by which points are to part faster, each
-   its own: where two rows come to a bound at once, ODE's solver ends without a solution. */
+/* Joints of the points for one step. with_friction: 0 without, 1 in the first pass with it, 2 in those that follow. softer: factor of
+   every softness. nudge: speeds (m/s) by which points are to part faster, each its own: where two rows come to a bound at once, ODE's
+   solver ends without a solution. */
 void join(Sim *s, int with_friction, double softer, double nudge) {
   dJointGroupEmpty(s->joints);
   if (with_friction) hinder(s, softer);
@@ -143,7 +151,7 @@ void join(Sim *s, int with_friction, double softer, double nudge) {
     memset(&c, 0, sizeof c);
     c.geom = p->geom;
     c.geom.depth += nudge * (1 + i % NUDGES) * s->timestep / law->soft_erp;
-    c.surface.mode = dContactApprox1 | dContactSoftERP | dContactSoftCFM | dContactSlip1 | dContactSlip2;
+    c.surface.mode = dContactSoftERP | dContactSoftCFM | dContactSlip1 | dContactSlip2;
     c.surface.soft_erp = law->soft_erp;
     c.surface.soft_cfm = c.surface.slip1 = c.surface.slip2 = law->soft_cfm * softer;
     if (law->restitution > 0) {
@@ -152,10 +160,10 @@ void join(Sim *s, int with_friction, double softer, double nudge) {
     }
     if (with_friction && law->friction > 0) {
       c.surface.mu = law->friction / (s->cone == INSCRIBED ? sqrt(2) : 1);
-      if (with_friction > 1 && s->cone == ELLIPTIC) {
-        c.surface.mode &= ~dContactApprox1, c.surface.mu *= p->push;
-        if (p->sliding) c.surface.mode |= dContactMu2; /* of 0 */
-      }
+      /* the first pass's bounds, by the normal forces without friction, ODE computes itself: its solver is faster so */
+      if (!rubs(s, law) || (with_friction == 1 && p->bound == p->push)) c.surface.mode |= dContactApprox1;
+      else c.surface.mu = p->held ? dInfinity : c.surface.mu * p->bound;
+      if (p->sliding) c.surface.mode |= dContactMu2; /* of 0 */
       if (direction(s, p, c.fdir1)) c.surface.mode |= dContactFDir1;
     }
     dJointID joint = dJointCreateContact(s->world, s->joints, &c);
@@ -179,66 +187,6 @@ void slips(Sim *s) {
       for (int k = 0; k < 3; k++) p->slip[k] += (side ? -1 : 1) * moved[k], p->turn[k] += (side ? -1 : 1) * w[k];
     }
   }
-}
-
-/* The force of a point on the first of its shapes in the last step; ODE exchanges the bodies of a joint whose first is the world. */
-static void force_on_first(const Point *p, double *f) {
-  int first = dGeomGetBody(p->geom.g1) != 0;
-  for (int i = 0; i < 3; i++) f[i] = first ? p->force.f1[i] : -p->force.f2[i];
-}
-
-static double normal_force(const Point *p) {
-  double f[3];
-  force_on_first(p, f);
-  double push = f[0] * p->geom.normal[0] + f[1] * p->geom.normal[1] + f[2] * p->geom.normal[2];
-  return push > 0 ? push : 0;
-}
-
-/* Friction against the slip and turning, and by the normal forces, of a step without it: see slips. */
-void aim(Sim *s) {
-  for (int i = 0; i < s->points; i++) {
-    Point *p = s->point + i;
-    p->push = normal_force(p);
-    memcpy(p->free, p->slip, 24), memcpy(p->against, p->slip, 24);
-    memcpy(p->spun, p->turn, 24), memcpy(p->rolling, p->turn, 24);
-  }
-}
-
-/* What friction is laid against once more, where it would be before without it, and is now: whether that goes on by more than
-   friction changed of it, and where it does, its direction now. Raises the largest change, as the sine of an angle. */
-static int laid_again(const double *n, const double *before, const double *now, double *against, double *change) {
-  double left[3], old[3], fresh[3], slowed = 0, goes = 0, turn[3] = {0, 0, 0};
-  for (int k = 0; k < 3; k++) left[k] = before[k] - now[k];
-  if (across(n, left, old))
-    for (int k = 0; k < 3; k++) slowed += left[k] * old[k];
-  if (across(n, now, fresh))
-    for (int k = 0; k < 3; k++) goes += now[k] * fresh[k];
-  if (!(goes > slowed)) return 0;
-  if (across(n, against, old))
-    for (int k = 0; k < 3; k++) turn[k] = fresh[k] - old[k];
-  if (length(turn) > *change) *change = length(turn);
-  memcpy(against, fresh, 24);
-  return 1;
-}
-
-/* Friction once more, from the slips and normal forces of a step with it. ODE bounds friction by the normal forces without it,
-   and by a pyramid: what slips on is given the bound of the forces that came out, against its slip alone, and what sticks, or
-   slips less than friction changed in the step, keeps its pyramid with that bound. The largest change, as a share or sine. */
-double aim_again(Sim *s) {
-  double most = 0;
-  for (int i = 0; i < s->points; i++) {
-    Point *p = s->point + i;
-    const Law *law = p->law;
-    if (!rubs(s, law)) continue;
-    double push = normal_force(p), change = fabs(push - p->push) / (push > 0 ? push : 1);
-    int slid = p->sliding, rolled = p->rolls;
-    p->push = push;
-    if (law->friction > 0 && s->cone == ELLIPTIC) p->sliding = laid_again(p->geom.normal, p->free, p->slip, p->against, &change);
-    if (law->rolling > 0) p->rolls = laid_again(p->geom.normal, p->spun, p->turn, p->rolling, &change);
-    if (p->sliding != slid || p->rolls != rolled) change = 1; /* it is bound in another way than it was solved with */
-    if (change > most) most = change;
-  }
-  return most;
 }
 
 int sim_apart(Sim *s, int one, int two) { return apart(s, s->shape[one], s->shape[two]); }

@@ -1,4 +1,5 @@
-/* What ODE does not do from Python at speed, and what its joints do not do by themselves: see world.c, motion.c, contact.c, step.c.
+/* What ODE does not do from Python at speed, and what its joints do not do by themselves: see world.c, motion.c, contact.c, passes.c,
+   step.c.
    All lengths in m, kg, s; vectors in world axes unless said. */
 #ifndef SIMSPEC_ODE_H
 #define SIMSPEC_ODE_H
@@ -13,9 +14,9 @@ enum { MOST_POINTS = 64, TEXT = 200 };
 #define MOST_SOFTER 1e5
 #define NUDGE 1e-13 /* m/s */
 #define NUDGES 11 /* that many different ones */
-#define MOST_PASSES 4 /* with friction */
+#define MOST_PASSES 20 /* with friction */
 #define SAME_NORMAL (1 - 1e-9) /* cosine of the angle, of 45 urad */
-#define STEADY 1e-3 /* change of friction, as a share, below which no more follow */
+#define STEADY 1e-3 /* share by which friction may miss its law */
 
 /* A body of the world and its joint to what it hangs on. */
 typedef struct {
@@ -41,10 +42,11 @@ typedef struct { dGeomID geom; int body, material, group, unit; } Shape;
 /* A point of contact of the present step. */
 typedef struct {
   dContactGeom geom; Shape *one, *two; Law *law; dJointFeedback force;
-  double push;                              /* normal force of the solution before */
+  double push, bound, was;                  /* normal force of the pass before; that by which friction is bound, and was before */
+  double weight;                            /* N, of the lighter body */
   double slip[3], free[3], against[3];      /* of the first against the second: now, without friction, and what friction is laid against */
   double turn[3], spun[3], rolling[3];      /* the same of turning */
-  int sliding, rolls, told;
+  int sliding, rolls, held, tried, told; /* held: friction has no bound in this pass; tried: it had none before */
 } Point;
 
 typedef struct {
@@ -55,7 +57,7 @@ typedef struct {
   double *q, *u, *start, timestep;
   int cone, quick, contact, lost, jointed;
   int native;               /* bodies stay where ODE's steps leave them */
-  long retries, unsolved, doubtful;
+  long retries, unsolved, doubtful, unsettled, stepped;
   char text[TEXT]; long messages; jmp_buf trap; int armed;
 } Sim;
 
@@ -78,10 +80,16 @@ void multiply_t(const double *A, const double *x, const double *B, double *Atx, 
 void detect(Sim *s);
 void join(Sim *s, int with_friction, double softer, double nudge);
 void slips(Sim *s);
-void aim(Sim *s);
-double aim_again(Sim *s);
+double length(const double *x);
+int across(const double *n, const double *x, double *t);
+int direction(const Sim *s, const Point *p, double *t);
 int rubs(const Sim *s, const Law *law);
 int apart(Sim *s, const Shape *one, const Shape *two);
+
+/* passes.c */
+void force_on_first(const Point *p, double *f);
+void aim(Sim *s);
+int aim_again(Sim *s, int pass);
 
 /* engines/kit/hulls/hulls.c */
 void hulls_start(void);

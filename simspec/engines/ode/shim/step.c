@@ -95,12 +95,17 @@ int sim_step(Sim *s, int count, const double *effort) {
       lay(s);
     }
     solve(s, 1, effort);
-    for (int pass = 1; again && pass < MOST_PASSES; pass++) {
+    for (int pass = 1; again; pass++) {
       slips(s);
-      if (aim_again(s) < STEADY) break;
+      if (!aim_again(s, pass)) break;
+      if (pass == MOST_PASSES) {
+        s->unsettled++;
+        break;
+      }
       lay(s);
       solve(s, 2, effort);
     }
+    s->stepped += again;
     if (s->native) {
       take_up(s);
       find_coordinates(s);

@@ -259,7 +259,10 @@ void sim_told_body(const Sim *s, int body, double *told) {
 }
 
 const char *sim_text(const Sim *s) { return s->text; }
-void sim_counts(const Sim *s, long *counts) { counts[0] = s->retries, counts[1] = s->unsolved, counts[2] = s->messages, counts[3] = s->doubtful; }
+void sim_counts(const Sim *s, long *counts) {
+  const long found[] = {s->retries, s->unsolved, s->messages, s->doubtful, s->unsettled, s->stepped};
+  memcpy(counts, found, sizeof found);
+}
 
 void sim_no_dry_friction(Sim *s, int body) {
   Body *b = s->body + body;

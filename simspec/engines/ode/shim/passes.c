@@ -1,0 +1,133 @@
+/* Friction whose bounds follow from the normal forces that it changes: a step is solved in passes, each with bounds from the normal
+   forces of the one before, until they fit. ODE's own solver bounds friction once, by the normal forces that would be without it: a
+   ladder that leans on a smooth wall, a clamp that holds itself by its own weight and three balls on each other need it anew. */
+#include "simspec_ode.h"
+#include <math.h>
+#include <string.h>
+
+#define SEED 0.01 /* of the lighter body's weight: the first bound where the normal force without friction is less, to grow from */
+#define LEAST 1e-5 /* of that weight: what friction may miss its law by */
+#define STEEP 0.9 /* of a change of bounds comes back as a change of normal forces: above it, passes get nowhere by themselves */
+#define STEEPEST 0.98 /* up to which a change of bounds is carried on to where it ends */
+#define SLOW 1e-6 /* of the speed that gravity gives in a step: what slips less sticks */
+#define FULL (1 - 1e-6) /* of its bound, from which on a friction force counts as bound */
+
+/* The force of a point on the first of its shapes in the last step; ODE exchanges the bodies of a joint whose first is the world. */
+void force_on_first(const Point *p, double *f) {
+  int first = dGeomGetBody(p->geom.g1) != 0;
+  for (int i = 0; i < 3; i++) f[i] = first ? p->force.f1[i] : -p->force.f2[i];
+}
+
+static double normal_force(const Point *p) {
+  double f[3];
+  force_on_first(p, f);
+  double push = f[0] * p->geom.normal[0] + f[1] * p->geom.normal[1] + f[2] * p->geom.normal[2];
+  return push > 0 ? push : 0;
+}
+
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* The weight (N) of the lighter of the two bodies of a point that move. */
+static double weight(Sim *s, const Point *p) {
+  dVector3 g;
+  double least = dInfinity;
+  dWorldGetGravity(s->world, g);
+  for (int side = 0; side < 2; side++) {
+    int carrier = s->body[(side ? p->two : p->one)->body].carrier;
+    dMass m;
+    if (carrier < 0) continue;
+    dBodyGetMass(s->body[carrier].body, &m);
+    if (m.mass < least) least = m.mass;
+  }
+  return least * sqrt(dot(g, g));
+}
+
+/* The first bounds, and what friction is laid against: by the normal forces and slips of a step without friction. */
+void aim(Sim *s) {
+  for (int i = 0; i < s->points; i++) {
+    Point *p = s->point + i;
+    p->weight = weight(s, p);
+    p->bound = p->push = normal_force(p);
+    if (p->law->friction > 0 && p->bound < SEED * p->weight) p->bound = SEED * p->weight;
+    memcpy(p->free, p->slip, 24), memcpy(p->against, p->slip, 24);
+    memcpy(p->spun, p->turn, 24), memcpy(p->rolling, p->turn, 24);
+  }
+}
+
+/* What friction is laid against once more, where it would be before without it, and is now: whether that goes on by more than
+   friction changed of it, and where it does, its direction now. slow: what counts as none. Raises the largest change, as the sine of
+   an angle. */
+static int laid_again(const double *n, const double *before, const double *now, double slow, double *against, double *change) {
+  double left[3], old[3], fresh[3], slowed = 0, goes = 0, turn[3] = {0, 0, 0};
+  for (int k = 0; k < 3; k++) left[k] = before[k] - now[k];
+  if (across(n, left, old))
+    for (int k = 0; k < 3; k++) slowed += left[k] * old[k];
+  if (across(n, now, fresh))
+    for (int k = 0; k < 3; k++) goes += now[k] * fresh[k];
+  if (!(goes > slowed && goes > slow)) return 0;
+  if (across(n, against, old))
+    for (int k = 0; k < 3; k++) turn[k] = fresh[k] - old[k];
+  if (length(turn) > *change) *change = length(turn);
+  memcpy(against, fresh, 24);
+  return 1;
+}
+
+
+/* Whether the friction of a point that does not slide by a cone breaks its law: more than the normal force allows, or kept down by a
+   bound of less. */
+static int breaks(const Sim *s, Point *p, double push, double slow, double least) {
+  double f[3], along[3], aside[3], mu = p->law->friction / (s->cone == INSCRIBED ? sqrt(2) : 1);
+  force_on_first(p, f);
+  direction(s, p, along);
+  dCalcVectorCross3(aside, p->geom.normal, along);
+  double one = fabs(dot(f, along)), two = fabs(dot(f, aside)), larger = one > two ? one : two;
+  double whole = larger, most = mu * push;
+  int sticks = s->cone == ELLIPTIC && fabs(dot(p->slip, along)) < slow && fabs(dot(p->slip, aside)) < slow;
+  if (sticks) whole = sqrt(one * one + two * two);
+  if (whole > most * (1 + STEADY) + least) {
+    if (sticks) /* what holds it is laid against the force that would */
+      for (int k = 0; k < 3; k++) p->against[k] = -f[k];
+    return 1;
+  }
+  return !p->held && larger >= FULL * mu * p->bound && mu * p->bound < most * (1 - STEADY) - least;
+}
+
+/* The next bound of a point by the normal forces that bounds gave. Where they grow as bounds do, or faster, friction and normal
+   force hold each other up: the point is held, by no bound, for one pass, and stays held where that keeps the law. */
+static void bound_again(Point *p, double push, int pass, int open) {
+  double changed = p->bound - p->was, answer = push - p->push, next = push;
+  double slope = fabs(changed) > 1e-12 * p->bound ? answer / changed : 0;
+  p->was = p->bound;
+  if (open && p->held) p->held = 0;
+  else if (open && pass > 1 && !p->tried && push > p->bound && slope > STEEP) p->held = p->tried = 1, p->sliding = 0;
+  else if (open && pass > 2 && slope < STEEPEST) next = p->bound + (push - p->bound) / (1 - slope);
+  p->bound = next > 0 ? next : 0;
+  p->push = push;
+}
+
+/* Friction once more, from the slips and normal forces of the pass that was solved. Under the elliptic cone, what slips on is given
+   its bound against its slip alone, and what sticks, or slips less than friction changed in the step, keeps a pyramid with that
+   bound. Whether another pass is due: friction at some point breaks its law by more than a share of STEADY. */
+int aim_again(Sim *s, int pass) {
+  dVector3 g;
+  int due = 0;
+  dWorldGetGravity(s->world, g);
+  double slow = SLOW * sqrt(dot(g, g)) * s->timestep;
+  for (int i = 0; i < s->points; i++) {
+    Point *p = s->point + i;
+    const Law *law = p->law;
+    if (!rubs(s, law)) continue;
+    double push = normal_force(p), least = LEAST * p->weight, change = 0;
+    double missed = fabs(push - p->bound) - STEADY * push - least;
+    int slid = p->sliding, rolled = p->rolls, open = 0;
+    if (law->friction > 0 && s->cone == ELLIPTIC && !p->held)
+      p->sliding = laid_again(p->geom.normal, p->free, p->slip, slow, p->against, &change);
+    if (law->rolling > 0) p->rolls = laid_again(p->geom.normal, p->spun, p->turn, 0, p->rolling, &change);
+    if (p->sliding != slid || p->rolls != rolled || change > STEADY) open = 1;
+    else if (p->sliding || law->torsional > 0 || law->rolling > 0) open = missed > 0;
+    if (law->friction > 0 && !p->sliding && !slid) open |= breaks(s, p, push, slow, least);
+    bound_again(p, push, pass, open);
+    due |= open;
+  }
+  return due;
+}
