@@ -17,7 +17,7 @@ class Deviation:
     ``size`` is the largest measured one, ``why`` what it comes from. ``relative``: size is a share of the expected value,
     else it is in the figure's unit. It counts for pairs with at least this ``friction`` and ``restitution``, from this
     ``timestep`` (s) on, and under this ``friction_cone``, kind of ``hardness`` and ``setting`` (name, value) of the engine
-    alone, where these are given.
+    alone, where these are given, and in worlds where bodies of at least this ``ratio`` of masses may touch.
     """
 
     probe: str
@@ -30,9 +30,15 @@ class Deviation:
     friction_cone: str = ""
     hardness: str = ""
     setting: tuple[str, str] | None = None
+    ratio: float = 0.0
 
     def counts_for(
-        self, pair: PairContact, friction_cone: str, timestep: float, settings: Mapping[str, Any] = MappingProxyType({})
+        self,
+        pair: PairContact,
+        friction_cone: str,
+        timestep: float,
+        settings: Mapping[str, Any] = MappingProxyType({}),
+        ratio: float = 0.0,
     ) -> bool:
         """Whether it is one of this pair's, under this cone, timestep, and these settings of the engine."""
         return (
@@ -40,6 +46,7 @@ class Deviation:
             and pair.friction >= self.friction
             and pair.restitution >= self.restitution
             and timestep >= self.timestep
+            and ratio >= self.ratio
             and self.friction_cone in ("", friction_cone)
             and self.hardness in ("", pair.hardness.kind)
         )

@@ -40,8 +40,8 @@ SPACING = 10.0
 SLIDE_STEPS = 100
 """Steps in which friction takes ``SLOWED`` of the speed, up to ``friction.SLIDE_SPEED``."""
 SLOWED = 0.4
-SPIN = 0.7
-"""Speed of the outermost point of contact by spin, over that of the slide: no point is near rest."""
+SPIN, ARM = 0.7, 0.3
+"""Speed by spin, over that of the slide, at this distance (m) from the centre of mass: no point of contact is near rest."""
 SLIDE_TOLERANCE = 0.03
 """Of the change of velocity. The direction of slip is that of the step's beginning or of its end, which is 1 % at 100 steps."""
 RADIUS = 0.1
@@ -150,8 +150,7 @@ class Slide(Probe):
 
     def _start(self, law: Law, slider: str) -> tuple[np.ndarray, np.ndarray]:
         speed = min(SLIDE_SPEED, SLIDE_STEPS * law.timestep * law.pair.friction * GRAVITY / SLOWED)
-        out = max(float(np.hypot(*place[:2])) for place in SLIDERS[slider])
-        return np.array([0.8 * speed, 0.6 * speed, 0.0]), np.array([0.0, 0.0, SPIN * speed / out])
+        return np.array([0.8 * speed, 0.6 * speed, 0.0]), np.array([0.0, 0.0, SPIN * speed / ARM])
 
     def _steps(self, law: Law, slider: str) -> int:
         speed = float(np.linalg.norm(self._start(law, slider)[0]))

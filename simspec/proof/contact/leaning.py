@@ -164,7 +164,8 @@ class _Leaning(Probe):
                 for share in (-PUSH_TOLERANCE, 0.0, PUSH_TOLERANCE)
             )
             tolerance = max(SLIP_TOLERANCE * expected, abs(high - low) / 2.0)
-            named = (self.NAME, subject(law), f"slips at {ratio:g} × the least friction", "way", "m")
+            # a name of its own: a declared deviation of what slips is none of what stands
+            named = (f"{self.NAME}-slips", subject(law), f"at {ratio:g} × the least friction", "way", "m")
             falls = float(self.slip(law, case, step, 0.0)[-1])
             figures.append(Figure(*named, expected, None, tolerance, without=falls))
         return figures
@@ -177,7 +178,7 @@ class _Leaning(Probe):
                 way = self.way(case, motions[0])
                 if figure.expected == 0.0 and case.stands:
                     ways[case] = float(np.abs(way).max())
-                elif figure.case == f"slips at {case.ratio:g} × the least friction":
+                elif figure.case == f"at {case.ratio:g} × the least friction":
                     ways[case] = float(way[self._until(law, case)])
             worst = max(ways, key=lambda case: _distance(ways[case], figure.expected))
             text = f"{worst.turn:g}°" if figure.expected else f"{worst.ratio:g} × the least friction, {worst.turn:g}°"

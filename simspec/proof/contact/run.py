@@ -375,7 +375,8 @@ def deviating(figure: Figure, law: Law | None, engine: type[Engine], settings: M
     sizes = [
         (_size(deviation, figure), deviation)
         for deviation in engine.CONTACT_DEVIATIONS
-        if deviation.probe == figure.probe and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings)
+        if deviation.probe == figure.probe
+        and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings, law.reach.ratio)
     ]
     wider = [entry for entry in sizes if entry[0] > figure.tolerance]
     if not wider or figure.passed:

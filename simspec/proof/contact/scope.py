@@ -53,8 +53,14 @@ def _slides(world: World) -> str:
     return "" if any(law.friction for law in meeting_laws(world).values()) else "no pair has friction"
 
 
-SEVERAL = ("rod", "clamp", "pile", "strike", "row", "edge", "stack")
-PAIRS = tuple(probe for probe in EFFECTS if probe not in (*SEVERAL, "carrier", "slide-spin"))
+SEVERAL = ("rod", "rod-slips", "clamp", "clamp-slips", "pile", "pile-slips", "strike", "row", "edge", "stack")
+"""Probes of several bodies, or of several contacts of one."""
+PAIRS = tuple(
+    probe
+    for probe in EFFECTS
+    if probe.removesuffix("-energy") not in (*SEVERAL, "stack-sideways", "carrier", "slide-spin")
+)
+"""Probes of one contact."""
 KINDS: Mapping[str, Kind] = {
     "contact of two bodies": Kind(PAIRS, _meets),
     "contact of several bodies": Kind(SEVERAL, _several),
