@@ -30,6 +30,7 @@ class Reach:
     carries  a body may lie on another that accelerates: one that moves, is kinematic, or has a moving surface
     ratio    the largest ratio of masses of two bodies that move and may touch; 0: no two may
     layers   how many such bodies can lie on each other, 3 standing for more
+    kinds    of the shapes of bodies that move and touch so, sorted
     """
 
     leans: bool = False
@@ -38,6 +39,7 @@ class Reach:
     carries: bool = False
     ratio: float = 0.0
     layers: int = 0
+    kinds: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,14 @@ def reach(world: World, first: str, second: str) -> Reach:
             ratio = max(ratio, high / low) if low > 0.0 else ratio
     together = _together(world, first, second) if ratio else 0
     corners = any(_has_corners(body) for body in world.bodies if body.name in moved)
-    return Reach(leans, together > 2, corners, carries, ratio, together)
+    kinds = {
+        shape.kind
+        for body in world.bodies
+        if body.name in moved
+        for shape in solid_shapes(body)
+        if shape.material in (first, second)
+    }
+    return Reach(leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)))
 
 
 def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator[tuple[Body, Body]]:

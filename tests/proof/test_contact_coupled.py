@@ -131,22 +131,25 @@ def found(tmp_path, more):
     return reach(simspec.load(path).resolve(), "wood", "wood")
 
 
+BALLS = ("sphere",)
+
+
 def balls(*masses):
     return "".join(BALL.format(name=f"ball_{number}", x=number, mass=mass) for number, mass in enumerate(masses))
 
 
 def test_one_ball_on_one_floor_can_do_nothing_coupled(tmp_path):
-    assert found(tmp_path, balls(1.0)) == Reach()
+    assert found(tmp_path, balls(1.0)) == Reach(kinds=BALLS)
 
 
 def test_a_second_wall_lets_a_ball_lean(tmp_path):
     wall = "  wall: {fixed: true, shapes: [{box: {size: [1, 1, 1]}, pose: {xyz: [2, 0, 0.5]}, material: wood}]}\n"
-    assert found(tmp_path, balls(1.0) + wall) == Reach(leans=True)
+    assert found(tmp_path, balls(1.0) + wall) == Reach(leans=True, kinds=BALLS)
 
 
 def test_two_balls_carry_each_other_and_three_are_a_pile(tmp_path):
-    assert found(tmp_path, balls(1.0, 30.0)) == Reach(True, False, False, True, 30.0, 2)
-    assert found(tmp_path, balls(1.0, 30.0, 0.5)) == Reach(True, True, False, True, 60.0, 3)
+    assert found(tmp_path, balls(1.0, 30.0)) == Reach(True, False, False, True, 30.0, 2, BALLS)
+    assert found(tmp_path, balls(1.0, 30.0, 0.5)) == Reach(True, True, False, True, 60.0, 3, BALLS)
 
 
 def test_many_alike_are_found_by_their_extremes(tmp_path):

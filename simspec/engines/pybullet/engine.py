@@ -35,7 +35,13 @@ from simspec.engines.kit.refinements import only_balls_slide
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
-from simspec.engines.pybullet.contact import CONE, CONE_SHORT, CONTACT_DEVIATIONS
+from simspec.engines.pybullet.contact import (
+    CONE,
+    CONE_SHORT,
+    CONTACT_DEVIATIONS,
+    POINTS,
+    only_balls_and_boxes_are_soft,
+)
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
@@ -193,8 +199,10 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.HARDNESS_TIME_CONSTANT: never(
             "PyBullet's springs are in N/m, for whatever mass; state stiffness and damping"
         ),
-        Feature.HARDNESS_STIFFNESS: Support(
-            Level.EXACT, "a spring and a damper at each point of contact, implicit in time"
+        Feature.HARDNESS_STIFFNESS: approximate(
+            f"a spring and a damper at each point of contact, implicit in time; exact for balls and boxes. {POINTS}",
+            only_balls_and_boxes_are_soft,
+            "capsules and cylinders have two or three points, so that they lie up to a third too high or deep",
         ),
         Feature.HARDNESS_NATIVE: via_api("contactERP and contactSlop left as they are, for all pairs or none"),
         Feature.HARDNESS_PAIRS: via_api(_COPIES),

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 
 from simspec.proof.contact.probe import FLOOR, Law
 from simspec.world import frames
+from simspec.world.shapes import SHAPES
+from simspec.world.tuples import six
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Shape, Vector3
 
 FLOOR_SIZE = (400.0, 400.0, 2.0)
@@ -83,6 +85,21 @@ def box(
     shape = Shape(f"{name}_0", "box", size, Pose(), material or law.pair.second)
     body = _free(name, Inertial(mass, inertia=(*moments, 0.0, 0.0, 0.0)), shape, at, turn, velocity)
     return dataclasses.replace(body, collision_group=group)
+
+
+def solid(
+    law: Law,
+    name: str,
+    kind: str,
+    size: tuple[float, ...],
+    mass: float,
+    at: Vector3,
+    turn: Quaternion = frames.IDENTITY,
+) -> Body:
+    """A free body of uniform density of a kind of shape, with its centre at ``at``."""
+    moments = SHAPES[kind].moments(size, mass)
+    shape = Shape(f"{name}_0", kind, size, Pose(), law.pair.second)
+    return _free(name, Inertial(mass, inertia=six((*moments, 0.0, 0.0, 0.0))), shape, at, turn, STATIONARY)
 
 
 def _free(

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simspec.proof.contact.bodies import ball, floor
+from simspec.proof.contact.bodies import ball, floor, solid
 from simspec.proof.contact.impact import subject
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
-from simspec.world.types import Body
+from simspec.world import frames
+from simspec.world.types import Body, Quaternion
 
 LARGEST_REST_DEPTH = 0.02
 """m: an upward force takes as much of the weight off that the ball sinks in no further."""
@@ -146,4 +147,70 @@ class Compliance(Probe):
         return [replace(figure, measured=depth) for figure, depth in zip(self.wanted(law), depths, strict=True)]
 
 
-PROBES: Mapping[str, Probe] = {Compliance.NAME: Compliance()}
+@dataclass(frozen=True)
+class _Lying:
+    """A body that lies on the floor: its shape, turn, height (m) of its centre, and how many points bear it."""
+
+    kind: str
+    size: tuple[float, ...]
+    turn: Quaternion
+    height: float
+    points: int
+
+
+_ACROSS = frames.from_axis_angle((0.0, 1.0, 0.0), math.pi / 2.0)
+LYING: Mapping[str, _Lying] = {
+    "lying capsule": _Lying("capsule", (0.1, 0.4), _ACROSS, 0.1, 2),
+    "lying cylinder": _Lying("cylinder", (0.1, 0.4), _ACROSS, 0.1, 2),
+    "standing cylinder": _Lying("cylinder", (0.1, 0.2), frames.IDENTITY, 0.1, 4),
+    "box": _Lying("box", (0.2, 0.2, 0.2), frames.IDENTITY, 0.1, 4),
+}
+"""By case. A stiffness is that of a point: bodies lie on the corners of a face, the ends of a line, four points of a circle."""
+SHAPE_SHARE = 0.03
+"""Relative tolerance of the depth."""
+
+
+class ComplianceByShape(Compliance):
+    """Bodies of the scenario's kinds of shapes at rest."""
+
+    NAME = "compliance-shape"
+    MEANING = "depth at rest of each kind of shape that the scenario has, against its weight over n k of its n points"
+
+    def lying(self, law: Law) -> dict[str, _Lying]:
+        return {case: body for case, body in LYING.items() if body.kind in law.reach.kinds}
+
+    def applies(self, law: Law) -> bool:
+        return law.pair.collide and law.pair.hardness.kind == "stiffness" and bool(self.lying(law))
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        mass, oscillator = self._case(law)
+        bodies: list[Body] = [floor(law)]
+        efforts = {}
+        for number, (case, body) in enumerate(self.lying(law).items()):
+            name, depth = case.replace(" ", "_"), oscillator.rest / body.points
+            lies = solid(law, name, body.kind, body.size, mass, (4.0 * number, 0.0, body.height - depth), body.turn)
+            bodies.append(lies)
+            efforts[name] = (0.0, 0.0, mass * (GRAVITY - oscillator.load), 0.0, 0.0, 0.0)
+        rest = math.ceil(SETTLED / max(oscillator.decay, 1e-12) / law.timestep)
+        steps = max(1, min(MOST_STEPS, rest))
+        return [Trial(tuple(bodies), (Phase(steps, every=steps, effort=efforts),))]
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        """Without a spring there is no depth."""
+        _, oscillator = self._case(law)
+        figures = []
+        for case, body in self.lying(law).items():
+            depth = oscillator.rest / body.points
+            named = (self.NAME, subject(law), case, "depth", "m")
+            figures.append(Figure(*named, depth, None, SHAPE_SHARE * depth, without=0.0))
+        return figures
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        depths = [
+            body.height - float(motions[0].pose[case.replace(" ", "_")][-1, 2])
+            for case, body in self.lying(law).items()
+        ]
+        return [replace(figure, measured=depth) for figure, depth in zip(self.wanted(law), depths, strict=True)]
+
+
+PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Compliance(), ComplianceByShape())}

@@ -28,6 +28,7 @@ EFFECTS: Mapping[str, str] = {
     "oblique": "friction in impacts",
     "oblique-separation": "restitution of oblique impacts",
     "compliance": "compliance",
+    "compliance-shape": "compliance by shape",
     "torsional": "torsional friction",
     "rolling": "rolling friction",
     "rod": "friction of leaning bodies",

@@ -7,9 +7,11 @@ a stored certificate is judged by the same function.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
+from simspec.proof.contact.compliance import LYING
 from simspec.proof.contact.declared import EFFECTS
 from simspec.world.meeting import meeting_laws
 from simspec.world.reach import Reach, reach
@@ -36,7 +38,11 @@ def _meets(world: World) -> str:
 
 def _several(world: World) -> str:
     there = [reach(world, *pair) for pair in meeting_laws(world)]
-    return "" if any(one != Reach() for one in there) else "each body can touch one flat surface alone"
+    return (
+        ""
+        if any(dataclasses.replace(one, kinds=()) != Reach() for one in there)
+        else "each body can touch one flat surface alone"
+    )
 
 
 def _carriers(world: World) -> str:
@@ -45,8 +51,11 @@ def _carriers(world: World) -> str:
 
 
 def _compliant(world: World) -> str:
-    kinds = {law.hardness.kind for law in meeting_laws(world).values()}
-    return "" if kinds & {"time-constant", "stiffness"} else "no compliance is stated"
+    stiff = [pair for pair, law in meeting_laws(world).items() if law.hardness.kind == "stiffness"]
+    if not stiff:
+        return "no stiffness is stated"
+    several = any(set(reach(world, *pair).kinds) & BORNE for pair in stiff)
+    return "" if several else "all that is compliant touches in one point"
 
 
 def _slides(world: World) -> str:
@@ -55,17 +64,23 @@ def _slides(world: World) -> str:
 
 SEVERAL = ("rod", "rod-slips", "clamp", "clamp-slips", "pile", "pile-slips", "strike", "row", "edge", "stack")
 """Probes of several bodies, or of several contacts of one."""
-PAIRS = tuple(
-    probe
-    for probe in EFFECTS
-    if probe.removesuffix("-energy") not in (*SEVERAL, "stack-sideways", "carrier", "slide-spin")
+_OTHERS = (
+    *SEVERAL,
+    *(f"{name}-energy" for name in SEVERAL),
+    "stack-sideways",
+    "carrier",
+    "slide-spin",
+    "compliance-shape",
 )
+PAIRS = tuple(probe for probe in EFFECTS if probe not in _OTHERS)
 """Probes of one contact."""
+BORNE = {body.kind for body in LYING.values()}
+"""Kinds of shapes that lie on several points."""
 KINDS: Mapping[str, Kind] = {
     "contact of two bodies": Kind(PAIRS, _meets),
     "contact of several bodies": Kind(SEVERAL, _several),
     "contact on accelerating carriers": Kind(("carrier",), _carriers),
-    "compliance by shape": Kind((), _compliant),
+    "compliance by shape": Kind(("compliance-shape",), _compliant),
     "sliding with spin": Kind(("slide-spin",), _slides),
 }
 """By name, in the order of verdicts."""
