@@ -147,7 +147,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.HARDNESS_PAIRS: "a hardness for each pair of materials",
     Feature.MARGIN_PAIRS: "a distance for each pair of materials at which their contact begins",
     Feature.PASSING_PAIRS: "pairs of materials that do not collide",
-    Feature.IMPACT_FRICTION: "friction of bodies that hit each other obliquely, in the step of the impact",
+    Feature.IMPACT_FRICTION: "friction in the step of an oblique impact, and where normal forces change within steps",
     Feature.COUPLED_FRICTION: "friction that changes the normal force: bodies that lean, clamp, or are piled on each other",
     Feature.CARRIED_FRICTION: "friction that holds a body on another that accelerates: platforms, turntables, grippers",
     Feature.IMPACT_TOGETHER: "impacts with restitution that touch several places at once",

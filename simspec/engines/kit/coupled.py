@@ -13,8 +13,8 @@ from simspec.world.types import World
 FROM = 0.9
 """Share of a measured timestep from which a row counts."""
 RATIOS = (0.0, 10.01, 100.1)
-"""Ratios of masses from which rows count that were measured at 10, 100 and 1000: up to the measured one. Beyond 1000 the last row
-counts, and level L5 decides."""
+"""Ratios of masses from which rows count that were measured at 10, 100 and 1000: up to the measured one. Beyond 1000 the last
+row counts, and level L5 decides."""
 
 
 def by_timestep(probe: str, why: str, sizes: Mapping[float, float], **more: Any) -> tuple[Deviation, ...]:

@@ -14,8 +14,9 @@ from typing import Any
 
 from simspec.dialects.mujoco.names import COULOMB, NATIVE
 from simspec.engines.kit.deviations import Deviation
-from simspec.support.declarations import Level, Refinement, Support, approximate, exactly, never
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.engines.mujoco.coupled import DEVIATIONS, coupled_support
+from simspec.support.declarations import Level, Refinement, Support, approximate, never
+from simspec.support.features import Feature
 from simspec.world.types import World
 
 _FACES = "3.4"
@@ -99,12 +100,13 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
     Feature.PASSING_PAIRS: Support(Level.EXACT, "by masks of shapes, or excluded pairs of bodies"),
     Feature.IMPACT_FRICTION: approximate(
         "most of it is missing: of the speed along the surface that an impact should take away 80 to 90 % stays at 1 ms "
-        "(measured); engines.mujoco.settings: {friction: coulomb} has it right, at a price",
-        short="80 to 90 % of the friction in an impact is missing, at 1 ms",
+        "(measured), and what spins as it slides is braked up to 17 % wrongly; engines.mujoco.settings: {friction: coulomb} "
+        "has it right, at a price",
+        short="80 to 90 % of the friction in an impact is missing, and 17 % of that of what spins and slides",
         refine=coulomb_asked,
         cases=(BY_COULOMB,),
     ),
-    **exactly(*COUPLED_CONTACT),
+    **coupled_support(BY_COULOMB, coulomb_asked),
     Feature.CONE_ELLIPTIC: Support(Level.EXACT, "cone=elliptic"),
     Feature.CONE_PYRAMID_INSCRIBED: approximate(
         "the force keeps to the pyramid, but MuJoCo's pyramid throws sliding bodies up, by 4 to 13 mm at 1 m/s and 100 to "
@@ -322,4 +324,5 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
     *(dataclasses.replace(one, setting=("friction", NATIVE)) for one in (*_OWN, *_CARRIED)),
     *(dataclasses.replace(one, setting=("friction", COULOMB)) for one in _COULOMB),
     *_EITHER,
+    *DEVIATIONS,
 )

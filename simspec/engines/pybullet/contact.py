@@ -27,8 +27,8 @@ CONE = (
 takes a step along each axis, divided by the axis's own D, and cuts off their sum."""
 CONE_SHORT = "friction acts up to 32° aside of the slip, but for balls and along the axes"
 POINTS = (
-    "A lying capsule has two or three points of contact where it should have two, and a standing cylinder three where it should "
-    "have four: its depth is 0.67 and 1.36 times the law's (measured)"
+    "A lying capsule has two or three points of contact where it should have two, and a standing cylinder three where it "
+    "should have four: its depth is 0.67 and 1.36 times the law's (measured)"
 )
 """Of stiffness, which is that of a point."""
 

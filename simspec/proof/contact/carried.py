@@ -42,8 +42,9 @@ SLIDE_STEPS = 100
 SLOWED = 0.4
 SPIN, ARM = 0.7, 0.3
 """Speed by spin, over that of the slide, at this distance (m) from the centre of mass: no point of contact is near rest."""
-SLIDE_TOLERANCE = 0.03
-"""Of the change of velocity. The direction of slip is that of the step's beginning or of its end, which is 1 % at 100 steps."""
+SLIDE_TOLERANCE, SLIDE_STEPS_OFF = 0.03, 2.0
+"""Of the change of velocity, and in steps' shares of it, the larger: the direction of slip and the lever of the normal force
+are those of a step's beginning or of its end."""
 RADIUS = 0.1
 """Of the balls that slide (m)."""
 SLIDERS: Mapping[str, tuple[Vector3, ...]] = {
@@ -174,10 +175,11 @@ class Slide(Probe):
         for slider in SLIDERS:
             start = self._start(law, slider)
             after = slid(law, slider, *start, self._steps(law, slider))
+            tolerance = max(SLIDE_TOLERANCE, SLIDE_STEPS_OFF / self._steps(law, slider))
             for quantity, unit, first, last in zip(("velocity", "spin"), ("m/s", "rad/s"), start, after, strict=True):
                 size = float(np.linalg.norm(last - first))
                 named = (self.NAME, subject(law), slider, f"change of {quantity}", unit)
-                figures.append(Figure(*named, size, None, SLIDE_TOLERANCE * size, without=0.0))
+                figures.append(Figure(*named, size, None, tolerance * size, without=0.0))
         return figures
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
