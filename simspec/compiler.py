@@ -9,7 +9,7 @@ from pathlib import Path
 
 from simspec.artifacts import Artifacts
 from simspec.contact.plan import MOST_SPLIT_MATERIALS, ContactPlan, contact_plan
-from simspec.contact.reachability import impact_needs, pair_needs, unreachable
+from simspec.contact.reachability import carried_needs, impact_needs, pair_needs, unreachable
 from simspec.control.native import fed_forward
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.target import Target
@@ -149,7 +149,7 @@ def needed_decisions(
 
 def _engine_needs(world: World, engine: type[Engine]) -> tuple[Need, ...]:
     """What a world needs beside what its spec says, since the engine combines numbers by rules of its own."""
-    return (*pair_needs(world, engine.RULES), *impact_needs(world))
+    return (*pair_needs(world, engine.RULES), *impact_needs(world), *carried_needs(world))
 
 
 def bounded(world: World, label: str) -> bool:

@@ -57,11 +57,24 @@ def impact_needs(world: World) -> list[Need]:
 
     A compliant contact lasts many steps, and its friction is that of any slide; native contact is a declared difference.
     """
-    paths = tuple(
+    paths = _rough(world)
+    return [Need(Feature.IMPACT_FRICTION, paths)] if paths else []
+
+
+def carried_needs(world: World) -> list[Need]:
+    """The need of CARRIED_FRICTION: where friction acts under a rigid contact, and the world has kinematic bodies, surfaces
+    that move, or driven joints, of which each may carry what it touches around."""
+    moving = any(any(shape.surface_velocity) for body in world.bodies for shape in body.shapes)
+    paths = _rough(world) if world.motions or world.controllers or moving else ()
+    return [Need(Feature.CARRIED_FRICTION, paths)] if paths else []
+
+
+def _rough(world: World) -> tuple[str, ...]:
+    """The paths of the frictions of rigid contacts that may happen."""
+    return tuple(
         f"contact.pairs.{first}.{second}.{quantity}"
         for (first, second), law in meeting_laws(world).items()
         if law.hardness.kind == "common"
         for quantity in ("friction", "torsional_friction", "rolling_friction")
         if getattr(law, quantity)
     )
-    return [Need(Feature.IMPACT_FRICTION, paths)] if paths else []

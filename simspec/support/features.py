@@ -66,6 +66,7 @@ class Feature(StrEnum):
     MARGIN_PAIRS = "contact.pairs.margin"
     PASSING_PAIRS = "contact.pairs.collide"
     IMPACT_FRICTION = "contact.friction.impact"
+    CARRIED_FRICTION = "contact.friction.carried"
     CONE_ELLIPTIC = "contact.cone.elliptic"
     CONE_PYRAMID_INSCRIBED = "contact.cone.pyramid-inscribed"
     CONE_PYRAMID_CIRCUMSCRIBED = "contact.cone.pyramid-circumscribed"
@@ -143,7 +144,9 @@ MEANING: Mapping[Feature, str] = {
     Feature.HARDNESS_PAIRS: "a hardness for each pair of materials",
     Feature.MARGIN_PAIRS: "a distance for each pair of materials at which their contact begins",
     Feature.PASSING_PAIRS: "pairs of materials that do not collide",
-    Feature.IMPACT_FRICTION: "friction of bodies that hit each other obliquely, in the step of the impact",
+    Feature.IMPACT_FRICTION: "friction that stops a slip at once: of bodies that hit each other obliquely, in the step of the "
+    "impact, and of what slides and turns as it comes to roll",
+    Feature.CARRIED_FRICTION: "friction that holds what is carried by something that turns, or by a surface that moves",
     Feature.CONE_ELLIPTIC: "|f| ≤ μ N",
     Feature.CONE_PYRAMID_INSCRIBED: "|fx| + |fy| ≤ μ N",
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: "|fx| ≤ μ N and |fy| ≤ μ N",

@@ -111,6 +111,7 @@ class DartDialect(Dialect):
         Feature.RESTITUTION_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api(_SIDECAR),
         Feature.IMPACT_FRICTION: EXACT,
+        Feature.CARRIED_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
         Feature.CONE_PYRAMID_INSCRIBED: never("DART has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),

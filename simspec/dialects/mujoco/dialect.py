@@ -133,7 +133,7 @@ class MujocoDialect(Dialect):
                 Feature.MATERIALS_PER_BODY,
             ),
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
-            *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
+            *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION),
             *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
             *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS, Feature.MARGIN_PAIRS),
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),

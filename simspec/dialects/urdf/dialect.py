@@ -66,7 +66,14 @@ _IN_THE_FILE = (
     *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
     *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
 )
-_NOT_OF_FILES = (Feature.IMPACT_FRICTION, Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE)
+_NOT_OF_FILES = (
+    Feature.IMPACT_FRICTION,
+    Feature.CARRIED_FRICTION,
+    Feature.KINEMATIC,
+    Feature.FORCES,
+    Feature.CONTROL,
+    Feature.CONTROL_NATIVE,
+)
 """What no file says: what the engine does by itself, and what is given to it while it runs."""
 
 

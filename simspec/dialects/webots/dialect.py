@@ -93,7 +93,7 @@ class WebotsDialect(Dialect):
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
             *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
-            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION, Feature.EXCLUDED_PAIRS),
+            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION, Feature.EXCLUDED_PAIRS),
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
             *(Feature.FORCES, Feature.CONTROL),
         ),

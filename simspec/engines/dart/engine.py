@@ -242,6 +242,7 @@ class Dart(SteppedEngine[Simulation]):
         Feature.HARDNESS_PAIRS: never(_RIGID),
         Feature.PASSING_PAIRS: via_api("pairs in the collision filter"),
         Feature.IMPACT_FRICTION: EXACT,
+        Feature.CARRIED_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: approximate(
             "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and is four times "
             "faster, the circumscribed pyramid: up to 1.41 times the friction between its axes of what slides on one body; and "

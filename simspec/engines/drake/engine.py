@@ -230,6 +230,7 @@ class Drake(SteppedEngine[Simulation]):
             coulomb,
             "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
         ),
+        Feature.CARRIED_FRICTION: Support(Level.EXACT),
         Feature.KINEMATIC: via_api(HEAVY, light_enough),
         Feature.FORCES: via_api(AS_EFFORTS),
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,

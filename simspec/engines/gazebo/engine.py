@@ -186,6 +186,7 @@ class Gazebo(SteppedEngine[Simulation]):
         Feature.TORSIONAL_FRICTION: never(f"{_NO_MOMENT} about the normal"),
         Feature.ROLLING_FRICTION: never(f"{_NO_MOMENT} across the normal"),
         Feature.IMPACT_FRICTION: EXACT,
+        Feature.CARRIED_FRICTION: EXACT,
         Feature.HARDNESS_COMMON: via_api("DART's error reduction of 0.01, once its largest speed is set to 1e9 m/s"),
         Feature.HARDNESS_TIME_CONSTANT: never(_RIGID),
         Feature.HARDNESS_STIFFNESS: never(_RIGID),

@@ -168,7 +168,7 @@ class GzSim(SteppedEngine[Simulation]):
         Feature.SHAPE_VISUAL: Support(Level.EXACT, "not told to gz sim, whose physics does not know it"),
         **_without_contact(
             *(Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS, Feature.SURFACE_VELOCITY),
-            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.IMPACT_FRICTION),
+            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION),
             *(Feature.RESTITUTION, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
             *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
             *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),

@@ -15,6 +15,7 @@ from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mjx.contact import CONTACT_DEVIATIONS
 from simspec.engines.mjx.settings import SETTINGS
 from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation, turns
+from simspec.engines.mujoco.contact import CARRIED
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.rewritten import NO_EQUALITIES, hardnesses, met_exactly, no_friction, rubs
@@ -128,6 +129,7 @@ class Mjx(MjxSimulation):
             "stays at 1 ms",
             short="80 to 90 % of the friction in an impact is missing, at 1 ms",
         ),
+        Feature.CARRIED_FRICTION: CARRIED,
         Feature.SURFACE_VELOCITY: never("MJX has no surfacevel"),
         **NO_EQUALITIES,
     }

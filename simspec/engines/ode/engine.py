@@ -100,7 +100,7 @@ class Ode(SteppedEngine[Simulation]):
             *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             *(Feature.RESTITUTION, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
-            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION),
+            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),

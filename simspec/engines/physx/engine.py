@@ -115,7 +115,7 @@ class PhysX(SteppedEngine[Simulation]):
             *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
             *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            *(Feature.FRICTION, Feature.IMPACT_FRICTION),
+            *(Feature.FRICTION, Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION),
             *(Feature.TOUCHING_PAIRS, Feature.GRAVITY, Feature.TIMESTEP),
         ),
         **jointless("PhysX", _DRIFT, "drives"),

@@ -198,6 +198,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.HARDNESS_PAIRS: via_api(_COPIES),
         Feature.PASSING_PAIRS: via_api("setCollisionFilterGroupMask"),
         Feature.IMPACT_FRICTION: EXACT,
+        Feature.CARRIED_FRICTION: EXACT,
         Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide("enableConeFriction=1"), CONE_SHORT),
         Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),

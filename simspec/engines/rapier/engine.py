@@ -92,7 +92,7 @@ class Rapier(SteppedEngine[Simulation]):
             *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
             *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION),
+            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),

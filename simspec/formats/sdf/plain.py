@@ -103,6 +103,7 @@ SUPPORT: Final[Table] = {
     Feature.FRICTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
     Feature.RESTITUTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
     Feature.IMPACT_FRICTION: never(_SOLVER),
+    Feature.CARRIED_FRICTION: never(_SOLVER),
     **alike(
         never(_SOLVER),
         *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),

@@ -51,7 +51,7 @@ SUPPORT: Final[Table] = {
         never(_SURFACE),
         *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION),
         *(Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
-        *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC),
+        *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION, Feature.CONE_ELLIPTIC),
         *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
     ),
     **alike(

@@ -89,7 +89,13 @@ SUPPORT: Final[Table] = {
     **alike(
         never(_NO_CONTACT),
         *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION),
-        *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+        *(
+            Feature.ROLLING_FRICTION,
+            Feature.IMPACT_FRICTION,
+            Feature.CARRIED_FRICTION,
+            Feature.RESTITUTION,
+            Feature.RESTITUTION_PAIRS,
+        ),
         *(Feature.RESTITUTION_THRESHOLD, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
         *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS, Feature.CONE_ELLIPTIC),
         *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),

@@ -79,7 +79,7 @@ SUPPORT: Final[Table] = {
     Feature.ROLLING_FRICTION: never("UsdPhysics has sliding friction only"),
     **alike(
         never(_SOLVER),
-        *(Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
+        *(Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
         *(Feature.CONE_PYRAMID_CIRCUMSCRIBED, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
         *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
     ),

@@ -58,7 +58,7 @@ class WorldJson(Format):
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
             *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
-            *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
+            *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION),
             *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
             *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
             *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
