@@ -67,7 +67,7 @@ class Feature(StrEnum):
     PASSING_PAIRS = "contact.pairs.collide"
     IMPACT_FRICTION = "contact.friction.impact"
     COUPLED_FRICTION = "contact.friction.coupled"
-    CARRIED_FRICTION = "contact.friction.carriers"
+    CARRIED_FRICTION = "contact.friction.carried"
     IMPACT_TOGETHER = "contact.impact.together"
     MASS_RATIO = "contact.mass-ratio"
     CONE_ELLIPTIC = "contact.cone.elliptic"
@@ -149,7 +149,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.PASSING_PAIRS: "pairs of materials that do not collide",
     Feature.IMPACT_FRICTION: "friction in the step of an oblique impact, and where normal forces change within steps",
     Feature.COUPLED_FRICTION: "friction that changes the normal force: bodies that lean, clamp, or are piled on each other",
-    Feature.CARRIED_FRICTION: "friction that holds a body on another that accelerates: platforms, turntables, grippers",
+    Feature.CARRIED_FRICTION: "friction that holds a body on a kinematic or driven one, or on a surface that moves",
     Feature.IMPACT_TOGETHER: "impacts with restitution that touch several places at once",
     Feature.MASS_RATIO: "bodies that may lie on others of a tenth of their mass or less",
     Feature.CONE_ELLIPTIC: "|f| ≤ μ N",

@@ -27,7 +27,7 @@ class Reach:
     leans    a body may be touched from two sides, or is held by a joint: friction can change a normal force
     gathers  one body may touch two others that move
     corners  a body with several points of contact can land on some of them
-    carries  a body may lie on another that accelerates: one that moves, is kinematic, or has a moving surface
+    carries  a body may lie on another that accelerates: one that is kinematic or hangs on a joint, or on a moving surface
     ratio    the largest ratio of masses of two bodies that move and may touch; 0: no two may
     layers   how many such bodies can lie on each other, 3 standing for more
     kinds    of the shapes of bodies that move and touch so, sorted
@@ -63,7 +63,8 @@ def reach(world: World, first: str, second: str) -> Reach:
         moved |= {body.name for body in moving}
         leans = leans or any(body.name in leaning for body in moving)
         free = [body for body in moving if body.name not in kinematic]
-        carries = carries or len(moving) == 2 or any(_surface_moves(body) for body in (one, other))
+        driven = len(moving) == 2 and any(body.name in kinematic or not _is_lone(world, body) for body in moving)
+        carries = carries or driven or any(_surface_moves(body) for body in (one, other))
         if len(free) == 2:
             low, high = sorted(masses[groups[body.name]] for body in free)
             ratio = max(ratio, high / low) if low > 0.0 else ratio

@@ -147,9 +147,15 @@ def test_a_second_wall_lets_a_ball_lean(tmp_path):
     assert found(tmp_path, balls(1.0) + wall) == Reach(leans=True, kinds=BALLS)
 
 
-def test_two_balls_carry_each_other_and_three_are_a_pile(tmp_path):
-    assert found(tmp_path, balls(1.0, 30.0)) == Reach(True, False, False, True, 30.0, 2, BALLS)
-    assert found(tmp_path, balls(1.0, 30.0, 0.5)) == Reach(True, True, False, True, 60.0, 3, BALLS)
+def test_two_balls_weigh_on_each_other_and_three_are_a_pile(tmp_path):
+    assert found(tmp_path, balls(1.0, 30.0)) == Reach(True, False, False, False, 30.0, 2, BALLS)
+    assert found(tmp_path, balls(1.0, 30.0, 0.5)) == Reach(True, True, False, False, 60.0, 3, BALLS)
+
+
+def test_what_is_kinematic_carries_and_is_no_weight(tmp_path):
+    plate = "  plate: {kinematic: true, pose: {xyz: [9, 9, 1]}, shapes: [{box: {size: [1, 1, 1]}, material: wood}]}\n"
+    there = found(tmp_path, balls(1.0) + plate)
+    assert (there.carries, there.leans, there.ratio) == (True, True, 0.0)
 
 
 def test_many_alike_are_found_by_their_extremes(tmp_path):

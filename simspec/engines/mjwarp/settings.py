@@ -47,7 +47,7 @@ SETTINGS: Mapping[str, Setting] = {
     "friction": dataclasses.replace(
         MUJOCO["friction"],
         meaning="native: MuJoCo's own friction, which leaves out most of the friction of an impact. To be accepted by name "
-        "(contact.friction.impact). simspec's loop around MuJoCo's solver is not written for Warp.",
+        "(contact.friction.impact, contact.friction.carried). simspec's loop around MuJoCo's solver is not written for Warp.",
         choices=(NATIVE,),
     ),
     "island": dataclasses.replace(

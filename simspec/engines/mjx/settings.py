@@ -30,7 +30,7 @@ SETTINGS: Mapping[str, Setting] = {
     "friction": dataclasses.replace(
         MUJOCO["friction"],
         meaning="native: MuJoCo's own friction, which leaves out most of the friction of an impact. To be accepted by name "
-        "(contact.friction.impact). simspec's loop around MuJoCo's solver is not written for MJX.",
+        "(contact.friction.impact, contact.friction.carried). simspec's loop around MuJoCo's solver is not written for MJX.",
         choices=(NATIVE,),
     ),
     "noslip_iterations": dataclasses.replace(MUJOCO["noslip_iterations"], meaning=_UNUSED, maximum=0),

@@ -64,7 +64,8 @@ SETTINGS: Mapping[str, Setting] = {
         NATIVE,
         "native: MuJoCo's own friction, which slides, holds and rolls right but leaves out most of the friction of an "
         "impact (80 to 90 % at 1 ms): slip is taken back at friction_rate, and an impact lasts one step. To be accepted by "
-        "name (contact.friction.impact). coulomb: impacts too, within 2 %, by a short loop around MuJoCo's solver; "
+        "name (contact.friction.impact), as is the slip a / friction_rate of what is carried by something that turns "
+        "(contact.friction.carried). coulomb: impacts too, within 2 %, by a short loop around MuJoCo's solver; "
         "nothing hops, and nothing lies on a cushion. It costs 16 µs a step of a body at rest, 29 of one that slides, "
         "1.5 to 2.2 times MuJoCo's own time in towers, 3.4 to 4.6 times in a pile of 216 spheres. Of such a pile's steps "
         "0.1 % end unconverged at μ = 0.3, 5 % at 0.5 (a contact's normal speed then off by up to 0.02 m/s), 35 % at 1 "

@@ -16,15 +16,13 @@ from simspec.dialects.rapier.sidecar import RapierSidecar
 from simspec.engines.kit.single import held_by
 from simspec.engines.rapier.hulls import convex
 from simspec.engines.rapier.laws import Laws
-from simspec.engines.rapier.units import NAME, SCALE, SQUARE, lengths
+from simspec.engines.rapier.units import ERROR_REDUCTION, NAME, SCALE, SQUARE, lengths
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, Shape, parent_of
 from simspec.world import frames
 from simspec.world.principal import principal_axes
 from simspec.world.types import Pose, Quaternion, Vector3
 
-ERROR_REDUCTION = 0.01
-"""β of the common law (:class:`simspec.world.types.Hardness`)."""
 RIGID = 1000.0
 """ω dt of contacts, where their damping ratio is then 49,500: the share ω dt / (ω dt + 2 ζ) of an overlap that a step takes
 away is β, and nothing gives way beside that (measured: the contact law to three digits from 0.5 to 8 ms)."""

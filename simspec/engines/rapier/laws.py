@@ -4,21 +4,22 @@ Rapier combines a number of each of two colliders; a table of materials has more
 that meets has one law, colliders have its numbers and no hook is called for them. Else the hook writes those of the two
 materials into each pair of colliders before the solver sees it (measured: exact).
 
-Rapier solves a step without restitution first, with friction, and then adds to normal impulses what makes things bounce: an
-impact that bounces has the friction of one that does not (measured: a third too little at e = 0.5). So a pair that approaches
-at c has μ (1 + e c / (c + g dt)) in that step, which is μ for what rests and μ (1 + e), the share of the whole impulse, for
-what bounces.
+Rapier solves a step without restitution first, and then adds to normal impulses, in one sweep over the points, what makes
+things bounce: a ball that hits two others at once left with 12.5 % more energy than it came with, a box that landed flat with
+0.77 of its speed and a spin, and the friction of an impact was that without the bounce (measured). So the hook gives Rapier
+no restitution: a point that approaches at c has, for the step, the overlap −e c dt / β that error reduction undoes at e c, in
+the same sweeps as all else (measured: energy to 1e-4, four points and two bodies at once, friction of the whole impulse).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
-from simspec.engines.rapier.units import NAME, SCALE
+from simspec.engines.rapier.units import ERROR_REDUCTION, NAME, SCALE
 from simspec.errors import EngineError
 from simspec.formats.world.tree import Document
+from simspec.world import frames
 from simspec.world.types import Hardness, PairContact
 
 
@@ -69,10 +70,10 @@ class Laws:
         }
         used = sorted(set(self.materials))
         own = {self.table[pair] for pair in self.table if set(pair) <= set(used)}
-        friction, restitution, threshold = next(iter(own)) if len(own) == 1 else (0.0, 0.0, 1.0)
-        self.uniform = None if threshold or (friction and restitution) else (friction, restitution, threshold)
-        """The one law of all that meets, where there is one, without a threshold, and not of what bounces with friction."""
-        self._fall = math.hypot(*document.gravity) * document.timestep
+        friction, restitution, threshold = next(iter(own)) if len(own) == 1 else (0.0, 1.0, 0.0)
+        self.uniform = None if restitution or threshold else (friction, restitution, threshold)
+        """The one law of all that meets, where there is one, without a threshold, and nothing bounces."""
+        self._timestep = document.timestep
         meets = {material: {other for one, other in self.table if one == material} for material in used}
         self._asked = [
             not set(used) <= meets[material]
@@ -121,24 +122,28 @@ class Laws:
     def modify_solver_contacts(self, ctx: Any) -> None:
         one, other = self.number[ctx.collider1], self.number[ctx.collider2]
         friction, restitution, threshold = self.table[self.materials[one], self.materials[other]]
-        if restitution and (friction or threshold):
-            closing = self._closing(ctx)
-            if closing < threshold:
-                restitution = 0.0
-            elif closing > 0.0:
-                friction *= 1.0 + restitution * closing / (closing + self._fall)
-        ctx.friction, ctx.restitution = friction, restitution
+        ctx.friction, ctx.restitution = friction, 0.0
+        if restitution:
+            self._bounce(ctx, restitution, threshold)
 
-    def _closing(self, ctx: Any) -> float:
-        """The largest speed (m/s) at which two shapes approach each other at a contact, as the step begins."""
-        largest = 0.0
+    def _bounce(self, ctx: Any, restitution: float, threshold: float) -> None:
+        """Have every point of a pair that approaches at ``threshold`` (m/s) or more, and arrives in this step, leave at
+        ``restitution`` times that speed. Rapier's point of attack, halfway between the two surfaces, stays."""
         pair = [ctx.bodies[handle] for handle in (ctx.rigid_body1, ctx.rigid_body2)]
-        normal = ctx.normal
-        for contact in ctx.solver_contacts:
+        normal = ctx.normal.to_tuple()
+        for number, contact in enumerate(ctx.solver_contacts):
             points = (contact.point, contact.point2)  # in the world
-            speeds = [body.velocity_at_point(point) for body, point in zip(pair, points, strict=True)]
-            largest = max(largest, sum((a - b) * n for a, b, n in zip(*speeds, normal, strict=True)))
-        return largest / SCALE
+            speeds = [body.velocity_at_point(point).to_tuple() for body, point in zip(pair, points, strict=True)]
+            closing = sum((a - b) * n for a, b, n in zip(*speeds, normal, strict=True))
+            if closing <= 0.0 or closing < SCALE * threshold or contact.dist > closing * self._timestep:
+                continue
+            gap = -restitution * closing * self._timestep / ERROR_REDUCTION
+            if gap < contact.dist:
+                shift = tuple(0.5 * (gap - contact.dist) * n for n in normal)
+                one, other = (point.to_tuple() for point in points)
+                ctx.set_solver_contact(
+                    number, point=frames.subtract(one, shift), point2=frames.add(other, shift), dist=gap
+                )
 
     def law_table(self) -> dict[tuple[str, str], tuple[float, float, float]]:
         """By sorted materials friction, restitution and threshold."""

@@ -71,11 +71,6 @@ class Simulation:
         self._given: set[int] = set()
         """The bodies, by their numbers, that have forces or torques in Rapier."""
         self._stepped = False
-        self._last = b""
-        """Rapier's bodies before the last step, in its own form, which costs less to keep than their poses to read: where
-        something bounces. Else they stood where their velocities take them back to; what makes things bounce is added to
-        velocities after poses were integrated."""
-        self._bounces = any(law.restitution for law in told.laws)
         self._pristine = self.built.world.snapshot()
         self._take(self.built.world)
         tensors = [(number, tensor_of(held_tensor(body))) for number, body in enumerate(self.bodies)]
@@ -115,7 +110,7 @@ class Simulation:
         for body, place, turn, speed, spin in rows:
             body.position = rapier.Isometry3(rapier.Vec3(*place), rapier.Rotation3(*turn))
             body.linvel, body.angvel = rapier.Vec3(*speed), rapier.Vec3(*spin)
-        self._stepped, self._last = False, b""
+        self._stepped = False
         touched = {number for number, row in enumerate(self.free) if row in self.built.turned_by_contact}
         self._watch(touched.union((number for number, _ in self._spins), np.flatnonzero(spins.any(axis=1)).tolist()))
 
@@ -163,11 +158,9 @@ class Simulation:
     def advance(self, count: int, effort: np.ndarray | None) -> None:
         """Step ``count`` times under a constant effort (nv,), None = zero."""
         world, step = self.world, self.world.step
-        for left in range(count, 0, -1):
+        for _ in range(count):
             if effort is not None or self._spins or self._given:
                 self._give(effort)
-            if left == 1 and self._bounces:
-                self._last = world.rigid_bodies.to_bytes()
             step()
             if self._watched:
                 self._turn_on()
@@ -292,9 +285,6 @@ class Simulation:
 
     def _places(self) -> Callable[[Any], tuple[Vector3, Quaternion]]:
         """By handle where a body was, and how it was turned, before the last step."""
-        if self._last:
-            then = self.rapier.RigidBodySet.from_bytes(self._last)
-            return lambda handle: (then[handle].translation.to_tuple(), quaternion_of(then[handle].rotation))
         timestep = float(self.world.integration_parameters.dt)
 
         def back(handle: Any) -> tuple[Vector3, Quaternion]:

@@ -1,4 +1,4 @@
-"""The unit of length that Rapier is told."""
+"""The unit of length that Rapier is given, and the share of an overlap that a step takes back."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ four times that to a million times none (0.03 to 5 mm deep, shapes of 0.2 m; sha
 none of 60 (measured). A power of two changes no digit of a number."""
 SQUARE = SCALE * SCALE
 """Its unit of torque, inertia and energy in 1 N m, 1 kg m² and 1 J."""
+
+ERROR_REDUCTION = 0.01
+"""β of the common law (:class:`simspec.world.types.Hardness`)."""
 
 
 def lengths(values: Iterable[float], what: str) -> tuple[float, ...]:
