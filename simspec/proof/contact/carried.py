@@ -42,7 +42,7 @@ SLIDE_STEPS = 100
 SLOWED = 0.4
 SPIN, ARM = 0.7, 0.3
 """Speed by spin, over that of the slide, at this distance (m) from the centre of mass: no point of contact is near rest."""
-SLIDE_TOLERANCE, SLIDE_STEPS_OFF = 0.03, 2.0
+SLIDE_TOLERANCE, SLIDE_STEPS_OFF = 0.03, 3.0
 """Of the change of velocity, and in steps' shares of it, the larger: the direction of slip and the lever of the normal force
 are those of a step's beginning or of its end."""
 RADIUS = 0.1
