@@ -15,6 +15,7 @@ from packaging.version import InvalidVersion, Version
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.diagnosis import requirements
 from simspec.engines.kit.identity import EngineId, parse
+from simspec.engines.kit.installed import too_old
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EngineError, SpecError
 from simspec.outputs.begun import is_whole
@@ -79,6 +80,8 @@ def requirement(engine: type[Engine], version: str) -> str:
 def making(label: EngineId) -> list[list[str]]:
     """The commands that make the environment of a label. Raises EngineError where there can be none."""
     engine = find_engine(label.name)
+    if (why := too_old(engine, label.version)) is not None:
+        raise EngineError(label.label, why)
     place = place_of(label.label)
     if place is None:
         raise EngineError(label.label, "there is no home folder to keep it in: XDG_DATA_HOME can name another")

@@ -58,6 +58,7 @@ class MuJoCo(MujocoSimulation):
     DISTRIBUTION: ClassVar[str] = "mujoco-core"
     OTHER_DISTRIBUTIONS: ClassVar[tuple[str, ...]] = ("mujoco",)
     FORMER_DISTRIBUTIONS: ClassVar[Mapping[str, str]] = {"<4": "mujoco"}
+    OLDEST: ClassVar[str] = "3.3.6"  # flags for springs and for dampers; until then one for both
     EXTRA: ClassVar[str] = "mujoco"
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False

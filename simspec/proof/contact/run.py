@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.compiler import Compiled, compile_world, version_at_work, write_folder
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
@@ -89,6 +89,8 @@ class Measuring:
     running: Running | None
     place: Path
     python: str | None
+    version: str | None
+    """The engine's release, which some deviations are of."""
     ends: float
     """When the deadline is over (``time.monotonic``)."""
     use_cache: bool
@@ -111,7 +113,8 @@ class Measuring:
                 raw = [_kept(figure) for figure in _figures(job, answer, self.engine)]
                 if self.use_cache and not cache.write(job.key, raw):
                     complaints = [f"the cache {cache.ENTRIES.folder()} is not writable"]
-            figures += [_deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
+            settings = job.settings(self.engine)
+            figures += [_deviating(figure, job.law, self.engine, settings, self.version) for figure in raw]
         return figures, complaints
 
     def _answers(self, doing: Callable[[str], None] | None) -> Iterator[list[Answer] | EngineError]:
@@ -193,7 +196,8 @@ def measure(
             running = stack.enter_context(
                 start(engine_name, place, operations, python=python, deadline=deadline, warm=warm)
             )
-        yield Measuring(engine, tuple(jobs), tuple(operations), running, place, python, ends, use_cache)
+        version = version_at_work(engine_name, {} if python is None else {engine_name: python})
+        yield Measuring(engine, tuple(jobs), tuple(operations), running, place, python, version, ends, use_cache)
 
 
 def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool, python: str | None) -> _Job:
@@ -315,14 +319,18 @@ def _kept(figure: Figure) -> Figure:
     return dataclasses.replace(figure, measured=float(measured) if finite else None, points=points)  # type: ignore[arg-type]
 
 
-def _deviating(figure: Figure, law: Law | None, engine: type[Engine], settings: Mapping[str, Any]) -> Figure:
-    """The figure with the tolerance that the engine's declared deviations give it under its settings; a size has none."""
+def _deviating(
+    figure: Figure, law: Law | None, engine: type[Engine], settings: Mapping[str, Any], version: str | None
+) -> Figure:
+    """The figure with the tolerance that the engine's declared deviations give it under its settings in its release; a size
+    has none."""
     if law is None:
         return figure
     sizes = [
         (_size(deviation, figure), deviation)
         for deviation in engine.CONTACT_DEVIATIONS
-        if deviation.probe == figure.probe and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings)
+        if deviation.probe == figure.probe
+        and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings, version)
     ]
     wider = [entry for entry in sizes if entry[0] > figure.tolerance]
     if not wider or figure.passed:
