@@ -89,8 +89,8 @@ def accepted_sets(
             for key, features in needed.items():
                 missing.setdefault(key, {}).update(dict.fromkeys(features))
         options = world.options(name)
-        for key, found in missing.items():
-            if accepted := [feature for feature in found if feature in words or EVERY in words]:
+        for key, listed in missing.items():
+            if accepted := [feature for feature in listed if feature in words or EVERY in words]:
                 entries.append(f"engines.{name}.{key}=[{', '.join([*getattr(options, key), *accepted])}]")
                 used.update(accepted)
     if unneeded := [word for word in words if word not in used]:

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from simspec.engines.kit.contract import Engine
@@ -17,6 +16,7 @@ from simspec.engines.kit.diagnosis import requirements
 from simspec.engines.kit.identity import EngineId, parse
 from simspec.engines.kit.installed import too_old
 from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.released import package_of
 from simspec.errors import EngineError, SpecError
 from simspec.outputs.begun import is_whole
 from simspec.outputs.cache import data_folder
@@ -72,9 +72,8 @@ def requirement(engine: type[Engine], version: str) -> str:
         wanted = Version(version)
     except InvalidVersion:
         raise EngineError(engine.NAME, f"{version!r} is not a version that pip knows") from None
-    former = (name for rule, name in engine.FORMER_DISTRIBUTIONS.items() if SpecifierSet(rule).contains(wanted))
     exact = wanted.is_prerelease or wanted.is_postrelease or wanted.local is not None
-    return f"{next(former, engine.DISTRIBUTION)}=={version}" + ("" if exact else ".*")
+    return f"{package_of(engine, wanted)}=={version}" + ("" if exact else ".*")
 
 
 def making(label: EngineId) -> list[list[str]]:
