@@ -19,7 +19,7 @@ from simspec.support.features import Feature
 from simspec.world.meeting import meeting_kinds
 from simspec.world.types import World
 
-_BOXES = "3.4"
+BOXES = "3.4"
 """The first release in which two boxes touch with the depth of their overlap."""
 
 COULOMB_COSTS = (
@@ -45,10 +45,10 @@ def coulomb_asked(world: World) -> Refinement | None:
 
 HALF_DEPTH = Refinement(
     Level.APPROXIMATE,
-    f"before {_BOXES} the points of two boxes have half the depth of their overlap: a box lies twice as deep on another one "
+    f"before {BOXES} the points of two boxes have half the depth of their overlap: a box lies twice as deep on another one "
     "(0.2155 mm for 0.1078 mm with MuJoCo's native hardness), and their overlaps are taken back at half the rate; other shapes "
     "are not affected (measured, 3.3.7)",
-    f"before {_BOXES}: a box lies twice as deep on another box, and rises out of it half as fast",
+    f"before {BOXES}: a box lies twice as deep on another box, and rises out of it half as fast",
 )
 
 
@@ -60,9 +60,9 @@ def boxes_before(world: World) -> Refinement | None:
 CONTACT_SUPPORT: Mapping[Feature, Support] = {
     Feature.SHAPE_BOX: Support(
         Level.EXACT,
-        f"before {_BOXES} those that may meet other boxes are approximate, and accepted by name",
+        f"before {BOXES} those that may meet other boxes are approximate, and accepted by name",
         cases=(HALF_DEPTH,),
-        since=_BOXES,
+        since=BOXES,
         before=boxes_before,
     ),
     Feature.SHAPE_CYLINDER: Support(
