@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
-from simspec.analysis.run_figures import half_width, read_figure
+from simspec.analysis.run_figures import find_figure, half_width, read_figure
 from simspec.comparison.floor import perturbation_of
 from simspec.compiler import compile_world
 from simspec.engines.kit.identity import MARK
 from simspec.engines.kit.process import DEADLINE
-from simspec.errors import EngineError, SpecError, UnsupportedError
+from simspec.errors import EngineError, Problem, SpecError, UnsupportedError
 from simspec.experiments.result import result_of
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import run_key
@@ -129,6 +130,38 @@ def _reason(error: EngineError | UnsupportedError) -> str:
     if isinstance(error, UnsupportedError):
         return error.problems[0].message
     return str(error).splitlines()[0].partition(": ")[2] or str(error)
+
+
+def bisect(
+    world: World,
+    engine: str,
+    versions: Sequence[str],
+    figure: str,
+    *,
+    store: Path,
+    pythons: Mapping[str, str] | None = None,
+    deadline: float = DEADLINE,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Bisection:
+    """Find which of ``versions`` of ``engine`` changed ``figure`` beyond noise.
+
+    versions in order, two at least; the change is searched between the first and the last
+    figure   a number of a run (:func:`simspec.analysis.run_figures.find_figure`)
+    store    folder of stored runs, made where there is none; it may be that of a sweep
+    pythons  interpreters by label (``NAME@VERSION``); a version without one must be the one that is installed here
+    deadline s that the process of one run may take
+    progress called with a line when something begins
+
+    Raises SpecError for an unknown figure, fewer than two versions, or a folder that is no store; EngineError where the first
+    or the last version is not there or fails; UnsupportedError where one of these does not support the world.
+    """
+    if len(set(versions)) < 2 or len(set(versions)) != len(versions):
+        raise SpecError([Problem("bisect needs two versions or more, each once", found=", ".join(versions) or "none")])
+    opened = Store.open(store, create=True)
+    with opened.writing():
+        known = pythons or {}
+        measure = Versions(world, engine, find_figure(world, figure), opened, known.get, deadline, progress)
+        return search(measure.figure, versions, measure)
 
 
 Provide = Callable[[str], str | None]
