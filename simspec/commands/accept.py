@@ -83,11 +83,11 @@ def accepted_sets(
         missing: dict[str, dict[str, None]] = {}
         for label in (name, *(one for one in labels if engine_name(one) == name)):
             try:
-                needed = missing_options(world, label, pythons)
+                wanted = missing_options(world, label, pythons)
             except UnsupportedError:
                 continue  # not supported, whatever is accepted: told where the engine is chosen
-            for key, features in needed.items():
-                missing.setdefault(key, {}).update(dict.fromkeys(features))
+            for key, reasons in wanted.items():
+                missing.setdefault(key, {}).update(dict.fromkeys(reasons))
         options = world.options(name)
         for key, listed in missing.items():
             if accepted := [feature for feature in listed if feature in words or EVERY in words]:

@@ -59,6 +59,6 @@ DEVIATIONS: tuple[Deviation, ...] = (
     *_rows("stop-oblong", _OTHERWISE, {0.002: {0.4: 0.115}, 0.016: {0.4: 0.16}}, {}),
     *_rows("stop-oblong", _OTHERWISE, {0.0005: {0.4: 0.035}}, _BOUNCES),
     *(row for probe in ("stop", "stop-oblong") for row in _rows(probe, _SLOWER, {0.004: {0.0: 0.027}}, _SPRINGS)),
-    Deviation("stick", 0.03, _SLOWER, relative=False, timestep=0.0036, until=BOXES, **_SPRINGS),
+    Deviation("stick", 0.03, _SLOWER, relative=False, timestep=0.0036, hardness="stiffness", until=BOXES),
 )
 """The largest of what exceeds the rows of later releases, and a tenth more."""
