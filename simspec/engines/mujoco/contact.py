@@ -60,7 +60,8 @@ def boxes_before(world: World) -> Refinement | None:
 CONTACT_SUPPORT: Mapping[Feature, Support] = {
     Feature.SHAPE_BOX: Support(
         Level.EXACT,
-        f"before {BOXES} those that may meet other boxes are approximate, and accepted by name",
+        f"before {BOXES} two boxes that may meet are approximate, and accepted by name: they touch with half the depth of "
+        "their overlap, so that a box lies twice as deep on another one",
         cases=(HALF_DEPTH,),
         since=BOXES,
         before=boxes_before,
