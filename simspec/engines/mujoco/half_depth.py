@@ -35,7 +35,12 @@ def _rows(
 DEVIATIONS: tuple[Deviation, ...] = (
     Deviation("rest", 2.1e-4, _DEEPER, relative=False, until=BOXES),
     Deviation("stick", 2.5e-3, _SLOWER, relative=False, until=BOXES),
-    *_rows("push", _OTHERWISE, {0.0005: {0.0: 0.03}, 0.001: {0.0: 0.07}, 0.002: {0.4: 0.16}, 0.008: {0.9: 0.36}}, {}),
+    *_rows(
+        "push",
+        _OTHERWISE,
+        {0.0005: {0.0: 0.03}, 0.001: {0.0: 0.07, 0.4: 0.1}, 0.002: {0.4: 0.16}, 0.008: {0.9: 0.36}},
+        {},
+    ),
     *_rows("push", _OTHERWISE, {0.001: {0.4: 0.15}, 0.004: {0.4: 0.22}}, _BOUNCES),
     *_rows("push", _OTHERWISE, {0.0005: {0.3: 0.28}}, _PYRAMID),
     *_rows("push", _OTHERWISE, {0.0005: {0.0: 0.13}}, _NATIVE),
@@ -44,7 +49,7 @@ DEVIATIONS: tuple[Deviation, ...] = (
         _OTHERWISE,
         {
             0.0005: {0.0: 0.031},
-            0.001: {0.0: 0.053},
+            0.001: {0.0: 0.053, 0.4: 0.08},
             0.002: {0.4: 0.2},
             0.004: {0.4: 0.23},
             0.008: {0.9: 0.36},
