@@ -43,6 +43,8 @@ _HOME = {
     "Explanation": "simspec.attribution.explanation:Explanation",
     "study": "simspec.comparison.study:study",
     "Study": "simspec.comparison.study:Study",
+    "bisect": "simspec.experiments.bisect:bisect",
+    "Bisection": "simspec.experiments.bisect:Bisection",
     "plan_sweep": "simspec.experiments.plan:plan_sweep",
     "Plan": "simspec.experiments.plan:Plan",
     "Cell": "simspec.experiments.plan:Cell",
@@ -94,6 +96,7 @@ if TYPE_CHECKING:
     from simspec.engines.kit.registry import engines as known_engines
     from simspec.engines.kit.session import Session
     from simspec.errors import EngineError, Problem, SimspecError, SpecError, UnsupportedError
+    from simspec.experiments.bisect import Bisection, bisect
     from simspec.experiments.cases import case_of
     from simspec.experiments.plan import Cell, Plan, plan_sweep
     from simspec.experiments.versions import versions_of

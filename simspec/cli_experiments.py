@@ -37,6 +37,7 @@ def add_experiments(app: typer.Typer) -> None:
     app.command("study")(command(study_command))
     app.command("pages")(command(pages_command))
     app.command("explain")(command(reads_robot_files(explain_command)))
+    app.command("bisect")(command(reads_robot_files(bisect_command)))
 
 
 def add_reports(app: typer.Typer) -> None:
@@ -159,6 +160,71 @@ def explain_command(
         others=others,
         windows=windows,
         verify=verify,
+        sets=sets,
+        accept=accept,
+        allow_outside=allow_outside,
+        robot_files=robot_files,
+        python=python,
+        deadline=deadline,
+        as_json=as_json,
+    )
+
+
+def bisect_command(
+    spec: SpecName,
+    first: Annotated[str, typer.Option("--from", metavar="VERSION", help="The older version.")],
+    last: Annotated[str, typer.Option("--to", metavar="VERSION", help="The younger version.")],
+    figure: Annotated[
+        str,
+        typer.Option("--figure", metavar="NAME", help="A number of a run: an expectation, a quantity, a coordinate."),
+    ],
+    engine: Engines = None,
+    versions: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,…", help="The versions between, instead of those that the package index has."),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Install versions that are missing, each in an environment of its own.")
+    ] = False,
+    store: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where runs are stored (default runs/NAME/sweep); may be shared.")
+    ] = None,
+    no_verify: Annotated[
+        bool, typer.Option("--no-verify", help="Skip the proof that the two versions have the same model.")
+    ] = False,
+    sets: Sets = None,
+    accept: Accepts = None,
+    robot_files: RobotFiles = NO_WORDS,
+    allow_outside: Outside = False,
+    python: Pythons = None,
+    deadline: Deadline = DEADLINE,
+    as_json: AsJson = False,
+) -> int:
+    """Find the released version of an engine that changed a figure beyond noise, by halving. See docs/bisect.md.
+
+    Each version is run once, with repeats for its noise; runs that are stored already are not repeated. The search
+    assumes one change between the two versions.
+
+    \b
+    simspec bisect SPEC --engine NAME --from 3.3.7 --to 3.8.0 --figure "deepest penetration" --yes
+    simspec bisect SPEC --engine NAME --from 3.3.7 --to 3.8.0 --figure arm.z --versions 3.4.0,3.5.0
+    simspec bisect SPEC --engine NAME --from 3.3.7 --to 3.8.0 --figure "expectation 1" --json
+
+    Exit code 0 if the version was found, 1 if the figure does not change, 3 if a version at an end cannot be
+    installed or fails.
+    """
+    from simspec.commands.bisect import bisect
+
+    return bisect(
+        spec,
+        engine=engine,
+        first=first,
+        last=last,
+        figure=figure,
+        versions=versions,
+        yes=yes,
+        store=store,
+        prove_models=not no_verify,
         sets=sets,
         accept=accept,
         allow_outside=allow_outside,

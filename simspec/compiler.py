@@ -179,9 +179,9 @@ OPTION_OF: Mapping[Level, str] = {Level.APPROXIMATE: "accept", Level.OUTSIDE: "o
 
 
 def missing_options(world: World, engine: str, pythons: Mapping[str, str] | None = None) -> dict[str, dict[str, str]]:
-    """The features that ``engine`` needs to be accepted or asked for and that are not yet, by ``accept`` and ``outside``, each
-    with its short reason. Raises UnsupportedError for what it does not support at all."""
-    known, options = find_engine(engine), world.options(engine)
+    """The features that ``engine``, a name or a label, needs to be accepted or asked for and that are not yet, by ``accept``
+    and ``outside``, each with its short reason. Raises UnsupportedError for what it does not support at all."""
+    known, options = find_engine(engine), world.options(engine_name(engine))
     every = tuple(feature.value for feature in Feature)
     allowed = dataclasses.replace(options, accept=every, outside=every)
     needed: dict[str, dict[str, str]] = {}

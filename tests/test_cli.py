@@ -36,6 +36,7 @@ COMMANDS = (
     "study",
     "pages",
     "explain",
+    "bisect",
     "engines",
     "accept",
     "import",

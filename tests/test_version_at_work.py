@@ -21,7 +21,8 @@ NEEDED = Feature.SHAPE_SPHERE
 
 
 def without_bounds():
-    return {feature: dataclasses.replace(row, since="", until="") for feature, row in find_engine(NAME).SUPPORT.items()}
+    rows = find_engine(NAME).SUPPORT.items()
+    return {feature: dataclasses.replace(row, since="", until="", before=None) for feature, row in rows}
 
 
 @pytest.fixture
@@ -30,6 +31,7 @@ def interpreter(tmp_path, monkeypatch):
     and notes each time."""
     unbounded = without_bounds()
     monkeypatch.setattr(find_engine(NAME), "SUPPORT", {**unbounded, NEEDED: Support(EXACT.level, since="2")})
+    monkeypatch.setattr(find_engine(NAME), "OLDEST", "")
 
     def of(version: str, code: int = 0) -> str:
         path = tmp_path / f"python-{version}"

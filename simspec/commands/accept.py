@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import chosen_engines, engines_at_work, engines_for_files, interpreters, load_spec
+from simspec.arguments import chosen_engines, engine_names, engines_at_work, interpreters, load_spec
 from simspec.compiler import missing_options
+from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.registry import engines
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.language.document import read_text
@@ -23,7 +24,7 @@ from simspec.report.reasons import link
 from simspec.report.screen import say
 from simspec.resources import resource_folder
 from simspec.robot_files import NO_WORDS, RobotFiles
-from simspec.selection import NotTaken, Selection, refusal
+from simspec.selection import NotTaken, Selection, named, refusal
 from simspec.support.features import Feature
 from simspec.world.types import World
 
@@ -33,8 +34,9 @@ def accept(
 ) -> int:
     """Write what the engines named by ``engine`` (without: the project's, or those installed) need into the file ``spec``."""
     loaded, world, *_ = load_spec(spec, None, allow_outside, robot_files=robot_files, as_json=as_json, warn=False)
-    words = chosen_engines(engine)
-    selection = engines_for_files(words) if words else engines_at_work(None, interpreters(None))
+    words, pythons = chosen_engines(engine), interpreters(None, engine)
+    # by label: what is accepted may depend on the version
+    selection = named(engine_names(words), pythons) if words else engines_at_work(None, pythons)
     return accept_world(loaded, world, selection, as_json)
 
 
@@ -48,8 +50,11 @@ def accepted_sets(
     words: list[str] | None,
     allow_outside: bool,
     robot_files: RobotFiles = NO_WORDS,
+    engine: list[str] | None = None,
+    python: list[str] | None = None,
 ) -> list[str] | None:
-    """``sets`` with the entries of ``accept`` and ``outside`` that ``--accept`` names, for every engine that needs them.
+    """``sets`` with the entries of ``accept`` and ``outside`` that ``--accept`` names, for every engine that needs them, and
+    every version of one that ``engine`` names (``python``: interpreters, as given to ``--python``).
 
     Raises SpecError for a word that is no feature, and for one that no engine needs.
     """
@@ -71,16 +76,23 @@ def accepted_sets(
     world = load_spec(spec, sets, allow_outside, robot_files=robot_files, warn=False).world
     entries: list[str] = []
     used = {EVERY}
+    labels, pythons = [label for label in engine_names(chosen_engines(engine)) if engine_version(label)], {}
+    if labels:
+        pythons = interpreters(python, engine)
     for name in engines():
-        try:
-            missing = missing_options(world, name)
-        except UnsupportedError:
-            continue  # not supported, whatever is accepted: told where the engine is chosen
+        missing: dict[str, dict[str, None]] = {}
+        for label in (name, *(one for one in labels if engine_name(one) == name)):
+            try:
+                wanted = missing_options(world, label, pythons)
+            except UnsupportedError:
+                continue  # not supported, whatever is accepted: told where the engine is chosen
+            for key, reasons in wanted.items():
+                missing.setdefault(key, {}).update(dict.fromkeys(reasons))
         options = world.options(name)
-        for key, needed in missing.items():
-            if chosen := [feature for feature in needed if feature in words or EVERY in words]:
-                entries.append(f"engines.{name}.{key}=[{', '.join([*getattr(options, key), *chosen])}]")
-                used.update(chosen)
+        for key, listed in missing.items():
+            if accepted := [feature for feature in listed if feature in words or EVERY in words]:
+                entries.append(f"engines.{name}.{key}=[{', '.join([*getattr(options, key), *accepted])}]")
+                used.update(accepted)
     if unneeded := [word for word in words if word not in used]:
         message = f"--accept {' '.join(unneeded)}: no engine that supports {spec} needs this"
         raise SpecError([Problem(message, hint="leave it out")])
@@ -96,7 +108,8 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
     not_taken: dict[str, NotTaken] = {}
     for name in selection.engines:
         try:
-            wanted[name] = missing_options(world, name, selection.pythons)
+            for key, features in missing_options(world, name, selection.pythons).items():
+                wanted.setdefault(engine_name(name), {}).setdefault(key, {}).update(features)
         except UnsupportedError as error:
             located = [dataclasses.replace(problem, location=spec.locate(problem.path)) for problem in error.problems]
             not_taken[name] = refusal(located)

@@ -19,7 +19,7 @@ from simspec.engines.kit.environments import making, python_of
 from simspec.engines.kit.identity import EngineId, parse
 from simspec.engines.kit.installed import Instance, instances
 from simspec.engines.kit.registry import engines, find_engine
-from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError
+from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError, clipped, visible
 from simspec.outputs.begun import begin, finish, is_whole
 from simspec.report.screen import say
 
@@ -119,20 +119,41 @@ def _version_row(label: EngineId, yes: bool, as_json: bool) -> dict[str, Any]:
     return row
 
 
+def installed_version(label: EngineId, yes: bool) -> str:
+    """The interpreter of a version's environment, which is made first where it is not there and ``yes``; quietly: what pip says
+    is told where it fails. Raises EngineError, with the commands that would make it, where there is none."""
+    commands = making(label)
+    place = Path(commands[0][-1])
+    if is_whole(place) and _instance(label, place).problem is None:
+        return str(python_of(place))
+    if is_whole(place) is None and os.path.lexists(place):
+        raise EngineError(label.label, f"{place} exists, and simspec did not make it: move it away")
+    if not yes:
+        way = f"simspec engines install {label.label} --yes, or --yes here"
+        raise EngineError(label.label, f"is not installed: {way}")
+    told: list[dict[str, Any]] = [{"words": shlex.join(command)} for command in commands]
+    why = _make(place, commands, told, quiet=True) or _instance(label, place).problem
+    if why is not None:
+        raise EngineError(label.label, f"cannot be installed: {why}")
+    return str(python_of(place))
+
+
 def _instance(label: EngineId, place: Path) -> Instance:
     """What the interpreter of an environment says of a label."""
     asked = instances({label.label: str(python_of(place))})
     return next(one for one in asked if one.label == label.label)
 
 
-def _make(place: Path, commands: Sequence[Sequence[str]], told: Sequence[dict[str, Any]]) -> str | None:
+def _make(
+    place: Path, commands: Sequence[Sequence[str]], told: Sequence[dict[str, Any]], quiet: bool = False
+) -> str | None:
     """Make an environment anew by its commands; why it is not whole, None where it is."""
     try:
         begin(place)
     except OSError as error:
         return f"{place}: {error.strerror}" if error.strerror else str(error)
     for command, one in zip(commands, told, strict=True):
-        one["code"], why = _run(command)
+        one["code"], why = _run(command, quiet)
         one["ran"] = one["code"] is not None
         if why is not None:
             return f"{one['words']}: {why}"
@@ -158,18 +179,27 @@ def _forbidden(command: Sequence[str]) -> str | None:
     return None if os.geteuid() == 0 else "it needs root"
 
 
-def _run(command: Sequence[str]) -> tuple[int | None, str | None]:
-    """The exit code of a command, whose words go to standard error, and what is wrong. None: it gave none."""
+def _run(command: Sequence[str], quiet: bool = False) -> tuple[int | None, str | None]:
+    """The exit code of a command, whose words go to standard error, and what is wrong, with the last of its words where it is
+    ``quiet``. None: it gave none."""
     environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
     try:
-        code = subprocess.run(
-            command, stdin=subprocess.DEVNULL, stdout=STANDARD_ERROR, env=environment, timeout=DEADLINE, check=False
-        ).returncode
+        done = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE if quiet else STANDARD_ERROR,
+            stderr=subprocess.STDOUT if quiet else None,
+            env=environment,
+            timeout=DEADLINE,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         return None, f"did not end within {DEADLINE:g} s"
     except OSError as error:
         return None, f"cannot be started: {error.strerror}"
-    return code, f"ended with code {code}" if code else None
+    words = (done.stdout or b"").decode(errors="replace").strip().splitlines() or [""]
+    said = f": {clipped(visible(words[-1]))}" if words[-1] else ""
+    return done.returncode, f"ended with code {done.returncode}{said}" if done.returncode else None
 
 
 def _tell(as_json: bool, line: str) -> None:

@@ -127,7 +127,7 @@ def _of_specs(
             warn=False,
             duration_of_model=OF_A_MODEL,
         )
-        for name, said in _accepting(a, b or a, sets, others, accept, allow_outside, robot_files)
+        for name, said in _accepting(a, b or a, sets, others, accept, allow_outside, robot_files, words)
     ]
     robot_files.check_effect(*(one.spec for one in loaded))
     worlds = [one.world for one in loaded]
@@ -147,6 +147,7 @@ def _accepting(
     accept: list[str] | None,
     allow_outside: bool,
     robot_files: RobotFiles,
+    engine: list[str],
 ) -> list[tuple[str, list[str]]]:
     """The spec of each side, with its overrides, those of ``accept`` included. Raises SpecError for a word of it that neither
     needs."""
@@ -155,7 +156,7 @@ def _accepting(
     failed: list[SpecError] = []
     for name, own in sides:
         try:
-            said.append((name, accepted_sets(name, own, accept, allow_outside, robot_files) or []))
+            said.append((name, accepted_sets(name, own, accept, allow_outside, robot_files, engine) or []))
         except SpecError as error:  # what is wrong with a spec itself is told when it is read
             said.append((name, own))
             failed.append(error)

@@ -90,8 +90,13 @@ class Outcome:
 def stored_key(case: Case, cell: Cell, versions: Mapping[str, str], measure: str = "physics") -> str:
     """Under which key the run of a cell is stored: equal for cells that ask for the same in different ways. Timed runs
     (``measure``: speed) have keys of their own."""
+    return run_key(case, cell.repeat, versions, measure)
+
+
+def run_key(case: Case, repeat: int, versions: Mapping[str, str], measure: str = "physics") -> str:
+    """The same of a repetition of a case that no cell asks for."""
     timed = {"measure": measure} if measure == "speed" else {}
-    return sha256({"case": case.key(versions), "repeat": cell.repeat, **timed})
+    return sha256({"case": case.key(versions), "repeat": repeat, **timed})
 
 
 def cell_data(plan: Plan, cell: Cell) -> dict[str, Any]:

@@ -180,7 +180,8 @@ def _contact(
             yield "L5: figures of contact, which is listed as not compared"
         return
     told = None if known is None else realised(world, engine, proof.version)
-    yield from figure_faults(proof.contact, world, known, lambda pair: {} if told is None else told.between(pair))
+    between = (lambda pair: {}) if told is None else told.between
+    yield from figure_faults(proof.contact, world, known, between, proof.version)
     made = {check.name: (check.count, check.worst) for check in contact_checks(proof.contact)}
     checks = {check.name: (check.count, check.worst) for check in proof.level("L5") if check.passed}
     for name in sorted(made.keys() | checks.keys()):

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.comparison.floor import FLOOR_FACTOR, Floor
+from simspec.analysis.run_figures import alike_size, half_width
+from simspec.comparison.floor import Floor
 from simspec.comparison.runs import summary
 from simspec.comparison.study import Study
 from simspec.errors import Problem, SpecError
@@ -158,11 +159,6 @@ def _hidden(noise: float, tolerance: float) -> str:
     return "" if noise <= tolerance else f"{HIDDEN}: {noise:.2g}, tolerance {tolerance:.2g}"
 
 
-def _rounding(run: Run, size: float) -> float:
-    """What another processor may round differently: once in each step, in a number of this size."""
-    return float(run.provenance.get("steps", len(run.time))) * 2.0**-52 * size
-
-
 def _places(run: Run, floor: Floor | None, tolerance: float) -> list[Figure]:
     """Position (m) and orientation (quaternion) of each moving body at some moments."""
     rows = sorted({round(share * (len(run.time) - 1) / MOMENTS) for share in range(1, MOMENTS + 1)})
@@ -177,7 +173,7 @@ def _places(run: Run, floor: Floor | None, tolerance: float) -> list[Figure]:
             ):
                 noise = getattr(floor, "position" if unit else "angle")[row, body] if floor is not None else math.inf
                 why = "noise was not measured" if floor is None else _hidden(float(noise), tolerance)
-                half = 0.0 if why else max(0.5 * FLOOR_FACTOR * float(noise), _rounding(run, size))
+                half = 0.0 if why else half_width(run, size, float(noise))
                 figures.append(_around(f"{key}/{what}", unit, poses[row, body, part].tolist(), half, why))
     return figures
 
@@ -194,17 +190,9 @@ def _quantities(run: Run, repeats: Sequence[Run], floor: Floor | None, tolerance
             continue
         value = values[name]
         noise = max((abs(other[name] - value) for other in again if name in other), default=0.0)
-        half = max(0.5 * FLOOR_FACTOR * noise, _rounding(run, max(map(abs, _alike(values, unit)))))
+        half = half_width(run, alike_size(values, unit), noise)
         figures.append(_around(f"{run.engine}/{name}", unit, [value], 0.0 if why else half, why))
     return figures
-
-
-def _alike(values: Mapping[str, float], unit: str) -> list[float]:
-    """All quantities of one unit: a small one of them may be the difference of large ones."""
-    from simspec.comparison.runs import QUANTITIES
-
-    units = dict(QUANTITIES)
-    return [value for name, value in values.items() if units[name] == unit and math.isfinite(value)] or [0.0]
 
 
 def _around(key: str, unit: str, values: Sequence[float], half: float, why: str) -> Figure:

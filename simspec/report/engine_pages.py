@@ -148,6 +148,7 @@ def _where(one: Deviation) -> str:
         f"cone {one.friction_cone}" if one.friction_cone else "",
         f"hardness {one.hardness}" if one.hardness else "",
         f"`{one.setting[0]}: {str(one.setting[1]).lower()}`" if one.setting else "",
+        f"releases before {one.until}" if one.until else "",
     )
     return ", ".join(part for part in parts if part) or "everywhere"
 

@@ -38,7 +38,7 @@ HEAD = f"""# Support matrix
 | approximate | not exact; happens only where the spec accepts it by name: `engines.NAME.accept` |
 | no | the engine cannot: an error that names the line of the spec |
 | not yet | the engine could, nobody has built it: the same error, and a test fails when it starts to work |
-| from V, before V | the versions of the engine that have it; an error in others |
+| from V, before V | the versions of the engine that have it; an error in others, but for what stands in brackets |
 """
 CAPABILITIES = (
     "What an engine can do beside its core (load, read back, states, steps, contacts). What it lacks is not asked for."
@@ -48,7 +48,8 @@ CAPABILITIES = (
 def word(entry: Support) -> str:
     """How well a feature is supported, in a word or two."""
     name = NOT_YET if entry.absence is Absence.NOT_YET else WORDS[entry.level]
-    bounds = (f"from {entry.since}" if entry.since else "", f"before {entry.until}" if entry.until else "")
+    since = f"from {entry.since}" + (" (before: approximate)" if entry.before else "") if entry.since else ""
+    bounds = (since, f"before {entry.until}" if entry.until else "")
     return ", ".join(part for part in (name, *bounds) if part)
 
 
@@ -108,6 +109,7 @@ def _support_data(entry: Support) -> dict[str, Any]:
         "cases": [{"level": case.level or entry.level, "how": case.how, "short": case.short} for case in entry.cases],
         "since": entry.since,
         "until": entry.until,
+        "before": WORDS[Level.APPROXIMATE] if entry.before else "",
     }
     return data | {key: value for key, value in more.items() if value}
 

@@ -11,7 +11,7 @@ from enum import StrEnum
 
 from simspec.language.vocabulary import PRIMITIVE_SHAPES, SHAPE_KINDS
 from simspec.support.features import Feature
-from simspec.support.versions import earlier, later, out_of_bounds, release
+from simspec.support.versions import earlier, is_before, later, out_of_bounds, release
 from simspec.world.types import World
 
 
@@ -89,6 +89,7 @@ class Support:
     cases    the refinements that are known before any world is: what each costs, for tables and pages
     absence  of what is unsupported: never, or not yet; then ``attempt`` says how the shared tests try it
     since    the first release of the engine that has it ("" for any); ``until`` the first that no longer has it
+    before   what releases before ``since`` have of it in a world (None there: as declared); without it they do not support it
     asked    in one world: a setting of the spec asks for the computation outside the engine
     """
 
@@ -101,6 +102,7 @@ class Support:
     attempt: Attempt | None = None
     since: str = ""
     until: str = ""
+    before: Refine | None = None
     asked: bool = False
 
     def __post_init__(self) -> None:
@@ -110,6 +112,8 @@ class Support:
             raise ValueError("what is not built yet names its attempt, and nothing else does")
         if self.level is Level.UNSUPPORTED and (self.since or self.until):
             raise ValueError("bounds of versions say which releases have a feature; this one is unsupported")
+        if self.before is not None and not self.since:
+            raise ValueError("what holds in earlier releases needs the release that they are earlier than: since")
         for bound in (self.since, self.until):
             if bound:
                 release(bound)
@@ -139,6 +143,7 @@ class Support:
             how="; ".join(part for part in (how, refined.note) if part),
             short=refined.short or (self.short if same else ""),
             refine=None,
+            before=None if lost else self.before,
             absence=lost,
             attempt=self.attempt if lost is Absence.NOT_YET else None,
             since="" if lost else self.since,
@@ -148,8 +153,15 @@ class Support:
 
     def at_version(self, engine: str, version: str | None) -> Support:
         """What holds in a release of ``engine``; in all of them where ``version`` is None, which nothing is known of."""
-        reason = None if version is None else out_of_bounds(version, self.since, self.until)
-        return self if reason is None else never(f"{engine} {reason}")
+        if version is None or (reason := out_of_bounds(version, self.since, self.until)) is None:
+            return self
+        if self.before is not None and is_before(version, self.since):
+            return self.in_earlier_releases()
+        return never(f"{engine} {reason}")
+
+    def in_earlier_releases(self) -> Support:
+        """What releases before ``since`` have of it; the same in all where that is not said."""
+        return self if self.before is None else replace(self, since="", before=None, refine=self.before)
 
 
 EXACT = Support(Level.EXACT)
@@ -257,14 +269,21 @@ def combine(file: Table, engine: Table) -> dict[Feature, Support]:
 
 def _combined(file: Support, engine: Support) -> Support:
     weaker = _weaker(file, engine)
-    if file.refine is None and engine.refine is None:
-        return weaker
+    refined = file.refine is not None or engine.refine is not None
+    # releases before a bound that says nothing of them, and those between two bounds, are known not to have it
+    known = weaker.since and all(
+        one.since in ("", weaker.since) and bool(one.since) is (one.before is not None) for one in (file, engine)
+    )
+    before = _of_both(file.in_earlier_releases(), engine.in_earlier_releases()) if known else None
+    return replace(weaker, refine=_of_both(file, engine) if refined else None, before=before)
 
+
+def _of_both(file: Support, engine: Support) -> Refine:
     def refine(world: World) -> Refinement | None:
         there = _weaker(file.in_world(world), engine.in_world(world))
         return Refinement(there.level, there.how, there.short, asked=there.asked)
 
-    return replace(weaker, refine=refine)
+    return refine
 
 
 def _rank(support: Support) -> tuple[int, int]:
@@ -281,4 +300,4 @@ def _weaker(file: Support, engine: Support) -> Support:
     if _rank(file) == _rank(engine) and not unsupported:  # of what is unsupported one reason is enough
         said = dict.fromkeys(how for how in (file.how, engine.how) if how)
         weaker = replace(engine, how="; ".join(said), short=engine.short or file.short)
-    return replace(weaker, refine=None, cases=cases, since=since, until=until)
+    return replace(weaker, refine=None, before=None, cases=cases, since=since, until=until)

@@ -42,6 +42,24 @@ def out_of_bounds(version: str, since: str = "", until: str = "") -> str | None:
     return None
 
 
+def is_before(version: str, bound: str) -> bool:
+    """Whether a version belongs to a release before ``bound``; False for what begins with no number."""
+    try:
+        return release(version) < release(bound)
+    except ValueError:
+        return False
+
+
+def is_wholly_before(version: str, bound: str) -> bool:
+    """Whether all releases that a label's version stands for are before ``bound``: 3.2 is before 3.3.6, 3.3 is not, since
+    3.3.7 is one of its releases. False for what begins with no number."""
+    try:
+        numbers = release(version)
+    except ValueError:
+        return False
+    return numbers < release(bound)[: max(len(numbers), version.count(".") + 1)]
+
+
 def later(one: str, other: str) -> str:
     """The stricter of two first releases."""
     return max((bound for bound in (one, other) if bound), key=release, default="")

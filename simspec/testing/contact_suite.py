@@ -97,7 +97,8 @@ def declared_size(bench: Bench, world: World, law: PairContact, probes: Collecti
     declared = [
         deviation.size if deviation.relative else deviation.size / law.friction
         for deviation in bench.kind.CONTACT_DEVIATIONS
-        if deviation.probe in probes and deviation.counts_for(law, cone, timestep, settings)
+        if deviation.probe in probes
+        and deviation.counts_for(law, cone, timestep, settings, version=bench.kind.version())
     ]
     return max(declared, default=0.0)
 

@@ -14,6 +14,7 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     approximate,
+    combine,
     never,
     not_here,
     not_yet,
@@ -119,3 +120,52 @@ def test_a_release_that_has_it_not_yet_is_refused_with_both_versions():
         UnsupportedError, match=r"joint\.spring: engine has it from version 3\.8 on, and 3\.7\.9 is at work"
     ):
         negotiate(world, "engine", table, version="3.7.9")
+
+
+def test_an_earlier_release_may_have_a_feature_approximately():
+    world = worlds.damped_springs()
+    of_all = Support(
+        Level.EXACT, "whole", since="3.4", before=lambda world: Refinement(Level.APPROXIMATE, "half", "1/2")
+    )
+    table = TABLE | {Feature.DAMPING: of_all}
+    for version in (None, "3.4", "4.0"):
+        found = {one.feature: one for one in negotiate(world, "engine", table, version=version)}
+        assert (found[Feature.DAMPING].level, found[Feature.DAMPING].how) == (Level.EXACT, "whole")
+    with pytest.raises(UnsupportedError, match="only approximately: half") as caught:
+        negotiate(world, "engine", table, version="3.3.7")
+    assert "accept: [joint.damping]" in caught.value.problems[0].hint
+    accepting = worlds.with_options(world, "engine", accept=(Feature.DAMPING.value,))
+    found = {one.feature: one for one in negotiate(accepting, "engine", table, version="3.3.7")}
+    assert (found[Feature.DAMPING].level, found[Feature.DAMPING].short) == (Level.APPROXIMATE, "1/2")
+    # in worlds that it says nothing of, earlier releases have it as it is declared
+    table = TABLE | {Feature.DAMPING: Support(Level.EXACT, "whole", since="3.4", before=lambda world: None)}
+    found = {one.feature: one for one in negotiate(world, "engine", table, version="3.3.7")}
+    assert found[Feature.DAMPING].level is Level.EXACT
+    # a version that begins with no number is known to have nothing
+    with pytest.raises(UnsupportedError, match=r"has it from 3\.4 on"):
+        negotiate(world, "engine", table, version="main")
+
+
+def test_what_a_file_and_an_engine_have_in_earlier_releases():
+    world = worlds.damped_springs()
+
+    def half(world):
+        return Refinement(Level.APPROXIMATE, "half")
+
+    def level(file: Support, engine: Support, version: str) -> Level:
+        both = combine(TABLE | {Feature.DAMPING: file}, TABLE | {Feature.DAMPING: engine})[Feature.DAMPING]
+        return both.at_version("Engine", version).in_world(world).level
+
+    bounded = Support(Level.EXACT, since="3.4", before=half)
+    for one, other in ((EXACT, bounded), (bounded, EXACT), (bounded, bounded)):
+        assert level(one, other, "3.3") is Level.APPROXIMATE
+        assert level(one, other, "3.4") is Level.EXACT
+    # the other one says that earlier releases do not have it
+    for since in ("3.4", "3.2", "3.8"):
+        for pair in ((Support(Level.EXACT, since=since), bounded), (bounded, Support(Level.EXACT, since=since))):
+            assert level(*pair, "3.1") is Level.UNSUPPORTED
+    # what is refined in both is the weaker of the two
+    refused = Support(Level.EXACT, refine=lambda world: not_here("never here"))
+    assert level(refused, bounded, "3.3") is Level.UNSUPPORTED
+    with pytest.raises(ValueError, match="since"):
+        Support(Level.EXACT, before=half)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.support.versions import earlier, later, out_of_bounds, release
+from simspec.support.versions import earlier, is_before, is_wholly_before, later, out_of_bounds, release
 
 
 def test_a_release_is_its_numbers():
@@ -44,3 +44,14 @@ def test_a_version_that_cannot_be_compared_is_out_of_every_bound():
 def test_the_stricter_bound():
     assert (later("3.9", "3.10"), earlier("3.9", "3.10")) == ("3.10", "3.9")
     assert (later("", "2"), earlier("2", ""), later("", "")) == ("2", "2", "")
+
+
+def test_a_label_is_before_a_release_where_all_that_it_stands_for_is():
+    before = ("3.0", "3.2", "3.2.7", "3.3.0", "3.3.5", "2", "3.2.0rc1")
+    for version in ("3", "3.3", "3.3.6", "3.3.7", "3.3.10", "3.4", "4.0.1", "main", ""):
+        assert not is_wholly_before(version, "3.3.6")
+    for version in before:
+        assert is_wholly_before(version, "3.3.6")
+        assert is_before(version, "3.3.6")
+    assert is_before("3.3", "3.3.6")
+    assert not is_before("main", "3.3.6")

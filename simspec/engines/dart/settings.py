@@ -36,9 +36,9 @@ SETTINGS: Mapping[str, Setting] = {
         finer=3000,
     ),
     "tolerance": Setting(
-        1e-7,
-        "The NSGS solver stops below this residual. With DART's default of 1e-5 a pile of balls that must stand creeps by 1.2 mm "
-        "in 0.6 s (μ = 0.2, 1 ms); with 1e-7 by 2 µm.",
+        1e-6,
+        "The NSGS solver stops below this residual. With DART's default of 1e-5 a pile of balls that must stand creeps by "
+        "1.2 mm in 0.6 s (μ = 0.2, 1 ms); with 1e-6 by 2 µm.",
         minimum=0.0,
         needs=("contact_solver", ("auto", "nsgs")),
         group=Group.ACCURACY,

@@ -48,6 +48,8 @@ class Engine:
     """Other packages that bring the engine, and whose version counts where the first is not installed."""
     FORMER_DISTRIBUTIONS: ClassVar[Mapping[str, str]] = {}
     """The versions (``<4``) of which another package has to be installed than ``DISTRIBUTION``, each with its name."""
+    OLDEST: ClassVar[str] = ""
+    """The first release that reads the files that simspec writes for it; "": any."""
     EXTRA: ClassVar[str]
     """The extra of simspec that installs it; "" where none does."""
     APART: ClassVar[str] = ""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from simspec.support.versions import is_before
 from simspec.world.types import PairContact
 
 
@@ -17,7 +18,8 @@ class Deviation:
     ``size`` is the largest measured one, ``why`` what it comes from. ``relative``: size is a share of the expected value,
     else it is in the figure's unit. It counts for pairs with at least this ``friction`` and ``restitution``, from this
     ``timestep`` (s) on, and under this ``friction_cone``, kind of ``hardness`` and ``setting`` (name, value) of the engine
-    alone, where these are given, and in worlds where bodies of at least this ``ratio`` of masses may touch.
+    alone, where these are given, in worlds where bodies of at least this ``ratio`` of masses may touch, and in releases before
+    ``until`` ("": in all), where the release is known.
     """
 
     probe: str
@@ -31,6 +33,7 @@ class Deviation:
     hardness: str = ""
     setting: tuple[str, str] | None = None
     ratio: float = 0.0
+    until: str = ""
 
     def counts_for(
         self,
@@ -39,10 +42,13 @@ class Deviation:
         timestep: float,
         settings: Mapping[str, Any] = MappingProxyType({}),
         ratio: float = 0.0,
+        version: str | None = None,
     ) -> bool:
-        """Whether it is one of this pair's, under this cone, timestep, and these settings of the engine."""
+        """Whether it is one of this pair's, under this cone, timestep, and these settings of the engine, in this release of
+        it (None: not known)."""
         return (
-            (self.setting is None or settings.get(self.setting[0]) == self.setting[1])
+            (not self.until or (version is not None and is_before(version, self.until)))
+            and (self.setting is None or settings.get(self.setting[0]) == self.setting[1])
             and pair.friction >= self.friction
             and pair.restitution >= self.restitution
             and timestep >= self.timestep

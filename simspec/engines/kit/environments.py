@@ -9,13 +9,14 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.diagnosis import requirements
 from simspec.engines.kit.identity import EngineId, parse
+from simspec.engines.kit.installed import too_old
 from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.released import package_of
 from simspec.errors import EngineError, SpecError
 from simspec.outputs.begun import is_whole
 from simspec.outputs.cache import data_folder
@@ -71,14 +72,15 @@ def requirement(engine: type[Engine], version: str) -> str:
         wanted = Version(version)
     except InvalidVersion:
         raise EngineError(engine.NAME, f"{version!r} is not a version that pip knows") from None
-    former = (name for rule, name in engine.FORMER_DISTRIBUTIONS.items() if SpecifierSet(rule).contains(wanted))
     exact = wanted.is_prerelease or wanted.is_postrelease or wanted.local is not None
-    return f"{next(former, engine.DISTRIBUTION)}=={version}" + ("" if exact else ".*")
+    return f"{package_of(engine, wanted)}=={version}" + ("" if exact else ".*")
 
 
 def making(label: EngineId) -> list[list[str]]:
     """The commands that make the environment of a label. Raises EngineError where there can be none."""
     engine = find_engine(label.name)
+    if (why := too_old(engine, label.version)) is not None:
+        raise EngineError(label.label, why)
     place = place_of(label.label)
     if place is None:
         raise EngineError(label.label, "there is no home folder to keep it in: XDG_DATA_HOME can name another")

@@ -21,6 +21,7 @@ from simspec.engines.kit.identity import engine_name, other_version, program_of
 from simspec.engines.kit.installing import left_out, not_installed
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.errors import EngineError, clipped, visible
+from simspec.support.versions import is_wholly_before
 
 PATIENCE = 30.0
 """s that all interpreters together may take to give their versions: a cold disk needs a few."""
@@ -93,7 +94,7 @@ def _instance(label: str, python: str | None, asked: _Asked | None, ends: float)
         if version is None:
             problem = _how_to_install(engine) if asked is None else _not_there(python, engine)
         else:
-            problem = other_version(label, version)
+            problem = other_version(label, version) or too_old(engine, version)
     return Instance(label, engine.NAME, version, python, engine.DIALECT, format_of(engine), problem, numpy)
 
 
@@ -112,6 +113,13 @@ def version_in(python: str, label: str) -> str:
 def version_of(label: str, python: str | None) -> str | None:
     """The version of an engine in an interpreter, None: this one; None where it is not there."""
     return find_engine(label).version() if python is None else version_in(python, label)
+
+
+def too_old(engine: type[Engine], version: str) -> str | None:
+    """Why a release of an engine is of no use: it does not read what simspec writes. None where it does."""
+    if not engine.OLDEST or not is_wholly_before(version, engine.OLDEST):
+        return None
+    return f"is version {version}; {engine.TITLE or engine.NAME} reads the files that simspec writes from {engine.OLDEST} on"
 
 
 def _not_there(python: str | None, engine: type[Engine]) -> str:

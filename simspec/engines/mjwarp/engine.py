@@ -20,8 +20,8 @@ from simspec.engines.mjwarp.settings import SETTINGS
 from simspec.engines.mjwarp.simulation import SEARCH_OF_FILE, MjWarpSimulation
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
-from simspec.engines.mujoco.rewritten import NO_EQUALITIES, hardnesses, met_exactly, no_friction
-from simspec.support.declarations import Level, Refinement, Support, Table, never
+from simspec.engines.mujoco.rewritten import NO_EQUALITIES, met_exactly, no_friction
+from simspec.support.declarations import EXACT, Level, Refinement, Support, Table, never
 from simspec.support.features import Feature
 from simspec.world.types import HeldValue, World
 
@@ -79,7 +79,7 @@ class MjWarp(MjWarpSimulation):
     NATIVE_LAW: ClassVar[NativeLaw | None] = None
     SUPPORT: ClassVar[Table] = {
         **MuJoCo.SUPPORT,
-        **hardnesses(MuJoCo.SUPPORT),
+        Feature.SHAPE_BOX: EXACT,  # by a function of its own, whatever MuJoCo's release
         Feature.SHAPE_CAPSULE: _of_kind("capsule"),
         Feature.SHAPE_CYLINDER: _of_kind("cylinder"),
         Feature.SHAPE_ELLIPSOID: _of_kind("ellipsoid"),

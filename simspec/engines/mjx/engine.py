@@ -18,7 +18,18 @@ from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation, turns
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.rewritten import NO_EQUALITIES, hardnesses, met_exactly, no_friction, rubs
-from simspec.support.declarations import Level, Refinement, Support, Table, alike, approximate, exactly, never, not_here
+from simspec.support.declarations import (
+    EXACT,
+    Level,
+    Refinement,
+    Support,
+    Table,
+    alike,
+    approximate,
+    exactly,
+    never,
+    not_here,
+)
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.kinematics import layout_of
 from simspec.world.meeting import meeting_laws, shape_pairs, solid_shapes
@@ -97,6 +108,7 @@ class Mjx(MjxSimulation):
     SUPPORT: ClassVar[Table] = {
         **MuJoCo.SUPPORT,
         **hardnesses(MuJoCo.SUPPORT, _small_enough),
+        Feature.SHAPE_BOX: EXACT,  # by a function of its own, whatever MuJoCo's release
         Feature.SHAPE_CYLINDER: Support(
             Level.EXACT,
             "against planes and spheres, and what never meets anything",

@@ -17,10 +17,11 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.mujoco.coupled import DEVIATIONS, coupled_support
 from simspec.support.declarations import Level, Refinement, Support, approximate, never
 from simspec.support.features import Feature
+from simspec.world.meeting import meeting_kinds
 from simspec.world.types import World
 
-_FACES = "3.4"
-"""The first release in which two faces touch as deep as they are, with several points (multiccd)."""
+BOXES = "3.4"
+"""The first release in which two boxes touch with the depth of their overlap."""
 
 COULOMB_COSTS = (
     "De Saxcé's correction, computed around MuJoCo's solver at every step (setting friction: coulomb): impacts within 2 %, "
@@ -43,7 +44,29 @@ def coulomb_asked(world: World) -> Refinement | None:
     return BY_COULOMB if dict(world.options("mujoco").settings).get("friction") == COULOMB else None
 
 
+HALF_DEPTH = Refinement(
+    Level.APPROXIMATE,
+    f"before {BOXES} the points of two boxes have half the depth of their overlap: a box lies twice as deep on another one "
+    "(0.2155 mm for 0.1078 mm with MuJoCo's native hardness), and their overlaps are taken back at half the rate; other shapes "
+    "are not affected (measured, 3.3.7)",
+    f"before {BOXES}: a box lies twice as deep on another box, and rises out of it half as fast",
+)
+
+
+def boxes_before(world: World) -> Refinement | None:
+    """Two boxes that may touch have half the depth in earlier releases."""
+    return HALF_DEPTH if ("box", "box") in meeting_kinds(world) else None
+
+
 CONTACT_SUPPORT: Mapping[Feature, Support] = {
+    Feature.SHAPE_BOX: Support(
+        Level.EXACT,
+        f"before {BOXES} two boxes that may meet are approximate, and accepted by name: they touch with half the depth of "
+        "their overlap, so that a box lies twice as deep on another one",
+        cases=(HALF_DEPTH,),
+        since=BOXES,
+        before=boxes_before,
+    ),
     Feature.SHAPE_CYLINDER: Support(
         Level.EXACT,
         "flat faces touch at points on their rim; on the soft first layer of friction they lean: an upright cylinder that "
@@ -72,21 +95,17 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
     ),
     Feature.HARDNESS_COMMON: Support(
         Level.EXACT,
-        "with friction of MuJoCo's own and without restitution on a cushion of 0.1 mm (setting friction_cushion); before "
-        "3.4 two faces touch with half the depth that they have (measured, 3.3.7), so that boxes lie twice as deep",
-        since=_FACES,
+        "with friction of MuJoCo's own and without restitution on a cushion of 0.1 mm (setting friction_cushion)",
     ),
     Feature.HARDNESS_TIME_CONSTANT: approximate(
         "for one point of contact: rest depth g T² ζ² within 0.01 %, oscillation within 0.3 % at T ζ = 15 steps, rebound "
         "within 0.04; the n points of a face act as n springs, so a box lies a quarter as deep",
         short="right for one point of contact; a face is as stiff as its n points: a box lies 1/4 as deep",
-        since=_FACES,
     ),
     Feature.HARDNESS_STIFFNESS: Support(
         Level.EXACT,
         "between free single bodies and what cannot move: rest depth within 1e-5, at any number of points; mechanisms are "
         "refused, since MuJoCo's numbers are accelerations",
-        since=_FACES,
     ),
     Feature.HARDNESS_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
     Feature.SURFACE_VELOCITY: Support(Level.EXACT, "surfacevel of a geom", since="3.11"),
@@ -95,7 +114,6 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         "solref 0.02 1, solimp 0.9 0.95 0.001: a 1 kg box rests 0.11 mm deep, a sphere 0.37 mm; a slider hops 3 mm at 5 m/s "
         "and μ = 0.5; impratio stays the world's",
         short="MuJoCo's own soft contact: a box rests 0.1 mm deep, a sphere 0.4 mm, a slider hops 3 mm",
-        since=_FACES,
     ),
     Feature.PASSING_PAIRS: Support(Level.EXACT, "by masks of shapes, or excluded pairs of bodies"),
     Feature.IMPACT_FRICTION: approximate(

@@ -18,6 +18,7 @@ from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_OWN, load
 from simspec.engines.mujoco.ground import HEIGHT_FIELDS
+from simspec.engines.mujoco.half_depth import DEVIATIONS as HALF_DEPTH_DEVIATIONS
 from simspec.engines.mujoco.readback import UNREADABLE
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
@@ -58,6 +59,7 @@ class MuJoCo(MujocoSimulation):
     DISTRIBUTION: ClassVar[str] = "mujoco-core"
     OTHER_DISTRIBUTIONS: ClassVar[tuple[str, ...]] = ("mujoco",)
     FORMER_DISTRIBUTIONS: ClassVar[Mapping[str, str]] = {"<4": "mujoco"}
+    OLDEST: ClassVar[str] = "3.3.6"  # flags for springs and for dampers; until then one for both
     EXTRA: ClassVar[str] = "mujoco"
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
@@ -127,7 +129,7 @@ class MuJoCo(MujocoSimulation):
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
-    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (*CONTACT_DEVIATIONS, *HALF_DEPTH_DEVIATIONS)
     HULL_PRECISION: ClassVar[float] = 3e-7  # it reads single precision, and moves what it has read (1e-7 measured)
     DRY_FRICTION_CREEP: ClassVar[float] = 1e-7
     # Newton's solver ends at its tolerance, which leaves speeds of 1.5e-8 where frictions are of 2e-3 N m (measured)

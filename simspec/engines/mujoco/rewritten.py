@@ -33,10 +33,9 @@ NO_EQUALITIES: Table = alike(
 )
 
 
-def hardnesses(table: Table, refine: Callable[[World], Refinement | None] | None = None) -> Table:
-    """MuJoCo's declarations of hardness, from ``table``, without bounds: these are of MuJoCo's releases."""
-    bounds: dict[str, Any] = {"since": ""} if refine is None else {"since": "", "refine": refine}
-    return {feature: dataclasses.replace(table[feature], **bounds) for feature in HARDNESSES}
+def hardnesses(table: Table, refine: Callable[[World], Refinement | None]) -> Table:
+    """MuJoCo's declarations of hardness, from ``table``, with what holds in a world."""
+    return {feature: dataclasses.replace(table[feature], refine=refine) for feature in HARDNESSES}
 
 
 def rubs(law: PairContact) -> bool:

@@ -23,24 +23,33 @@ SettingsBetween = Callable[[Pair], Mapping[str, Any]]
 
 
 def figure_faults(
-    figures: Sequence[Figure], world: World, engine: type[Engine] | None, settings: SettingsBetween
+    figures: Sequence[Figure],
+    world: World,
+    engine: type[Engine] | None,
+    settings: SettingsBetween,
+    version: str | None = None,
 ) -> Iterator[str]:
     """Figures that are missing or that the world does not have, and those whose expected value, tolerance or declared
     deviation is not that of the probe and of the engine. ``engine`` None: one that is not known here, whose deviations
-    cannot be judged; ``settings``: those in force between two materials."""
+    cannot be judged; ``settings``: those in force between two materials; ``version``: the engine's release."""
     by_subject: dict[str, list[Figure]] = {}
     for figure in figures:
         by_subject.setdefault(figure.subject, []).append(figure)
     known = set()
     for law in laws(world):
         known.add(subject(law))
-        yield from _of_law(by_subject.get(subject(law), []), law, engine, settings((law.pair.first, law.pair.second)))
+        between = settings((law.pair.first, law.pair.second))
+        yield from _of_law(by_subject.get(subject(law), []), law, engine, between, version)
     rest = [figure for name, some in by_subject.items() if name not in known for figure in some]
     yield from _of_sizes(rest, world, engine)
 
 
 def _of_law(
-    figures: Sequence[Figure], law: Law, engine: type[Engine] | None, settings: Mapping[str, Any]
+    figures: Sequence[Figure],
+    law: Law,
+    engine: type[Engine] | None,
+    settings: Mapping[str, Any],
+    version: str | None,
 ) -> Iterator[str]:
     probes = [probe for probe in PROBES.values() if probe.applies(law)]
     wanted = Counter((one.probe, one.quantity) for probe in probes for one in probe.wanted(law))
@@ -60,7 +69,7 @@ def _of_law(
         elif reference is not None:
             yield from _numbers(figure, reference, source.slack(law))
             if engine is not None:
-                yield from _deviation(figure, law, engine, settings, reference)
+                yield from _deviation(figure, law, engine, settings, version, reference)
 
 
 def _reference(figure: Figure, law: Law, probes: Sequence[Probe]) -> tuple[Probe | None, Figure | None]:
@@ -83,12 +92,17 @@ def _numbers(figure: Figure, reference: Figure, slack: float) -> Iterator[str]:
 
 
 def _deviation(
-    figure: Figure, law: Law, engine: type[Engine], settings: Mapping[str, Any], reference: Figure
+    figure: Figure,
+    law: Law,
+    engine: type[Engine],
+    settings: Mapping[str, Any],
+    version: str | None,
+    reference: Figure,
 ) -> Iterator[str]:
     """The tolerance is the probe's, or that of a deviation that the engine declares for this law."""
     share = figure.expected / reference.expected if reference.expected else 1.0
     plain = replace(figure, tolerance=share * reference.tolerance, deviation="", promised=None)
-    wanted = deviating(plain, law, engine, settings)
+    wanted = deviating(plain, law, engine, settings, version)
     if figure.deviation != wanted.deviation:
         told = f"the deviation {figure.deviation!r}" if figure.deviation else "no deviation"
         yield f"L5 {figure.probe}, {figure.case}: {told}, {engine.NAME} declares {wanted.deviation or 'none'!r} here"

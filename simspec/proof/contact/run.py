@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.compiler import Compiled, compile_world, write_folder
+from simspec.compiler import Compiled, compile_world, version_at_work, write_folder
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
@@ -109,6 +109,8 @@ class Measuring:
     running: Running | None
     place: Path
     python: str | None
+    version: str | None
+    """The engine's release, which some deviations are of."""
     ends: float
     """When the deadline is over (``time.monotonic``)."""
     use_cache: bool
@@ -134,7 +136,8 @@ class Measuring:
                 if self.use_cache and not cache.write(job.key, raw):
                     complaints = [f"the cache {cache.ENTRIES.folder()} is not writable"]
                 figures += cache.differing(job.sampled or (), raw)
-            figures += [deviating(figure, job.law, self.engine, job.settings(self.engine)) for figure in raw]
+            settings = job.settings(self.engine)
+            figures += [deviating(figure, job.law, self.engine, settings, self.version) for figure in raw]
         return figures, complaints
 
     def _answers(self, doing: Callable[[str], None] | None) -> Iterator[list[Answer] | EngineError]:
@@ -224,7 +227,10 @@ def measure(
             running = stack.enter_context(
                 start(engine_name, place, operations, python=python, deadline=deadline, warm=warm)
             )
-        yield Measuring(engine, tuple(jobs), tuple(operations), running, place, python, ends, use_cache, refused)
+        version = version_at_work(engine_name, {} if python is None else {engine_name: python})
+        yield Measuring(
+            engine, tuple(jobs), tuple(operations), running, place, python, version, ends, use_cache, refused
+        )
 
 
 def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool, python: str | None) -> _Job:
@@ -368,15 +374,18 @@ def _kept(figure: Figure, job: _Job) -> Figure:
     return dataclasses.replace(figure, measured=float(measured) if finite else None, points=points)  # type: ignore[arg-type]
 
 
-def deviating(figure: Figure, law: Law | None, engine: type[Engine], settings: Mapping[str, Any]) -> Figure:
-    """The figure with the tolerance that the engine's declared deviations give it under its settings; a size has none."""
+def deviating(
+    figure: Figure, law: Law | None, engine: type[Engine], settings: Mapping[str, Any], version: str | None = None
+) -> Figure:
+    """The figure with the tolerance that the engine's declared deviations give it under its settings in its release; a size
+    has none."""
     if law is None:
         return figure
     sizes = [
         (_size(deviation, figure), deviation)
         for deviation in engine.CONTACT_DEVIATIONS
         if deviation.probe == figure.probe
-        and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings, law.reach.ratio)
+        and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings, law.reach.ratio, version)
     ]
     wider = [entry for entry in sizes if entry[0] > figure.tolerance]
     if not wider or figure.passed:
