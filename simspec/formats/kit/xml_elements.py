@@ -29,8 +29,9 @@ CHUNK: Final = 2**20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Element:
-    """One element, compared by identity. ``text`` is what stands in it beside elements, without blanks around each piece;
-    ``line`` counts from one."""
+    """One element, compared by identity. ``line`` counts from one. ``text`` is its character data. As XML defines it, comments,
+    CDATA marks and references do not divide a text; child elements do: the texts before, between and after them are joined by
+    one blank, each without white space at its ends."""
 
     tag: str
     line: int
@@ -92,6 +93,8 @@ class _Builder:
     def __init__(self, name: str):
         self._name = name
         self._open: list[tuple[str, int, dict[str, str], list[Element], list[str]]] = []
+        self._pieces: list[str] = []
+        """Of the text that is being read: expat divides it at the ends of chunks, at its buffer's size, at comments."""
         self._elements = 0
         self.root: Element | None = None
         self.parser = parser = expat.ParserCreate()
@@ -109,6 +112,7 @@ class _Builder:
         raise self.refused("a document type, which may define entities, is not read")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._end_text()
         self._elements += 1
         if self._elements > MOST_ELEMENTS:
             raise self.refused(f"more than {MOST_ELEMENTS:,} elements")
@@ -119,6 +123,7 @@ class _Builder:
         self._open.append((tag, self.parser.CurrentLineNumber, attributes, [], []))
 
     def _end(self, _: str) -> None:
+        self._end_text()
         tag, line, attributes, children, texts = self._open.pop()
         element = Element(tag, line, attributes, tuple(children), " ".join(texts))
         if self._open:
@@ -126,6 +131,11 @@ class _Builder:
         else:
             self.root = element
 
-    def _text(self, text: str) -> None:
-        if piece := text.strip():
-            self._open[-1][4].append(piece)
+    def _text(self, piece: str) -> None:
+        self._pieces.append(piece)
+
+    def _end_text(self) -> None:
+        """A tag ends the text before it."""
+        if text := "".join(self._pieces).strip():
+            self._open[-1][4].append(text)
+        self._pieces.clear()
