@@ -17,10 +17,11 @@ from simspec.control.native import Servos
 from simspec.dialects.kit.sidecar import SidecarBody
 from simspec.dialects.mujoco.chains import chains
 from simspec.dialects.mujoco.choices import FLAGS
-from simspec.dialects.mujoco.names import COULOMB, KEYFRAME
+from simspec.dialects.mujoco.names import COULOMB, KEYFRAME, NATIVE
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
 from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.recovery import Recovery
 from simspec.engines.mujoco.actuation import Drive, JointArrays
 from simspec.engines.mujoco.between import Between
 from simspec.engines.mujoco.coulomb import Coulomb
@@ -30,7 +31,7 @@ from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.formats.mjcf.names import file_name
 from simspec.world.rotations import cross
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, PairContact, ReadBack
 
 CONTACTS_LEFT_OUT, CONSTRAINTS_LEFT_OUT = 1, 2
 """MuJoCo's mjtWarning: places of its counts of steps in which the arena had no room."""
@@ -56,6 +57,15 @@ class MujocoSimulation(Engine, abstract=True):
     @classmethod
     def prepare(cls) -> None:
         import_mujoco()
+
+    @classmethod
+    def recovery(cls, settings: Mapping[str, Any], law: PairContact) -> Recovery | None:
+        cushioned = (
+            settings["friction"] == NATIVE and law.friction and settings["friction_cushion"] and not law.restitution
+        )
+        if cushioned or law.hardness.kind != "common":
+            return None
+        return Recovery(float(settings["contact_error_reduction"]))
 
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
