@@ -27,7 +27,7 @@ REMEMBERED = 0.05
 """What a side remembers beside its state is told from this part of the gap on."""
 NARROW = 0.01
 """Intervals that are narrower are not told."""
-LONGEST = 160
+LONGEST = 120
 """Characters of a declaration that a sentence quotes."""
 LIKE = 0.005
 """Shares that differ by less are told once."""
@@ -148,12 +148,11 @@ def _begun(explanation: Explanation) -> bool:
 def _predicted(explanation: Explanation, rest: bool) -> Iterable[str]:
     """What declared laws account for."""
     of = "what is left" if rest else "the difference"
-    told = [name for name in explanation.telling if name != RUN]
     for one in explanation.declared:
         if one.predicted:
-            yield (
-                f"Declared: {one.engine} {one.what}. The declared laws give {_plain(one.share, told, one.interval)} of {of}."
-            )
+            closed = {name: share for name, share in one.share.items() if share > 0.0}
+            shares = _shares(closed, explanation.telling, one.interval).replace("the difference", of, 1)
+            yield f"Declared: {one.engine} {one.what}. This accounts for {shares}."
 
 
 def _ways(explanation: Explanation, rest: bool) -> Iterable[str]:
@@ -194,25 +193,20 @@ def _left(explanation: Explanation) -> Iterable[str]:
         yield f"Unexplained: less than {percent(1.0 - ENOUGH)}."
         return
     fitting = [one for one in explanation.declared if not one.predicted and any(name in left for name in one.share)]
-    acts: dict[str, list[str]] = {}
-    for one in fitting:
-        told = f"{one.engine}: {clipped(one.what, LONGEST)}"
-        acts.setdefault(one.acts, []).append(told)
     located = dict.fromkeys(left, 0.0)
-    for what, engines in acts.items():
-        shares = next(one.share for one in fitting if one.acts == what)
-        parts = {name: min(1.0, shares[name]) for name in left if name in shares}
+    for acts in dict.fromkeys(one.acts for one in fitting):
+        some = [one for one in fitting if one.acts == acts]
+        parts = {name: min(1.0, some[0].share[name]) for name in left if name in some[0].share}
         located |= {name: max(located[name], part) for name, part in parts.items()}
-        yield (
-            f"Without {what}, {', '.join(f'{percent(part)} of what is left in {WORDS[name]}' for name, part in parts.items())} "
-            f"is gone, and {what} is where a deviation is declared: {'; '.join(engines[:MOST])}"
-            f"{f' (and {len(engines) - MOST} more, --json)' if len(engines) > MOST else ''}."
-        )
-    still = {name: share * (1.0 - located[name]) for name, share in left.items()}
-    still = {name: share for name, share in still.items() if share > 1.0 - ENOUGH}
+        told = {name: part for name, part in parts.items() if name != ALL} or parts
+        engines = {one.engine: clipped(one.what, LONGEST) for one in reversed(some)}
+        yield f"Declared of {acts}: {'; '.join(f'{engine}: {what}' for engine, what in sorted(engines.items()))}."
+        yield f"Of what is left, {_in_classes(told)} is gone without {acts}."
     if fitting:
-        beside = "Unexplained, and not where a deviation is declared: "
-        yield beside + (_in_classes(still) if still else f"less than {percent(1.0 - ENOUGH)}") + "."
+        still = {name: share * (1.0 - located[name]) for name, share in left.items()}
+        still = {name: share for name, share in still.items() if share > 1.0 - ENOUGH}
+        told_still = _in_classes(still) if still else f"less than {percent(1.0 - ENOUGH)}"
+        yield f"Unexplained, and not where a deviation is declared: {told_still}."
     else:
         yield f"Unexplained: {_in_classes(left)}."
     if any(share > 1.0 + SMALLEST_SHARE for share in left.values()):
