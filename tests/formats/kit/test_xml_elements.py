@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from xml.sax.saxutils import escape
 
 import pytest
@@ -12,6 +13,11 @@ from hypothesis import strategies as st
 from simspec.errors import SpecError
 from simspec.formats.kit import xml_elements
 from simspec.formats.kit.xml_elements import parse_xml, read_xml
+
+XML = (".xml", ".skel", ".urdf", ".sdf")
+GENERATED = Path(__file__).resolve().parents[3] / "generated"
+COMPILED = [path for name in ("spheres-216", "ur10e", "gripper-lift") for path in sorted((GENERATED / name).rglob("*"))]
+"""Files of the library; of those that are XML each is read in several ways."""
 
 
 def test_elements_keep_order_lines_attributes_and_texts():
@@ -131,3 +137,18 @@ def test_a_number_that_lies_across_the_end_of_a_chunk_is_one_number(place):
 def test_child_elements_divide_a_text():
     root = parse_xml(b"<a>0.84<b/>01<!-- c -->2<b/> <b/>3</a>", "f.xml")
     assert root.text == "0.84 012 3"
+
+
+def said(root):
+    """All of a document."""
+    return [(one.tag, one.line, dict(one.attributes), one.text, len(one.children)) for one in root.walk()]
+
+
+@pytest.mark.parametrize("path", [path for path in COMPILED if path.suffix in XML], ids=str)
+def test_a_compiled_file_is_the_same_in_chunks_of_any_size(path, monkeypatch):
+    content = path.read_bytes()
+    whole = said(parse_xml(content, path.name))
+    assert len(whole) > 3
+    for chunk in (61, 1009, 8191):
+        monkeypatch.setattr(xml_elements, "CHUNK", chunk)
+        assert said(parse_xml(content, path.name)) == whole
