@@ -2,7 +2,8 @@
 
 Each command is a process of its own with a deadline. Its figures are the processor time (s) and the largest memory (MB, all
 processes together) of it and all that it starts, sampled ten times a second; ``–``: not tried, since compiling was refused.
-``run`` makes 20 steps of 1 ms, recorded every 5. A command that ends otherwise is told with its last line.
+``run`` makes 20 steps of 1 ms, recorded every 5, four times (repeats), without the proof, which ``verify`` makes. The last line
+of a command that ends otherwise goes to standard error.
 
     python benchmarks/bodies.py                               all sizes, all installed engines: an hour on two cores
     python benchmarks/bodies.py --count 4096 --engine NAME    one of them
@@ -98,7 +99,7 @@ def words_of(command: str, count: int, engine: str) -> list[str]:
         "check": ["check", spec],
         "compile": ["compile", spec, *given, "--out", f"out/{engine}"],
         "verify": ["verify", spec, *given, "--out", f"out/{engine}"],
-        "run": ["run", spec, *given, "--out", f"runs/{engine}"],
+        "run": ["run", spec, *given, "--no-verify", "--out", f"runs/{engine}"],
         "report": ["report", f"runs/{engine}/balls-{count}"],
     }[command]
 

@@ -102,42 +102,47 @@ def _recovery(side: Configuration, names: tuple[str, str]) -> Recovery | None:
     return found.pop() if len(found) == 1 else None
 
 
-def recovery_shift(pair: Pair, windows: Windows, run: Answer) -> Floats:
-    """How much farther (m) the first side moves each body in each window than the second, (k, bodies, 3), by taking overlaps
-    back as both declare it. ``run``: the first side's, with contacts."""
-    world, arrays = windows.world, run.arrays
-    names = [body.name for body in world.bodies]
-    groups = rigid_groups(world)
-    carried = [groups[name] == "world" for name in names]
-    rows, bodies = arrays["contact.row"], arrays["contact.body"].astype(np.int64)
-    acting = (arrays["contact.normal_force"] > 0.0) | (arrays["contact.distance"] <= 0.0)
-    begin, end = windows.rows(run, windows.numbers), windows.rows(run, windows.numbers + 1)
-    steps_of_row = int(arrays["step"][1] - arrays["step"][0])
-    known: dict[tuple[str, str], tuple[Recovery | None, ...]] = {}
-    shift: Floats = np.zeros((len(windows.numbers), len(names), 3))
-    for number, (first_row, last_row) in enumerate(zip(begin.tolist(), end.tolist(), strict=True)):
-        places = np.arange(np.searchsorted(rows, first_row + 1), np.searchsorted(rows, last_row + 1))
-        moves: dict[tuple[int, int], Floats] = {}
-        for key, (overlap, normal, touched) in _overlaps(arrays, rows, bodies, places[acting[places]]).items():
-            both = names[key[0]], names[key[1]]
-            if both not in known:
-                known[both] = tuple(_recovery(side, both) for side in pair)
-            ours, theirs = known[both]
-            if ours is None or theirs is None:
-                continue
-            apart = [
-                recovery.taken_back(overlap, touched * steps, float(exact(side.world.physics.timestep)))
-                for recovery, side, steps in zip((ours, theirs), pair, _steps(pair, steps_of_row), strict=True)
-            ]
-            moves[key] = (apart[0] - apart[1]) * normal
-        _carry(shift[number], moves, carried, world)
-    return shift
+class RecoveryShift:
+    """How much farther (m) the first side of a pair moves each body in each window than the second, (k, bodies, 3), by taking
+    overlaps back as both declare it. ``run``: the first side's, with contacts, whose overlaps both begin with."""
 
+    def __init__(self, windows: Windows, run: Answer):
+        self._world = windows.world
+        self._names = [body.name for body in self._world.bodies]
+        groups = rigid_groups(self._world)
+        self._static = [groups[name] == "world" for name in self._names]
+        arrays = run.arrays
+        rows, bodies = arrays["contact.row"], arrays["contact.body"].astype(np.int64)
+        acting = (arrays["contact.normal_force"] > 0.0) | (arrays["contact.distance"] <= 0.0)
+        self._row = int(arrays["step"][1] - arrays["step"][0]) * exact(self._world.physics.timestep)
+        """s between two rows."""
+        self._found: list[dict[tuple[int, int], tuple[float, Floats, int]]] = []
+        begin, end = windows.rows(run, windows.numbers), windows.rows(run, windows.numbers + 1)
+        for first, last in zip(begin.tolist(), end.tolist(), strict=True):
+            places = np.arange(np.searchsorted(rows, first + 1), np.searchsorted(rows, last + 1))
+            self._found.append(_overlaps(arrays, rows, bodies, places[acting[places]]))
 
-def _steps(pair: Pair, steps_of_row: int) -> tuple[int, int]:
-    """Steps of each side between two rows of the first side's run."""
-    first, second = (exact(side.world.physics.timestep) for side in pair)
-    return steps_of_row, max(1, round(steps_of_row * first / second))
+    def __call__(self, pair: Pair) -> Floats:
+        """The shift of a pair; nothing where it declares no law, or nothing touches in its worlds."""
+        timesteps = [exact(side.world.physics.timestep) for side in pair]
+        known: dict[tuple[int, int], list[Recovery | None]] = {}
+        shift: Floats = np.zeros((len(self._found), len(self._names), 3))
+        for number, found in enumerate(self._found):
+            moves: dict[tuple[int, int], Floats] = {}
+            for key, (overlap, normal, touched) in found.items():
+                if key not in known:
+                    names = self._names[key[0]], self._names[key[1]]
+                    known[key] = [_recovery(side, names) for side in pair]
+                ours, theirs = known[key]
+                if ours is None or theirs is None:
+                    continue
+                apart = [
+                    recovery.taken_back(overlap, round(touched * self._row / timestep), float(timestep))
+                    for recovery, timestep in zip((ours, theirs), timesteps, strict=True)
+                ]
+                moves[key] = (apart[0] - apart[1]) * normal
+            _carry(shift[number], moves, self._static, self._world)
+        return shift
 
 
 def _overlaps(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from simspec.attribution.candidates import Candidate, Kind, Pair, causes, probes
 from simspec.attribution.configuration import Asking, Configuration
 from simspec.attribution.contact import FirstContact
-from simspec.attribution.declared import Declared, located, recoveries, recovery_shift, touching_names
+from simspec.attribution.declared import Declared, RecoveryShift, located, recoveries, touching_names
 from simspec.attribution.differences import differences
 from simspec.attribution.judge import Joint, Judge, Swap
 from simspec.attribution.measure import RUN, Gap, Gaps, negligible
@@ -194,7 +194,7 @@ def _recovered(
     """What the declared laws of recovery account for of a gap, and what is left; from here on gaps are without it. Nothing
     where they close no share that may be claimed."""
     judge = Judge(asked, pair, Gap(gap.windows), floor, lambda *_: None)
-    asked.shift = recovery_shift(pair, asked.windows, run)
+    asked.shift = RecoveryShift(asked.windows, run)
     after = asked.of(pair)
     means, intervals = judge.means(after), judge.intervals(after)
     share = judge.claimed(judge.shares(means), intervals)

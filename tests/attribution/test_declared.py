@@ -174,3 +174,14 @@ def test_what_a_located_deviation_covers_is_not_called_unexplained():
     assert "Declared of friction: ONE: slides aside; OTHER: hops." in lines
     assert "Of what is left, 50 % in contact is gone without friction." in lines
     assert lines[-1] == "Unexplained, and not where a deviation is declared: 50 % in contact, 50 % in all windows."
+
+
+def test_without_contact_nothing_is_predicted(asking, tmp_path, monkeypatch):
+    """A probe that takes contact away leaves nothing of the gap, whatever the laws of recovery are."""
+    held = explaining.probes
+    monkeypatch.setattr(explaining, "probes", lambda pair: [one for one in held(pair) if one.name == "no contact"])
+    sides = [Configuration(dropped(tmp_path, 0.5), engine) for engine in ("mujoco", "dart")]
+    found = explain_sides(sides[0], sides[1], ("A", "B"), asking=asking)
+    assert any(one.predicted for one in found.declared)
+    (probe,) = found.probes
+    assert probe.share["all"] > 0.99
