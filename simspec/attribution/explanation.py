@@ -6,14 +6,16 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from simspec.attribution.candidates import Candidate, Kind, causes, probes
+from simspec.attribution.candidates import Candidate, Kind, Pair, causes, probes
 from simspec.attribution.configuration import Asking, Configuration
 from simspec.attribution.contact import FirstContact
+from simspec.attribution.declared import Declared, RecoveryShift, located, recoveries, touching_names
 from simspec.attribution.differences import differences
 from simspec.attribution.judge import Joint, Judge, Swap
 from simspec.attribution.measure import RUN, Gap, Gaps, negligible
 from simspec.attribution.models import ModelProof
 from simspec.attribution.windows import CLASSES, MOST_WINDOWS, take_windows
+from simspec.engines.kit.process import Answer
 from simspec.errors import EngineError
 
 COLD = Asking()
@@ -44,6 +46,8 @@ class Explanation:
                    run's states; what they remember beside their state
     exchanged      the same from B's states, where much is unexplained from A's; there A is B, and B is A
     notes          what was not looked at, and why
+    declared       declared deviations of the two engines that fit: those with a law, by the share that it predicts of what the
+                   causes leave, which is not unexplained; then those that act where the difference is
     """
 
     first: str
@@ -66,6 +70,7 @@ class Explanation:
     restart: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     exchanged: Explanation | None = None
     notes: tuple[str, ...] = ()
+    declared: tuple[Declared, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Explanation of {self.first} and {self.second}: {len(self.causes)} differences>"
@@ -144,13 +149,20 @@ def _from_first(
     if asked.not_finite:
         notes.append(f"{asked.not_finite} windows are not looked at: a state at their end is not finite")
     windows = asked.windows
-    probed, further = Joint((), caused.gap, {}), list[Swap]()
-    if not same and judge.open(caused.gap):
+    declared: list[Declared] = []
+    met: dict[str, float] = dict(caused.gap)
+    touching = touching_names(first.world, run)
+    if not same and judge.open(met) and (said := recoveries(left, touching)):
+        found, rest = _recovered(asked, left, rest, floor, said, run)
+        declared, met = found, ({**met, **judge.means(Gap(rest.windows))} if found else met)
+    probed, further = Joint((), met, {}), list[Swap]()
+    if not same and judge.open(met):
         second_judge = Judge(asked, left, Gap(rest.windows), floor, progress)
         candidates = list(probes(left))
         further = second_judge.each(candidates)
         closing = [both for both in zip(candidates, further, strict=True) if both[0].kind is not Kind.REMOVAL]
         probed, _, _ = second_judge.together([both[0] for both in closing], [both[1] for both in closing])
+        declared += located(left, touching, further)
     unexplained = {name: 1.0 - share for name, share in judge.shares({**caused.gap, **probed.gap}).items()}
     return Explanation(
         *names,
@@ -172,7 +184,25 @@ def _from_first(
         restart,
         None,
         tuple(notes),
+        tuple(declared),
     )
+
+
+def _recovered(
+    asked: Gaps, pair: Pair, gap: Gap, floor: Mapping[str, float], said: Sequence[tuple[str, str]], run: Answer
+) -> tuple[list[Declared], Gap]:
+    """What the declared laws of recovery account for of a gap, and what is left; from here on gaps are without it. Nothing
+    where they close no share that may be claimed."""
+    judge = Judge(asked, pair, Gap(gap.windows), floor, lambda *_: None)
+    asked.shift = RecoveryShift(asked.windows, run)
+    after = asked.of(pair)
+    means, intervals = judge.means(after), judge.intervals(after)
+    share = judge.claimed(judge.shares(means), intervals)
+    if not share or sum(share.values()) <= 0.0:
+        asked.shift = None
+        return [], gap
+    engines, whats = (" and ".join(dict.fromkeys(words)) for words in zip(*said, strict=True))
+    return [Declared(engines, whats, "recovery of overlaps", True, share, intervals)], after
 
 
 def _in_whole_runs(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,6 +54,8 @@ class Gaps:
         self._runs: dict[tuple[object, ...], Floats] = {}
         self.quiet: NDArray[np.bool_] = np.ones(len(windows.numbers), dtype=bool)
         """The windows (k,) whose own noise does not hide the gap of the two sides."""
+        self.shift: Callable[[Pair], Floats] | None = None
+        """By how much (k, bodies, 3) the second side's ends are moved, since declared laws say so; see ``declared.py``."""
         self.not_finite = 0
         """Windows that are not looked at, since a state at their end is not finite."""
 
@@ -119,7 +122,7 @@ class Gaps:
         """The gap of a pair, whatever is accepted or not: a counterfactual is no claim. ``runs``: of whole runs, too. Raises
         UnsupportedError, SpecError and EngineError."""
         first, second = (side.accepting() for side in pair)
-        return self._between(first, second, runs)
+        return self._between(first, second, runs, None if self.shift is None else self.shift((first, second)))
 
     def moved(self, before: Pair, after: Pair, runs: bool = False) -> Gap:
         """How far a change moves the sides: the gap between each side before and after it, the sum of both sides'."""
@@ -129,9 +132,13 @@ class Gaps:
         run = None if parts[0].run is None or parts[1].run is None else parts[0].run + parts[1].run
         return Gap(parts[0].windows + parts[1].windows, run)
 
-    def _between(self, first: Configuration, second: Configuration, runs: bool) -> Gap:
+    def _between(self, first: Configuration, second: Configuration, runs: bool, shift: Floats | None = None) -> Gap:
         world = self.windows.world
-        found = gaps(world, self._end(first), self._end(second))
+        theirs = self._end(second)
+        if shift is not None:
+            theirs = theirs.copy()
+            theirs[..., :3] += shift
+        found = gaps(world, self._end(first), theirs)
         if not runs:
             return Gap(found)
         poses = [self._whole(side) for side in (first, second)]

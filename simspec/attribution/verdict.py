@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from simspec.attribution.candidates import Kind
 from simspec.attribution.explanation import Explanation
 from simspec.attribution.intervals import Interval
-from simspec.attribution.judge import ENOUGH, Swap, acting, useful
+from simspec.attribution.judge import ENOUGH, SMALLEST_SHARE, Swap, acting, useful
 from simspec.attribution.measure import RUN
 from simspec.attribution.models import told_faults
 from simspec.attribution.windows import ALL
+from simspec.errors import clipped
 
 WORDS: Mapping[str, str] = {
     "free": "free motion",
@@ -26,6 +27,8 @@ REMEMBERED = 0.05
 """What a side remembers beside its state is told from this part of the gap on."""
 NARROW = 0.01
 """Intervals that are narrower are not told."""
+LONGEST = 120
+"""Characters of a declaration that a sentence quotes."""
 LIKE = 0.005
 """Shares that differ by less are told once."""
 
@@ -42,21 +45,32 @@ def verdict(explanation: Explanation) -> tuple[str, ...]:
     lines = [*faults]
     lines += [_cause(swap, telling) for swap in active]
     if len(explanation.caused.names) > 1 and active:
-        lines.append(
-            f"Together they account for {_shares(explanation.caused.share, telling, explanation.caused.interval)}."
-        )
+        lines.append(_together(explanation, telling))
     idle = [swap.name for swap in explanation.causes if swap not in active and swap.failed is None]
     if not active:
         lines.append(_idle(idle) if explanation.causes else _no_cause(explanation))
-    lines += [*_ways(explanation, rest=bool(active)), *_places(explanation)]
+    lines += _predicted(explanation, rest=bool(active))
+    lines += [*_ways(explanation, rest=_begun(explanation)), *_places(explanation)]
     lines += _left(explanation)
     lines += _remembered(explanation)
     if explanation.exchanged is not None:
-        told = [*_ways(explanation.exchanged, bool(active)), *_left(explanation.exchanged)]
+        other = explanation.exchanged
+        told = [*_predicted(other, bool(active)), *_ways(other, _begun(other)), *_left(other)]
         lines += [f"Begun in B's states instead: {line[:1].lower()}{line[1:]}" for line in told]
     if idle and active:
         lines.append(f"Different, and without effect here: {_listed(idle)}.")
     return tuple(lines)
+
+
+def _together(explanation: Explanation, telling: Sequence[str]) -> str:
+    joint = explanation.caused
+    closed = {name: share for name, share in joint.share.items() if share >= 0.0}
+    opened = {name: -share for name, share in joint.share.items() if share < 0.0 and name != ALL}
+    grows = f"the gap grows by {_in_classes(opened)} when they are made equal: they hide a difference of the engines"
+    if not closed or set(closed) == {ALL}:
+        return f"Together they account for none of the difference: {grows}."
+    told = f"Together they account for {_shares(closed, telling, joint.interval)}"
+    return f"{told}; {grows}." if opened else f"{told}."
 
 
 def _idle(idle: Sequence[str]) -> str:
@@ -126,6 +140,21 @@ def percent(share: float) -> str:
     return f"{value:.1f} %" if abs(value) < 10.0 else f"{value:.0f} %"
 
 
+def _begun(explanation: Explanation) -> bool:
+    """Whether probes are of what causes and declared laws leave."""
+    return bool(acting(explanation.causes)) or any(one.predicted for one in explanation.declared)
+
+
+def _predicted(explanation: Explanation, rest: bool) -> Iterable[str]:
+    """What declared laws account for."""
+    of = "what is left" if rest else "the difference"
+    for one in explanation.declared:
+        if one.predicted:
+            closed = {name: share for name, share in one.share.items() if share > 0.0}
+            shares = _shares(closed, explanation.telling, one.interval).replace("the difference", of, 1)
+            yield f"Declared: {one.engine} {one.what}. This accounts for {shares}."
+
+
 def _ways(explanation: Explanation, rest: bool) -> Iterable[str]:
     of = "what is left" if rest else "the difference"
     ways = [
@@ -151,16 +180,41 @@ def _places(explanation: Explanation) -> Iterable[str]:
 
 def _plain(share: Mapping[str, float], telling: Sequence[str], intervals: Mapping[str, Interval]) -> str:
     classes = [name for name in telling if name in share and name != ALL] or [ALL]
-    told = [f"{ranged(share[name], intervals.get(name))} in {WORDS[name]}" for name in classes if name in share]
-    return ", ".join(told)
+    told = [name for name in classes if name in share]
+    closed = [f"{ranged(share[name], intervals.get(name))} in {WORDS[name]}" for name in told if share[name] >= 0.0]
+    opened = [f"{percent(-share[name])} in {WORDS[name]}" for name in told if share[name] < 0.0]
+    grows = f"the gap grows by {', '.join(opened)}"
+    return ", ".join(closed) + (f" ({grows})" if opened else "") if closed else f"none: {grows}"
 
 
 def _left(explanation: Explanation) -> Iterable[str]:
     left = {name: share for name, share in explanation.unexplained.items() if share > 1.0 - ENOUGH}
-    if left:
-        yield f"Unexplained: {', '.join(f'{percent(share)} in {WORDS[name]}' for name, share in left.items())}."
-    else:
+    if not left:
         yield f"Unexplained: less than {percent(1.0 - ENOUGH)}."
+        return
+    fitting = [one for one in explanation.declared if not one.predicted and any(name in left for name in one.share)]
+    located = dict.fromkeys(left, 0.0)
+    for acts in dict.fromkeys(one.acts for one in fitting):
+        some = [one for one in fitting if one.acts == acts]
+        parts = {name: min(1.0, some[0].share[name]) for name in left if name in some[0].share}
+        located |= {name: max(located[name], part) for name, part in parts.items()}
+        told = {name: part for name, part in parts.items() if name != ALL} or parts
+        engines = {one.engine: clipped(one.what, LONGEST) for one in reversed(some)}
+        yield f"Declared of {acts}: {'; '.join(f'{engine}: {what}' for engine, what in sorted(engines.items()))}."
+        yield f"Of what is left, {_in_classes(told)} is gone without {acts}."
+    if fitting:
+        still = {name: share * (1.0 - located[name]) for name, share in left.items()}
+        still = {name: share for name, share in still.items() if share > 1.0 - ENOUGH}
+        told_still = _in_classes(still) if still else f"less than {percent(1.0 - ENOUGH)}"
+        yield f"Unexplained, and not where a deviation is declared: {told_still}."
+    else:
+        yield f"Unexplained: {_in_classes(left)}."
+    if any(share > 1.0 + SMALLEST_SHARE for share in left.values()):
+        yield "More than 100 %: what differs hides a part of the engines' own difference, which shows once it is made equal."
+
+
+def _in_classes(share: Mapping[str, float]) -> str:
+    return ", ".join(f"{percent(value)} in {WORDS[name]}" for name, value in share.items())
 
 
 def _remembered(explanation: Explanation) -> Iterable[str]:

@@ -85,7 +85,13 @@ def swaps_table(explanation: Explanation) -> Table:
     title = "swaps: one thing changed, and the share of the gap that it closes"
     right = range(3, 3 + len(classes))
     shown = table(title, "what is changed", "from", "to", *(WORDS[name] for name in classes), right=list(right))
+    for one in explanation.declared:
+        if one.predicted:
+            cells = ["" if name not in one.share else percent(one.share[name]) for name in classes]
+            shown.add_row(f"{one.acts}, as declared", one.engine, "predicted", *cells)
     swaps = [*_ranked(explanation.causes), *_ranked(explanation.probes)]
+    if any(share < 0.0 for swap in swaps[:MOST_ROWS] for share in swap.share.values()):
+        shown.caption = "negative: the gap grows by this share with the change"
     for swap in swaps[:MOST_ROWS]:
         cells = ["" if name not in swap.share else percent(swap.share[name]) for name in classes]
         if swap.failed is not None:

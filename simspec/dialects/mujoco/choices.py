@@ -110,7 +110,8 @@ SETTINGS: Final[Mapping[str, NeededSetting]] = {
     **dict.fromkeys(("contact_error_reduction", "contact_impedance"), NeededSetting(float, by_pair=True)),
     **dict.fromkeys(("friction_rate", "friction_share", "friction_cushion"), NeededSetting(float, by_pair=True)),
     **dict.fromkeys(("limit_error_reduction", "limit_impedance", "dry_friction_impedance"), NeededSetting(float)),
+    "arena": NeededSetting(int, optional=True),
     "sleeping": NeededSetting(bool, optional=True),
     "sleep_tolerance": NeededSetting(float, optional=True),
 }
-"""What an engine that is told worlds in this dialect must have; the two last are not there where they are off."""
+"""What an engine that is told worlds in this dialect must have; the three last are not there where they are off."""

@@ -40,6 +40,7 @@ from simspec.dialects.mujoco.names import KEYFRAME
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import recentre_free_roots
+from simspec.formats.mjcf.arena import arena_megabytes
 from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.equality import equalities, frame_sites, sites_of
 from simspec.formats.mjcf.filter import collision_masks
@@ -183,7 +184,7 @@ class MujocoDialect(Dialect):
             COMPILER,
             _option(world, target),
             (*FLAGS, *_flag_settings(target)),
-            SIZE,
+            _size(world, target),
             Default(
                 elements=(
                     ("joint", (*JOINT_DEFAULTS, *joint_references(world, target))),
@@ -274,6 +275,12 @@ def _option(world: World, target: Target) -> Attributes:
         *({**dict(OPTION), **dict(fluid_options(world))}.items()),
         ("ccd_tolerance", float(settings["ccd_tolerance"])),
     )
+
+
+def _size(world: World, target: Target) -> Attributes:
+    given = int(target.settings.get("arena", 0))  # not there when off
+    megabytes = given or arena_megabytes(world, target.settings["solver"] == "newton")
+    return SIZE if megabytes is None else (*SIZE, ("memory", f"{megabytes}M"))
 
 
 def _flag_settings(target: Target) -> tuple[tuple[str, bool], ...]:

@@ -15,7 +15,10 @@ INERT: tuple[Inert, ...] = (
     Inert("mujoco@model", "a name"),
     Inert("compiler*", "how the file is compiled into a model, all of whose active parts are compared"),
     *(Inert(f"{tag}@*", OWN_DEFAULT, ("attribute removed",)) for tag in ("option", "flag", "size")),
-    *(Inert(f"size@{name}", "the memory reserved at the start") for name in ("memory", "nstack")),
+    *(
+        Inert(f"size@{name}", "the memory of a state: too little is an error of the run")
+        for name in ("memory", "nstack")
+    ),
     Inert("size*", "joints' user data has two numbers, so that its size is two by default"),
     *(Inert(f"mujoco/{tag}", "for viewers only") for tag in ("visual", "statistic")),
     *(Inert(f"{tag}@name", "a name that nothing refers to") for tag in ("pair", "exclude")),

@@ -44,6 +44,7 @@ from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.outside import computed, constraints_felt
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.recovery import Recovery
 from simspec.engines.kit.refinements import NO_FRICTION
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.stepped import SteppedEngine
@@ -66,7 +67,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.meeting import frictionless
-from simspec.world.types import Body, HeldValue, ReadBack, World
+from simspec.world.types import Body, HeldValue, PairContact, ReadBack, World
 
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
 _SET = "set through dartpy"
@@ -323,6 +324,10 @@ class Dart(SteppedEngine[Simulation]):
         "control.native": "DART's own controllers are switched on when a run begins",
         "collision_group": "DART does not list its filter; it is probed instead",
     }
+
+    @classmethod
+    def recovery(cls, settings: Mapping[str, Any], law: PairContact) -> Recovery | None:
+        return Recovery(speed=1e-3, why="takes overlaps back at 1 mm/s at most, which cannot be set")
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:

@@ -31,6 +31,7 @@ from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.outside import computed, constraints_felt
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.recovery import COMMON, Recovery
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.support.declarations import (
@@ -54,7 +55,7 @@ from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import solid_shapes
-from simspec.world.types import VELOCITY_SIZE, HeldValue, ReadBack, World
+from simspec.world.types import VELOCITY_SIZE, HeldValue, PairContact, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
 _NOT_YET = "simspec does not write it for Drake"
@@ -334,6 +335,13 @@ class Drake(SteppedEngine[Simulation]):
         cls, world: World, settings: Mapping[str, bool | int | float | str]
     ) -> dict[str, bool | int | float | str]:
         return chosen(world, settings)
+
+    @classmethod
+    def recovery(cls, settings: Mapping[str, Any], law: PairContact) -> Recovery | None:
+        if settings[TAMSI[0]] != TAMSI[1]:
+            return COMMON
+        speed = 1.0 / float(settings["dissipation"])
+        return Recovery(speed=speed, why=f"TAMSI takes overlaps back at {1e3 * speed:g} mm/s at most (1/dissipation)")
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:

@@ -24,10 +24,11 @@ from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.native_law import NativeLaw
 from simspec.engines.kit.needs import Needs
 from simspec.engines.kit.precision import DOUBLE, ROUNDING
+from simspec.engines.kit.recovery import COMMON, Recovery
 from simspec.engines.kit.settings import Setting, Value
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.features import Feature
-from simspec.world.types import HeldValue, ReadBack, World
+from simspec.world.types import HeldValue, PairContact, ReadBack, World
 
 
 class Engine:
@@ -134,6 +135,11 @@ class Engine:
     def distributions(cls) -> tuple[str, ...]:
         """The packages of Python that bring it, the one that counts first."""
         return tuple(name for name in (cls.DISTRIBUTION, *cls.OTHER_DISTRIBUTIONS) if name)
+
+    @classmethod
+    def recovery(cls, settings: Mapping[str, Any], law: PairContact) -> Recovery | None:
+        """How fast it takes overlaps back in contacts of a law, under its settings; None where it declares nothing of that."""
+        return COMMON if law.hardness.kind == "common" else None
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -64,18 +65,11 @@ class Drive:
         self._control[self._places] = np.where(self._by_position, position, 0.0) + self._lead * velocity
 
 
-class Stepper(Protocol):
-    """What steps in MuJoCo's place."""
-
-    def advance(self, count: int) -> None:
-        """``count`` steps under the efforts that were given."""
-
-
 class JointArrays(Actuation):
     """Hinges and slides by MuJoCo's own arrays, at the places ``q`` and ``v`` in them."""
 
-    def __init__(self, model: Any, data: Any, advance: Any, stepper: Stepper | None, q: np.ndarray, v: np.ndarray):
-        self._model, self._data, self._advance, self._stepper = model, data, advance, stepper
+    def __init__(self, data: Any, advance: Callable[[int], None], q: np.ndarray, v: np.ndarray):
+        self._advance = advance
         self._positions, self._velocities, self._forces = data.qpos, data.qvel, data.qfrc_applied
         self._q, self._v = q, v
 
@@ -86,7 +80,4 @@ class JointArrays(Actuation):
         self._forces[self._v] = effort
 
     def step(self) -> None:
-        if self._stepper is not None:
-            self._stepper.advance(1)
-        else:
-            self._advance(self._model, self._data)
+        self._advance(1)

@@ -429,6 +429,8 @@ class _Expected:
         else:
             for name in ("sleeping", "sleep_tolerance"):  # means nothing without its switch, and is not written
                 settings.pop(name, None)
+        if not settings.get("arena"):
+            settings.pop("arena", None)
         bodies = self.world.bodies
         free = {
             body.name: told_inertial(self.world, body).centre_of_mass for body in bodies if body.joint.kind == "free"

@@ -195,7 +195,10 @@ INERT: Mapping[str, str] = {
         "names",
     ),
     "hfield_pathadr": "names",
-    **dict.fromkeys(("nbuffer", "narena", "signature"), "sizes of memory, and the compiler's checksum"),
+    **dict.fromkeys(
+        ("nbuffer", "narena", "signature"),
+        "sizes of memory, of which too little ends a run with an error, and the compiler's checksum",
+    ),
     **dict.fromkeys(
         ("nbvh", "nbvhstatic", "nbvhdynamic", "bvh_*", "body_bvhadr", "body_bvhnum", "noct"),
         "boxes that spare the collision search pairs which are far apart",

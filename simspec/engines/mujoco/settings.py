@@ -119,6 +119,16 @@ SETTINGS: Mapping[str, Setting] = {
         needs=("sleeping", (False,)),
         group=Group.SOLVER,
     ),
+    "arena": Setting(
+        0,
+        "Memory (MiB) for the contacts, constraints and solver of a state. 0: MuJoCo's default, and in worlds of more than "
+        "2,500 velocities what follows from bodies, shapes and friction, since the default grows with the square of the "
+        "bodies. A run ends with an error when it is too small. No number of the motion depends on it.",
+        minimum=0,
+        maximum=2**20,
+        only_with="arena",
+        group=Group.BOUNDS,
+    ),
     "sleeping": Setting(
         False,
         "Take free rigid bodies that rest out of the simulation until something touches them (MuJoCo 4; switches island "

@@ -17,10 +17,11 @@ from simspec.control.native import Servos
 from simspec.dialects.kit.sidecar import SidecarBody
 from simspec.dialects.mujoco.chains import chains
 from simspec.dialects.mujoco.choices import FLAGS
-from simspec.dialects.mujoco.names import COULOMB, KEYFRAME
+from simspec.dialects.mujoco.names import COULOMB, KEYFRAME, NATIVE
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
 from simspec.engines.kit.contract import Actuation, Engine
+from simspec.engines.kit.recovery import Recovery
 from simspec.engines.mujoco.actuation import Drive, JointArrays
 from simspec.engines.mujoco.between import Between
 from simspec.engines.mujoco.coulomb import Coulomb
@@ -30,8 +31,10 @@ from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.formats.mjcf.names import file_name
 from simspec.world.rotations import cross
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, PairContact, ReadBack
 
+CONTACTS_LEFT_OUT, CONSTRAINTS_LEFT_OUT = 1, 2
+"""MuJoCo's mjtWarning: places of its counts of steps in which the arena had no room."""
 NO_EXPLICIT_PAIRS = (
     "more shapes may touch with friction than explicit_pairs_limit allows to list: a body that slides is lifted (at μ = 0.5 by "
     "8 mm at 1 m/s, measured)"
@@ -55,6 +58,15 @@ class MujocoSimulation(Engine, abstract=True):
     def prepare(cls) -> None:
         import_mujoco()
 
+    @classmethod
+    def recovery(cls, settings: Mapping[str, Any], law: PairContact) -> Recovery | None:
+        cushioned = (
+            settings["friction"] == NATIVE and law.friction and settings["friction_cushion"] and not law.restitution
+        )
+        if cushioned or law.hardness.kind != "common":
+            return None
+        return Recovery(float(settings["contact_error_reduction"]))
+
     def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
         self.close()
         try:
@@ -71,8 +83,7 @@ class MujocoSimulation(Engine, abstract=True):
         self._disabled_by_file = int(self.model.opt.disableflags)
         # a servo of which nobody makes use would hold its joint at zero; ``track`` switches them on
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-        self.data = mujoco.MjData(self.model)
-        self._probe = mujoco.MjData(self.model)
+        self._make_states()
         coulomb = self._sidecar.settings["friction"] == COULOMB
         held = Equalities(mujoco, self.model, self.data) if self.model.neq else None
         self._coulomb = Coulomb(mujoco, self.model, self.data, held) if coulomb else None
@@ -82,6 +93,19 @@ class MujocoSimulation(Engine, abstract=True):
         if key < 0:
             raise EngineError(self.NAME, f"{MODEL} has no keyframe {KEYFRAME!r}")
         mujoco.mj_resetDataKeyframe(self.model, self.data, key)
+
+    def _make_states(self) -> None:
+        try:
+            self.data = self._mujoco.MjData(self.model)
+            self._probe = self._mujoco.MjData(self.model)
+        except (MemoryError, self._mujoco.FatalError) as error:
+            raise EngineError(
+                self.NAME,
+                f"no room for two states with an arena of {self.model.narena / 2**20:.0f} MiB each; with "
+                f"engines.{self.NAME}.settings: {{arena: MIB}} they are smaller\n{error}",
+            ) from error
+        # live: MuJoCo counts in it
+        self._warned = self.data.warning.number
 
     def _check_flags(self) -> None:
         """Flags that only newer versions know cannot stand in the file; what they must be is checked here."""
@@ -148,7 +172,7 @@ class MujocoSimulation(Engine, abstract=True):
         if self._mujoco is not None:
             self._mujoco.set_mju_user_warning(None)
             self._mujoco = self._coulomb = self._stepper = None
-            for name in ("data", "_probe", "model"):  # of which a refused file leaves some unmade
+            for name in ("data", "_probe", "_warned", "model"):  # of which a refused file leaves some unmade
                 self.__dict__.pop(name, None)
         self._log.clear()
 
@@ -234,14 +258,38 @@ class MujocoSimulation(Engine, abstract=True):
         elif self._pushed:
             self.data.qfrc_applied[:] = 0.0
             self._pushed = False
-        if self._stepper is not None:
-            self._stepper.advance(count)
-        else:
-            self._mujoco.mj_step(self.model, self.data, nstep=count)
+        self._advance(count)
+
+    def _advance(self, count: int) -> None:
+        """``count`` steps. Raises EngineError where contacts or constraints found no room: MuJoCo goes on without them, and
+        says so by a count only."""
+        try:
+            if self._stepper is not None:
+                self._stepper.advance(count)
+            else:
+                self._mujoco.mj_step(self.model, self.data, nstep=count)
+        except self._mujoco.FatalError as error:
+            if "arena" not in str(error):
+                raise EngineError(self.NAME, str(error)) from error
+            raise self._no_room(str(error)) from error
+        if self._warned[CONTACTS_LEFT_OUT] or self._warned[CONSTRAINTS_LEFT_OUT]:
+            raise self._no_room("contacts or constraints were left out")
+
+    def _no_room(self, why: str) -> EngineError:
+        arena = self.model.narena // 2**20
+        newton = self.model.opt.solver == self._mujoco.mjtSolver.mjSOL_NEWTON
+        less = (
+            "; solver: cg needs less, since Newton's factor grows with the square of the velocities" if newton else ""
+        )
+        return EngineError(
+            self.NAME,
+            f"the arena of {arena} MiB has no room for the {self.data.ncon} contacts of a step at {self.data.time:.6g} s; "
+            f"engines.{self.NAME}.settings: {{arena: {max(2 * arena, 1)}}} gives it more{less}\n{why}",
+        )
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         self._pushed = True  # what is given there must not be left behind for steps without effort
-        return JointArrays(self.model, self.data, self._mujoco.mj_step, self._stepper, self._q[q], self._v[v])
+        return JointArrays(self.data, self._advance, self._q[q], self._v[v])
 
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
@@ -296,7 +344,12 @@ class MujocoSimulation(Engine, abstract=True):
 
     def detect_units(self) -> np.ndarray:
         probe = self._at_state()
-        self._mujoco.mj_collision(self.model, probe)
+        try:
+            self._mujoco.mj_collision(self.model, probe)
+        except self._mujoco.FatalError as error:
+            raise self._no_room(str(error)) from error
+        if probe.warning[CONTACTS_LEFT_OUT].number:
+            raise self._no_room("contacts were left out of the answer")
         return sorted_pairs(probe.contact.geom[probe.contact.dist <= probe.contact.includemargin])
 
     def disable_contact(self) -> None:

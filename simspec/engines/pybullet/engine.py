@@ -31,6 +31,7 @@ from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.recovery import Recovery
 from simspec.engines.kit.refinements import only_balls_slide
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
@@ -76,7 +77,7 @@ from simspec.support.declarations import (
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.anchors import anchors
 from simspec.world.kinematics import members
-from simspec.world.types import Body, HeldValue, ReadBack, Vector3, World
+from simspec.world.types import Body, HeldValue, PairContact, ReadBack, Vector3, World
 
 _COPIES = "further materials, and copies of shapes, on massless links of their own"
 _COMPUTED = "a torque computed from PyBullet's own state before every step"
@@ -256,6 +257,10 @@ class PyBullet(SimulatedEngine[Simulation]):
     @classmethod
     def thicker(cls, world: World) -> Mapping[str, float]:
         return thicker(cls, world)
+
+    @classmethod
+    def recovery(cls, settings: Mapping[str, Any], law: PairContact) -> Recovery | None:
+        return Recovery(float(settings["contact_erp"])) if law.hardness.kind == "common" else None
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:

@@ -15,6 +15,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.passes import gather
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.mjcf import tree
+from simspec.formats.mjcf.arena import arena_megabytes
 from simspec.formats.mjcf.equality import equalities, frame_sites, sites_of
 from simspec.formats.mjcf.filter import Kind, collision_masks
 from simspec.formats.mjcf.from_world import (
@@ -149,6 +150,7 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
             *fluid_options(world),
         ),
         FLAGS,
+        () if (memory := arena_megabytes(world)) is None else (("memory", f"{memory}M"),),
         default=Default(),
         classes=tuple(_classes(world)),
         bodies=tuple(

@@ -538,6 +538,7 @@ def test_every_setting_reaches_the_engine(load):
         "limit_impedance": 0.98,
         "dry_friction_impedance": 0.97,
         "explicit_pairs_limit": 4,
+        "arena": 33,
     }
     # these exclude some of the others: see test_mujoco_coulomb.py, and below
     assert set(settings) == set(MuJoCo.SETTINGS) - {"friction", "island"}
@@ -560,6 +561,7 @@ def test_every_setting_reaches_the_engine(load):
     ):
         assert getattr(option, name) == settings[name]
     assert option.enableflags & int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    assert model.narena == 33 * 2**20
     policy = mujoco.mjtSleepPolicy
     assert model.tree_sleep_policy.tolist() == [int(policy.mjSLEEP_AUTO_ALLOWED)]
     assert load(arm).model.tree_sleep_policy.tolist() == [int(policy.mjSLEEP_NEVER)]

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
+from xml.sax.saxutils import escape
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from simspec.errors import SpecError
 from simspec.formats.kit import xml_elements
 from simspec.formats.kit.xml_elements import parse_xml, read_xml
+
+XML = (".xml", ".skel", ".urdf", ".sdf")
+GENERATED = Path(__file__).resolve().parents[3] / "generated"
+COMPILED = [path for name in ("spheres-216", "ur10e", "gripper-lift") for path in sorted((GENERATED / name).rglob("*"))]
+"""Files of the library; of those that are XML each is read in several ways."""
 
 
 def test_elements_keep_order_lines_attributes_and_texts():
@@ -80,3 +89,66 @@ def test_only_regular_files_are_opened(tmp_path):
             read_xml(tmp_path / name)
     with pytest.raises(FileNotFoundError):
         read_xml(tmp_path / "none.xml")
+
+
+TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\r", exclude_categories=("Cc", "Cs")), max_size=60)
+"""Any text that XML 1.0 can say, but for the ends of lines, which every parser normalises."""
+FORMS = ("escaped", "decimal", "hexadecimal", "cdata", "comment", "instruction")
+
+
+def in_form(text: str, form: str) -> str:
+    """A piece of a text as XML may write it."""
+    if form == "decimal":
+        return "".join(f"&#{ord(one)};" for one in text)
+    if form == "hexadecimal":
+        return "".join(f"&#x{ord(one):x};" for one in text)
+    if form == "cdata" and "]]>" not in text:
+        return f"<![CDATA[{text}]]>"
+    between = {"comment": "<!-- 7 -->", "instruction": "<?say 7?>"}.get(form, "")
+    return escape(text) + between
+
+
+def valid(text: str) -> bool:
+    return not any(ord(one) in (0xFFFE, 0xFFFF) for one in text)
+
+
+@given(
+    pieces=st.lists(st.tuples(TEXTS.filter(valid), st.sampled_from(FORMS)), min_size=1, max_size=8),
+    before=st.integers(0, 40),
+    chunk=st.integers(1, 50),
+)
+def test_a_text_is_the_same_wherever_a_chunk_ends_and_however_it_is_written(pieces, before, chunk):
+    content = f"<a>{' ' * before}<b>{''.join(in_form(*piece) for piece in pieces)}</b><c/>tail</a>".encode()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(xml_elements, "CHUNK", chunk)
+        root = parse_xml(content, "f.xml")
+    assert root.children[0].text == "".join(text for text, _ in pieces).strip()
+    assert root.text == "tail"
+
+
+@pytest.mark.parametrize("place", [*range(2**20 - 24, 2**20 + 2), *range(2**13 - 24, 2**13 + 2)])
+def test_a_number_that_lies_across_the_end_of_a_chunk_is_one_number(place):
+    """Of the true chunk, and of the buffer in which the parser collects texts."""
+    before = "<a><b>"
+    root = parse_xml(f"{before}{' ' * (place - len(before))}0.8400000000001</b></a>".encode(), "f.xml")
+    assert root.children[0].text == "0.8400000000001"
+
+
+def test_child_elements_divide_a_text():
+    root = parse_xml(b"<a>0.84<b/>01<!-- c -->2<b/> <b/>3</a>", "f.xml")
+    assert root.text == "0.84 012 3"
+
+
+def said(root):
+    """All of a document."""
+    return [(one.tag, one.line, dict(one.attributes), one.text, len(one.children)) for one in root.walk()]
+
+
+@pytest.mark.parametrize("path", [path for path in COMPILED if path.suffix in XML], ids=str)
+def test_a_compiled_file_is_the_same_in_chunks_of_any_size(path, monkeypatch):
+    content = path.read_bytes()
+    whole = said(parse_xml(content, path.name))
+    assert len(whole) > 3
+    for chunk in (61, 1009, 8191):
+        monkeypatch.setattr(xml_elements, "CHUNK", chunk)
+        assert said(parse_xml(content, path.name)) == whole
