@@ -296,9 +296,9 @@ def coupled_support(by_coulomb: Refinement, asked: Refine) -> Mapping[Feature, S
         ),
         Feature.CARRIED_FRICTION: approximate(
             "a body at rest on something that turns, or on a surface that moves, slips at a / friction_rate, a the "
-            "acceleration by which its carrier's velocity turns or changes there, whatever the timestep: at 100/s and 1 rad/s by 8 mm/s at "
-            "0.8 m from the axis, without end; engines.mujoco.settings: {friction: coulomb} holds it at 1.3 to 1.6 times the "
-            "time of a step",
+            "acceleration by which its carrier's velocity turns or changes there, whatever the timestep: at 100/s and 1 rad/s "
+            "by 8 mm/s at 0.8 m from the axis, without end; engines.mujoco.settings: {friction: coulomb} holds it at 1.3 to "
+            "1.6 times the time of a step",
             short="what is carried around slips at a / friction_rate: 8 mm/s at 0.8 m and 1 rad/s",
             refine=asked,
             cases=(by_coulomb,),
