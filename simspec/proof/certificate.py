@@ -13,7 +13,7 @@ from importlib.metadata import version
 from simspec.engines.kit.precision import DOUBLE
 from simspec.errors import Problem, SpecError
 from simspec.markup import html_table
-from simspec.proof.checks import Check
+from simspec.proof.checks import TOO_CHAOTIC, Check
 from simspec.proof.contact.probe import Figure
 from simspec.stored import StoredCertificate, parse, read_as
 from simspec.world.canonical import from_plain, to_plain
@@ -74,7 +74,8 @@ class EngineProof:
 
     @property
     def verdict(self) -> str:
-        """In a line: ``valid``, in which numbers where these are not doubles, with what was not checked and why; ``not valid``;
+        """In a line: ``valid``, in which numbers where these are not doubles, with what was not checked, or is there and too
+        chaotic to be compared, and why; ``not valid``;
         or ``not proven`` where the files alone were checked."""
         if not self.passed:
             return "not valid"
@@ -82,8 +83,11 @@ class EngineProof:
             levels, why = ", ".join(name for name in self.unchecked), self.not_checked["L1"]
             return f"not proven: the files hold the world (L0); not checked: {levels} ({why})"
         valid = "valid" if self.precision == DOUBLE else f"valid in {self.precision} precision"
-        parts = ", ".join(f"{name} ({why})" for name, why in self.unchecked.items())
-        return f"{valid}; not checked: {parts}" if parts else valid
+        chaos = {name: why for name, why in self.not_compared.items() if why.startswith(TOO_CHAOTIC)}
+        for words, without in (("not compared", chaos), ("not checked", self.unchecked)):
+            parts = ", ".join(f"{name} ({why})" for name, why in without.items())
+            valid += f"; {words}: {parts}" if parts else ""
+        return valid
 
     @property
     def brief(self) -> str:
