@@ -121,7 +121,7 @@ def left_out(world: World, levels: Iterable[str] | None = None) -> dict[str, str
 
 
 def uncomparable(world: World, precision: str = DOUBLE) -> dict[str, str]:
-    """What a world has and numbers of a precision cannot compare, by :func:`title`, with the reason: motion that is too chaotic.
+    """What a world has and numbers of a precision cannot compare, by :func:`title`, with the reason: too chaotic a motion.
     It is named by its level where the world has nothing else of that level. It costs a plan of the motion."""
     why = chaotic(world, precision)
     if not why:
@@ -157,8 +157,8 @@ def judge(
     precision: str = DOUBLE,
 ) -> list[str]:
     """Why checks, and what is listed as not compared, do not prove ``world``, a line each; [] when they do. For a certificate
-    from a file, whose every word may be wrong. ``lacking``: the parts that the engine declares not to be askable for. ``precision``: of the engine's
-    numbers."""
+    from a file, whose every word may be wrong. ``lacking``: the parts that the engine declares not to be askable for.
+    ``precision``: of the engine's numbers."""
     own = left_out(world)
     if any(why.startswith(TOO_CHAOTIC) for why in not_compared.values()):
         own |= {name: why for name, why in uncomparable(world, precision).items() if name in not_compared}

@@ -54,8 +54,8 @@ GENTLER = (0.04, 0.008, 1e-4, 1e-6)
 """The same in more tries, where none so far keeps off the limits: the first two to come further, the others to come far enough
 at all where a range is a hair's breadth."""
 FROM_REST = (GENTLE, *GENTLER)
-"""The same in the last tries, which begin where the mechanism rests: about a rest that is stable small motions stay small. A chain
-of 200 hinges that hangs is followed for 2,000 steps with 1e-4, and for 80 with 0.04 (measured)."""
+"""The same in the last tries, which begin where the mechanism rests: about a stable rest small motions stay small. A chain of
+200 hinges that hangs is followed for 2,000 steps with 1e-4, and for 80 with 0.04 (measured)."""
 GROWN = 1e3
 """Times the way to which initial speeds and accelerations lead. Joints of the library's robots come to 23 times, the links of
 a chain that stands on its end to 1e5 and more (measured)."""

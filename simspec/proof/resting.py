@@ -22,7 +22,7 @@ INSIDE = 0.1
 def at_rest(world: World, oracle: Oracle, near_limits: Callable[[np.ndarray], bool]) -> np.ndarray:
     """A position (nq,) near the world's initial one where its springs and weights balance, or that is on the way there.
 
-    The motion from rest is followed, and stopped whenever its kinetic energy falls: it then passes through a lowest point of the
+    The motion from rest is followed, and stopped whenever its kinetic energy falls: it then passes a lowest point of the
     potential on its way. It ends where ``near_limits`` says that a joint comes near a limit.
     """
     start, _ = initial_state(world)
