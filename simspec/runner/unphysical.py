@@ -1,0 +1,251 @@
+"""What a run shows that no mechanism does, whatever engine made it: energy from nothing, bodies that leave the world, pass
+through what cannot move, or sink without end.
+
+Engines that are given one law agree on such a motion, so that no comparison of runs shows it. All is computed from the recorded
+arrays and the world alone. Each criterion is one that a sound motion does not meet; where it cannot be applied, that is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.runner import metrics
+from simspec.runner.passed import fallen, passed
+from simspec.world.kinematics import rigid_groups
+from simspec.world.overlap import deep_overlaps
+from simspec.world.shapes import SHAPES
+from simspec.world.types import World
+
+if TYPE_CHECKING:
+    from simspec.runner.run import Run
+
+Floats = NDArray[np.float64]
+
+ENERGY, GONE, PASSED, SINKS = "energy", "left", "passed", "sinks"
+KINDS = {
+    ENERGY: "energy grows though nothing drives the world",
+    GONE: "leaves the world",
+    PASSED: "passes through what cannot move",
+    SINKS: "sinks without end",
+}
+GROWTH = 0.05
+"""Share of the energy of the run so far by which it may grow above its lowest value."""
+EXCHANGE = 2.0
+"""Timesteps times the power between potential and kinetic energy by which their sum swings: semi-implicit Euler keeps another
+energy, that differs by half a timestep of that power."""
+SMALL = (1e-3, 1e-2)
+"""m, m/s: heights and speeds of all bodies together whose energy is that of a world at rest."""
+FAR = 1e4
+"""m from where it began, beyond which a body has left the world, where its initial speed and gravity do not lead there."""
+REACH = 10.0
+"""Times the way of its initial speed and of gravity."""
+SUNK = 0.01
+"""Share of the inner radius of the thinner shape by which a resting body sinks in the second half of a run."""
+STEADY = 0.5
+"""Least ratio of the last quarter's sinking to that of the quarter before: what settles slows down."""
+RESTING = 3.0
+"""Times the speed of sinking that a body may have at its surface to be one that rests: what slides or falls over is deeper."""
+FEWEST = 16
+"""Records without which nothing is said of sinking."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is not physical. ``body``: "" for the whole world; ``time`` (s): when it first shows; ``text``: what, with
+    its figures."""
+
+    kind: str
+    body: str
+    time: float
+    text: str
+
+    @property
+    def short(self) -> str:
+        """The same without figures: equal for engines that do the same."""
+        return f"{self.body} {KINDS[self.kind]}" if self.body else KINDS[self.kind]
+
+
+@dataclass(frozen=True, slots=True)
+class Unphysical:
+    """What a run shows that is not physical, and by kind why something was not looked for."""
+
+    findings: tuple[Finding, ...]
+    not_judged: dict[str, str]
+
+
+def unphysical(run: Run) -> Unphysical:
+    """Everything that is found in a run; nothing of one that recorded nothing."""
+    if not run.recorded:
+        return Unphysical((), dict.fromkeys(KINDS, "nothing was recorded"))
+    world = run.world
+    gone = [*_gone(run)]
+    lost = {finding.body for finding in gone}
+    findings = [*gone]
+    not_judged: dict[str, str] = {}
+    driven = _driven(world)
+    if driven:
+        not_judged |= {ENERGY: f"the world has {driven}", SINKS: f"the world has {driven}"}
+    findings += [
+        Finding(PASSED, one.body, one.time, f"passes through {one.obstacle}, which cannot move, at {one.time:.4g} s")
+        for one in passed(run)
+        if one.body not in lost
+    ]
+    through = {finding.body for finding in findings}
+    findings += [
+        Finding(GONE, one.body, one.time, f"is below everything that cannot move from {one.time:.4g} s on")
+        for one in fallen(run)
+        if one.body not in through
+    ]
+    if not driven:
+        findings += _energy(run)
+        if "contact.row" not in run.arrays:
+            not_judged[SINKS] = "contacts were not recorded"
+        else:
+            findings += [
+                one for one in _sinking(run) if one.body not in {found.body for found in findings if found.body}
+            ]
+    return Unphysical(tuple(findings), not_judged)
+
+
+def _driven(world: World) -> str:
+    """What drives a world, or gives its bodies energy that is not that of their motion; "" where nothing does."""
+    joints = [body.joint for body in world.bodies]
+    outside = any(
+        joint.position_limits is not None
+        and not joint.position_limits[0] <= joint.position[0] <= joint.position_limits[1]
+        for joint in joints
+    )
+    fluid = world.physics.fluid
+    shapes = [shape for body in world.bodies for shape in body.shapes]
+    named = {
+        "controllers": bool(world.controllers),
+        "forces on bodies": bool(world.forces),
+        "kinematic bodies": bool(world.motions),
+        "surfaces that move": any(any(shape.surface_velocity) for shape in shapes),
+        "wind": fluid is not None and any(fluid.velocity),
+        "joints that begin outside their limits": outside,
+        "bodies that begin inside each other": bool(deep_overlaps(world)),
+    }
+    return " and ".join(name for name, acts in named.items() if acts)
+
+
+def _energy(run: Run) -> Iterator[Finding]:
+    """Whether the energy grows above its lowest value before by more than ``GROWTH`` and what the integrator exchanges."""
+    world, time = run.world, run.time
+    with np.errstate(all="ignore"):
+        kinetic, potential = metrics.energy(world, run.arrays)
+    finite = np.isfinite(kinetic) & np.isfinite(potential)
+    rows = len(time) if finite.all() else int(np.argmin(finite))
+    if rows < 2:
+        return
+    kinetic, potential, time = kinetic[:rows], potential[:rows], time[:rows]
+    total = kinetic + potential
+    masses = metrics.Masses.of(world).mass
+    moving = float(masses[metrics.moving_bodies(world)].sum())
+    gravity = math.hypot(*world.physics.gravity)
+    rest = moving * (gravity * SMALL[0] + 0.5 * SMALL[1] ** 2)
+    power = np.concatenate([[0.0], np.maximum.accumulate(np.abs(np.diff(potential) / np.diff(time)))])
+    before = np.minimum.accumulate(total)
+    growth = total - before
+    swing = np.maximum.accumulate(potential) - np.minimum.accumulate(potential)
+    there = np.maximum(np.maximum.accumulate(kinetic), swing)
+    allowed = GROWTH * np.maximum(there, rest) + EXCHANGE * world.physics.timestep * power
+    beyond = np.flatnonzero(growth > allowed)
+    if not len(beyond):
+        return
+    worst = int(np.argmax(growth))
+    began = int(np.argmin(total[: worst + 1]))
+    scale = metrics.energy_scale(kinetic[: began + 1], potential[: began + 1])
+    share = f", {growth[worst] / scale:.3g} of what there was" if scale > rest else ""
+    text = f"energy grows by {growth[worst]:.3g} J{share}, from {time[began]:.4g} s to {time[worst]:.4g} s"
+    yield Finding(ENERGY, "", float(time[int(beyond[0])]), text)
+
+
+def _gone(run: Run) -> Iterator[Finding]:
+    """Bodies whose state is not finite, and those that are far beyond where their initial motion and gravity lead."""
+    world, pose, time = run.world, run.arrays["pose"], run.time
+    finite = np.isfinite(pose).all(axis=(0, 2))
+    gravity = math.hypot(*world.physics.gravity)
+    driven = bool(world.controllers or world.forces or world.motions)
+    start = pose[0, :, :3]
+    with np.errstate(all="ignore"):
+        away = np.linalg.norm(pose[..., :3] - start, axis=-1)
+    speed = np.linalg.norm(run.arrays["velocity"][0, :, :3], axis=-1)
+    reach = FAR + REACH * (speed * float(time[-1]) + 0.5 * gravity * float(time[-1]) ** 2)
+    for row in metrics.moving_bodies(world).tolist():
+        name = world.bodies[row].name
+        if not finite[row]:
+            at = int(np.argmin(np.isfinite(pose[:, row]).all(axis=1)))
+            yield Finding(GONE, name, float(time[at]), f"is not at a finite place from {time[at]:.4g} s on")
+        elif not driven and away[:, row].max() > reach[row]:
+            at = int(np.argmax(away[:, row] > reach[row]))
+            text = f"is {away[at, row]:.3g} m from where it began at {time[at]:.4g} s"
+            yield Finding(GONE, name, float(time[at]), text)
+
+
+def _sinking(run: Run) -> Iterator[Finding]:
+    """Bodies whose deepest contact with what cannot move grows in the second half of a run, and does not slow down."""
+    world, rows = run.world, len(run.time)
+    if rows < FEWEST:
+        return
+    groups = rigid_groups(world)
+    static = np.array([groups[body.name] == "world" for body in world.bodies])
+    at, pair = np.asarray(run.arrays["contact.row"]).astype(int), np.asarray(run.arrays["contact.body"]).astype(int)
+    depth = -np.asarray(run.arrays["contact.distance"])
+    with_static = static[pair].any(axis=1) & ~static[pair].all(axis=1)
+    at, pair, depth = at[with_static], pair[with_static], depth[with_static]
+    mover = np.where(static[pair[:, 0]], pair[:, 1], pair[:, 0]) if len(pair) else np.zeros(0, dtype=int)
+    thin = [_inner(world, row) for row in range(len(world.bodies))]
+    for row in np.unique(mover).tolist():
+        own = mover == row
+        deepest = np.full(rows, -np.inf)
+        np.maximum.at(deepest, at[own], depth[own])
+        late = deepest[rows // 2 :]
+        if not np.isfinite(late).all():
+            continue  # it is not always in contact
+        middle = len(late) // 2
+        first, last = late[middle] - late[0], late[-1] - late[middle]
+        bound = SUNK * min(thin[row], min((thin[k] for k in np.unique(pair[own]) if static[k]), default=math.inf))
+        if first > 0.0 and last >= STEADY * first and first + last > bound:
+            rate = (first + last) / float(run.time[-1] - run.time[rows // 2])
+            if _fastest(run, row) > RESTING * rate:
+                continue
+            text = f"sinks by {rate:.3g} m/s without end, and is {late[-1]:.3g} m deep at {run.time[-1]:.4g} s"
+            yield Finding(SINKS, world.bodies[row].name, float(run.time[rows // 2]), text)
+
+
+def _fastest(run: Run, row: int) -> float:
+    """The largest speed (m/s) of any point of a body in the second half of a run, from above."""
+    shapes = [shape for shape in run.world.bodies[row].shapes if shape.collision]
+    reach = max(math.hypot(*one.pose.position) + SHAPES[one.kind].outer_radius(one.size) for one in shapes)
+    velocity = np.asarray(run.arrays["velocity"][len(run.time) // 2 :, row])
+    speed = np.linalg.norm(velocity[:, :3], axis=1) + reach * np.linalg.norm(velocity[:, 3:6], axis=1)
+    return float(speed.max())
+
+
+def _inner(world: World, row: int) -> float:
+    """The least inner radius (m) of a body's collision shapes."""
+    shapes = [shape for shape in world.bodies[row].shapes if shape.collision]
+    return min((SHAPES[shape.kind].inner_radius(shape.size) for shape in shapes), default=math.inf)
+
+
+def together(found: dict[str, Unphysical]) -> list[str]:
+    """One line for each thing that is found, with the engines that show it; figures are those of the first."""
+    lines: dict[str, tuple[Finding, list[str]]] = {}
+    for engine, one in found.items():
+        for finding in one.findings:
+            lines.setdefault(finding.short, (finding, []))[1].append(engine)
+    every = len(found)
+    told = []
+    for finding, names in lines.values():
+        who = f"{finding.body} " if finding.body else ""
+        where = "in every engine" if len(names) == every > 1 else f"in {', '.join(names)}"
+        why = " though nothing drives the world" if finding.kind == ENERGY else ""
+        told.append(f"{who}{finding.text}{why} ({where})")
+    return told
