@@ -17,7 +17,14 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.registry import engines, find_engine, format_of
-from simspec.engines.kit.settings import Value, check_pair_settings, check_settings, pair_settings, written_settings
+from simspec.engines.kit.settings import (
+    Value,
+    check_bounds,
+    check_pair_settings,
+    check_settings,
+    pair_settings,
+    written_settings,
+)
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.language.engine_options import EngineOptions as SpecOptions
 from simspec.language.engine_options import SettingsAtTimestep, merged_pairs
@@ -342,7 +349,7 @@ def check_options(world: World, locate: Callable[[str], Location | None] = _nowh
             )
             continue
         pairs = {(pair.first, pair.second): dict(pair.settings) for pair in options.pairs}
-        problems.extend(_wrong_options(engine, dict(options.settings), pairs))
+        problems.extend(_wrong_options(engine, dict(options.settings), pairs) or check_bounds(engine, world))
         for key, names in (("accept", options.accept), ("outside", options.outside)):
             for name in names:
                 if name not in words:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from simspec.runner import metrics
 from simspec.runner.passed import fallen, passed
 from simspec.world.kinematics import rigid_groups
+from simspec.world.meeting import meeting_laws
 from simspec.world.overlap import deep_overlaps
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World
@@ -136,7 +137,11 @@ def _driven(world: World) -> str:
 
 
 def _energy(run: Run) -> Iterator[Finding]:
-    """Whether the energy grows above its lowest value before by more than ``GROWTH`` and what the integrator exchanges."""
+    """Whether the energy grows above the initial one, or above its lowest value before, by more than ``GROWTH`` and what the
+    integrator exchanges.
+
+    The lowest value is that of rows without contact alone: contact takes energy, and gives back what is elastic.
+    """
     world, time = run.world, run.time
     with np.errstate(all="ignore"):
         kinetic, potential = metrics.energy(world, run.arrays)
@@ -151,7 +156,9 @@ def _energy(run: Run) -> Iterator[Finding]:
     gravity = math.hypot(*world.physics.gravity)
     rest = moving * (gravity * SMALL[0] + 0.5 * SMALL[1] ** 2)
     power = np.concatenate([[0.0], np.maximum.accumulate(np.abs(np.diff(potential) / np.diff(time)))])
-    before = np.minimum.accumulate(total)
+    free = _untouched(run)[:rows]
+    before = np.where(free, np.minimum.accumulate(np.where(free, total, np.inf)), total[0])
+    before = np.minimum(before, total[0])
     growth = total - before
     swing = np.maximum.accumulate(potential) - np.minimum.accumulate(potential)
     there = np.maximum(np.maximum.accumulate(kinetic), swing)
@@ -160,11 +167,19 @@ def _energy(run: Run) -> Iterator[Finding]:
     if not len(beyond):
         return
     worst = int(np.argmax(growth))
-    began = int(np.argmin(total[: worst + 1]))
+    began = int(np.flatnonzero(total[: worst + 1] == before[worst])[0])
     scale = metrics.energy_scale(kinetic[: began + 1], potential[: began + 1])
     share = f", {growth[worst] / scale:.3g} of what there was" if scale > rest else ""
     text = f"energy grows by {growth[worst]:.3g} J{share}, from {time[began]:.4g} s to {time[worst]:.4g} s"
     yield Finding(ENERGY, "", float(time[int(beyond[0])]), text)
+
+
+def _untouched(run: Run) -> NDArray[np.bool_]:
+    """Whether nothing touches in a row (rows,); where contacts were not recorded and something may touch, nothing is known."""
+    if "contact.row" in run.arrays:
+        free: NDArray[np.bool_] = metrics.contact_counts(run.arrays) == 0
+        return free
+    return np.full(len(run.time), not meeting_laws(run.world))
 
 
 def _gone(run: Run) -> Iterator[Finding]:

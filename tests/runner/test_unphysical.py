@@ -101,6 +101,23 @@ def test_a_bounce_that_gains_is_found_and_one_that_does_not_is_not():
     assert kinds(bouncing(0.9)) == kinds(bouncing(1.0)) == []
 
 
+def test_what_contact_stores_and_gives_back_is_no_gain_and_what_comes_after_it_is():
+    """A ball without gravity that a compliant wall stops and throws back: at the turn all energy is in the contact."""
+    of = scene(ball(at=(-1.0, 0.0, 0.0)), static("box", (0.2, 4.0, 4.0)))
+
+    def thrown(e: float, contacts: list) -> Run:
+        def speed(t: np.ndarray) -> np.ndarray:
+            return column(np.where(t < 5.0, 1.0, np.where(t < 5.15, 0.0, -e)), 0.0, 0.0)
+
+        return made(of, lambda t: column(-1.0 + 0.0 * t, 0.0, 0.0), speed, contacts=contacts)
+
+    touching = [(row, 0, 1, -0.01, 1.0) for row in (50, 51)]
+    assert kinds(thrown(1.0, touching)) == []
+    assert kinds(thrown(0.9, touching)) == []
+    assert kinds(thrown(1.1, touching)) == [ENERGY]
+    assert kinds(thrown(0.5, [])) == [ENERGY], "nothing touched while it had none"
+
+
 def test_what_is_not_finite_or_far_away_has_left_the_world():
     of = scene(ball())
     lost = made(of, lambda t: column(np.where(t > 5.0, np.nan, 0.0), 0.0, 0.0), lambda t: column(0.0 * t, 0.0, 0.0))
