@@ -22,6 +22,7 @@ from simspec.engines.kit.settings import (
     check_bounds,
     check_pair_settings,
     check_settings,
+    depth_settings,
     pair_settings,
     written_settings,
 )
@@ -35,6 +36,7 @@ from simspec.support.needs import Need, needs
 from simspec.support.negotiation import Decision, negotiate
 from simspec.world.canonical import canonical_json
 from simspec.world.meeting import Pair, meeting_laws
+from simspec.world.thinnest import thinnest
 from simspec.world.types import EngineOptions, World
 
 WORLD_FILE = "world.json"
@@ -300,6 +302,35 @@ def pairs_without_effect(spec: Spec, world: World) -> list[Problem]:
                         message = f"{setting} has no effect in contacts of {names}"
                         where = f"{path}.settings.{setting}"
                         problems.append(Problem(message, where, spec.locate(where), found=why))
+    return problems
+
+
+DEEP = 0.1
+"""Share of the inner radius of the smallest shape from which a depth of contact is warned of: a cube of 1 mm rests 6 % of its
+edge deep on a cushion of 0.1 mm."""
+
+
+def deep_contact(spec: Spec, world: World) -> list[Problem]:
+    """Warnings of cushions and margins of engines that are large compared with the smallest shape, one for each setting and
+    value, with the engines that have it."""
+    least = thinnest(world)
+    if least is None:
+        return []
+    depths: dict[tuple[str, float], list[str]] = {}
+    for name, engine in engines().items():
+        for setting, depth in depth_settings(engine, world).items():
+            if depth > DEEP * least.inner:
+                depths.setdefault((setting, depth), []).append(name)
+    path = f"bodies.{least.body}.shapes.{least.index}"
+    problems = []
+    for (setting, depth), names in depths.items():
+        message = (
+            f"the contact of this shape is up to {depth:.3g} m deep in {', '.join(names)}, by the setting {setting}"
+        )
+        allowed = f"up to {DEEP:.0%} of the inner radius of the shape, {least.inner:.3g} m"
+        where = ", ".join(f"engines.{name}.settings" for name in names)
+        hint = f"{setting}: {DEEP * least.inner:.2g} in {where}"
+        problems.append(Problem(message, path, spec.locate(path), f"{depth / least.inner:.0%}", allowed, hint))
     return problems
 
 

@@ -13,7 +13,7 @@ from simspec.engines.kit.bounds import Bound
 from simspec.errors import Problem
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.world.kinematics import rubbing
-from simspec.world.meeting import Pair, balls_alone
+from simspec.world.meeting import Pair, balls_alone, meeting_laws
 from simspec.world.types import PairContact, World
 
 ROUND_OFF = 1e-9
@@ -95,6 +95,8 @@ class Setting:
     None: the same."""
     at_most: Bound | None = None
     """The largest value that means something in a world, where that follows from its sizes and masses."""
+    depth: bool = False
+    """Whether it is a length (m) by which what touches is nearer, or further away, than its shapes say."""
     at_least: Bound | None = None
     """The same of the least."""
     by_pair: ByPair | None = None
@@ -221,6 +223,22 @@ def check_bounds(engine: type[HasSettings], world: World) -> list[Problem]:
                     )
                     problems.append(Problem(message, f"{path}.{name}", found=_told(name, value), allowed=allowed))
     return problems
+
+
+def depth_settings(engine: type[HasSettings], world: World) -> dict[str, float]:
+    """The lengths in force (m) by which contact of ``world`` differs from its shapes, by setting; the largest of all pairs of
+    materials that can meet, and in whose contact it acts."""
+    names = [name for name, setting in engine.SETTINGS.items() if setting.depth]
+    found: dict[str, float] = {}
+    for pair, law in meeting_laws(world).items() if names else ():
+        settings = settings_of_pair(engine, world, pair)
+        idle = idle_settings(engine, settings)
+        for name in names:
+            by_pair, value = engine.SETTINGS[name].by_pair, settings[name]
+            acts = name not in idle and (by_pair is None or not by_pair.idle(law, world.contact.friction_cone))
+            if acts and not isinstance(value, str) and value > 0.0:
+                found[name] = max(found.get(name, 0.0), float(value))
+    return found
 
 
 def check_pair_settings(

@@ -188,6 +188,7 @@ SETTINGS: Mapping[str, Setting] = {
         minimum=0.0,
         maximum=0.1,
         at_most=of_thinnest(COARSE),
+        depth=True,
         needs=("friction", (NATIVE,)),
         group=Group.SOFTNESS,
         finer=0.0,

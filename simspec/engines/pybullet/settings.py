@@ -78,6 +78,7 @@ SETTINGS: Mapping[str, Setting] = {
         "Overlap that is tolerated (m); 0: none is left at rest. What rests is as deep as that.",
         minimum=0.0,
         at_most=of_thinnest(SHARE),
+        depth=True,
         group=Group.ERROR_REDUCTION,
     ),
     "contact_processing_threshold": Setting(
@@ -105,6 +106,7 @@ SETTINGS: Mapping[str, Setting] = {
         "(measured); on other links 0.001 stays, which leaves faces and radii exact and rounds edges by 1 mm.",
         minimum=0.0,
         at_most=of_thinnest(COARSE),
+        depth=True,
         group=Group.GEOMETRY,
     ),
     "sleeping": Setting(
