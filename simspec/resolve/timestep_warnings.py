@@ -6,11 +6,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from simspec.dynamics.spinning import THRESHOLD, gains
 from simspec.errors import Problem
 from simspec.language.load import Spec
 from simspec.resolve.passing import passages
-from simspec.world.types import World
+from simspec.world.rotations import matrices
+from simspec.world.types import Body, World
 
 OUTSIDE = 1e-9
 """rad or m by which a position may be outside its limits: limits are printed in degrees, and rounded."""
@@ -37,6 +40,7 @@ def timestep_warnings(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]
     yield from _spinning(spec, world)
     yield from _passing(spec, world)
     yield from _outside(spec, world)
+    yield from _dragged(spec, world)
 
 
 def _spinning(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
@@ -90,3 +94,46 @@ def _outside(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
                 message = f"joint {joint.name!r} begins outside its limit"
                 allowed = f"up to {joint.angle_limit:.6g} rad"
                 yield "outside", Problem(message, path, spec.locate(path), f"{angle:.6g} rad", allowed, hint)
+
+
+def _dragged(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
+    """Single free bodies that the drag of the fluid, which grows with the square of the speed, makes faster from the first step
+    on: explicit in time, it turns a speed v into (1 − x) v, and |1 − x| > 1 from x = 2 on."""
+    fluid = world.physics.fluid
+    if fluid is None or not fluid.density:
+        return
+    parents = {body.joint.parent for body in world.bodies}
+    step = world.physics.timestep
+    for body in world.bodies:
+        if body.joint.kind != "free" or body.name in parents or body.box is None or not body.inertial.mass:
+            continue
+        most = step * max(_drag_rates(body, fluid.density, fluid.velocity), default=0.0)
+        if most > 2.0:
+            path = f"bodies.{body.name}.velocity"
+            message = (
+                f"the drag of the fluid at {body.name!r} is explicit and unstable at its initial velocity: it makes the "
+                f"velocity {most - 1.0:.3g} times as large in a step"
+            )
+            allowed = f"a timestep of up to {_step(2.0 * step / most, world)}"
+            found = f"a timestep of {step:g} s"
+            yield "drag", Problem(message, path, spec.locate(path), found, allowed, "a smaller physics.timestep")
+
+
+def _drag_rates(body: Body, density: float, wind: tuple[float, float, float]) -> Iterator[float]:
+    """The shares (1/s) of a free body's velocities that quadratic drag takes at the beginning, along and about the axes of its
+    box (``world/fluid.py``). The moments about these axes are its principal ones."""
+    if body.box is None:
+        return
+    edges, mass = body.box.edges, body.inertial.mass
+    frame = matrices(np.array(body.joint.position[3:]))
+    axes = frame @ matrices(np.array(body.box.quaternion))
+    lever = frame @ np.array(body.inertial.centre_of_mass)
+    spin = np.array(body.joint.velocity[3:])
+    speed = (np.array(body.joint.velocity[:3]) + np.cross(spin, lever) - np.array(wind)) @ axes
+    turn = spin @ axes
+    for axis in range(3):
+        a, b, c = edges[axis], edges[axis - 1], edges[axis - 2]
+        moment = mass * (b * b + c * c) / 12.0
+        yield 0.5 * density * b * c * abs(float(speed[axis])) / (mass + body.joint.armature)
+        if moment:
+            yield density * a * (b**4 + c**4) / 64.0 * abs(float(turn[axis])) / (moment + body.joint.angular_armature)

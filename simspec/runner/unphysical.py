@@ -41,7 +41,8 @@ EXCHANGE = 2.0
 """Timesteps times the power between potential and kinetic energy by which their sum swings: semi-implicit Euler keeps another
 energy, that differs by half a timestep of that power."""
 SMALL = (1e-3, 1e-2)
-"""m, m/s: heights and speeds of all bodies together whose energy is that of a world at rest."""
+"""m, m/s: a height and a speed of all bodies together whose energy is lost in how contact is computed: a tower of ten boxes
+that rests is lifted by 0.16 mm in one engine (measured)."""
 FAR = 1e4
 """m from where it began, beyond which a body has left the world, where its initial speed and gravity do not lead there."""
 REACH = 10.0
@@ -162,7 +163,7 @@ def _energy(run: Run) -> Iterator[Finding]:
     growth = total - before
     swing = np.maximum.accumulate(potential) - np.minimum.accumulate(potential)
     there = np.maximum(np.maximum.accumulate(kinetic), swing)
-    allowed = GROWTH * np.maximum(there, rest) + EXCHANGE * world.physics.timestep * power
+    allowed = np.maximum(GROWTH * there, rest) + EXCHANGE * world.physics.timestep * power
     beyond = np.flatnonzero(growth > allowed)
     if not len(beyond):
         return

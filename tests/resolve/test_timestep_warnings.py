@@ -197,6 +197,45 @@ def test_a_joint_that_begins_outside_its_limits_without_a_word_is_warned_of(tmp_
             assert str(problem.location).endswith("spec.yaml:9:5")
 
 
+DRAG = """
+simspec: 1
+name: leaf
+physics:
+  gravity: [0, 0, 0]
+  timestep: 10 ms
+  duration: 1 s
+  fluid: {{density: 1000, velocity: [{wind}, 0, 0]}}
+bodies:
+  leaf:
+    mass: 0.1
+    velocity: {{linear: [{speed}, 0, 0], angular: [0, 0, {turn}]}}
+    inertia: {{principal: [1.0e-4, 1.0e-4, 1.0e-4]}}
+"""
+
+
+@pytest.mark.parametrize("axis", ["speed", "wind", "turn"])
+def test_drag_that_makes_faster_is_warned_of(tmp_path, axis):
+    def spec_at(value: float) -> simspec.Spec:
+        return loaded(tmp_path, DRAG.format(**{"speed": 0, "wind": 0, "turn": 0} | {axis: value}))
+
+    def after(value: float) -> float:
+        """The size of the velocity against the fluid after a step, beside that before."""
+        world = spec_at(value).resolve()
+        q, v = initial_state(world)
+        still = np.array([*world.physics.fluid.velocity, 0.0, 0.0, 0.0])
+        _, then = Oracle(world).step(q, v, np.zeros(6))
+        return float(np.linalg.norm(then - still) / np.linalg.norm(v - still))
+
+    low, high = 1e-3, 1e5
+    while high > 1.001 * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if after(middle) > 1.0 else (middle, high)
+    drag = [one for one in spec_at(1.01 * high).warnings() if "drag" in one.message]
+    assert len(drag) == 1
+    assert not [one for one in spec_at(0.99 * low).warnings() if "drag" in one.message]
+    assert str(drag[0].location).startswith(f"{tmp_path}/spec.yaml:12:")
+
+
 @pytest.mark.parametrize("name", ["tumbling-body", "bouncing-ball", "contact/newtons-cradle", "motion/moving-platform"])
 def test_the_library_is_quiet(name):
     assert simspec.load(ROOT / "specs" / f"{name}.yaml").warnings() == []
