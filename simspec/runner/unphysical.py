@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.mapped import parts
 from simspec.runner import metrics
 from simspec.runner.passed import fallen, passed
 from simspec.world.kinematics import rigid_groups
@@ -53,6 +54,10 @@ STEADY = 0.5
 """Least ratio of the last quarter's sinking to that of the quarter before: what settles slows down."""
 RESTING = 3.0
 """Times the speed of sinking that a body may have at its surface to be one that rests: what slides or falls over is deeper."""
+MOST_BINS = 1000
+"""Parts of the second half of a run of which the deepest contact is looked at."""
+CONTACT_BYTES = 200
+"""Bytes of temporary arrays for each point of contact."""
 FEWEST = 16
 """Records without which nothing is said of sinking."""
 
@@ -186,23 +191,26 @@ def _untouched(run: Run) -> NDArray[np.bool_]:
 def _gone(run: Run) -> Iterator[Finding]:
     """Bodies whose state is not finite, and those that are far beyond where their initial motion and gravity lead."""
     world, pose, time = run.world, run.arrays["pose"], run.time
-    finite = np.isfinite(pose).all(axis=(0, 2))
     gravity = math.hypot(*world.physics.gravity)
     driven = bool(world.controllers or world.forces or world.motions)
-    start = pose[0, :, :3]
-    with np.errstate(all="ignore"):
-        away = np.linalg.norm(pose[..., :3] - start, axis=-1)
     speed = np.linalg.norm(run.arrays["velocity"][0, :, :3], axis=-1)
     reach = FAR + REACH * (speed * float(time[-1]) + 0.5 * gravity * float(time[-1]) ** 2)
-    for row in metrics.moving_bodies(world).tolist():
-        name = world.bodies[row].name
-        if not finite[row]:
-            at = int(np.argmin(np.isfinite(pose[:, row]).all(axis=1)))
-            yield Finding(GONE, name, float(time[at]), f"is not at a finite place from {time[at]:.4g} s on")
-        elif not driven and away[:, row].max() > reach[row]:
-            at = int(np.argmax(away[:, row] > reach[row]))
-            text = f"is {away[at, row]:.3g} m from where it began at {time[at]:.4g} s"
-            yield Finding(GONE, name, float(time[at]), text)
+    start = np.array(pose[0, :, :3])
+    moving = metrics.moving_bodies(world)
+    found: dict[int, Finding] = {}
+    for part in parts(len(time), metrics.TEMPORARY * pose[:1].nbytes, pose):
+        places = np.asarray(pose[part])
+        with np.errstate(all="ignore"):
+            away = np.linalg.norm(places[..., :3] - start, axis=-1)
+            lost, far = ~np.isfinite(places).all(axis=2), away > reach
+        gone = lost if driven else lost | far
+        for body in moving[gone[:, moving].any(axis=0)].tolist():
+            row = int(np.argmax(gone[:, body]))
+            at, name = float(time[part.start + row]), world.bodies[body].name
+            text = f"is {away[row, body]:.3g} m from where it began at {at:.4g} s"
+            text = f"is not at a finite place from {at:.4g} s on" if lost[row, body] else text
+            found.setdefault(body, Finding(GONE, name, at, text))
+    yield from (found[body] for body in sorted(found))
 
 
 def _sinking(run: Run) -> Iterator[Finding]:
@@ -212,28 +220,30 @@ def _sinking(run: Run) -> Iterator[Finding]:
         return
     groups = rigid_groups(world)
     static = np.array([groups[body.name] == "world" for body in world.bodies])
-    at, pair = np.asarray(run.arrays["contact.row"]).astype(int), np.asarray(run.arrays["contact.body"]).astype(int)
-    depth = -np.asarray(run.arrays["contact.distance"])
-    with_static = static[pair].any(axis=1) & ~static[pair].all(axis=1)
-    at, pair, depth = at[with_static], pair[with_static], depth[with_static]
-    mover = np.where(static[pair[:, 0]], pair[:, 1], pair[:, 0]) if len(pair) else np.zeros(0, dtype=int)
-    thin = [_inner(world, row) for row in range(len(world.bodies))]
-    for row in np.unique(mover).tolist():
-        own = mover == row
-        deepest = np.full(rows, -np.inf)
-        np.maximum.at(deepest, at[own], depth[own])
-        late = deepest[rows // 2 :]
-        if not np.isfinite(late).all():
-            continue  # it is not always in contact
-        middle = len(late) // 2
-        first, last = late[middle] - late[0], late[-1] - late[middle]
-        bound = SUNK * min(thin[row], min((thin[k] for k in np.unique(pair[own]) if static[k]), default=math.inf))
-        if first > 0.0 and last >= STEADY * first and first + last > bound:
-            rate = (first + last) / float(run.time[-1] - run.time[rows // 2])
-            if _fastest(run, row) > RESTING * rate:
-                continue
+    inner = np.array([_inner(world, row) for row in range(len(world.bodies))])
+    begin = rows // 2
+    bins = min(MOST_BINS, rows - begin)
+    deepest = np.full((len(world.bodies), bins), -np.inf)
+    thin = inner.copy()
+    row, body, distance = (run.arrays[f"contact.{name}"] for name in ("row", "body", "distance"))
+    for part in parts(len(row), CONTACT_BYTES, row, body, distance):
+        at, pair = np.asarray(row[part]).astype(np.int64), np.asarray(body[part]).astype(np.int64)
+        own = (static[pair].sum(axis=1) == 1) & (at >= begin)
+        at, pair, depth = at[own], pair[own], -np.asarray(distance[part])[own]
+        first = static[pair[:, 0]]
+        mover, under = np.where(first, pair[:, 1], pair[:, 0]), np.where(first, pair[:, 0], pair[:, 1])
+        np.maximum.at(deepest, (mover, (at - begin) * bins // (rows - begin)), depth)
+        np.minimum.at(thin, mover, inner[under])
+    middle = bins // 2
+    for mover in np.flatnonzero(np.isfinite(deepest).all(axis=1)).tolist():  # always in contact
+        late = deepest[mover]
+        first, last = float(late[middle] - late[0]), float(late[-1] - late[middle])
+        if not (first > 0.0 and last >= STEADY * first and first + last > SUNK * thin[mover]):
+            continue
+        rate = (first + last) / float(run.time[-1] - run.time[begin])
+        if _fastest(run, mover) <= RESTING * rate:
             text = f"sinks by {rate:.3g} m/s without end, and is {late[-1]:.3g} m deep at {run.time[-1]:.4g} s"
-            yield Finding(SINKS, world.bodies[row].name, float(run.time[rows // 2]), text)
+            yield Finding(SINKS, world.bodies[mover].name, float(run.time[begin]), text)
 
 
 def _fastest(run: Run, row: int) -> float:
