@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.mapped import parts
+from simspec.runner import metrics
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter, poses, rigid_groups
 from simspec.world.rotations import matrices
@@ -28,7 +30,7 @@ Floats = NDArray[np.float64]
 FASTER = 1.5
 """Times the larger of the recorded speeds at both ends that a body may have had between them."""
 MOST_PAIRS = 20_000
-"""Pairs of a moving shape and one that cannot move that are looked at."""
+"""Pairs of a moving shape and one that cannot move that are looked at, in the order of the bodies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,31 +80,42 @@ def passed(run: Run) -> list[Passed]:
     """The first passage of each body through something that cannot move and that it may touch, in the order of the bodies."""
     world, statics = run.world, _statics(run)
     allowed = CollisionFilter(world)
-    found: dict[int, Passed] = {}
-    pairs = 0
+    looked: list[tuple[int, Shape, _Static]] = []
     for row, shape in _movers(run):
         name = world.bodies[row].name
-        near = [
-            other
-            for other in statics
-            if allowed.may_touch(name, other.body) and allowed.may_materials_touch(shape.material, other.shape.material)
-        ]
-        pairs += len(near)
-        if pairs > MOST_PAIRS:
-            break
-        if not near:
-            continue
-        centres = _centres(run, row, shape)
-        speeds = _speeds(run, row, centres)
-        for other in near:
-            at = _through(centres, speeds, run.time, other)
-            if at is not None and (row not in found or run.time[at] < found[row].time):
-                found[row] = Passed(name, other.body, float(run.time[at]))
+        for other in statics:
+            if allowed.may_touch(name, other.body) and allowed.may_materials_touch(
+                shape.material, other.shape.material
+            ):
+                looked.append((row, shape, other))
+    looked = looked[:MOST_PAIRS]
+    found: dict[int, Passed] = {}
+    inside: set[int] = set()
+    for part in _blocks(run):
+        arrays = {name: np.asarray(run.arrays[name][part]) for name in ("pose", "velocity")}
+        for index, (row, shape, other) in enumerate(looked):
+            if row in found or index in inside:
+                continue
+            centres = _centres(arrays["pose"][:, row], shape)
+            speeds = _speeds(arrays["velocity"][:, row], arrays["pose"][:, row], centres)
+            at = _through(centres, speeds, np.asarray(run.time[part]), other)
+            if at is None:
+                continue
+            if not at and not part.start:
+                inside.add(index)  # it begins there
+            else:
+                found[row] = Passed(world.bodies[row].name, other.body, float(run.time[part.start + at]))
     return [found[row] for row in sorted(found)]
 
 
-def _centres(run: Run, row: int, shape: Shape) -> Floats:
-    pose = np.asarray(run.arrays["pose"][:, row])
+def _blocks(run: Run) -> Iterator[slice]:
+    """Blocks of rows, each with the last row of the one before."""
+    pose = run.arrays["pose"]
+    for part in parts(len(run.time), metrics.TEMPORARY * pose[:1].nbytes, pose):
+        yield slice(max(0, part.start - 1), part.stop)
+
+
+def _centres(pose: Floats, shape: Shape) -> Floats:
     if not any(shape.pose.position):
         return pose[:, :3]
     with np.errstate(all="ignore"):
@@ -110,19 +123,19 @@ def _centres(run: Run, row: int, shape: Shape) -> Floats:
     return centres
 
 
-def _speeds(run: Run, row: int, centres: Floats) -> Floats:
-    velocity = np.asarray(run.arrays["velocity"][:, row])
-    lever = np.linalg.norm(centres - run.arrays["pose"][:, row, :3], axis=1)
+def _speeds(velocity: Floats, pose: Floats, centres: Floats) -> Floats:
+    lever = np.linalg.norm(centres - pose[:, :3], axis=1)
     speeds: Floats = np.linalg.norm(velocity[:, :3], axis=1) + np.linalg.norm(velocity[:, 3:6], axis=1) * lever
     return speeds
 
 
 def _through(centres: Floats, speeds: Floats, time: Floats, other: _Static) -> int | None:
-    """The first row in which a centre is beyond or inside an obstacle that it began outside of; None where it never is."""
+    """The first row in which a centre is beyond or inside an obstacle, or has crossed it since the row before; None where it
+    never is."""
     local = (centres - other.centre) @ other.axes
     kind = other.shape.kind
     if kind == "plane":
-        return _first(local[:, 2] < 0.0) if local[0, 2] >= 0.0 else None
+        return _first(local[:, 2] < 0.0)
     if kind == "heightfield":
         return None  # its surface is not convex; what is below all of it has left the world
     inside: NDArray[np.bool_]
@@ -135,8 +148,6 @@ def _through(centres: Floats, speeds: Floats, time: Floats, other: _Static) -> i
         away = np.linalg.norm(local, axis=1)
         inside = away < inner
         crossing = _crosses_ball(local, inner, speeds, time)
-    if inside[0]:
-        return None
     inside[1:] |= crossing
     return _first(inside)
 
@@ -204,11 +215,13 @@ def fallen(run: Run) -> list[Passed]:
         ends = [lowest[id(one)] for one in statics if allowed.may_touch(body.name, one.body)]
         if not ends or any(math.isinf(end) for end in ends):
             continue
-        height = np.asarray(run.arrays["pose"][:, row, :3]) @ up
-        below = height < min(ends) - max(reach)
-        if below[-1] and height[0] > min(ends):
-            at = len(below) - int(np.argmin(below[::-1])) if not below.all() else 0
-            found.append(Passed(body.name, "", float(run.time[at])))
+        pose, last = run.arrays["pose"], 0
+        if pose[0, row, :3] @ up <= min(ends) or not pose[-1, row, :3] @ up < min(ends) - max(reach):
+            continue
+        for part in _blocks(run):
+            above = np.flatnonzero(~(np.asarray(pose[part, row, :3]) @ up < min(ends) - max(reach)))
+            last = part.start + int(above[-1]) if len(above) else last
+        found.append(Passed(body.name, "", float(run.time[last + 1])))
     return found
 
 

@@ -54,6 +54,8 @@ STEADY = 0.5
 """Least ratio of the last quarter's sinking to that of the quarter before: what settles slows down."""
 RESTING = 3.0
 """Times the speed of sinking that a body may have at its surface to be one that rests: what slides or falls over is deeper."""
+ROW_BYTES = 300
+"""Bytes of temporary arrays for each row of energies."""
 MOST_BINS = 1000
 """Parts of the second half of a run of which the deepest contact is looked at."""
 CONTACT_BYTES = 200
@@ -148,44 +150,64 @@ def _energy(run: Run) -> Iterator[Finding]:
 
     The lowest value is that of rows without contact alone: contact takes energy, and gives back what is elastic.
     """
-    world, time = run.world, run.time
+    world, rows = run.world, len(run.time)
     with np.errstate(all="ignore"):
         kinetic, potential = metrics.energy(world, run.arrays)
-    finite = np.isfinite(kinetic) & np.isfinite(potential)
-    rows = len(time) if finite.all() else int(np.argmin(finite))
-    if rows < 2:
-        return
-    kinetic, potential, time = kinetic[:rows], potential[:rows], time[:rows]
-    total = kinetic + potential
     masses = metrics.Masses.of(world).mass
     moving = float(masses[metrics.moving_bodies(world)].sum())
     gravity = math.hypot(*world.physics.gravity)
     rest = moving * (gravity * SMALL[0] + 0.5 * SMALL[1] ** 2)
-    power = np.concatenate([[0.0], np.maximum.accumulate(np.abs(np.diff(potential) / np.diff(time)))])
-    free = _untouched(run)[:rows]
-    before = np.where(free, np.minimum.accumulate(np.where(free, total, np.inf)), total[0])
-    before = np.minimum(before, total[0])
-    growth = total - before
-    swing = np.maximum.accumulate(potential) - np.minimum.accumulate(potential)
-    there = np.maximum(np.maximum.accumulate(kinetic), swing)
-    allowed = np.maximum(GROWTH * there, rest) + EXCHANGE * world.physics.timestep * power
-    beyond = np.flatnonzero(growth > allowed)
-    if not len(beyond):
-        return
-    worst = int(np.argmax(growth))
-    began = int(np.flatnonzero(total[: worst + 1] == before[worst])[0])
-    scale = metrics.energy_scale(kinetic[: began + 1], potential[: began + 1])
-    share = f", {growth[worst] / scale:.3g} of what there was" if scale > rest else ""
-    text = f"energy grows by {growth[worst]:.3g} J{share}, from {time[began]:.4g} s to {time[worst]:.4g} s"
-    yield Finding(ENERGY, "", float(time[int(beyond[0])]), text)
+    initial = float(kinetic[0] + potential[0])
+    lowest, began = initial, 0
+    fast, low, high, power = 0.0, float(potential[0]), float(potential[0]), 0.0
+    first: float | None = None
+    most, when, since, scale = 0.0, 0, 0, 0.0
+    for part in parts(rows, ROW_BYTES, kinetic, potential):
+        before = slice(max(0, part.start - 1), part.stop)
+        k, p, t = (np.asarray(values[before]) for values in (kinetic, potential, run.time))
+        if not (np.isfinite(k).all() and np.isfinite(p).all()):
+            end = int(np.argmin(np.isfinite(k) & np.isfinite(p)))
+            k, p, t = k[:end], p[:end], t[:end]
+        if not len(k):
+            break
+        total, free = k + p, _untouched(run, before)[: len(k)]
+        kept = np.minimum(np.minimum.accumulate(np.where(free, total, np.inf)), lowest)
+        base = np.where(free, kept, initial)
+        swing = np.maximum(np.maximum.accumulate(p), high) - np.minimum(np.minimum.accumulate(p), low)
+        there = np.maximum(np.maximum(np.maximum.accumulate(k), fast), swing)
+        rate = np.concatenate([[0.0], np.abs(np.diff(p) / np.diff(t))])
+        powers = np.maximum(np.maximum.accumulate(rate), power)
+        growth = total - base
+        allowed = np.maximum(GROWTH * there, rest) + EXCHANGE * world.physics.timestep * powers
+        beyond = np.flatnonzero(growth > allowed)
+        if len(beyond) and first is None:
+            first = float(t[beyond[0]])
+        worst = int(np.argmax(growth))
+        lower = np.flatnonzero(free[: worst + 1] & (total[: worst + 1] == base[worst]) & (base[worst] < lowest))
+        if growth[worst] > most:
+            most, when = float(growth[worst]), before.start + worst
+            since = before.start + int(lower[0]) if len(lower) else began if free[worst] else 0
+            scale = max(float(kinetic[since]), abs(float(potential[0] - potential[since])), float(kinetic[0]))
+        if kept[-1] < lowest:
+            lowest, began = float(kept[-1]), before.start + int(np.argmin(np.where(free, total, np.inf)))
+        fast, power = max(fast, float(k.max())), float(powers[-1])
+        low, high = min(low, float(p.min())), max(high, float(p.max()))
+        if len(k) < before.stop - before.start:
+            break
+    if first is not None:
+        share = f", {most / scale:.3g} of what there was" if scale > rest else ""
+        text = f"energy grows by {most:.3g} J{share}, from {run.time[since]:.4g} s to {run.time[when]:.4g} s"
+        yield Finding(ENERGY, "", first, text)
 
 
-def _untouched(run: Run) -> NDArray[np.bool_]:
-    """Whether nothing touches in a row (rows,); where contacts were not recorded and something may touch, nothing is known."""
-    if "contact.row" in run.arrays:
-        free: NDArray[np.bool_] = metrics.contact_counts(run.arrays) == 0
-        return free
-    return np.full(len(run.time), not meeting_laws(run.world))
+def _untouched(run: Run, part: slice) -> NDArray[np.bool_]:
+    """Whether nothing touches in some rows; where contacts were not recorded and something may touch, nothing is known."""
+    count = part.stop - part.start
+    if "contact.row" not in run.arrays:
+        return np.full(count, not meeting_laws(run.world))
+    ends = np.searchsorted(run.arrays["contact.row"], np.arange(part.start, part.stop + 1))
+    free: NDArray[np.bool_] = np.diff(ends) == 0
+    return free
 
 
 def _gone(run: Run) -> Iterator[Finding]:
@@ -250,9 +272,12 @@ def _fastest(run: Run, row: int) -> float:
     """The largest speed (m/s) of any point of a body in the second half of a run, from above."""
     shapes = [shape for shape in run.world.bodies[row].shapes if shape.collision]
     reach = max(math.hypot(*one.pose.position) + SHAPES[one.kind].outer_radius(one.size) for one in shapes)
-    velocity = np.asarray(run.arrays["velocity"][len(run.time) // 2 :, row])
-    speed = np.linalg.norm(velocity[:, :3], axis=1) + reach * np.linalg.norm(velocity[:, 3:6], axis=1)
-    return float(speed.max())
+    fastest, recorded = 0.0, run.arrays["velocity"]
+    for part in parts(len(run.time), recorded[:1].nbytes, recorded, first=len(run.time) // 2):
+        velocity = np.asarray(recorded[part, row])
+        speed = np.linalg.norm(velocity[:, :3], axis=1) + reach * np.linalg.norm(velocity[:, 3:6], axis=1)
+        fastest = max(fastest, float(speed.max()))
+    return fastest
 
 
 def _inner(world: World, row: int) -> float:
