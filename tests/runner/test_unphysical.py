@@ -198,7 +198,7 @@ def test_what_sinks_without_end_is_found_and_what_settles_is_not():
     (finding,) = sinking(lambda share: 0.01 * share).unphysical.findings
     assert finding.kind == SINKS
     assert "sinks by 0.001 m/s" in finding.text
-    assert kinds(sinking(lambda share: 0.01 * (1.0 - math.exp(-8.0 * share)))) == [], "it slows down"
+    assert kinds(sinking(lambda share: 0.05 * (1.0 - math.exp(-5.0 * share)))) == [], "it slows down"
     assert kinds(sinking(lambda share: 0.01 + 1e-6 * share)) == [], "a hundred thousandth of its radius"
     assert kinds(sinking(lambda share: 0.01)) == []
     assert kinds(sinking(lambda share: 0.01 * share, slides=0.1)) == [], "it does not rest"
