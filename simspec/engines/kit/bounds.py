@@ -23,10 +23,10 @@ Bound = Callable[[World], Limit | None]
 
 SHARE = 0.1
 """Of the inner radius of the smallest shape: a length of contact beyond it is a different shape. A slop of that much lets a box
-of 10 cm rest 5 mm deep; a margin of its whole inner radius throws a cylinder 25 mm (measured in PyBullet)."""
+of 10 cm rest 5 mm deep; a margin of its whole inner radius throws a cylinder 25 mm (measured in one engine)."""
 COARSE = 0.5
 """The same of an engine's margin around shapes, which it takes off their size: up to this a box of 10 cm and a cylinder of 3 cm
-rest and slide as without (6 µm, measured in PyBullet)."""
+rest and slide as without (6 µm, measured in one engine)."""
 
 
 def of_thinnest(share: float) -> Bound:
@@ -45,7 +45,7 @@ def of_thinnest(share: float) -> Bound:
 def of_mobility(world: World) -> Limit | None:
     """A compliance (m/(N s)) of at most dt / m of the heaviest body: beyond it a contact takes less than half of an approach
     away in a step. At that bound 1 kg at 1 ms rests 0.25 mm deep, at ten times as much 2.4 mm, at a thousand times it falls
-    through (measured in ODE)."""
+    through (measured in one engine)."""
     most = heaviest(world)
     if most is None:
         return None
