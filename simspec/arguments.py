@@ -153,7 +153,7 @@ def load_spec(
     ``strict`` they are raised. ``robot_files``: how files of other languages are read; that this has an effect is checked here
     unless ``check_effect`` is false. ``duration_of_model``: how long a model runs whose file does not say so; it is added to
     ``sets``, and told on standard error."""
-    from simspec.compiler import check_at_timestep, pairs_without_effect
+    from simspec.compiler import check_at_timestep, deep_contact, pairs_without_effect
     from simspec.language.load import load
     from simspec.resources import find_spec
 
@@ -170,7 +170,7 @@ def load_spec(
     world = spec.resolve()
     if problems := check_at_timestep(spec):
         raise SpecError(problems)
-    found = [*spec.warnings(world), *pairs_without_effect(spec, world)] if warn else []
+    found = [*spec.warnings(world), *pairs_without_effect(spec, world), *deep_contact(spec, world)] if warn else []
     if strict and found:
         raise SpecError(found)
     if found and not as_json:

@@ -17,7 +17,15 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.installed import version_in
 from simspec.engines.kit.registry import engines, find_engine, format_of
-from simspec.engines.kit.settings import Value, check_pair_settings, check_settings, pair_settings, written_settings
+from simspec.engines.kit.settings import (
+    Value,
+    check_bounds,
+    check_pair_settings,
+    check_settings,
+    depth_settings,
+    pair_settings,
+    written_settings,
+)
 from simspec.errors import Location, Problem, UnsupportedError
 from simspec.language.engine_options import EngineOptions as SpecOptions
 from simspec.language.engine_options import SettingsAtTimestep, merged_pairs
@@ -28,6 +36,7 @@ from simspec.support.needs import Need, needs
 from simspec.support.negotiation import Decision, negotiate
 from simspec.world.canonical import canonical_json
 from simspec.world.meeting import Pair, meeting_laws
+from simspec.world.thinnest import thinnest
 from simspec.world.types import EngineOptions, World
 
 WORLD_FILE = "world.json"
@@ -296,6 +305,35 @@ def pairs_without_effect(spec: Spec, world: World) -> list[Problem]:
     return problems
 
 
+DEEP = 0.1
+"""Share of the inner radius of the smallest shape from which a depth of contact is warned of: a cube of 1 mm rests 6 % of its
+edge deep on a cushion of 0.1 mm."""
+
+
+def deep_contact(spec: Spec, world: World) -> list[Problem]:
+    """Warnings of cushions and margins of engines that are large compared with the smallest shape, one for each setting and
+    value, with the engines that have it."""
+    least = thinnest(world)
+    if least is None:
+        return []
+    depths: dict[tuple[str, float], list[str]] = {}
+    for name, engine in engines().items():
+        for setting, depth in depth_settings(engine, world).items():
+            if depth > DEEP * least.inner:
+                depths.setdefault((setting, depth), []).append(name)
+    path = f"bodies.{least.body}.shapes.{least.index}"
+    problems = []
+    for (setting, depth), names in depths.items():
+        message = (
+            f"the contact of this shape is up to {depth:.3g} m deep in {', '.join(names)}, by the setting {setting}"
+        )
+        allowed = f"up to {DEEP:.0%} of the inner radius of the shape, {least.inner:.3g} m"
+        where = ", ".join(f"engines.{name}.settings" for name in names)
+        hint = f"{setting}: {DEEP * least.inner:.2g} in {where}"
+        problems.append(Problem(message, path, spec.locate(path), f"{depth / least.inner:.0%}", allowed, hint))
+    return problems
+
+
 def _wrong_options(
     engine: type[Engine], settings: Mapping[str, Value], pairs: Mapping[Pair, Mapping[str, Value]]
 ) -> list[Problem]:
@@ -342,7 +380,7 @@ def check_options(world: World, locate: Callable[[str], Location | None] = _nowh
             )
             continue
         pairs = {(pair.first, pair.second): dict(pair.settings) for pair in options.pairs}
-        problems.extend(_wrong_options(engine, dict(options.settings), pairs))
+        problems.extend(_wrong_options(engine, dict(options.settings), pairs) or check_bounds(engine, world))
         for key, names in (("accept", options.accept), ("outside", options.outside)):
             for name in names:
                 if name not in words:

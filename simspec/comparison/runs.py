@@ -181,7 +181,7 @@ def diff(
     """
     floors = [floor] if isinstance(floor, Floor) else list(floor or ())
     angle_tolerance = tolerance if angle_tolerance is None else angle_tolerance
-    notes = _notes(a, b, floors)
+    notes = [*_notes(a, b, floors), *_unphysical(a, b)]
     if all("contact.row" in run.arrays for run in (a, b)):
         notes.extend(common_sides((a, b)).notes)
     names = moving_in_common(a, b)
@@ -275,6 +275,13 @@ class Departures:
 
     def _time_or_never(self, row: int) -> float | None:
         return self.time(row) if row < self._common.rows else None
+
+
+def _unphysical(a: Run, b: Run) -> list[str]:
+    """What both runs show alike though no mechanism does it: agreement on it says nothing."""
+    other = {finding.short for finding in b.unphysical.findings}
+    alike = [finding.short for finding in a.unphysical.findings if finding.short in other]
+    return [f"both runs show a motion that is not physical: {what}" for what in alike]
 
 
 def _notes(a: Run, b: Run, floors: Sequence[Floor]) -> list[str]:

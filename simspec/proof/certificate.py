@@ -13,7 +13,7 @@ from importlib.metadata import version
 from simspec.engines.kit.precision import DOUBLE
 from simspec.errors import Problem, SpecError
 from simspec.markup import html_table
-from simspec.proof.checks import Check
+from simspec.proof.checks import TOO_CHAOTIC, Check
 from simspec.proof.contact.declared import Declared, declared
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.scope import unmeasured
@@ -78,17 +78,21 @@ class EngineProof:
 
     @property
     def verdict(self) -> str:
-        """In a line: ``valid``, in which numbers where these are not doubles, with what was not checked and why, and what its
-        contact rests on; ``not valid``; or ``not proven`` where the files alone were checked."""
+        """In a line: ``valid``, in which numbers where these are not doubles, with what was not checked, or is there and too
+        chaotic to be compared, and why, and what its contact rests on; ``not valid``; or ``not proven`` where the files alone
+        were checked."""
         if not self.passed:
             return "not valid"
         if self.files_alone:
             levels, why = ", ".join(name for name in self.unchecked), self.not_checked["L1"]
             return f"not proven: the files hold the world (L0); not checked: {levels} ({why})"
         valid = "valid" if self.precision == DOUBLE else f"valid in {self.precision} precision"
-        parts = ", ".join(f"{name} ({why})" for name, why in self.unchecked.items())
-        said = [valid, f"not checked: {parts}" if parts else "", *self.contact_words]
-        return "; ".join(filter(None, said))
+        chaos = {name: why for name, why in self.not_compared.items() if why.startswith(TOO_CHAOTIC)}
+        said = [valid]
+        for words, without in (("not compared", chaos), ("not checked", self.unchecked)):
+            parts = ", ".join(f"{name} ({why})" for name, why in without.items())
+            said += [f"{words}: {parts}"] if parts else []
+        return "; ".join([*said, *self.contact_words])
 
     @property
     def declared(self) -> Declared:

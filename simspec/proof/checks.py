@@ -13,6 +13,8 @@ MODEL_TOLERANCE = 1e-9
 are told the same model (measured), while the smallest real error of a model, a digit lost in printing, is 1e-7."""
 
 
+TOO_CHAOTIC = "its contact-free motion is too chaotic"
+"""How the reason begins for which a motion is there and not compared; it stands in the verdict."""
 NOTHING = "nothing was compared"
 """Name of the failed check that stands for a level, or a part of one, that the world has and nobody compared."""
 

@@ -9,7 +9,9 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 
-from simspec.proof.checks import NOTHING, Check, failed
+from simspec.engines.kit.precision import DOUBLE
+from simspec.proof.chaos import chaotic
+from simspec.proof.checks import NOTHING, TOO_CHAOTIC, Check, failed
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
 from simspec.proof.motionless import motionless
@@ -118,6 +120,18 @@ def left_out(world: World, levels: Iterable[str] | None = None) -> dict[str, str
     return reasons
 
 
+def uncomparable(world: World, precision: str = DOUBLE) -> dict[str, str]:
+    """What a world has and numbers of a precision cannot compare, by :func:`title`, with the reason: too chaotic a motion.
+    It is named by its level where the world has nothing else of that level. It costs a plan of the motion."""
+    why = chaotic(world, precision)
+    if not why:
+        return {}
+    alone = all(
+        reason for (level, name), reason in expected(world).items() if level == "L6" and name not in ("", "motion")
+    )
+    return {"L6" if alone else "L6 motion": why}
+
+
 def shortfalls(world: World, checks: Sequence[Check], not_compared: Mapping[str, str]) -> list[Check]:
     """A failed check for each part that nobody compared, though it is expected of ``world`` and ``not_compared`` (by
     :func:`title`) does not name it."""
@@ -140,10 +154,14 @@ def judge(
     checks: Sequence[Check],
     not_compared: Mapping[str, str],
     lacking: Mapping[str, str] = MappingProxyType({}),
+    precision: str = DOUBLE,
 ) -> list[str]:
     """Why checks, and what is listed as not compared, do not prove ``world``, a line each; [] when they do. For a certificate
-    from a file, whose every word may be wrong. ``lacking``: the parts that the engine declares not to be askable for."""
+    from a file, whose every word may be wrong. ``lacking``: the parts that the engine declares not to be askable for.
+    ``precision``: of the engine's numbers."""
     own = left_out(world)
+    if any(why.startswith(TOO_CHAOTIC) for why in not_compared.values()):
+        own |= {name: why for name, why in uncomparable(world, precision).items() if name in not_compared}
     faults = [
         f"{name} is listed as not compared ({why}), which does not apply to this world"
         for name, why in not_compared.items()

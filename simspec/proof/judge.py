@@ -69,7 +69,7 @@ def judge_proof(engine: str, proof: EngineProof, world: World, thorough: bool = 
     alone = known is not None and bool(known.FILES_ALONE) and proof.files_alone
     if alone:
         lacking = of_files_alone(proof.not_compared, proof.not_checked["L1"])
-    faults = judge_checks(world, proof.checks, proof.not_compared, lacking)
+    faults = judge_checks(world, proof.checks, proof.not_compared, lacking, proof.precision)
     faults += [proof.verdict] if alone else []
     faults += [
         f"{name} is listed as not checked ({why}), which {engine} does not declare"

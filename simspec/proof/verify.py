@@ -34,7 +34,7 @@ from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.contact.scope import scope
 from simspec.proof.control import Response, control_checks
 from simspec.proof.dry_friction import SLIDING_CHECK, DryFriction, dry_friction_checks
-from simspec.proof.expected import left_out, shortfalls
+from simspec.proof.expected import left_out, shortfalls, uncomparable
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, Followed, Pushed, forces_checks
 from simspec.proof.lacking import MATRIX, not_checked, not_checked_parts, of_files_alone, unchecked
 from simspec.proof.motion import Motion, motion_checks
@@ -108,7 +108,7 @@ class Probes:
             asked.append(dynamics_operation(self.oracle, self.q, self.v, quantities))
         if ("L4", MATRIX) not in lacking:
             asked.append(Operation("touching", {}, {"q": self.meetings.q, "v": velocity}, world))
-        if self.motion is not None and ("L6", "motion") not in lacking:
+        if self.motion is not None and not self.motion.chaos and ("L6", "motion") not in lacking:
             motion = self.motion
             arrays = {"q": motion.q, "v": motion.v, "effort": motion.effort, "rubbing": motion.rubbing}
             asked.append(Operation("motion", {"steps": motion.steps, "every": motion.every}, arrays, world))
@@ -282,6 +282,9 @@ def _engine_proof(
 ) -> EngineProof:
     """The proof of one engine: ``checks`` of text and contact, and those of what it answered, or the error in its place."""
     engine = find_engine(compiled.engine)
+    moving = probes.of(engine).motion
+    if moving is not None and moving.chaos:
+        not_compared = {**not_compared, **uncomparable(world, engine.PRECISION)}
     reply = answered if isinstance(answered, Reply) else None
     unreadable: dict[str, str] = {}
     if reply is not None:
@@ -389,7 +392,7 @@ def engine_checks(
         overlooks = engine.overlooks(world)
         rounding = {(body.name, shape.name): shape.rounding for body in read_back.bodies for shape in body.shapes}
         checks += touch_checks(world, probes.meetings, units, arrays["touching"]["units"], overlooks, rounding)
-    if probes.motion is not None and "motion" in arrays:
+    if probes.motion is not None and not probes.motion.chaos and "motion" in arrays:
         checks += motion_checks(world, probes.motion, arrays["motion"])
     if probes.rubbing is not None and "trials" in arrays:
         checks += dry_friction_checks(world, probes.rubbing, arrays["trials"], engine.DRY_FRICTION_CREEP)

@@ -85,6 +85,8 @@ def run_data(run: Run, outcomes: tuple[Outcome, ...] = ()) -> dict[str, Any]:
         "end_to_end_factor": run.end_to_end_factor,
         "quantities": plain(summary(run)),
         "expectations": plain(outcomes),
+        "unphysical": [{**plain(finding), "what": finding.short} for finding in run.unphysical.findings],
+        "not_judged": run.unphysical.not_judged,
     }
 
 

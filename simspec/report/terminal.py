@@ -25,6 +25,7 @@ from simspec.report.reasons import link, short_reason
 from simspec.report.screen import console
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
+from simspec.runner.unphysical import together
 from simspec.selection import Selection
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -374,6 +375,8 @@ def show_not_taken(selection: Selection, screen: Console) -> None:
 
 def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
     """All tables of one study, in the order of the questions."""
+    for line in together({name: run.unphysical for name, run in study.runs.items() if run.recorded}):
+        screen.print(Text(f"not physical: {line}", style="bold yellow"), soft_wrap=True)
     if study.certificate is not None:
         show_certificate(study.certificate, screen)
     for shown in (

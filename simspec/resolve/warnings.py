@@ -1,5 +1,6 @@
 """What is allowed and yet looks like a slip: angles in degrees without their unit, a squeeze that no finger can give, bodies
-that begin inside each other, scenes that take no time, lengths and masses of another unit."""
+that begin inside each other, scenes that take no time, lengths and masses of another unit, motions that are too fast for the
+timestep, joints that begin outside their limits."""
 
 from __future__ import annotations
 
@@ -21,6 +22,7 @@ from simspec.language.reader import Reader
 from simspec.language.sources import Source
 from simspec.language.trajectory import TrajectoryPoint
 from simspec.resolve.meshes import fills, mesh_shapes, read_meshes
+from simspec.resolve.timestep_warnings import timestep_warnings
 from simspec.world.kinematics import rigid_groups
 from simspec.world.overlap import deep_overlaps
 from simspec.world.shapes import SHAPES
@@ -59,6 +61,7 @@ def warnings(spec: Spec, world: World) -> list[Problem]:
         *_squeeze(spec, world),
         *_meshes(spec),
         *_overlaps(spec, world),
+        *timestep_warnings(spec, world),
     ]
     grouped: dict[tuple[str, Location | str], list[Problem]] = {}
     for message_kind, problem in suspicious:

@@ -20,6 +20,8 @@ from simspec.world.types import World
 if TYPE_CHECKING:
     import pandas as pd
 
+    from simspec.runner.unphysical import Unphysical
+
 SCHEMA = 3
 """Version of the provenance and of the files of a saved run. 2: columns of q, v, targets and efforts by name. 3: hashes."""
 
@@ -81,6 +83,13 @@ class Run:
     def index(self) -> Mapping[str, int]:
         """The index of every body in the arrays, by its name."""
         return {body.name: k for k, body in enumerate(self.world.bodies)}
+
+    @cached_property
+    def unphysical(self) -> Unphysical:
+        """What the run shows that no mechanism does (:mod:`simspec.runner.unphysical`)."""
+        from simspec.runner.unphysical import unphysical
+
+        return unphysical(self)
 
     @cached_property
     def coordinates(self) -> Coordinates:

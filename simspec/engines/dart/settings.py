@@ -40,6 +40,7 @@ SETTINGS: Mapping[str, Setting] = {
         "The NSGS solver stops below this residual. With DART's default of 1e-5 a pile of balls that must stand creeps by "
         "1.2 mm in 0.6 s (μ = 0.2, 1 ms); with 1e-6 by 2 µm.",
         minimum=0.0,
+        maximum=1.0,
         needs=("contact_solver", ("auto", "nsgs")),
         group=Group.ACCURACY,
         finer=1e-10,
@@ -49,6 +50,7 @@ SETTINGS: Mapping[str, Setting] = {
         "As tolerance (m/s, rad/s), in worlds with dry friction in joints. With 1e-5 a friction that takes less speed than "
         "1e-5 m/s in a step (at 1 ms, 0.01 m/s²) is left out, and what is held creeps at 6e-6 rad/s (measured).",
         minimum=0.0,
+        maximum=0.01,
         needs=("contact_solver", ("auto", "nsgs")),
         group=Group.JOINTS,
         finer=1e-12,

@@ -24,6 +24,7 @@ from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import Simulation
 from simspec.engines.drake.touching import contacts
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
+from simspec.engines.kit.bounds import under_weight
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
@@ -267,6 +268,8 @@ class Drake(SteppedEngine[Simulation]):
             "Of every shape (N/m); two in contact have half. With 1e12 SAP fails in its line search; with 1e8 what weighs "
             "10 kg rests 2 µm deep.",
             minimum=1.0,
+            maximum=1e11,
+            at_least=under_weight,
             group=Group.SOFTNESS,
             finer=1e9,
         ),
@@ -275,6 +278,7 @@ class Drake(SteppedEngine[Simulation]):
             "Of Hunt and Crossley's law (s/m): TAMSI takes overlaps back at 1/dissipation at most. 100 makes that 10 mm/s and "
             "e is 0.01; with 10000 a ball dropped at 8 ms rests 1.3 mm deep.",
             minimum=0.0,
+            maximum=1e8,
             needs=("contact_approximation", ("auto", "tamsi")),
             group=Group.ERROR_REDUCTION,
         ),
@@ -302,6 +306,7 @@ class Drake(SteppedEngine[Simulation]):
             "Slip (m/s) below which TAMSI's friction is less than μ N: what is held below the limit creeps slower than that "
             "(6e-7 m/s measured).",
             minimum=1e-12,
+            maximum=0.01,
             needs=("contact_approximation", ("auto", "tamsi")),
             group=Group.FRICTION,
             finer=1e-8,

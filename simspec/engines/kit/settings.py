@@ -9,12 +9,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Protocol
 
+from simspec.engines.kit.bounds import Bound
 from simspec.errors import Problem
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.world.kinematics import rubbing
-from simspec.world.meeting import Pair, balls_alone
+from simspec.world.meeting import Pair, balls_alone, meeting_laws
 from simspec.world.types import PairContact, World
 
+ROUND_OFF = 1e-9
+"""Share of a bound of a world by which a setting may be beyond it."""
 Value = bool | int | float | str
 """What a setting can be."""
 
@@ -90,6 +93,12 @@ class Setting:
     light: Value | None = None
     """The default in worlds with constraints or dry friction in joints, which may be of bodies much lighter than all else;
     None: the same."""
+    at_most: Bound | None = None
+    """The largest value that means something in a world, where that follows from its sizes and masses."""
+    depth: bool = False
+    """Whether it is a length (m) by which what touches is nearer, or further away, than its shapes say."""
+    at_least: Bound | None = None
+    """The same of the least."""
     by_pair: ByPair | None = None
     """Where each pair of materials may have a value of its own (``engines.NAME.pairs``): in which contacts it acts."""
 
@@ -191,6 +200,45 @@ def check_settings(engine: type[HasSettings], settings: Sequence[tuple[str, Any]
     else is right, settings that do nothing beside others."""
     place = f"engines.{engine.NAME}.settings"
     return _wrong_settings(engine, place, settings) or _idle(engine, place, dict(settings), {})
+
+
+def check_bounds(engine: type[HasSettings], world: World) -> list[Problem]:
+    """The problems of settings that a world states for ``engine``, or for pairs of materials, beyond what its sizes and masses
+    allow. Names and types were checked."""
+    options, place = world.options(engine.NAME), f"engines.{engine.NAME}"
+    stated = [(f"{place}.settings", options.settings)]
+    stated += [(f"{place}.pairs.{pair.first}.{pair.second}", pair.settings) for pair in options.pairs]
+    problems = []
+    for path, settings in stated:
+        for name, value in settings:
+            setting = engine.SETTINGS.get(name)
+            if setting is None or isinstance(value, str):
+                continue
+            for bound, sign, words in ((setting.at_most, 1.0, "at most"), (setting.at_least, -1.0, "at least")):
+                limit = bound(world) if bound is not None else None
+                if limit is not None and sign * value > sign * limit.value * (1.0 + sign * ROUND_OFF):
+                    allowed = f"{words} {limit.value:.3g} in this world: {limit.why}"
+                    message = (
+                        f"{engine.NAME}'s setting {name!r} is too {'large' if sign > 0.0 else 'small'} for this world"
+                    )
+                    problems.append(Problem(message, f"{path}.{name}", found=_told(name, value), allowed=allowed))
+    return problems
+
+
+def depth_settings(engine: type[HasSettings], world: World) -> dict[str, float]:
+    """The lengths in force (m) by which contact of ``world`` differs from its shapes, by setting; the largest of all pairs of
+    materials that can meet, and in whose contact it acts."""
+    names = [name for name, setting in engine.SETTINGS.items() if setting.depth]
+    found: dict[str, float] = {}
+    for pair, law in meeting_laws(world).items() if names else ():
+        settings = settings_of_pair(engine, world, pair)
+        idle = idle_settings(engine, settings)
+        for name in names:
+            by_pair, value = engine.SETTINGS[name].by_pair, settings[name]
+            acts = name not in idle and (by_pair is None or not by_pair.idle(law, world.contact.friction_cone))
+            if acts and not isinstance(value, str) and value > 0.0:
+                found[name] = max(found.get(name, 0.0), float(value))
+    return found
 
 
 def check_pair_settings(

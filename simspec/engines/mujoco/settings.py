@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.dialects.mujoco.names import COULOMB, NATIVE
+from simspec.engines.kit.bounds import COARSE, SHARE, of_thinnest
 from simspec.engines.kit.settings import ByPair, Group, Setting
 
 _RIGID = ByPair(("common",))
@@ -46,6 +47,7 @@ SETTINGS: Mapping[str, Setting] = {
         "cap of a bottle before robots by 2.9 rad/s after 20 ms; a robot's finger that follows another is 9e-9 m off after "
         "0.5 s (measured).",
         minimum=0.0,
+        maximum=1.0,
         group=Group.ACCURACY,
         finer=1e-14,
         frictionless=1e-10,
@@ -56,6 +58,7 @@ SETTINGS: Mapping[str, Setting] = {
         0.01,
         "The line search ends below this part of the gradient. MuJoCo's own number.",
         minimum=0.0,
+        maximum=1.0,
         needs=("solver", ("newton", "cg")),
         group=Group.ACCURACY,
         finer=1e-4,
@@ -109,6 +112,7 @@ SETTINGS: Mapping[str, Setting] = {
         "mm sideways in place of one of up to 20 µm, and they jump apart; with 1e-8 in none, at 6 to 8 % more of a step of "
         "21 cylinders (measured, 4.0.1). On friction_cushion what rests is deeper than that.",
         minimum=1e-12,
+        at_most=of_thinnest(SHARE),
         group=Group.ACCURACY,
         finer=1e-8,
     ),
@@ -140,6 +144,7 @@ SETTINGS: Mapping[str, Setting] = {
         1e-5,
         "With sleeping: the speed (m/s, angular times length) below which a body falls asleep after ten steps.",
         minimum=0.0,
+        maximum=0.01,
         only_with="sleeping",
         needs=("sleeping", (True,)),
         group=Group.SLEEPING,
@@ -193,6 +198,8 @@ SETTINGS: Mapping[str, Setting] = {
         "what rests is 70 to 100 µm deep, not 0.3. 0: none.",
         minimum=0.0,
         maximum=0.1,
+        at_most=of_thinnest(COARSE),
+        depth=True,
         needs=("friction", (NATIVE,)),
         group=Group.SOFTNESS,
         finer=0.0,

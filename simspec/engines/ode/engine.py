@@ -15,6 +15,7 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
+from simspec.engines.kit.bounds import of_mobility
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
@@ -197,6 +198,7 @@ class Ode(SteppedEngine[Simulation]):
             "error, and leaves friction out; a step that breaks is solved again with points that part by 1e-13 m/s, each by "
             "its own, and then with ten times as much, up to 1e5 times.",
             minimum=0.0,
+            at_most=of_mobility,
             group=Group.SOFTNESS,
         ),
     }

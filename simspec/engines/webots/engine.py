@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.contact.rules import Rules
+from simspec.engines.kit.bounds import of_mobility
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.needs import Needs
@@ -188,6 +189,7 @@ class Webots(GivenEngine[Simulation]):
             "softCFM and forceDependentSlip of every contact (m/(N s)): what redundant points share their forces by. 0, which "
             "ODE does not solve, Webots takes for its own number.",
             minimum=1e-15,
+            at_most=of_mobility,
             group=Group.SOFTNESS,
         ),
         "joint_softness": Setting(

@@ -11,6 +11,7 @@ from simspec.errors import clipped
 from simspec.proof.certificate import Certificate
 from simspec.report.differences import inconclusive_note
 from simspec.report.kit import length, number
+from simspec.runner.unphysical import together
 
 GOOD, WARNING, BAD, PLAIN = "good", "warning", "bad", "plain"
 MARKS = {GOOD: "✓", WARNING: "!", BAD: "✗", PLAIN: "·"}
@@ -37,6 +38,7 @@ def verdict(study: Study) -> list[Sentence]:
     parts = [
         *_models(study),
         *_failures(study),
+        *_unphysical(study),
         *_differences(study),
         *_expectations(study),
         *_repeats(study),
@@ -60,6 +62,8 @@ def _summary(study: Study) -> Sentence:
     model, proven = _model(study)
     unmet = sum(not outcome.passed for outcomes in study.outcomes.values() for outcome in outcomes)
     tail = f", and {unmet} expectation{'s' if unmet > 1 else ''} failed." if unmet else "."
+    if _not_physical(study):
+        tail, unmet = f"; the motion is not physical{tail}", unmet + 1
     tone = BAD if unmet else WARNING
     if not study.diffs:
         return Sentence(_worst(not proven, bool(unmet)), f"{model}{tail}")
@@ -131,6 +135,15 @@ def _failures(study: Study) -> Iterator[Sentence]:
         if run.failed is not None:
             until = f" Its records end at {run.time[-1]:.4g} s." if run.recorded else ""
             yield Sentence(BAD, f"Run: {name} failed: {clipped(run.failed, LONGEST_REASON)}.{until}")
+
+
+def _unphysical(study: Study) -> Iterator[Sentence]:
+    for line in _not_physical(study):
+        yield Sentence(BAD, f"Motion: not physical: {line}.")
+
+
+def _not_physical(study: Study) -> list[str]:
+    return together({name: run.unphysical for name, run in study.runs.items() if run.recorded})
 
 
 def _differences(study: Study) -> Iterator[Sentence]:

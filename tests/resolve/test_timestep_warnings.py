@@ -1,0 +1,241 @@
+"""Warnings of what follows from the numbers of a world and is wrong in every engine alike."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import simspec
+from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.spinning import THRESHOLD, gains
+from simspec.errors import Problem
+from simspec.resolve.passing import passages
+from simspec.world.kinematics import initial_state
+
+ROOT = Path(__file__).resolve().parents[2]
+
+TOP = """
+simspec: 1
+name: top
+physics: {{gravity: [0, 0, 0], timestep: {step}, duration: {duration}}}
+bodies:
+  top:
+    mass: 1
+    velocity: {{angular: [{across}, 0, {along}]}}
+    inertia: {{principal: [{x}, 0.02, 0.03]}}
+"""
+
+
+def loaded(tmp_path: Path, text: str, *sets: str) -> simspec.Spec:
+    path = tmp_path / "spec.yaml"
+    path.write_text(text)
+    return simspec.load(path, sets=sets)
+
+
+def top(
+    tmp_path: Path,
+    along: float = 300.0,
+    across: float = 30.0,
+    step: str = "1 ms",
+    x: float = 0.02,
+    duration: str = "0.1 s",
+) -> simspec.Spec:
+    return loaded(tmp_path, TOP.format(along=along, across=across, step=step, x=x, duration=duration))
+
+
+def recommended(problem: Problem) -> str:
+    found = re.search(r"up to ([0-9.e-]+) s", problem.allowed or "")
+    assert found is not None
+    return f"physics.timestep={found[1]} s"
+
+
+def energy(spec: simspec.Spec) -> list[float]:
+    world = spec.resolve()
+    oracle = Oracle(world)
+    states, speeds = oracle.motion(*initial_state(world), None, world.physics.steps, 1)
+    return [oracle.energy(q, v)[0] for q, v in zip(states, speeds, strict=True)]
+
+
+@pytest.mark.parametrize(("along", "x"), [(300.0, 0.02), (200.0, 0.011), (120.0, 0.012)])
+def test_the_gain_of_a_rotation_is_the_oracle_s(tmp_path, along, x):
+    spec = top(tmp_path, along, x=x)
+    (gain,) = gains(spec.resolve())
+    told = energy(spec)
+    assert gain.gain == pytest.approx(max(told) / told[0] - 1.0, rel=0.02)
+    assert gain.gain > THRESHOLD
+    (problem,) = spec.warnings()
+    assert str(problem.location).endswith("spec.yaml:8:16")
+    assert "rad in a step" in problem.message
+    # a whole number of steps: the duration is one of theirs
+    slower = loaded(tmp_path, (tmp_path / "spec.yaml").read_text(), recommended(problem))
+    assert max(told := energy(slower)) / told[0] - 1.0 < 1.05 * THRESHOLD
+
+
+def test_a_rotation_that_diverges_says_when(tmp_path):
+    spec = top(tmp_path, 1000.0)
+    (problem,) = spec.warnings()
+    (gain,) = gains(spec.resolve())
+    assert math.isinf(gain.gain)
+    assert "diverges after" in problem.message
+    with np.errstate(over="ignore", invalid="ignore"):
+        told = np.array(energy(spec))
+    assert told[int(gain.time / 1e-3) + 15] > 50 * told[0]
+    assert told[int(0.3 * gain.time / 1e-3)] < 3 * told[0]
+
+
+def test_what_turns_slowly_evenly_or_about_a_principal_axis_is_not_warned_of(tmp_path):
+    assert top(tmp_path, 30.0).warnings() == []
+    assert top(tmp_path, 3000.0, across=0.0).warnings() == []
+    equal = TOP.replace("0.02, 0.03]", "0.02, 0.02]").format(
+        step="1 ms", across=30, along=1000, x=0.02, duration="0.1 s"
+    )
+    assert loaded(tmp_path, equal).warnings() == []
+
+
+@pytest.mark.parametrize("kind", ["child", "ball"])
+def test_bodies_of_several_parts_and_ball_joints_are_followed_by_the_oracle(tmp_path, kind):
+    text = TOP.format(step="1 ms", across=30, along=300, x=0.02, duration="0.1 s")
+    if kind == "child":
+        text += (
+            "  part: {parent: top, joint: {type: fixed}, mass: 0.001, inertia: {principal: [1.0e-7, 1.0e-7, 1.0e-7]}}\n"
+        )
+    else:
+        text = text.replace("velocity: {angular: [30, 0, 300]}", "joint: {type: ball, velocity: [30, 0, 300]}")
+    (gain,) = gains(loaded(tmp_path, text).resolve())
+    assert gain.body == "top"
+    assert gain.gain == pytest.approx(0.045, abs=0.02)
+
+
+WALL = """
+simspec: 1
+name: wall
+physics: {{gravity: [0, 0, {gravity}], timestep: {step}, duration: 1 s}}
+contact: {{materials: {{stone: {{friction: 0.5}}}}{more}}}
+bodies:
+  wall: {{fixed: true, pose: {{xyz: {wall}}}, shapes: [{{box: {{size: {size}}}}}]}}
+  ball:
+    mass: 1
+    pose: {{xyz: [0, 0, {height}]}}
+    velocity: {{linear: [{speed}, 0, 0]}}
+    shapes: [{{sphere: {{radius: 0.05}}}}]
+"""
+
+
+def wall(tmp_path: Path, speed: float, **changed: object) -> simspec.Spec:
+    values = {
+        "gravity": 0,
+        "step": "10 ms",
+        "wall": "[5.5, 0, 0]",
+        "size": "[0.2, 4, 4]",
+        "height": 0,
+        "more": "",
+    } | changed
+    return loaded(tmp_path, WALL.format(speed=speed, **values))
+
+
+def test_a_step_that_is_longer_than_a_wall_is_thick_is_warned_of(tmp_path):
+    (problem,) = wall(tmp_path, 100.0).warnings()
+    assert str(problem.location).endswith("spec.yaml:11:16")
+    assert "'wall' is in its way" in problem.message
+    assert wall(tmp_path, 14.0).warnings() == []
+    assert wall(tmp_path, 16.0).warnings() != []
+    text = (tmp_path / "spec.yaml").read_text().replace("[16.0,", "[100,")
+    assert loaded(tmp_path, text, recommended(problem)).warnings() == []
+
+
+def test_what_is_not_in_the_way_is_not_warned_of(tmp_path):
+    assert wall(tmp_path, -100.0).warnings() == []
+    assert wall(tmp_path, 100.0, wall="[5.5, 9, 0]").warnings() == []
+    assert wall(tmp_path, 100.0, size="[4, 4, 4]").warnings() == [], "a thick wall stops it"
+    past = "  before: {fixed: true, pose: {xyz: [3, 0, 0]}, shapes: [{box: {size: [2.5, 4, 4]}}]}\n"
+    assert wall(tmp_path, 100.0).warnings() != []
+    assert loaded(tmp_path, (tmp_path / "spec.yaml").read_text() + past).warnings() == [], "it is stopped before"
+    assert wall(tmp_path, 100.0, more=", exclude: [[ball, wall]]").warnings() == []
+
+
+def test_the_speed_of_a_fall_counts(tmp_path):
+    sheet = {"wall": "[0, 0, 0]", "size": "[4, 4, 0.01]", "gravity": -9.81}
+    (problem,) = wall(tmp_path, 0.0, height=4, **sheet).warnings()
+    assert "falls 0.0" in problem.message
+    assert str(problem.location).endswith("spec.yaml:10:5")
+    assert wall(tmp_path, 0.0, height=0.5, **sheet).warnings() == []
+    (one,) = passages(wall(tmp_path, 0.0, height=4, **sheet).resolve())
+    assert one.speed == pytest.approx(math.sqrt(2 * 9.81 * 3.95), rel=0.02)
+
+
+def test_what_slides_on_ground_is_looked_at_too(tmp_path):
+    wall(tmp_path, 100.0, gravity=-9.81, height=0.05)
+    text = (tmp_path / "spec.yaml").read_text() + "  ground: {fixed: true, shapes: [{plane: {}}]}\n"
+    assert [one.obstacle for one in passages(loaded(tmp_path, text).resolve())] == ["wall"]
+
+
+LIMITED = """
+simspec: 1
+name: limited
+physics: {{duration: 1 s}}
+bodies:
+  arm:
+    mass: 1
+    inertia: {{principal: [1, 1, 1]}}
+    joint: {{type: {kind}, axis: [0, 0, 1], limits: {{position: {limits}}}}}
+"""
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("hinge", "rad"), ("slide", "m")])
+def test_a_joint_that_begins_outside_its_limits_without_a_word_is_warned_of(tmp_path, kind, unit):
+    """A position that is written there is an error; one that nobody wrote is 0."""
+    for limits, count in (("[0.3, 1]", 1), ("[-1, -1.0e-5]", 1), ("[0, 1]", 0), ("[-1, 1]", 0)):
+        problems = loaded(tmp_path, LIMITED.format(kind=kind, limits=limits)).warnings()
+        assert len(problems) == count, limits
+        for problem in problems:
+            assert "begins outside its limits" in problem.message
+            assert problem.found == f"0 {unit}"
+            assert str(problem.location).endswith("spec.yaml:9:5")
+
+
+DRAG = """
+simspec: 1
+name: leaf
+physics:
+  gravity: [0, 0, 0]
+  timestep: 10 ms
+  duration: 1 s
+  fluid: {{density: 1000, velocity: [{wind}, 0, 0]}}
+bodies:
+  leaf:
+    mass: 0.1
+    velocity: {{linear: [{speed}, 0, 0], angular: [0, 0, {turn}]}}
+    inertia: {{principal: [1.0e-4, 1.0e-4, 1.0e-4]}}
+"""
+
+
+@pytest.mark.parametrize("axis", ["speed", "wind", "turn"])
+def test_drag_that_makes_faster_is_warned_of(tmp_path, axis):
+    def spec_at(value: float) -> simspec.Spec:
+        return loaded(tmp_path, DRAG.format(**{"speed": 0, "wind": 0, "turn": 0} | {axis: value}))
+
+    def after(value: float) -> float:
+        """The size of the velocity against the fluid after a step, beside that before."""
+        world = spec_at(value).resolve()
+        q, v = initial_state(world)
+        still = np.array([*world.physics.fluid.velocity, 0.0, 0.0, 0.0])
+        _, then = Oracle(world).step(q, v, np.zeros(6))
+        return float(np.linalg.norm(then - still) / np.linalg.norm(v - still))
+
+    low, high = 1e-3, 1e5
+    while high > 1.001 * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if after(middle) > 1.0 else (middle, high)
+    drag = [one for one in spec_at(1.01 * high).warnings() if "drag" in one.message]
+    assert len(drag) == 1
+    assert not [one for one in spec_at(0.99 * low).warnings() if "drag" in one.message]
+    assert str(drag[0].location).startswith(f"{tmp_path}/spec.yaml:12:")
+
+
+@pytest.mark.parametrize("name", ["tumbling-body", "bouncing-ball", "contact/newtons-cradle", "motion/moving-platform"])
+def test_the_library_is_quiet(name):
+    assert simspec.load(ROOT / "specs" / f"{name}.yaml").warnings() == []
