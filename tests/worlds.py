@@ -9,11 +9,29 @@ from simspec.testing import worlds as shipped
 from simspec.testing.worlds import *  # noqa: F403 - the same module, with options added to four of its worlds
 from simspec.world.types import EngineOptions, Pose, Shape, World
 
-MUJOCO = EngineOptions("mujoco", accept=("contact.friction.impact",))
+MUJOCO = EngineOptions(
+    "mujoco",
+    accept=(
+        "contact.friction.carried",
+        "contact.friction.impact",
+    ),
+)
 """What a world accepts in which something has friction and moves."""
-MJX = EngineOptions("mjx", accept=("contact.friction.impact",))
+MJX = EngineOptions(
+    "mjx",
+    accept=(
+        "contact.friction.carried",
+        "contact.friction.impact",
+    ),
+)
 """The same."""
-MJWARP = EngineOptions("mjwarp", accept=("contact.friction.impact",))
+MJWARP = EngineOptions(
+    "mjwarp",
+    accept=(
+        "contact.friction.carried",
+        "contact.friction.impact",
+    ),
+)
 """The same."""
 BULLET = EngineOptions("pybullet", accept=("contact.cone.elliptic",))
 """What a world accepts in which more than balls has friction, under the elliptic cone."""

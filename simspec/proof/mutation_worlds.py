@@ -61,7 +61,7 @@ def native(engine: str) -> World:
     controller = Controller("own", joints, "native", kp=(30.0, 0.0), kd=(3.0, 2.0), effort_limits=(25.0, None))
     way = Trajectory(joints, (0.0, 1.0), ((0.2, 0.2), (0.5, -0.3)))
     # the friction of a solver that has controllers is an approximation somewhere
-    accept = ("contact.cone.elliptic", "contact.friction.impact", "control.native")
+    accept = ("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "control.native")
     options = EngineOptions(engine, accept=accept)
     return dataclasses.replace(
         world, name="self-test-native", controllers=(controller,), trajectory=way, engines=(options,)
@@ -94,7 +94,17 @@ def shapes(engine: str) -> World:
     )
     law = PairContact("stone", "stone", 0.4, 0.0)
     contact = Contact(materials=(Material("stone", 0.4),), pairs=(law,), excluded_bodies=(("knob", "toy"),))
-    accept = tuple(sorted(("contact.cone.elliptic", "contact.friction.impact", "shape.cylinder", "shape.plane")))
+    accept = tuple(
+        sorted(
+            (
+                "contact.cone.elliptic",
+                "contact.friction.carried",
+                "contact.friction.impact",
+                "shape.cylinder",
+                "shape.plane",
+            )
+        )
+    )
     options = EngineOptions(engine, accept=accept)
     return World("self-test-shapes", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
 
@@ -117,7 +127,9 @@ def weightless(engine: str) -> World:
     law = PairContact("rubber", "rubber", 0.5, 0.0)
     apart = (("arm", "root"), ("arm", "tip"), ("bob", "load"), ("load", "root"))
     contact = Contact(materials=(Material("rubber", 0.5),), pairs=(law,), excluded_bodies=apart)
-    options = EngineOptions(engine, accept=("contact.cone.elliptic", "contact.friction.impact"))
+    options = EngineOptions(
+        engine, accept=("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact")
+    )
     return World("self-test-weightless", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
 
 
@@ -145,7 +157,9 @@ def several_joints(engine: str) -> World:
     )
     law = PairContact("rubber", "rubber", 0.5, 0.0)
     contact = Contact(materials=(Material("rubber", 0.5),), pairs=(law,), excluded_bodies=tuple(sorted(joined(bodies))))
-    options = EngineOptions(engine, accept=("contact.cone.elliptic", "contact.friction.impact"))
+    options = EngineOptions(
+        engine, accept=("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact")
+    )
     return World("self-test-several-joints", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
 
 
@@ -189,7 +203,13 @@ def hard(kind: str, hardness: Hardness) -> Callable[[str], World]:
         law = PairContact("rubber", "rubber", 0.5, 0.0, hardness=hardness)
         contact = dataclasses.replace(world.contact, materials=(Material("rubber", 0.5),), pairs=(law,))
         options = EngineOptions(
-            engine, accept=("contact.cone.elliptic", "contact.friction.impact", f"contact.hardness.{kind}")
+            engine,
+            accept=(
+                "contact.cone.elliptic",
+                "contact.friction.carried",
+                "contact.friction.impact",
+                f"contact.hardness.{kind}",
+            ),
         )
         return dataclasses.replace(world, name=f"self-test-{kind}", contact=contact, engines=(options,))
 
@@ -202,7 +222,9 @@ def cone(name: str) -> Callable[[str], World]:
     def made(engine: str) -> World:
         world = hard("common", Hardness())(engine)
         contact = dataclasses.replace(world.contact, friction_cone=name)
-        options = EngineOptions(engine, accept=(f"contact.cone.{name}", "contact.friction.impact"))
+        options = EngineOptions(
+            engine, accept=(f"contact.cone.{name}", "contact.friction.carried", "contact.friction.impact")
+        )
         return dataclasses.replace(world, name=f"self-test-{name}", contact=contact, engines=(options,))
 
     return made

@@ -27,7 +27,9 @@ def without_joints(make: Callable[[str], World], name: str) -> Callable[[str], W
         whole = make(engine)
         bodies = tuple(_freed(body, row) for row, body in enumerate(whole.bodies))
         # without joints bodies rub against each other
-        options = EngineOptions(engine, accept=("contact.cone.elliptic", "contact.friction.impact", "shape.box"))
+        options = EngineOptions(
+            engine, accept=("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "shape.box")
+        )
         return dataclasses.replace(whole, name=name, bodies=bodies, engines=(options,))
 
     return made

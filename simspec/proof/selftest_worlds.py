@@ -129,7 +129,13 @@ def model(engine: str) -> World:
         bodies,
         contact,
         PHYSICS,
-        engines=_options(engine, "contact.cone.elliptic", "contact.friction.impact", "joint.limits.position"),
+        engines=_options(
+            engine,
+            "contact.cone.elliptic",
+            "contact.friction.carried",
+            "contact.friction.impact",
+            "joint.limits.position",
+        ),
     )
 
 
@@ -270,7 +276,9 @@ def bouncing(engine: str) -> World:
             (Shape("ball_0", "sphere", (0.1,), Pose(), "rubber"),),
         ),
     )
-    options = _options(engine, "contact.cone.elliptic", "contact.friction.impact", "material.restitution")
+    options = _options(
+        engine, "contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "material.restitution"
+    )
     return World("self-test-bouncing", bodies, _contact(0.5), PHYSICS, engines=options)
 
 
@@ -309,7 +317,9 @@ def surfaces(engine: str) -> World:
         bodies,
         contact,
         PHYSICS,
-        engines=_options(engine, "contact.cone.elliptic", "contact.friction.impact", "shape.box"),
+        engines=_options(
+            engine, "contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "shape.box"
+        ),
     )
 
 
@@ -318,7 +328,13 @@ def rolling(engine: str) -> World:
     world = bouncing(engine)
     law = PairContact("rubber", "rubber", 0.5, 0.0, torsional_friction=0.01, rolling_friction=0.002)
     contact = Contact(materials=(Material("rubber", 0.5, 0.0, 0.01, 0.002),), pairs=(law,))
-    options = _options(engine, "contact.friction.impact", "material.friction.rolling", "material.friction.torsional")
+    options = _options(
+        engine,
+        "contact.friction.carried",
+        "contact.friction.impact",
+        "material.friction.rolling",
+        "material.friction.torsional",
+    )
     return dataclasses.replace(world, name="self-test-rolling", contact=contact, engines=options)
 
 
@@ -339,7 +355,9 @@ def meshes(engine: str) -> World:
         return Body(name, name, Inertial(0.8, (0.01, 0.0, 0.0), TENSOR), joint, shapes[name], "parts")
 
     contact = _contact(ignored_groups=(("parts", "parts"),))
-    options = _options(engine, "contact.cone.elliptic", "contact.friction.impact", "shape.mesh")
+    options = _options(
+        engine, "contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "shape.mesh"
+    )
     bodies = (floor, free("stone", 0.0), free("toy", 0.6))
     return World("self-test-meshes", bodies, contact, PHYSICS, engines=options)
 
@@ -375,7 +393,10 @@ def belts(engine: str) -> World:
         "turntable", "cylinder", (0.5, 0.2), Pose((6.0, 0.0, -0.1)), "rubber", surface_velocity=(0.0,) * 5 + (0.7,)
     )
     floor = dataclasses.replace(floor, shapes=(belt, round_about))
-    contact, options = _contact(), _options(engine, "contact.cone.elliptic", "contact.friction.impact")
+    contact, options = (
+        _contact(),
+        _options(engine, "contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact"),
+    )
     bodies = (floor, _cube("cube", 0.0, "rubber"))
     return World("self-test-belts", bodies, contact, PHYSICS, engines=options)
 
