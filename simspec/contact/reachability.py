@@ -62,12 +62,8 @@ def coupled_needs(world: World) -> list[Need]:
         if law.hardness.kind != "common":
             continue
         there, path = reach(world, first, second), f"contact.pairs.{first}.{second}"
-        if law.friction and (there.leans or there.corners):
-            found.setdefault(Feature.COUPLED_FRICTION, []).append(f"{path}.friction")
         if law.friction and there.carries:
             found.setdefault(Feature.CARRIED_FRICTION, []).append(f"{path}.friction")
-        if law.restitution and (there.gathers or there.corners):
-            found.setdefault(Feature.IMPACT_TOGETHER, []).append(f"{path}.restitution")
         if there.ratio >= HEAVY_ON_LIGHT:
             found.setdefault(Feature.MASS_RATIO, []).append(path)
     return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]

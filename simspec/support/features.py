@@ -66,9 +66,7 @@ class Feature(StrEnum):
     MARGIN_PAIRS = "contact.pairs.margin"
     PASSING_PAIRS = "contact.pairs.collide"
     IMPACT_FRICTION = "contact.friction.impact"
-    COUPLED_FRICTION = "contact.friction.coupled"
     CARRIED_FRICTION = "contact.friction.carried"
-    IMPACT_TOGETHER = "contact.impact.together"
     MASS_RATIO = "contact.mass-ratio"
     CONE_ELLIPTIC = "contact.cone.elliptic"
     CONE_PYRAMID_INSCRIBED = "contact.cone.pyramid-inscribed"
@@ -148,9 +146,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.MARGIN_PAIRS: "a distance for each pair of materials at which their contact begins",
     Feature.PASSING_PAIRS: "pairs of materials that do not collide",
     Feature.IMPACT_FRICTION: "friction in the step of an oblique impact, and where normal forces change within steps",
-    Feature.COUPLED_FRICTION: "friction that changes the normal force: bodies that lean, clamp, or are piled on each other",
     Feature.CARRIED_FRICTION: "friction that holds a body on a kinematic or driven one, or on a surface that moves",
-    Feature.IMPACT_TOGETHER: "impacts with restitution that touch several places at once",
     Feature.MASS_RATIO: "bodies that may lie on others of a tenth of their mass or less",
     Feature.CONE_ELLIPTIC: "|f| ≤ μ N",
     Feature.CONE_PYRAMID_INSCRIBED: "|fx| + |fy| ≤ μ N",
@@ -172,5 +168,5 @@ MEANING: Mapping[Feature, str] = {
     Feature.FLUID: "drag and viscous resistance of a fluid around the bodies, by the box of each one's inertia",
 }
 
-COUPLED_CONTACT = (Feature.COUPLED_FRICTION, Feature.CARRIED_FRICTION, Feature.IMPACT_TOGETHER, Feature.MASS_RATIO)
-"""What contact of several bodies needs: the coupled probes of level L5 measure it."""
+COUPLED_CONTACT = (Feature.CARRIED_FRICTION, Feature.MASS_RATIO)
+"""What contact of several bodies needs beside what that of two does: coupled probes of level L5 measure it."""

@@ -34,10 +34,15 @@ def by_ratio(
     )
 
 
-def heavy_on_light(limits: Mapping[float, float], how: str, short: str) -> Support:
-    """Exact below a ratio of masses, to be accepted by name from it on. ``limits``: by least timestep (s) that ratio."""
+def heavy_on_light(
+    limits: Mapping[float, float], how: str, short: str, engine: str = "", setting: tuple[str, str] | None = None
+) -> Support:
+    """Exact below a ratio of masses, to be accepted by name from it on. ``limits``: by least timestep (s) that ratio;
+    ``setting``: where the spec gives this name and value to ``engine`` alone."""
 
     def exact(world: World) -> Refinement | None:
+        if setting is not None and dict(world.options(engine).settings).get(setting[0]) != setting[1]:
+            return Refinement(Level.EXACT, "")
         here = [ratio for timestep, ratio in sorted(limits.items()) if world.physics.timestep >= FROM * timestep]
         return Refinement(Level.EXACT, "") if not here or largest_ratio(world) < here[-1] else None
 

@@ -287,13 +287,6 @@ DEVIATIONS: tuple[Deviation, ...] = (
 def coupled_support(by_coulomb: Refinement, asked: Refine) -> Mapping[Feature, Support]:
     """What MuJoCo declares of contact of several bodies; ``asked``: the refinement of worlds that ask for Coulomb's law."""
     return {
-        Feature.COUPLED_FRICTION: approximate(
-            "bodies that lean or clamp settle by up to 5 mm before friction holds them, and those that slip go up to 38 % too "
-            "far at 1 ms; engines.mujoco.settings: {friction: coulomb} is within 1 % up to 4 ms",
-            short="what leans settles by up to 5 mm, and slips up to 38 % too far, at 1 ms",
-            refine=asked,
-            cases=(by_coulomb,),
-        ),
         Feature.CARRIED_FRICTION: approximate(
             "a body at rest on something that turns, or on a surface that moves, slips at a / friction_rate, a the "
             "acceleration by which its carrier's velocity turns or changes there, whatever the timestep: at 100/s and 1 rad/s "
@@ -302,11 +295,6 @@ def coupled_support(by_coulomb: Refinement, asked: Refine) -> Mapping[Feature, S
             short="what is carried around slips at a / friction_rate: 8 mm/s at 0.8 m and 1 rad/s",
             refine=asked,
             cases=(by_coulomb,),
-        ),
-        Feature.IMPACT_TOGETHER: approximate(
-            "contacts with restitution are springs that act one after the other: a ball that hits a row of two sends the last "
-            "off alone, where the law sends both; energy within 19 %",
-            short="impacts pass through a row one after the other",
         ),
         Feature.MASS_RATIO: heavy_on_light(
             {0.0: 300.0, 0.002: 70.0, 0.004: 20.0, 0.008: 10.0},

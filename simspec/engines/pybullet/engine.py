@@ -43,6 +43,7 @@ from simspec.engines.pybullet.contact import (
     POINTS,
     only_balls_and_boxes_are_soft,
 )
+from simspec.engines.pybullet.coupled import DEVIATIONS, MASS_RATIO
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
@@ -68,13 +69,12 @@ from simspec.support.declarations import (
     Support,
     Table,
     approximate,
-    exactly,
     never,
     outside,
     shape_kinds,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world.anchors import anchors
 from simspec.world.kinematics import members
 from simspec.world.types import Body, HeldValue, PairContact, ReadBack, Vector3, World
@@ -187,7 +187,8 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.SHAPES_PER_BODY: EXACT,
         Feature.MATERIALS_PER_BODY: via_api(_COPIES),
         Feature.FRICTION: Support(Level.EXACT, "numbers, up to 10 for a pair"),
-        **exactly(*COUPLED_CONTACT),
+        Feature.CARRIED_FRICTION: EXACT,
+        Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: Support(
             Level.EXACT, "numbers; taking back the overlap adds up to 0.013 to the ratio (measured, contact_erp 0.01)"
@@ -238,7 +239,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.SUM_LIMITS: never("PyBullet stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
-    CONTACT_DEVIATIONS = CONTACT_DEVIATIONS
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (*CONTACT_DEVIATIONS, *DEVIATIONS)
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "friction_cone": "PyBullet does not report its contact settings",
         "shape.name": "PyBullet does not store shape names",

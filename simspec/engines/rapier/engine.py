@@ -25,6 +25,7 @@ from simspec.engines.kit.refinements import only_balls_slide, planes_still, stil
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.rapier.balls import SMALL, balls
+from simspec.engines.rapier.coupled import DEVIATIONS, MASS_RATIO
 from simspec.engines.rapier.cylinders import CYLINDERS, cylinders
 from simspec.engines.rapier.expected import expected
 from simspec.engines.rapier.hulls import STACKED, hulls_held
@@ -46,7 +47,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world.types import HeldValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for Rapier"
@@ -127,7 +128,8 @@ class Rapier(SteppedEngine[Simulation]):
         Feature.MARGIN_PAIRS: never("Rapier's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
         Feature.FRICTION: Support(Level.EXACT, _LAW),
-        **exactly(*COUPLED_CONTACT),
+        Feature.CARRIED_FRICTION: EXACT,
+        Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: Support(Level.EXACT, _LAW),
         Feature.RESTITUTION: Support(Level.EXACT, _BOUNCE),
         Feature.RESTITUTION_PAIRS: Support(Level.EXACT, _BOUNCE),
@@ -170,6 +172,7 @@ class Rapier(SteppedEngine[Simulation]):
         ),
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
+        *DEVIATIONS,
         Deviation("push-oblong", 0.02, _ASIDE),
         Deviation("stop-oblong", 0.027, _ASIDE),
     )
