@@ -10,7 +10,7 @@ import itertools
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -339,11 +339,14 @@ def _kept(figure: Figure, job: _Job) -> Figure:
 
 def deviating(figure: Figure, law: Law | None, engine: type[Engine], settings: Mapping[str, Any]) -> Figure:
     """The figure with the tolerance that the engine's declared deviations give it under its settings; a size has none."""
-    if law is None:
-        return figure
+    return figure if law is None else widened(figure, law, engine.CONTACT_DEVIATIONS, settings)
+
+
+def widened(figure: Figure, law: Law, declared: Iterable[Deviation], settings: Mapping[str, Any]) -> Figure:
+    """The figure with the tolerance of the widest of some deviations that count for it, where it does not pass by itself."""
     sizes = [
         (_size(deviation, figure), deviation)
-        for deviation in engine.CONTACT_DEVIATIONS
+        for deviation in declared
         if deviation.probe == figure.probe and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings)
     ]
     wider = [entry for entry in sizes if entry[0] > figure.tolerance]
