@@ -251,6 +251,25 @@ def certificate_mismatch(built: Built, folder: Path, named: bool = False) -> str
     return None
 
 
+def other_versions(folder: Path) -> list[str]:
+    """A line for each engine whose proof in ``folder`` is of another version than is installed here; none of those that are not
+    installed, and of labels, which name the version. What cannot be read is :func:`check`'s to report."""
+    try:
+        certificate = read_certificate(folder)
+    except SpecError:
+        return []
+    lines = []
+    for label, proof in (certificate.engines if certificate is not None else {}).items():
+        known = engines().get(label)
+        here = None if known is None else known.version()
+        if here is not None and not proof.files_alone and proof.version != here:
+            where = (folder / CERTIFICATE_FILE).as_posix()
+            lines.append(
+                f"{where}: proven in {label} {proof.version}, {here} is installed (simspec verify proves it there)"
+            )
+    return lines
+
+
 @dataclass(frozen=True)
 class Certified:
     """What writing a certificate did: whether it changed, and what became of the proofs of other engines that were there."""

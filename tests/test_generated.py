@@ -14,10 +14,12 @@ from simspec import generated
 from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, output_files
 from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
+from simspec.engines.kit.precision import DOUBLE
 from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
+from simspec.proof.demanded import demanded
 from simspec.proof.expected import expected, left_out
 from simspec.world.canonical import sha256
 from tests import worlds
@@ -52,7 +54,9 @@ def whole(world) -> tuple[Check, ...]:
     ]
     parts += [(level, name) for level in ("L0", "L2") for name in ("joint type", "parent")]
     parts += [("L2", "pose, orientation"), ("L2", "body velocity"), ("L4", "gravity")]
-    return tuple(Check(level, name, 100, 1e-12, 0.0, "somewhere") for level, name in dict.fromkeys(parts))
+    demands = demanded(world, DOUBLE)
+    counts = {part: demands[part].count if part in demands else 100 for part in parts}
+    return tuple(Check(level, name, count, 1e-12, 0.0, "somewhere") for (level, name), count in counts.items())
 
 
 def write_certificate(certificate: Certificate, folder, world=WORLD) -> bool:

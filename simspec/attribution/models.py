@@ -33,6 +33,7 @@ class ModelProof:
     missing   why there is none ("" where there is one)
     levels    by level the number of checks, and the largest deviation of those that compare numbers
     faults    what did not hold, or was not compared though it should be, a line each; with none the proof is valid
+    contact   what must be said of contact beside the verdict (:attr:`EngineProof.contact_words`), a line each
     """
 
     engine: str
@@ -40,6 +41,7 @@ class ModelProof:
     missing: str = ""
     levels: Mapping[str, tuple[int, float]] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
+    contact: tuple[str, ...] = ()
 
     @property
     def valid(self) -> bool:
@@ -68,7 +70,7 @@ def proof_of(side: Configuration, certificate: Certificate | None, source: str, 
         MEASURED in proof.not_compared
     ):  # no question of models: what is measured of contact is left out by --verify, too
         faults = [line for line in faults if not line.startswith(f"{MEASURED} ")]
-    return ModelProof(side.engine, source, "", _levels(proof), tuple(faults))
+    return ModelProof(side.engine, source, "", _levels(proof), tuple(faults), tuple(proof.contact_words))
 
 
 def _levels(proof: EngineProof) -> dict[str, tuple[int, float]]:
@@ -114,7 +116,7 @@ def model_lines(proofs: Sequence[ModelProof], same_values: bool, hint: str = "")
         lines.append(f"motion without contact: as the oracle's, to {max(worst for _, worst in smooth):.2g} (L6)")
     else:
         lines.append("motion without contact: L6 was not compared")
-    return lines
+    return lines + [f"contact in {proof.engine}: {words}" for proof in proofs for words in proof.contact]
 
 
 def told_faults(proof: ModelProof) -> str:

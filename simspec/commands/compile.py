@@ -162,9 +162,13 @@ def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool, named
         for scenario, folder in zip(built, folders, strict=True)
         for line in generated.check(scenario, folder, named)
     ]
+    versions = [line for folder in folders for line in generated.other_versions(folder)]
     if as_json:
-        sys.stdout.write(text({"stale": stale}))
-    elif stale:
+        sys.stdout.write(text({"stale": stale, "other_versions": versions}))
+        return EXIT_FAILED if stale else EXIT_OK
+    for line in versions:
+        say(f"other version: {line}", error=True)
+    if stale:
         for line in stale:
             say(line, error=True)
     else:

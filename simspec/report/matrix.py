@@ -12,6 +12,7 @@ from simspec.engines.kit.installing import how_to_install
 from simspec.engines.kit.registry import broken_engines, engines, format_of
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import broken_formats
+from simspec.report.absent import absent
 from simspec.support.declarations import Absence, Level, Support, combine
 from simspec.support.features import MEANING, Feature
 
@@ -148,6 +149,7 @@ def markdown() -> str:
             cells.append(cell)
         lines.append(f"| `{feature.value}` | {_cell(MEANING[feature])} | {' | '.join(cells)} |")
     lines += ["", "## Notes", "", *(f"{index}. {note}" for index, note in enumerate(notes, 1))]
+    lines += _absent()
     lines += _capabilities()
     lines += ["", "## Solver settings", ""]
     lines += ["`engines.NAME.settings` in a spec; nothing here changes the model.", ""]
@@ -170,6 +172,20 @@ def markdown() -> str:
             lines.append(f"| `{key}` | {default} | {allowed} | {_cell(setting.meaning)} |")
         lines.append("")
     return "\n".join(lines).rstrip() + "\n"
+
+
+ABSENT = (
+    "By the deviations that each engine declares (docs/contact.md): one so wide that an engine with less than a tenth of "
+    "the effect would pass is no tolerance, and the effect is absent. A certificate names those of its figures."
+)
+
+
+def _absent() -> list[str]:
+    """The table of effects of contact that are absent."""
+    table = ["| engine | absent effect | where | why |", "|---|---|---|---|"]
+    for name, engine in engines().items():
+        table += [f"| {name} | {effect} | {_cell(where)} | {_cell(why)} |" for effect, where, why in absent(engine)]
+    return ["", "## Absent effects of contact", "", ABSENT, "", *table]
 
 
 def _capabilities() -> list[str]:

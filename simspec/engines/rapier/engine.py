@@ -128,7 +128,7 @@ class Rapier(SteppedEngine[Simulation]):
         Feature.MARGIN_PAIRS: never("Rapier's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
         Feature.FRICTION: Support(Level.EXACT, _LAW),
-        Feature.CARRIED_FRICTION: EXACT,
+        Feature.CARRIED_FRICTION: Support(Level.EXACT),
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: Support(Level.EXACT, _LAW),
         Feature.RESTITUTION: Support(Level.EXACT, _BOUNCE),

@@ -49,7 +49,7 @@ COMPILED = ("*.c", "*.cc", "*.cpp", "*.h", "*.hpp")
 """Sources that an engine compiles for itself."""
 SAME = 0.1
 """How far, in tolerances, a figure from the cache may be from what is measured again. The last digits of some solvers depend on
-where in memory their bodies are: 5e-4 of a tolerance in one engine (measured)."""
+where in memory their bodies are: by 5e-4 of a tolerance (measured)."""
 VERSION = 1
 ENTRIES = Entries("contact", head=b'{"simspec_cache": ', largest=16 * 2**20, bound=256 * 2**20)
 """The largest entry, with the points of 24 directions, has some 10 kB."""

@@ -10,7 +10,7 @@ import itertools
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -379,11 +379,20 @@ def deviating(
 ) -> Figure:
     """The figure with the tolerance that the engine's declared deviations give it under its settings in its release; a size
     has none."""
-    if law is None:
-        return figure
+    return figure if law is None else widened(figure, law, engine.CONTACT_DEVIATIONS, settings, version)
+
+
+def widened(
+    figure: Figure,
+    law: Law,
+    declared: Iterable[Deviation],
+    settings: Mapping[str, Any],
+    version: str | None = None,
+) -> Figure:
+    """The figure with the tolerance of the widest of some deviations that count for it, where it does not pass by itself."""
     sizes = [
         (_size(deviation, figure), deviation)
-        for deviation in engine.CONTACT_DEVIATIONS
+        for deviation in declared
         if deviation.probe == figure.probe
         and deviation.counts_for(law.pair, law.friction_cone, law.timestep, settings, law.reach.ratio, version)
     ]

@@ -116,6 +116,8 @@ def _models(study: Study) -> Iterator[Sentence]:
         if name in study.runs and proof.approximations:
             features = listed(sorted(proof.approximations))
             yield Sentence(WARNING, f"Models: {name} differs from the spec as the spec accepts: {features}.")
+        if name in study.runs and proof.declared.declared:
+            yield Sentence(WARNING, f"Contact: {name}: {proof.declared.words}.")
 
 
 def _unproven(study: Study, certificate: Certificate) -> Iterator[Sentence]:
