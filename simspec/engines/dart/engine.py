@@ -28,6 +28,7 @@ from simspec.engines.dart.actuation import (
     none_along_servos,
     none_on_servos,
 )
+from simspec.engines.dart.coupled import DEVIATIONS, MASS_RATIO
 from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.dart.inventory import inventory, neutral
@@ -65,7 +66,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world.meeting import frictionless
 from simspec.world.types import Body, HeldValue, PairContact, ReadBack, World
 
@@ -243,7 +244,8 @@ class Dart(SteppedEngine[Simulation]):
         Feature.HARDNESS_PAIRS: never(_RIGID),
         Feature.PASSING_PAIRS: via_api("pairs in the collision filter"),
         Feature.IMPACT_FRICTION: EXACT,
-        **exactly(*COUPLED_CONTACT),
+        Feature.CARRIED_FRICTION: EXACT,
+        Feature.MASS_RATIO: MASS_RATIO,
         Feature.CONE_ELLIPTIC: approximate(
             "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and is four times "
             "faster, the circumscribed pyramid: up to 1.41 times the friction between its axes of what slides on one body; and "
@@ -278,6 +280,7 @@ class Dart(SteppedEngine[Simulation]):
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
+        *DEVIATIONS,
         Deviation("restitution", 0.08, _PREDICTED, relative=False, timestep=0.008),
         Deviation("restitution", 0.16, _PREDICTED, relative=False, timestep=0.016),
         Deviation("threshold", 1.02, "DART's own threshold, e v < 0.1 m/s, cannot be set", relative=False),

@@ -15,6 +15,7 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.gazebo import library
+from simspec.engines.gazebo.coupled import DEVIATIONS, MASS_RATIO
 from simspec.engines.gazebo.expected import expected
 from simspec.engines.gazebo.inventory import inventory
 from simspec.engines.gazebo.pairs import CASES, capsules, cylinders
@@ -48,7 +49,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world.types import Body, HeldValue, ReadBack, World
 
 TINY_FRICTION = 0.001
@@ -171,7 +172,8 @@ class Gazebo(SteppedEngine[Simulation]):
         Feature.FRICTION: Support(
             Level.EXACT, "up to 0.001 is accepted by name: DART treats it as zero", refine=_tiny, cases=(_TINY,)
         ),
-        **exactly(*COUPLED_CONTACT),
+        Feature.CARRIED_FRICTION: EXACT,
+        Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: approximate(
             "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "
@@ -234,6 +236,7 @@ class Gazebo(SteppedEngine[Simulation]):
         ),
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
+        *DEVIATIONS,
         Deviation("restitution", 0.08, _PREDICTED, relative=False, timestep=0.008),
         Deviation("restitution", 0.16, _PREDICTED, relative=False, timestep=0.016),
         Deviation("threshold", 1.02, "DART's own threshold, e v < 0.1 m/s, cannot be set", relative=False),

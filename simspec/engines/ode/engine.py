@@ -26,6 +26,7 @@ from simspec.engines.kit.refinements import planes_still
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.ode import library
+from simspec.engines.ode.coupled import DEVIATIONS, MASS_RATIO
 from simspec.engines.ode.expected import expected
 from simspec.engines.ode.inventory import inventory, neutral
 from simspec.engines.ode.native import JOINTS, SWITCH
@@ -47,7 +48,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world.types import HeldValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for ODE"
@@ -102,7 +103,7 @@ class Ode(SteppedEngine[Simulation]):
             *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
             *(Feature.RESTITUTION, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
             *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION),
-            *COUPLED_CONTACT,
+            Feature.CARRIED_FRICTION,
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
             *(Feature.GRAVITY, Feature.TIMESTEP),
         ),
@@ -139,6 +140,7 @@ class Ode(SteppedEngine[Simulation]):
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "the law of the two materials at every point of contact"),
         Feature.TORSIONAL_FRICTION: Support(Level.EXACT, _MOMENTS),
         Feature.ROLLING_FRICTION: Support(Level.EXACT, _MOMENTS),
+        Feature.MASS_RATIO: MASS_RATIO,
         Feature.HARDNESS_TIME_CONSTANT: never("ODE's softness is that of a spring in N/m, for whatever mass"),
         Feature.HARDNESS_STIFFNESS: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
         Feature.HARDNESS_NATIVE: not_yet(_NOT_YET, Attempt.READ_BACK),
@@ -202,7 +204,7 @@ class Ode(SteppedEngine[Simulation]):
             group=Group.SOFTNESS,
         ),
     }
-    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = ()
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = DEVIATIONS
     UNREADABLE: ClassVar[Mapping[str, str]] = {
         "collision_group": "ODE is told by a callback what touches, and has no groups",
     }

@@ -26,6 +26,7 @@ from simspec.engines.kit.refinements import no_friction, planes_still, still_or_
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.physx.building import imported
+from simspec.engines.physx.coupled import DEVIATIONS, MASS_RATIO
 from simspec.engines.physx.edges import BOXES, MESHES, boxes, meshes
 from simspec.engines.physx.expected import expected
 from simspec.engines.physx.filters import apart, kinds
@@ -49,7 +50,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world.meeting import excluded_pairs, solid_shapes
 from simspec.world.types import HeldValue, ReadBack, World
 
@@ -149,7 +150,8 @@ class PhysX(SteppedEngine[Simulation]):
         Feature.SHAPE_MARGIN: never("PhysX's contact begins where shapes touch"),
         Feature.MARGIN_PAIRS: never("PhysX's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
-        **exactly(*COUPLED_CONTACT),
+        Feature.CARRIED_FRICTION: Support(Level.EXACT),
+        Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: Support(
             Level.EXACT, "of what arrives with more than 2 / (1 − e) steps of gravity: what is slower does not bounce"
@@ -174,7 +176,8 @@ class PhysX(SteppedEngine[Simulation]):
             "the cone along and across the slip of the bodies' centres, at two anchors of a patch of contact: exact for what "
             "slides without a spin, in every direction; what spins as it slides is held by a square (a ball of 1 m/s whose "
             "surface slips aside at 3 m/s is up to 7 % off, a tripod that spins at 10 rad/s stops 10 % short), and cards that "
-            "slide apart on their edges go a quarter of their way and aside",
+            "slide apart on their edges go a quarter of their way and aside; what leans or is piled holds below its threshold, and "
+            "slips at 0.6 of it by a third of the way",
             no_friction,
             "friction is up to 1.4 times that of the cone where a body spins as it slides",
         ),
@@ -200,6 +203,7 @@ class PhysX(SteppedEngine[Simulation]):
         ),
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
+        *DEVIATIONS,
         Deviation(
             "overlap",
             1.0,
