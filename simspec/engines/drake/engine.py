@@ -16,6 +16,7 @@ from simspec.engines.drake.actuation import NATIVE, JointServos, pd_controllers_
 from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, chosen, coulomb, light_enough, pressure_holds, stops
 from simspec.engines.drake.corners import MOST_CORNERS, corners
+from simspec.engines.drake.coupled import DEVIATIONS, MASS_RATIO
 from simspec.engines.drake.expected import expected
 from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load
 from simspec.engines.drake.inventory import inventory, neutral
@@ -52,7 +53,7 @@ from simspec.support.declarations import (
     shape_kinds,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import solid_shapes
@@ -210,7 +211,8 @@ class Drake(SteppedEngine[Simulation]):
             "1 ms end with an error, since its equations do not converge (5 with stiction_tolerance 1e-5); by SAP none of 20",
         ),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", refine=planes_covered),
-        **exactly(*COUPLED_CONTACT),
+        Feature.CARRIED_FRICTION: EXACT,
+        Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
         Feature.RESTITUTION: never("Drake's contact has no restitution"),
         Feature.RESTITUTION_PAIRS: never("Drake's contact has no restitution"),
@@ -314,6 +316,7 @@ class Drake(SteppedEngine[Simulation]):
     }
     PROBED_TOGETHER: ClassVar[int | None] = 4  # TAMSI, 1 ms: 24 boxes 7 ms a step, six times four 1.3 ms
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
+        *DEVIATIONS,
         Deviation("overlap", 1e-3, _SLOW_RECOVERY, relative=False, setting=TAMSI),
         *(
             Deviation(name, size, _LIFTS, friction=friction, setting=SAP)

@@ -79,6 +79,11 @@ class MjWarp(MjWarpSimulation):
     NATIVE_LAW: ClassVar[NativeLaw | None] = None
     SUPPORT: ClassVar[Table] = {
         **MuJoCo.SUPPORT,
+        # simspec's loop around MuJoCo's solver is not written for it
+        **{
+            feature: dataclasses.replace(MuJoCo.SUPPORT[feature], refine=None, cases=())
+            for feature in (Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION)
+        },
         Feature.SHAPE_BOX: EXACT,  # by a function of its own, whatever MuJoCo's release
         Feature.SHAPE_CAPSULE: _of_kind("capsule"),
         Feature.SHAPE_CYLINDER: _of_kind("cylinder"),

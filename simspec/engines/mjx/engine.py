@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import ClassVar
@@ -26,11 +27,10 @@ from simspec.support.declarations import (
     Table,
     alike,
     approximate,
-    exactly,
     never,
     not_here,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world.kinematics import layout_of
 from simspec.world.meeting import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.types import HeldValue, World
@@ -126,7 +126,8 @@ class Mjx(MjxSimulation):
             never("a box with a margin over a floor meets it 3.5 mm later than it should (L5, size; measured)"),
             *(Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
         ),
-        **exactly(*COUPLED_CONTACT),
+        Feature.CARRIED_FRICTION: dataclasses.replace(MuJoCo.SUPPORT[Feature.CARRIED_FRICTION], refine=None, cases=()),
+        Feature.MASS_RATIO: MuJoCo.SUPPORT[Feature.MASS_RATIO],
         Feature.CONTROL_NATIVE: never("simspec drives MJX by efforts"),
         Feature.CONE_ELLIPTIC: Support(
             Level.EXACT, "cone=elliptic; a pyramid of one edge where nothing has friction", refine=_friction_everywhere

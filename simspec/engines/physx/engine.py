@@ -176,8 +176,8 @@ class PhysX(SteppedEngine[Simulation]):
             "the cone along and across the slip of the bodies' centres, at two anchors of a patch of contact: exact for what "
             "slides without a spin, in every direction; what spins as it slides is held by a square (a ball of 1 m/s whose "
             "surface slips aside at 3 m/s is up to 7 % off, a tripod that spins at 10 rad/s stops 10 % short), and cards that "
-            "slide apart on their edges go a quarter of their way and aside; what leans or is piled holds below its threshold, and "
-            "slips at 0.6 of it by a third of the way",
+            "slide apart on their edges go a quarter of their way and aside; what leans or is piled holds below its threshold, "
+            "and slips too little at 0.6 of it",
             no_friction,
             "friction is up to 1.4 times that of the cone where a body spins as it slides",
         ),

@@ -10,11 +10,12 @@ from simspec.engines.kit.coupled import by_ratio, by_timestep, heavy_on_light
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Support
 
-_LEANS = "steps of 16 ms are few for what slips"
+_LEANS = "steps of 4 ms and more are few for what clamps or slips"
 _HEAVY = "sweeps over one contact after another leave overlaps where heavy bodies lie on light ones"
 _SPINS = "friction acts aside of the slip where a body spins as it slides"
 
 DEVIATIONS: tuple[Deviation, ...] = (
+    *by_timestep("clamp", _LEANS, {0.004: 0.00041}, relative=False),
     *by_timestep(
         "pile-slips",
         _LEANS,
