@@ -7,6 +7,7 @@
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make fuzz LANGUAGE=urdf MINUTES=10   damaged and hostile files for an importer, so many minutes of processor time
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
+# make certify  every shipped spec, proven in every engine that is here and supports it (nightly): about half an hour on two processors
 # make kills    compile, verify, run and a sweep, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 # make study-small   both scenarios of the study, 5 timesteps, 3 seeds, 3 engines, one pick of the robot: runs/koerber-2021-small/study.md
@@ -21,7 +22,7 @@ JOBS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 8 ] && echo $$((n + 1
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: corpora engines setup demo test quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest kills study study-small study-contact page-bundle clean
+.PHONY: corpora engines setup demo test quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest certify kills study study-small study-contact page-bundle clean
 
 setup: .venv/ready
 
@@ -127,6 +128,10 @@ fuzz: setup
 
 selftest: setup
 	$(BIN)/python tools/selftest.py
+
+# specs/*.yaml, specs/contact/*.yaml, specs/motion/*.yaml; the tests of every commit do a few of them
+certify: setup
+	SIMSPEC_CERTIFY=all $(BIN)/pytest -q -n $(JOBS) tests/proof/test_library_certified.py
 
 # nothing is lost, stray or left running, whenever a command is killed
 kills: setup

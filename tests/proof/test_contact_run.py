@@ -66,9 +66,14 @@ def empty_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", own_cache(tmp_path))
 
 
+sampled = run._sampled
+"""Which of the cached figures are measured again."""
+
+
 @pytest.fixture
 def few_probes(monkeypatch):
-    """The push alone: one short trial for each pair."""
+    """The push alone: one short trial for each pair; and nothing that the cache knows is measured again."""
+    monkeypatch.setattr(run, "_sampled", list)
     monkeypatch.setattr(run, "PROBES", {"push": run.PROBES["push"]})
     monkeypatch.setattr(size, "size_trial", lambda world: None)
 
@@ -429,6 +434,46 @@ def test_the_key_is_of_all_code_and_of_the_processor(monkeypatch):
     assert cache.key(engine, "x") == name
     told = cache.environment()
     assert set(told) == {"simspec", "numpy", "python", "platform", "processor"}
+
+
+def test_of_what_the_cache_knows_one_is_measured_again(tmp_path, few_probes, monkeypatch):
+    world = worlds.table(PAIRS)
+    artifacts = files(world, ENGINES[0], tmp_path / "files")
+    first = measured(world, installed(ENGINES[0]), artifacts)
+    assert not any(figure.cached for figure in first)
+    monkeypatch.setattr(run, "_sampled", sampled)
+    again = measured(world, ENGINES[0], artifacts)
+    assert [figure.cached for figure in again].count(False) == 1
+    assert [figure.measured for figure in again] == pytest.approx([figure.measured for figure in first], rel=1e-4)
+    proof = EngineProof("1", "0" * 64, (), contact=tuple(again))
+    assert proof.declared.cached == len(PAIRS) - 1
+    assert '"cached"' not in Certificate("w", "0" * 64, "o", {ENGINES[0]: proof}).to_json()
+
+
+@pytest.mark.parametrize("edit", [{"measured": 0.1005}, {"expected": 0.2}, {"tolerance": 0.5}, {"without": 0.09}])
+def test_a_poisoned_figure_of_the_cache_fails_when_it_is_measured_again(edit, tmp_path, few_probes, monkeypatch):
+    world = worlds.table({("ice", "ice"): 0.1})
+    artifacts = files(world, ENGINES[0], tmp_path / "files")
+    (figure,) = measured(world, installed(ENGINES[0]), artifacts)
+    monkeypatch.setattr(run, "_sampled", sampled)
+    monkeypatch.setattr(cache, "read", lambda name: [dataclasses.replace(figure, **edit)])
+    (differs,) = [one for one in measured(world, ENGINES[0], artifacts) if not one.passed]
+    assert "the cache has" in differs.case
+    assert "--no-cache" in differs.case
+
+
+def test_a_cache_that_others_may_write_is_not_used(tmp_path, few_probes, monkeypatch):
+    world = worlds.table({("ice", "ice"): 0.1})
+    artifacts = files(world, ENGINES[0], tmp_path / "files")
+    place = tmp_path / "shared"
+    place.mkdir()
+    place.chmod(0o777)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(place))
+    with run.measure(world, installed(ENGINES[0]), artifacts, None, DEADLINE, True) as measuring:
+        found, complaints = measuring.wait()
+    assert not wrong(found)
+    assert complaints == [f"the cache {place / 'simspec' / 'contact'} is not used: everybody can write {place}"]
+    assert not list(place.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_costs_time_only(tmp_path, few_probes, monkeypatch):

@@ -200,12 +200,12 @@ class Oblique(Probe):
             groups.setdefault(_group(case), case)
         figures = []
         for text, case in groups.items():
-            size = self._change(law, case)
+            size, at = self._change(law, case), math.radians(case.degrees)
             for quantity in ("velocity", "spin")[: 1 if case.shape == "box" else 2]:
                 named = (self.NAME, subject(law), text, f"change of {quantity}", "m/s")
-                figures.append(Figure(*named, size, None, TOLERANCE * size, without=0.0))
+                figures.append(Figure(*named, size, None, TOLERANCE * size, angle=at, without=0.0))
             named = (self.SEPARATION, subject(law), text, "ratio", "")
-            figures.append(Figure(*named, e, None, RESTITUTION_TOLERANCE, without=0.0 if e else None))
+            figures.append(Figure(*named, e, None, RESTITUTION_TOLERANCE, angle=at, without=0.0 if e else None))
         return figures
 
     def reference(self, law: Law, figure: Figure) -> Figure | None:
