@@ -211,7 +211,7 @@ class Drake(SteppedEngine[Simulation]):
             "1 ms end with an error, since its equations do not converge (5 with stiction_tolerance 1e-5); by SAP none of 20",
         ),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", refine=planes_covered),
-        Feature.CARRIED_FRICTION: EXACT,
+        Feature.CARRIED_FRICTION: Support(Level.EXACT),
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
         Feature.RESTITUTION: never("Drake's contact has no restitution"),
