@@ -96,11 +96,11 @@ def _used(world: World) -> set[str]:
 
 
 def _one_law(world: World) -> PairContact | None:
-    """The law of all that meets, where there is one, without a threshold and not of friction and restitution at once."""
+    """The law of all that meets, where there is one and nothing bounces."""
     used = _used(world)
     laws = [law for pair, law in meeting_laws(world).items() if set(pair) <= used]
     numbers = {(law.friction, law.restitution) for law in laws}
-    asked = any(law.restitution_threshold or (law.friction and law.restitution) for law in laws)
+    asked = any(law.restitution_threshold or law.restitution for law in laws)
     return laws[0] if len(numbers) == 1 and not asked else None
 
 

@@ -10,6 +10,7 @@
 #define STEEP 0.9 /* of a change of bounds comes back as a change of normal forces: above it, passes get nowhere by themselves */
 #define STEEPEST 0.98 /* up to which a change of bounds is carried on to where it ends */
 #define SLOW 1e-6 /* of the speed that gravity gives in a step: what slips less sticks */
+#define FAST 20 /* of that speed: what slips faster is not held within a step, and no pass without a bound is tried for it */
 #define FULL (1 - 1e-6) /* of its bound, from which on a friction force counts as bound */
 
 /* The force of a point on the first of its shapes in the last step; ODE exchanges the bodies of a joint whose first is the world. */
@@ -94,12 +95,13 @@ static int breaks(const Sim *s, Point *p, double push, double slow, double least
 
 /* The next bound of a point by the normal forces that bounds gave. Where they grow as bounds do, or faster, friction and normal
    force hold each other up: the point is held, by no bound, for one pass, and stays held where that keeps the law. */
-static void bound_again(Point *p, double push, int pass, int open) {
+static void bound_again(Point *p, double push, int pass, int open, double fall) {
   double changed = p->bound - p->was, answer = push - p->push, next = push;
+  double along = dot(p->free, p->geom.normal), slip = sqrt(fmax(0, dot(p->free, p->free) - along * along));
   double slope = fabs(changed) > 1e-12 * p->bound ? answer / changed : 0;
   p->was = p->bound;
   if (open && p->held) p->held = 0;
-  else if (open && pass > 1 && !p->tried && push > p->bound && slope > STEEP) p->held = p->tried = 1, p->sliding = 0;
+  else if (open && pass > 1 && !p->tried && slip < FAST * fall && push > p->bound && slope > STEEP) p->held = p->tried = 1, p->sliding = 0;
   else if (open && pass > 2 && slope < STEEPEST) next = p->bound + (push - p->bound) / (1 - slope);
   p->bound = next > 0 ? next : 0;
   p->push = push;
@@ -112,7 +114,7 @@ int aim_again(Sim *s, int pass) {
   dVector3 g;
   int due = 0;
   dWorldGetGravity(s->world, g);
-  double slow = SLOW * sqrt(dot(g, g)) * s->timestep;
+  double fall = sqrt(dot(g, g)) * s->timestep, slow = SLOW * fall;
   for (int i = 0; i < s->points; i++) {
     Point *p = s->point + i;
     const Law *law = p->law;
@@ -126,7 +128,7 @@ int aim_again(Sim *s, int pass) {
     if (p->sliding != slid || p->rolls != rolled || change > STEADY) open = 1;
     else if (p->sliding || law->torsional > 0 || law->rolling > 0) open = missed > 0;
     if (law->friction > 0 && !p->sliding && !slid) open |= breaks(s, p, push, slow, least);
-    bound_again(p, push, pass, open);
+    bound_again(p, push, pass, open, fall);
     due |= open;
   }
   return due;
