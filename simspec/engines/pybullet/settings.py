@@ -87,7 +87,7 @@ SETTINGS: Mapping[str, Setting] = {
         "1, got 0.005. 0: touching bodies only. PyBullet takes it for base links only (measured); two other links bounce "
         "off each other as they should all the same.",
         minimum=0.0,
-        maximum=1.0,
+        maximum=1e30,  # PyBullet's own: no bound
         group=Group.GEOMETRY,
     ),
     "contact_breaking_threshold": Setting(
