@@ -48,7 +48,7 @@ from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
 from simspec.world.kinematics import layout_of
 from simspec.world.meeting import meeting_laws
-from simspec.world.reach import reach
+from simspec.world.reach import Reach, reach
 from simspec.world.types import Body, Contact, EngineOptions, Physics, ReadBack, World
 
 LEVEL = "L5"
@@ -283,7 +283,8 @@ def _key(
         [operation.op, dict(operation.parameters), {name: value.tolist() for name, value in operation.arrays.items()}]
         for operation in operations
     ]
-    wanted = None if law is None else to_plain(law)
+    # what the world can do besides decides which probes there are, and is in their trials
+    wanted = None if law is None else to_plain(dataclasses.replace(law, reach=Reach()))
     return cache.key(engine, [artifacts.sha256 for artifacts in compiled], drives, wanted, probe)
 
 
