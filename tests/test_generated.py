@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import shutil
+from types import SimpleNamespace
 
 import pytest
 
@@ -78,6 +79,21 @@ def proof(one: Built, worst: float = 1e-15, seconds: float = 1.0, version: str =
         for name, part in one.compiled.items()
     }
     return Certificate(one.world.name, sha256(one.world), "pinocchio 4", engines)
+
+
+def test_engine_versions_that_differ_from_the_installed_ones_are_named(tmp_path, monkeypatch):
+    folder = tmp_path / "spheres"
+    scenario = built(engines=("mujoco", "drake"))
+    generated.write(scenario, folder)
+    proofs = {name: EngineProof("1.0", part.sha256, whole(WORLD)) for name, part in scenario.compiled.items()}
+    write_certificate(Certificate("spheres", sha256(WORLD), "oracle", proofs), folder)
+    versions = {"mujoco": "2.0", "drake": "1.0"}
+    here = {name: SimpleNamespace(version=lambda name=name: versions[name]) for name in versions}
+    monkeypatch.setattr(generated, "engines", lambda: here)
+    (line,) = generated.other_versions(folder)
+    assert line.endswith("certificate.json: proven in mujoco 1.0, 2.0 is installed (simspec verify proves it there)")
+    versions |= {"mujoco": None, "drake": None}  # not installed: there is nothing to differ from
+    assert generated.other_versions(folder) == []
 
 
 def test_a_folder_that_was_just_written_is_current(tmp_path):
