@@ -14,10 +14,18 @@ _LEANS = (
     "Dantzig's friction is bound by the normal forces of the frictionless problem: none where friction alone presses"
 )
 _TOGETHER = "friction in an impact on an edge is bound by the normal impulse of the frictionless problem"
+_CREEPS = "NSGS stops at a residual of 1e-5, and a pile on little friction creeps by it (setting tolerance)"
 _HEAVY = "sweeps over one contact after another leave overlaps where heavy bodies lie on light ones"
 _SPINS = "steps of 2 ms and more are few for a body whose normal forces change as it spins and slides"
 
 DEVIATIONS: tuple[Deviation, ...] = (
+    *by_timestep(
+        "pile",
+        _CREEPS,
+        {0.001: 0.0015, 0.002: 0.0023, 0.004: 0.0038, 0.008: 0.0054},
+        relative=False,
+        setting=("contact_solver", "nsgs"),
+    ),
     *by_timestep(
         "pile", _LEANS, {0.001: 0.11}, relative=False, friction_cone="elliptic", setting=("contact_solver", "dantzig")
     ),
@@ -25,14 +33,14 @@ DEVIATIONS: tuple[Deviation, ...] = (
     *by_ratio(
         "stack",
         _HEAVY,
-        {0.004: (0, 0, 0.089), 0.008: (0, 0, 0.13), 0.016: (0, 0.12, 0.12)},
+        {0.002: (0, 0, 0.00015), 0.004: (0, 0, 0.089), 0.008: (0, 0, 0.13), 0.016: (0, 0.12, 0.12)},
         friction_cone="elliptic",
         setting=("contact_solver", "nsgs"),
     ),
     *by_ratio(
         "stack-sideways",
         _HEAVY,
-        {0.002: (0, 0, 0.00046), 0.004: (0, 0.00017, 0.22), 0.008: (0, 0.00079, 0.32), 0.016: (0, 0.33, 0.34)},
+        {0.002: (0, 0, 0.00085), 0.004: (0, 0.00017, 0.22), 0.008: (0, 0.00079, 0.32), 0.016: (0, 0.33, 0.34)},
         friction_cone="elliptic",
         setting=("contact_solver", "nsgs"),
     ),
@@ -42,14 +50,14 @@ DEVIATIONS: tuple[Deviation, ...] = (
     *by_ratio(
         "stack",
         _HEAVY,
-        {0.004: (0, 0, 0.0009), 0.008: (0, 0, 0.12), 0.016: (0, 0.12, 0.12)},
+        {0.002: (0, 0, 0.00015), 0.004: (0, 0, 0.0009), 0.008: (0, 0, 0.12), 0.016: (0, 0.12, 0.12)},
         friction_cone="pyramid-circumscribed",
         setting=("contact_solver", "nsgs"),
     ),
     *by_ratio(
         "stack-sideways",
         _HEAVY,
-        {0.002: (0, 0, 0.00023), 0.004: (0, 0, 0.0097), 0.008: (0, 0.00039, 0.3), 0.016: (0, 0.48, 0.48)},
+        {0.002: (0, 0, 0.00085), 0.004: (0, 0, 0.0097), 0.008: (0, 0.00039, 0.3), 0.016: (0, 0.48, 0.48)},
         friction_cone="pyramid-circumscribed",
         setting=("contact_solver", "nsgs"),
     ),

@@ -11,11 +11,13 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Support
 
 _LEANS = "steps of 16 ms are few for what slips"
+_ASIDE = "the elliptic cone brakes aside of the slip (accepted by name: contact.cone.elliptic)"
 _HEAVY = "sweeps over one contact after another leave overlaps where heavy bodies lie on light ones"
 _CARRIED = "what lies on a turning carrier moves along its tangent for a step, and shifts as it first settles"
 _SPINS = "friction acts aside of the slip where a body spins as it slides"
 
 DEVIATIONS: tuple[Deviation, ...] = (
+    *by_timestep("pile-slips", _ASIDE, {0.001: 0.17}, friction_cone="elliptic"),
     *by_timestep("pile-slips", _LEANS, {0.016: 0.2}, friction_cone="elliptic"),
     *by_ratio(
         "stack",
