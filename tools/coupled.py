@@ -1,10 +1,11 @@
-"""The coupled contact probes in every engine, solver and cone: the table of docs/coupled-contact.md.
+"""The coupled contact probes in every engine, solver and cone: docs/records/coupled-contact.md.
 
-python tools/coupled.py [--engine NAME ...] [--timestep MS ...] [--json FILE] [--write]
+python tools/coupled.py [--engine NAME ...] [--timestep MS ...] [--cone CONE ...] [--json FILE]
+python tools/coupled.py --page FILE ...
 
-Prints, for each probe, how far its worst figure is off in units of its tolerance, over frictions of 0.2, 0.5 and 1,
-restitutions of 0, 0.5 and 1 and ratios of masses of 1, 10, 100 and 1000. Declared deviations play no part: what is
-X
+Measures over frictions of 0.2, 0.5 and 1, restitutions of 0, 0.5 and 1 and ratios of masses of 1 to 1000, and prints the
+figures that are beyond their tolerance; --json keeps all of them, and --page writes the page from such files. Declared
+deviations play no part: what is printed is what the engine did.
 """
 
 from __future__ import annotations
@@ -44,6 +45,7 @@ SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "physx": ({},),
 }
 """Settings by engine: each solver that a setting can choose."""
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "records" / "coupled-contact.md"
 KEPT = ("probe", "case", "expected", "measured", "tolerance", "unit", "worst")
 """What is kept of a figure."""
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
@@ -114,13 +116,91 @@ def off(figure: Figure) -> float:
     return abs(figure.measured - figure.expected) / figure.tolerance
 
 
+COLUMNS = ("rod", "clamp", "pile", "strike", "row", "edge", "stack", "carrier", "slide-spin")
+"""Of the table: figures of what slips, of energy and of what moves sideways count as their probe's."""
+
+
+def page(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The tables, from kept rows."""
+    lines = [
+        "# Contact of several bodies, measured",
+        "",
+        "Each cell: the figure that is furthest off, in units of its tolerance; `ok` within it. Frictions 0.2 to 1, "
+        "restitutions 0 to 1; `stack` up to a ratio of masses of 100. A dash: the engine refuses all of it, or has no such contact.",
+        "What the probes are: [proof.md](../proof.md). Command: `python tools/coupled.py --json FILE`, then `--page FILE`.",
+    ]
+    for timestep in sorted({row["timestep"] for row in rows}):
+        lines += ["", f"## {timestep:g} ms", "", "| engine | setting | cone | " + " | ".join(COLUMNS) + " |"]
+        lines.append("|---|---|---|" + "---:|" * len(COLUMNS))
+        kinds = dict.fromkeys((row["engine"], _words(row["settings"]), row["cone"]) for row in rows)
+        for kind in kinds:
+            mine = [
+                row
+                for row in rows
+                if (row["engine"], _words(row["settings"]), row["cone"]) == kind and row["timestep"] == timestep
+            ]
+            if mine:
+                cells = [_cell([row for row in mine if _column(row) == name]) for name in COLUMNS]
+                lines.append(f"| {' | '.join((kind[0], kind[1] or 'default', kind[2], *cells))} |")
+    lines += ["", "## Heavy on light", ""]
+    lines += ["Depth and sideways motion (mm) after 0.8 s at 1 ms, the worst cone; three layers share the ratio.", ""]
+    ratios = [ratio for ratio in RATIOS if ratio > 1.0]
+    lines.append(
+        "| engine | setting | " + " | ".join(f"{n} layers, {ratio:g}" for n in (2, 3) for ratio in ratios) + " |"
+    )
+    lines.append("|---|---|" + "---:|" * (2 * len(ratios)))
+    stacks = [row for row in rows if row["probe"].startswith("stack") and row["timestep"] == 1.0]
+    for engine, settings in dict.fromkeys((row["engine"], _words(row["settings"])) for row in stacks):
+        cells = []
+        for layers, ratio in itertools.product((2, 3), ratios):
+            some = [
+                row
+                for row in stacks
+                if (row["engine"], _words(row["settings"]), row["ratio"]) == (engine, settings, ratio)
+                and row["case"].count(" on ") == layers - 1
+            ]
+            cells.append(
+                " / ".join(
+                    _worst([row for row in some if row["probe"] == name]) for name in ("stack", "stack-sideways")
+                )
+            )
+        lines.append(f"| {' | '.join((engine, settings or 'default', *cells))} |")
+    return "\n".join(lines) + "\n"
+
+
+def _words(settings: Mapping[str, Any]) -> str:
+    return " ".join(f"{name}: {value}" for name, value in settings.items())
+
+
+def _column(row: Mapping[str, Any]) -> str:
+    if row["probe"].startswith("stack") and row["ratio"] > 100.0:
+        return ""
+    return str(row["probe"]).removesuffix("-slips").removesuffix("-energy").removesuffix("-sideways")
+
+
+def _cell(rows: Sequence[Mapping[str, Any]]) -> str:
+    if not rows:
+        return "–"
+    worst = max(row["off"] for row in rows)
+    return "ok" if worst <= 1.0 else f"{worst:.2g}" if worst < 1e6 else "not finite"
+
+
+def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
+    values = [abs(row["measured"]) for row in rows if row["measured"] is not None]
+    return f"{1e3 * max(values):.2g}" if values else "–"
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--engine", action="append", choices=sorted(SOLVERS))
     parser.add_argument("--timestep", action="append", type=float, help="ms; default 1 and 4")
     parser.add_argument("--cone", action="append", choices=CONES)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--page", nargs="+", type=Path, help="files of --json")
     given = parser.parse_args()
+    if given.page:
+        PAGE.write_text(page([row for file in given.page for row in json.loads(file.read_text())]))
+        return 0
     rows: list[dict[str, Any]] = []
     for engine in given.engine or SOLVERS:
         if find_engine(engine).version() is None:
