@@ -126,7 +126,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "# Contact of several bodies, measured",
         "",
         "Each cell: the figure that is furthest off, in units of its tolerance; `ok` within it. Frictions 0.2 to 1, "
-        "restitutions 0 to 1; `stack` up to a ratio of masses of 100. A dash: the engine refuses all of it, or has no such contact.",
+        "restitutions 0 to 1; `stack` up to a ratio of masses of 100. A dash: the engine refuses all of it.",
         "What the probes are: [proof.md](../proof.md). Command: `python tools/coupled.py --json FILE`, then `--page FILE`.",
     ]
     for timestep in sorted({row["timestep"] for row in rows}):
