@@ -19,6 +19,7 @@ from simspec.testing.worlds import (
     jointed,
     lifted,
     limits_and_armature,
+    lying,
     one_law,
     point_mass,
     several_joints,
@@ -66,6 +67,7 @@ NEEDING: Mapping[Feature, Callable[[], World]] = {
         if feature.value.startswith("contact.cone.")
     },
     **{feature: partial(one_law, **law) for feature, law in CONTACT_GAPS.items()},
+    Feature.HARDNESS_STIFFNESS: partial(lying, **CONTACT_GAPS[Feature.HARDNESS_STIFFNESS]),
     Feature.SHAPE_MARGIN: felt_at_a_distance,
     Feature.SURFACE_VELOCITY: belt,
     Feature.MARGIN_PAIRS: partial(one_law, friction=0.0, margin=0.002),

@@ -414,6 +414,16 @@ def one_law(**law: Any) -> World:
     return dataclasses.replace(base, bodies=bodies, contact=contact)
 
 
+def lying(**law: Any) -> World:
+    """The same of a capsule, which touches in two points."""
+    world = one_law(**law)
+    capsule = Shape("capsule_0", "capsule", (0.1, 0.4), material="default")
+    bodies = tuple(
+        body if body.joint.kind == "fixed" else dataclasses.replace(body, shapes=(capsule,)) for body in world.bodies
+    )
+    return dataclasses.replace(world, bodies=bodies)
+
+
 def fall() -> World:
     """A free body with a full tensor, a bent path and nothing around it."""
     return world(tree(["free"], 3), "fall")

@@ -16,6 +16,7 @@ from simspec.proof.contact import compliance, friction, impact, spin
 from simspec.proof.contact.law import project
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion
 from simspec.support.features import Feature
+from simspec.world.reach import Reach
 from simspec.world.types import Hardness, PairContact
 from tests.declared import engines_with, with_the_cone
 from tests.proof import contact_probing as probing
@@ -181,7 +182,10 @@ def test_what_has_no_numbers_fails_without_a_traceback(name):
     """Of an engine that gives NaN from some step on."""
     hardness = Hardness("time-constant", time_constant=0.05, damping_ratio=1.0)
     more = {"hardness": hardness} if name == "compliance" else {}
+    if name == "compliance-shape":
+        more = {"hardness": Hardness("stiffness", stiffness=1e4, damping=50.0)}
     asked = law(0.5, torsional_friction=0.01, rolling_friction=0.002, **more)
+    asked = dataclasses.replace(asked, reach=Reach(kinds=("box",)))
     probe = ALL[name]
     assert probe.applies(asked)
     for keep in (0, 1):

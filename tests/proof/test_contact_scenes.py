@@ -26,6 +26,7 @@ SCENES = SPECS / "contact"
 STUDY = SPECS / "studies" / "contact.yaml"
 QUICK = (
     "bouncing-row",
+    "box-on-box",
     "card-house",
     "newtons-cradle",
     "oblique-impact",

@@ -8,18 +8,21 @@ turns. Coulomb's law around the solver (``friction: coulomb``) has none of that 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 
 from simspec.engines.kit.coupled import by_ratio, by_timestep, heavy_on_light
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Refine, Refinement, Support, approximate
 from simspec.support.features import Feature
+from simspec.world.types import World
 
 _LEANS = "friction takes slip back at a rate of 100/s, so that what leans settles by millimetres, and slips too far"
 _TOGETHER = "most of the friction of an impact is missing (accepted by name: contact.friction.impact)"
 _ROW = "contacts with restitution are springs of some steps, which act one after the other: the last ball of a row leaves alone"
 _HEAVY = "1 % of an overlap is taken back in a step, after 0.1 % of gravity: heavy bodies rest deeper, with dt squared"
 _CARRIED = "what turns slips outwards at its acceleration over the friction rate of 100/s, whatever the timestep"
+HELD = "friction of what is carried by a loop around MuJoCo's solver at every step (friction: coulomb)"
 _SPINS = "friction lags behind normal forces that change as a body tilts or spins"
 
 DEVIATIONS: tuple[Deviation, ...] = (
@@ -289,6 +292,11 @@ DEVIATIONS: tuple[Deviation, ...] = (
 
 def coupled_support(by_coulomb: Refinement, asked: Refine) -> Mapping[Feature, Support]:
     """What MuJoCo declares of contact of several bodies; ``asked``: the refinement of worlds that ask for Coulomb's law."""
+    held = dataclasses.replace(by_coulomb, short=HELD)
+
+    def carried(world: World) -> Refinement | None:
+        return held if asked(world) else None
+
     return {
         Feature.CARRIED_FRICTION: approximate(
             "a body at rest on something that turns, or on a surface that moves, slips at a / friction_rate, a the "
@@ -296,8 +304,8 @@ def coupled_support(by_coulomb: Refinement, asked: Refine) -> Mapping[Feature, S
             "by 8 mm/s at 0.8 m from the axis, without end; engines.mujoco.settings: {friction: coulomb} holds it at 1.3 to "
             "1.6 times the time of a step",
             short="what is carried around slips at a / friction_rate: 8 mm/s at 0.8 m and 1 rad/s",
-            refine=asked,
-            cases=(by_coulomb,),
+            refine=carried,
+            cases=(held,),
         ),
         Feature.MASS_RATIO: heavy_on_light(
             {0.0: 300.0, 0.002: 70.0, 0.004: 20.0, 0.008: 10.0},
