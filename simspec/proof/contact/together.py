@@ -83,7 +83,13 @@ class _Together(Probe):
     """Whether the bodies meet what is fixed."""
 
     def applies(self, law: Law) -> bool:
-        return law.pair.collide and law.pair.hardness.kind == "common" and law.reach.gathers
+        """Rolling friction is a moment that the impulses have no place for."""
+        rigid = law.pair.collide and law.pair.hardness.kind == "common" and not law.pair.rolling_friction
+        return rigid and self.reached(law)
+
+    def reached(self, law: Law) -> bool:
+        """Whether bodies of the two materials can meet so."""
+        return law.reach.gathers
 
     def approach(self, law: Law) -> float:
         return max(APPROACH, ABOVE_THRESHOLD * law.pair.restitution_threshold)
@@ -299,8 +305,8 @@ class Edge(_Together):
     TEXT = "a box on one edge"
     STANDS = True
 
-    def applies(self, law: Law) -> bool:
-        return law.pair.collide and law.pair.hardness.kind == "common" and law.reach.corners
+    def reached(self, law: Law) -> bool:
+        return law.reach.corners
 
     def groups(self) -> list[_Group]:
         return [_Group((f"box_{number}",), phase, number) for number, phase in enumerate(PHASES)]

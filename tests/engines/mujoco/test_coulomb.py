@@ -153,7 +153,7 @@ def test_a_sudden_push_of_what_rests_does_not_lift_it(load):
 def probed(load, probe, wanted):
     (trial,) = probe.trials(wanted)
     engine = load(coulomb(world_of(wanted, trial)))
-    operation = run._drive(world_of(wanted, trial), trial)
+    operation = run.drive_of(world_of(wanted, trial), trial)
     _, arrays = OPERATIONS["drive"].do(engine, dict(operation.arrays), dict(operation.parameters))
     names = [body.name for body in trial.bodies]
     motion = Motion(
