@@ -180,7 +180,14 @@ def test_every_operation_says_what_it_needs():
 @pytest.mark.parametrize("name", JOINTED)
 def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_path):
     world = worlds.with_options(
-        worlds.gripper(), name, accept=("contact.cone.elliptic", "contact.friction.impact", "joint.limits.position")
+        worlds.gripper(),
+        name,
+        accept=(
+            "contact.cone.elliptic",
+            "contact.friction.carried",
+            "contact.friction.impact",
+            "joint.limits.position",
+        ),
     )
     folder = tmp_path / name
     write_folder(compile_world(world, [name])[name].files, folder)
