@@ -57,6 +57,12 @@ FORMS: Mapping[str, Form] = {
     "torsional": Form(share=True, quantity="deceleration"),
     "rolling": Form(share=True, quantity="deceleration"),
     "size": Form(factor=1e6, unit="µm"),
+    "compliance-shape": Form(share=True, by_case=True),
+    **dict.fromkeys(("rod", "clamp", "pile"), Form(factor=1e3, unit="mm", by_case=True)),
+    **dict.fromkeys(("strike", "row", "edge"), Form(share=True, by_case=True)),
+    "stack": Form(factor=1e3, unit="mm", by_case=True),
+    "carrier": Form(factor=1e3, unit="mm", by_case=True),
+    "slide-spin": Form(share=True, by_case=True),
 }
 """By probe. One that is not named here has a row for each case, in the figure's own unit."""
 NOTE = (
