@@ -65,7 +65,7 @@ control:
     kp: 20 N m/rad
     kd: 1 N m s/rad
 engines:
-  mujoco: {accept: [contact.friction.impact, material.restitution]}
+  mujoco: {accept: [contact.friction.carried, contact.friction.impact, material.restitution]}
   pybullet: {accept: [contact.cone.elliptic]}
   dart: {accept: [material.restitution]}
 """
@@ -88,7 +88,7 @@ bodies:
     shapes:
       - {cylinder: {radius: 0.02, length: 0.1}, material: wood}
 engines:
-  mujoco: {accept: [contact.friction.impact]}
+  mujoco: {accept: [contact.friction.carried, contact.friction.impact]}
   pybullet: {accept: [contact.cone.elliptic]}
 """
 FALL = """\
