@@ -16,6 +16,7 @@ NOT_IN_FILES = {
     **dict.fromkeys(("control", "forces", "body.kinematic"), "computed beside the engine, from the request"),
     **dict.fromkeys(("tree.size", "tree.depth"), "how large a tree is"),
     "contact.touch": "which shapes may touch at all, of worlds of any contact",
+    "contact.mass-ratio": "how engines solve stacks: of worlds of any masses",
     "contact.friction.impact": "how engines compute friction: of worlds of any friction",
     **dict.fromkeys(
         ("material.friction.pairs", "material.restitution.pairs", "contact.hardness.pairs"),

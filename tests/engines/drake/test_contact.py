@@ -10,7 +10,7 @@ from simspec.testing import worlds
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-SAP_DEVIATES = {"push", "push-oblong", "stop", "stop-oblong", "oblique", "oblique-separation"}
+SAP_DEVIATES = {"slide-spin", "push", "push-oblong", "stop", "stop-oblong", "oblique", "oblique-separation"}
 
 
 @pytest.fixture
