@@ -23,6 +23,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ENGINES = sorted(JOINTED)
 RARE = {
     Feature.IMPACT_FRICTION,
+    Feature.MASS_RATIO,
     Feature.CARRIED_FRICTION,
     Feature.TREE_SIZE,
     Feature.TREE_DEPTH,
