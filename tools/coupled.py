@@ -3,7 +3,7 @@
 python tools/coupled.py [--engine NAME ...] [--timestep MS ...] [--cone CONE ...] [--json FILE]
 python tools/coupled.py --page FILE ...
 
-Measures over frictions of 0.2, 0.5 and 1, restitutions of 0, 0.5 and 1 and ratios of masses of 1 to 1000, and prints the
+Measures over frictions of 0.05 to 1.2, restitutions of 0, 0.5 and 1 and ratios of masses of 1 to 1000, and prints the
 figures that are beyond their tolerance; --json keeps all of them, and --page writes the page from such files. Declared
 deviations play no part: what is printed is what the engine did.
 """
@@ -33,7 +33,7 @@ from simspec.world.reach import Reach
 from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
 
 PROBES: Mapping[str, Probe] = {**leaning.PROBES, **together.PROBES, **stacking.PROBES, **carried.PROBES}
-FRICTIONS, RESTITUTIONS, RATIOS = (0.2, 0.5, 1.0), (0.0, 0.5, 1.0), (1.0, 10.0, 100.0, 1000.0)
+FRICTIONS, RESTITUTIONS, RATIOS = (0.05, 0.1, 0.3, 0.5, 0.8, 1.2), (0.0, 0.5, 1.0), (1.0, 10.0, 100.0, 1000.0)
 SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "mujoco": ({}, {"friction": "coulomb"}),
     "pybullet": ({},),
@@ -54,7 +54,7 @@ CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
 def laws(probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
     """The laws that a probe is measured under: friction varies in all, restitution in impacts, the ratio in stacks."""
     impacts, stacks = probe.NAME in together.PROBES, probe.NAME in stacking.PROBES
-    frictions = (0.0, 0.5) if impacts else (0.5,) if stacks else FRICTIONS
+    frictions = (0.0, 0.3, 1.0) if impacts else (0.5,) if stacks else FRICTIONS
     restitutions, ratios = RESTITUTIONS if impacts else (0.0,), RATIOS if stacks else (1.0,)
     for friction, restitution, ratio in itertools.product(frictions, restitutions, ratios):
         pair = PairContact("base", "body", friction, restitution)
@@ -125,7 +125,7 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
     lines = [
         "# Contact of several bodies, measured",
         "",
-        "Each cell: the figure that is furthest off, in units of its tolerance; `ok` within it. Frictions 0.2 to 1, "
+        "Each cell: the figure that is furthest off, in units of its tolerance; `ok` within it. Frictions 0.05 to 1.2, "
         "restitutions 0 to 1; `stack` up to a ratio of masses of 100. A dash: the engine refuses all of it.",
         "What the probes are: [proof.md](../proof.md). Command: `python tools/coupled.py --json FILE`, then `--page FILE`.",
     ]

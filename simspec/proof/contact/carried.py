@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from simspec.proof.contact.bodies import box, cluster, floor
-from simspec.proof.contact.friction import SETTLE, SLIDE_SPEED
+from simspec.proof.contact.friction import SETTLE
 from simspec.proof.contact.impact import subject
 from simspec.proof.contact.law import project
 from simspec.proof.contact.leaning import HELD_SPEED, HELD_WAY
@@ -37,12 +37,12 @@ OUT = 1.0
 """m from a turning carrier's axis."""
 SPACING = 10.0
 
-SLIDE_STEPS = 100
-"""Steps in which friction takes ``SLOWED`` of the speed, up to ``friction.SLIDE_SPEED``."""
+SLIDE_STEPS, FASTEST = 100, 2.5
+"""Steps in which friction takes ``SLOWED`` of the speed, and the largest speed (m/s), at which the steps are fewer."""
 SLOWED = 0.4
 SPIN, ARM = 0.7, 0.3
 """Speed by spin, over that of the slide, at this distance (m) from the centre of mass: no point of contact is near rest."""
-SLIDE_TOLERANCE, SLIDE_STEPS_OFF = 0.03, 3.0
+SLIDE_TOLERANCE, SLIDE_STEPS_OFF = 0.03, 2.0
 """Of the change of velocity, and in steps' shares of it, the larger: the direction of slip and the lever of the normal force
 are those of a step's beginning or of its end."""
 RADIUS = 0.1
@@ -150,7 +150,7 @@ class Slide(Probe):
         )
 
     def _start(self, law: Law, slider: str) -> tuple[np.ndarray, np.ndarray]:
-        speed = min(SLIDE_SPEED, SLIDE_STEPS * law.timestep * law.pair.friction * GRAVITY / SLOWED)
+        speed = min(FASTEST, SLIDE_STEPS * law.timestep * law.pair.friction * GRAVITY / SLOWED)
         return np.array([0.8 * speed, 0.6 * speed, 0.0]), np.array([0.0, 0.0, SPIN * speed / ARM])
 
     def _steps(self, law: Law, slider: str) -> int:
