@@ -1,27 +1,30 @@
 """The coupled contact probes in every engine, solver and cone: docs/records/coupled-contact.md.
 
-python tools/coupled.py [--engine NAME ...] [--timestep MS ...] [--cone CONE ...] [--json FILE]
+python tools/coupled.py [--engine NAME ...] [--timestep MS ...] [--cone CONE ...] [--probe NAME ...] [--json FILE]
 python tools/coupled.py --page FILE ...
+python tools/coupled.py --declare FILE ...
 
 Measures over frictions of 0.05 to 1.2, restitutions of 0, 0.5 and 1 and ratios of masses of 1 to 1000, and prints the
-figures that are beyond their tolerance; --json keeps all of them, and --page writes the page from such files. Declared
-deviations play no part: what is printed is what the engine did.
+figures that are beyond their tolerance. --json keeps all of them. From such files --page writes the page, and --declare
+the tables ``coupled.csv`` from which engines declare their deviations. Declared deviations do not change what is printed.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import datetime
 import itertools
 import json
 import math
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from simspec.compiler import compile_world, write_folder
+from simspec.engines.kit.coupled import KEYS, LENGTHS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
@@ -35,17 +38,20 @@ from simspec.world.types import Contact, EngineOptions, Material, PairContact, P
 PROBES: Mapping[str, Probe] = {**leaning.PROBES, **together.PROBES, **stacking.PROBES, **carried.PROBES}
 FRICTIONS, RESTITUTIONS, RATIOS = (0.05, 0.1, 0.3, 0.5, 0.8, 1.2), (0.0, 0.5, 1.0), (1.0, 10.0, 100.0, 1000.0)
 SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
-    "mujoco": ({}, {"friction": "coulomb"}),
+    "mujoco": ({"friction": "native"}, {"friction": "coulomb"}),
     "pybullet": ({},),
     "dart": ({"contact_solver": "nsgs"}, {"contact_solver": "dantzig"}),
-    "drake": ({}, {"contact_approximation": "sap"}),
-    "ode": ({}, {"solver": "quick-step"}),
+    "drake": ({"contact_approximation": "tamsi"}, {"contact_approximation": "sap"}),
+    "ode": ({"solver": "step"}, {"solver": "quick-step"}),
     "gazebo": ({"contact_solver": "dantzig"}, {"contact_solver": "pgs"}),
     "rapier": ({},),
     "physx": ({},),
 }
 """Settings by engine: each solver that a setting can choose."""
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "records" / "coupled-contact.md"
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = ROOT / "docs" / "records" / "coupled-contact.md"
+ALIKE = 1.3
+"""Ratio of the largest to the smallest deviation up to which cones or settings share a row of a table."""
 KEPT = ("probe", "case", "expected", "measured", "tolerance", "unit", "worst")
 """What is kept of a figure."""
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
@@ -75,9 +81,11 @@ def worlds(engine: str, law: Law, trials: Sequence[Trial], settings: Mapping[str
     return [world_of_trial(trial, contact, Physics((0.0, 0.0, -GRAVITY), law.timestep), options) for trial in trials]
 
 
-def measure(engine: str, settings: Mapping[str, Any], cone: str, timestep: float) -> list[tuple[Law, Figure]] | str:
-    """Every figure of every probe, all of one process; or why the engine refuses."""
-    jobs = [(probe, law) for probe in PROBES.values() for law in laws(probe, cone, timestep)]
+def measure(
+    engine: str, settings: Mapping[str, Any], cone: str, timestep: float, probes: Sequence[str] = tuple(PROBES)
+) -> list[tuple[Law, Figure]] | str:
+    """Every figure of some probes, all of one process; or why the engine refuses."""
+    jobs = [(PROBES[name], law) for name in probes for law in laws(PROBES[name], cone, timestep)]
     operations: list[Operation] = []
     tried: list[tuple[Probe, Law, list[World]]] = []
     refused = ""
@@ -120,14 +128,18 @@ COLUMNS = ("rod", "clamp", "pile", "strike", "row", "edge", "stack", "carrier", 
 """Of the table: figures of what slips, of energy and of what moves sideways count as their probe's."""
 
 
-def page(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The tables, from kept rows."""
+def page(rows: Sequence[Mapping[str, Any]], date: str) -> str:
+    """The tables, from rows that were measured until ``date``."""
+    names = dict.fromkeys(row["engine"] for row in rows)
+    versions = ", ".join(f"{find_engine(name).TITLE} {find_engine(name).version()}" for name in names)
     lines = [
         "# Contact of several bodies, measured",
         "",
         "Each cell: the figure that is furthest off, in units of its tolerance; `ok` within it. Frictions 0.05 to 1.2, "
         "restitutions 0 to 1; `stack` up to a ratio of masses of 100. A dash: the engine refuses all of it.",
-        "What the probes are: [proof.md](../proof.md). Command: `python tools/coupled.py --json FILE`, then `--page FILE`.",
+        "The probes are defined in [proof.md](../proof.md). Command: `python tools/coupled.py --engine NAME --timestep 1 "
+        "--timestep 2 … --json FILE` for each engine, then `--page FILE …`.",
+        f"Measured on {date} with {versions}.",
     ]
     for timestep in sorted({row["timestep"] for row in rows}):
         lines += ["", f"## {timestep:g} ms", "", "| engine | setting | cone | " + " | ".join(COLUMNS) + " |"]
@@ -190,16 +202,88 @@ def _worst(rows: Sequence[Mapping[str, Any]]) -> str:
     return f"{1e3 * max(values):.2g}" if values else "–"
 
 
+Sizes = tuple[float, ...]
+"""Largest deviations beyond the tolerance, by timestep; 0 where there is none."""
+
+
+def tables(rows: Sequence[Mapping[str, Any]]) -> Mapping[str, str]:
+    """Of each engine its table of deviations, as :mod:`simspec.engines.kit.coupled` reads it."""
+    found = {}
+    for engine in dict.fromkeys(row["engine"] for row in rows):
+        mine = [row for row in rows if row["engine"] == engine]
+        timesteps = sorted({row["timestep"] for row in mine})
+        kinds = list(dict.fromkeys((_setting(row["settings"]), row["cone"]) for row in mine))
+        lines = [",".join((*KEYS, *(f"{timestep:g}" for timestep in timesteps)))]
+        for measured in dict.fromkeys(_measured(row) for row in mine):
+            sizes = {kind: [0.0] * len(timesteps) for kind in kinds}
+            for row in mine:
+                if _measured(row) == measured and row["off"] > 1.0:
+                    mine_of = sizes[_setting(row["settings"]), row["cone"]]
+                    column = timesteps.index(row["timestep"])
+                    mine_of[column] = max(mine_of[column], _size(row))
+            for (setting, cone), shared in _shared({kind: tuple(some) for kind, some in sizes.items()}).items():
+                if any(shared):
+                    cells = (f"{size:.3g}" if size else "" for size in shared)
+                    lines.append(",".join((setting, cone, *measured, *cells)))
+        found[engine] = "\n".join(lines) + "\n"
+    return found
+
+
+def _setting(settings: Mapping[str, Any]) -> str:
+    return " ".join(f"{name}={value}" for name, value in settings.items())
+
+
+def _measured(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Probe, restitution and ratio of masses, as a table has them."""
+    probe = str(row["probe"])
+    restitution = (">0" if row["restitution"] else "0") if probe.split("-")[0] in together.PROBES else ""
+    return probe, restitution, f"{row['ratio']:g}" if probe.startswith("stack") else ""
+
+
+def _size(row: Mapping[str, Any]) -> float:
+    if row["measured"] is None:
+        raise SystemExit(f"no number to declare: {row}")
+    size = abs(row["measured"] - row["expected"])
+    return float(size if row["probe"] in LENGTHS else size / abs(row["expected"]))
+
+
+def _shared(sizes: Mapping[tuple[str, str], Sizes]) -> Mapping[tuple[str, str], Sizes]:
+    """The rows of some settings and cones; one for all cones, or for all settings too, where they are alike."""
+    if _alike(sizes.values()):
+        return {("", ""): _largest(sizes.values())}
+    found: dict[tuple[str, str], Sizes] = {}
+    for setting in dict.fromkeys(setting for setting, _ in sizes):
+        mine = {kind: some for kind, some in sizes.items() if kind[0] == setting}
+        found |= {(setting, ""): _largest(mine.values())} if _alike(mine.values()) else mine
+    return found
+
+
+def _alike(some: Iterable[Sizes]) -> bool:
+    return all(max(column) <= ALIKE * min(column) for column in zip(*some, strict=True))
+
+
+def _largest(some: Iterable[Sizes]) -> Sizes:
+    return tuple(max(column) for column in zip(*some, strict=True))
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--engine", action="append", choices=sorted(SOLVERS))
     parser.add_argument("--timestep", action="append", type=float, help="ms; default 1 and 4")
     parser.add_argument("--cone", action="append", choices=CONES)
+    parser.add_argument("--probe", action="append", choices=sorted(PROBES))
     parser.add_argument("--json", type=Path)
     parser.add_argument("--page", nargs="+", type=Path, help="files of --json")
+    parser.add_argument("--declare", nargs="+", type=Path, help="files of --json")
     given = parser.parse_args()
+    kept = [row for file in (*(given.page or ()), *(given.declare or ())) for row in json.loads(file.read_text())]
     if given.page:
-        PAGE.write_text(page([row for file in given.page for row in json.loads(file.read_text())]))
+        latest = max(file.stat().st_mtime for file in given.page)
+        PAGE.write_text(page(kept, datetime.date.fromtimestamp(latest).isoformat()))
+    if given.declare:
+        for engine, table in tables(kept).items():
+            (ROOT / "simspec" / "engines" / engine / "coupled.csv").write_text(table)
+    if kept:
         return 0
     rows: list[dict[str, Any]] = []
     for engine in given.engine or SOLVERS:
@@ -209,7 +293,7 @@ def main() -> int:
         for settings, cone, timestep in itertools.product(
             SOLVERS[engine], given.cone or CONES, given.timestep or (1.0, 4.0)
         ):
-            found = measure(engine, settings, cone, timestep / 1e3)
+            found = measure(engine, settings, cone, timestep / 1e3, given.probe or tuple(PROBES))
             label = f"{engine} {' '.join(f'{name}={value}' for name, value in settings.items())}".strip()
             if isinstance(found, str):
                 print(f"{label:32} {cone:22} {timestep:g} ms: {found[:120]}", flush=True)

@@ -78,13 +78,13 @@ def read_figure(run: Run, name: str) -> RunFigure:
 
 
 def half_width(run: Run, size: float, noise: float) -> float:
-    """Half of the interval of what is not told apart from a number of this ``size``: ``FLOOR_FACTOR`` times the ``noise`` of
-    repeats lies between two such numbers, and at least :func:`rounding` on each side."""
+    """Half of the interval of numbers that are not distinguished from one of this ``size``: between two of them lies
+    ``FLOOR_FACTOR`` times the ``noise`` of repeats, and at least :func:`rounding` on each side."""
     return max(0.5 * FLOOR_FACTOR * noise, rounding(run, size))
 
 
 def rounding(run: Run, size: float) -> float:
-    """What another processor may round differently: once in each step, in a number of this size."""
+    """Round-off that another processor may add: one rounding in each step, of a number of this size."""
     return float(run.provenance.get("steps", len(run.time))) * 2.0**-52 * size
 
 

@@ -191,7 +191,7 @@ def _from_first(
 def _recovered(
     asked: Gaps, pair: Pair, gap: Gap, floor: Mapping[str, float], said: Sequence[tuple[str, str]], run: Answer
 ) -> tuple[list[Declared], Gap]:
-    """What the declared laws of recovery account for of a gap, and what is left; from here on gaps are without it. Nothing
+    """The part of a gap that declared laws of recovery account for, and the rest; later gaps are without this part. Nothing
     where they close no share that may be claimed."""
     judge = Judge(asked, pair, Gap(gap.windows), floor, lambda *_: None)
     asked.shift = RecoveryShift(asked.windows, run)

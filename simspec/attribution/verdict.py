@@ -146,7 +146,7 @@ def _begun(explanation: Explanation) -> bool:
 
 
 def _predicted(explanation: Explanation, rest: bool) -> Iterable[str]:
-    """What declared laws account for."""
+    """A sentence on the part that declared laws account for."""
     of = "what is left" if rest else "the difference"
     for one in explanation.declared:
         if one.predicted:

@@ -85,7 +85,7 @@ def accepted_sets(
             try:
                 wanted = missing_options(world, label, pythons)
             except UnsupportedError:
-                continue  # not supported, whatever is accepted: told where the engine is chosen
+                continue  # not supported, whatever is accepted: reported where the engine is chosen
             for key, reasons in wanted.items():
                 missing.setdefault(key, {}).update(dict.fromkeys(reasons))
         options = world.options(name)

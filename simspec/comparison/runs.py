@@ -278,7 +278,7 @@ class Departures:
 
 
 def _unphysical(a: Run, b: Run) -> list[str]:
-    """What both runs show alike though no mechanism does it: agreement on it says nothing."""
+    """Findings of both runs that no mechanism causes: agreement on them is not evidence."""
     other = {finding.short for finding in b.unphysical.findings}
     alike = [finding.short for finding in a.unphysical.findings if finding.short in other]
     return [f"both runs show a motion that is not physical: {what}" for what in alike]

@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class Gain:
-    """What the rotation of the tree of ``body`` gains.
+    """The energy that integration adds to the rotation of the tree of ``body``.
 
     turn          angle of a step (rad)
     gain          share of its kinetic energy that it gains in ``time`` (s); infinite where it diverges after that time
@@ -135,7 +135,7 @@ def _followed(tensors: Floats, speed: Floats, damping: Floats, step: float, step
 
 
 def _gain(body: str, speed: float, share: float, done: int, physics: Physics) -> Iterator[Gain]:
-    """What a rotation gains in the whole run, whose energy was ``share`` above the first after ``done`` steps."""
+    """The energy that a rotation gains in the whole run, whose energy was ``share`` above the first after ``done`` steps."""
     if not done or share <= 0.0:
         return
     step, duration = physics.timestep, physics.steps * physics.timestep

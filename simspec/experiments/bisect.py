@@ -38,7 +38,7 @@ class Reading:
 
     value  in ``unit``
     noise  the largest distance of the figure of a repeat from ``value``
-    half   half of the interval of what is not told apart from ``value`` (:func:`half_width`)
+    half   half of the interval of values that are not distinguished from ``value`` (:func:`half_width`)
     stored whether all of its runs were there before
     """
 
@@ -50,13 +50,13 @@ class Reading:
     stored: bool = False
 
     def differs(self, other: Reading) -> bool:
-        """Whether the two are further apart than what is not told apart from either."""
+        """Whether the two are further apart than either interval of values that are not distinguished."""
         return abs(self.value - other.value) > self.half + other.half
 
 
 @dataclass(frozen=True)
 class Bisection:
-    """What a search came to.
+    """Result of a search.
 
     versions      those that were searched, in order
     readings      of those that were measured, by version

@@ -114,4 +114,4 @@ SETTINGS: Final[Mapping[str, NeededSetting]] = {
     "sleeping": NeededSetting(bool, optional=True),
     "sleep_tolerance": NeededSetting(float, optional=True),
 }
-"""What an engine that is told worlds in this dialect must have; the three last are not there where they are off."""
+"""Settings that an engine of this dialect must have; the last three are absent where they are off."""

@@ -15,7 +15,7 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.gazebo import library
-from simspec.engines.gazebo.coupled import DEVIATIONS, MASS_RATIO
+from simspec.engines.gazebo.coupled import DEVIATIONS, MASS_RATIO, SWEEPS
 from simspec.engines.gazebo.expected import expected
 from simspec.engines.gazebo.inventory import inventory
 from simspec.engines.gazebo.pairs import CASES, capsules, cylinders
@@ -24,6 +24,7 @@ from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.needs import Needs
@@ -100,10 +101,11 @@ _TINY = Refinement(
 )
 
 
-def _tiny(world: World) -> Refinement | None:
-    """DART's least friction."""
-    tiny = any(pair.collide and 0.0 < pair.friction <= TINY_FRICTION for pair in world.contact.pairs)
-    return _TINY if tiny else None
+def _friction(world: World) -> Refinement | None:
+    """Friction below DART's least, and by pgs where it can change a normal force, is accepted by name."""
+    if any(pair.collide and 0.0 < pair.friction <= TINY_FRICTION for pair in world.contact.pairs):
+        return _TINY
+    return SWEEPS if ("contact_solver", "pgs") in world.options(Gazebo.NAME).settings and leans(world) else None
 
 
 class Gazebo(SteppedEngine[Simulation]):
@@ -170,7 +172,10 @@ class Gazebo(SteppedEngine[Simulation]):
         Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("gz-physics 5 has no velocity of a contact's surface"),
         Feature.FRICTION: Support(
-            Level.EXACT, "up to 0.001 is accepted by name: DART treats it as zero", refine=_tiny, cases=(_TINY,)
+            Level.EXACT,
+            "up to 0.001 is accepted by name: DART treats it as zero",
+            refine=_friction,
+            cases=(_TINY, SWEEPS),
         ),
         Feature.CARRIED_FRICTION: EXACT,
         Feature.MASS_RATIO: MASS_RATIO,

@@ -64,7 +64,7 @@ def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, H
 
 
 SOLVERS = {"dantzig": "DantzigBoxedLcpSolver in passes", "pgs": "PgsBoxedLcpSolver"}
-"""What DART calls its solvers, and what the part in C++ calls Dantzig's in passes."""
+"""DART's names of its solvers, and the name of the C++ part that runs Dantzig's in passes."""
 
 
 def _body(body: Body, mass: Inertial, timestep: float, still: bool) -> dict[str, HeldValue]:

@@ -1,49 +1,128 @@
-"""How engines declare contact of several bodies: deviations by timestep and ratio of masses, and the ratios to be accepted."""
+"""How engines declare contact of several bodies: deviations by probe, timestep and ratio of masses, from a measured table.
+
+The table ``coupled.csv`` of an engine is written by ``tools/coupled.py --declare``; the engine's ``coupled.py`` gives reasons.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
 from typing import Any
 
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Level, Refinement, Support, approximate
-from simspec.world.reach import largest_ratio
+from simspec.world.meeting import meeting_laws
+from simspec.world.reach import largest_ratio, reach
 from simspec.world.types import World
 
-FROM = 0.9
-"""Share of a measured timestep from which a row counts."""
-RATIOS = (0.0, 10.01, 100.1)
-"""Ratios of masses from which rows count that were measured at 10, 100 and 1000: up to the measured one. Beyond 1000 the last
-row counts, and level L5 decides."""
+MARGIN = 1.15
+"""Declared over measured: figures at frictions between the measured ones differ by some percent."""
+ABOVE = 1.05
+"""A row counts from this multiple of the timestep measured before it: at timesteps between, the larger size is declared."""
+LENGTHS = frozenset({"rod", "clamp", "pile", "stack", "stack-sideways", "carrier"})
+"""Probes whose deviations are lengths (m); those of the others are shares of the expected value."""
+KEYS = ("setting", "cone", "probe", "restitution", "ratio")
+"""Columns that say where a row of the table counts; the others are timesteps (ms) with the largest measured deviation, empty
+within the probe's tolerance. An empty key: everywhere. ``restitution``: ``0`` from none on, ``>0`` with any."""
+RATIOS = {"": 0.0, "1": 0.0, "10": 1.001, "100": 10.01, "1000": 100.1}
+"""Ratio of masses from which a row counts, by the measured ratio, which is the largest it counts for; beyond 1000 the last row
+counts, and level L5 decides."""
+SOME = 0.01
+"""Restitution from which rows of ``>0`` count."""
 
 
-def by_timestep(probe: str, why: str, sizes: Mapping[float, float], **more: Any) -> tuple[Deviation, ...]:
-    """``sizes``: by timestep (s) the largest deviation that was measured there, as :class:`Deviation` has it."""
-    return tuple(Deviation(probe, size, why, timestep=FROM * timestep, **more) for timestep, size in sizes.items())
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why probes deviate: ``probes`` are patterns of their names, separated by spaces, for a setting (``name=value``) and a
+    friction cone alone where these are given."""
+
+    probes: str
+    why: str
+    setting: str = ""
+    cone: str = ""
+
+    def covers(self, row: Mapping[str, str]) -> bool:
+        return (
+            any(fnmatchcase(row["probe"], pattern) for pattern in self.probes.split())
+            and self.setting in ("", row["setting"])
+            and self.cone in ("", row["cone"])
+        )
 
 
-def by_ratio(
-    probe: str, why: str, sizes: Mapping[float, tuple[float, float, float]], **more: Any
-) -> tuple[Deviation, ...]:
-    """``sizes``: by timestep (s) what was measured (m) at ratios of masses of 10, 100 and 1000; 0 where nothing is declared."""
-    return tuple(
-        Deviation(probe, size, why, relative=False, timestep=FROM * timestep, ratio=ratio, **more)
-        for timestep, row in sizes.items()
-        for ratio, size in zip(RATIOS, row, strict=True)
-        if size
-    )
+def measured(table: Path, reasons: Sequence[Reason]) -> tuple[Deviation, ...]:
+    """The deviations of a table, each with the first reason that covers it. Raises ValueError for a row without a reason, and
+    for a reason without a row."""
+    used: set[Reason] = set()
+    found: list[Deviation] = []
+    with table.open(newline="", encoding="utf-8") as lines:
+        for row in csv.DictReader(lines):
+            reason = next((reason for reason in reasons if reason.covers(row)), None)
+            if reason is None:
+                raise ValueError(f"{table}: no reason is given for {' '.join(row[key] for key in KEYS)}")
+            used.add(reason)
+            found += _deviations(row, reason.why)
+    for reason in reasons:
+        if reason not in used:
+            raise ValueError(f"{table}: no row is of the reason for {reason.probes} {reason.setting} {reason.cone}")
+    return tuple(found)
+
+
+def _deviations(row: Mapping[str, str], why: str) -> Iterator[Deviation]:
+    timesteps = [name for name in row if name not in KEYS]
+    largest = 0.0
+    for before, timestep in itertools.pairwise(["0", *timesteps]):
+        size = MARGIN * float(row[timestep] or 0.0)
+        if size > largest:
+            largest = size
+            yield Deviation(
+                row["probe"],
+                float(f"{size:.3g}"),
+                why,
+                relative=row["probe"] not in LENGTHS,
+                timestep=1e-3 * ABOVE * float(before),
+                restitution=SOME if row["restitution"] == ">0" else 0.0,
+                friction_cone=row["cone"],
+                setting=_setting(row["setting"]),
+                ratio=RATIOS[row["ratio"]],
+            )
+
+
+def _setting(text: str) -> tuple[str, str] | None:
+    name, _, value = text.partition("=")
+    return (name, value) if value else None
+
+
+def given(engine: str, **defaults: str) -> Callable[[World], Mapping[str, Any]]:
+    """The settings that a world gives an engine, over ``defaults``."""
+
+    def settings(world: World) -> Mapping[str, Any]:
+        return {**defaults, **dict(world.options(engine).settings)}
+
+    return settings
+
+
+def leans(world: World) -> bool:
+    """Whether friction can change a normal force in ``world``: a body with friction may lean, clamp or be piled."""
+    return any(law.friction and reach(world, *pair).leans for pair, law in meeting_laws(world).items())
 
 
 def heavy_on_light(
-    limits: Mapping[float, float], how: str, short: str, engine: str = "", setting: tuple[str, str] | None = None
+    rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
 ) -> Support:
-    """Exact below a ratio of masses, to be accepted by name from it on. ``limits``: by least timestep (s) that ratio;
-    ``setting``: where the spec gives this name and value to ``engine`` alone."""
+    """Exact where no declared deviation of a stack counts under a world's settings, otherwise to be accepted by name."""
+    stacks = [row for row in rows if row.probe.startswith("stack")]
 
     def exact(world: World) -> Refinement | None:
-        if setting is not None and dict(world.options(engine).settings).get(setting[0]) != setting[1]:
-            return Refinement(Level.EXACT, "")
-        here = [ratio for timestep, ratio in sorted(limits.items()) if world.physics.timestep >= FROM * timestep]
-        return Refinement(Level.EXACT, "") if not here or largest_ratio(world) < here[-1] else None
+        ratio, timestep, cone = largest_ratio(world), world.physics.timestep, world.contact.friction_cone
+        counting = any(
+            row.counts_for(law, cone, timestep, settings(world), ratio)
+            for law in meeting_laws(world).values()
+            for row in stacks
+        )
+        return None if counting else Refinement(Level.EXACT, "")
 
     return approximate(how, exact, short)

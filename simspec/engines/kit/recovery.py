@@ -23,7 +23,7 @@ class Recovery:
     why: str = ""
 
     def taken_back(self, overlap: float, steps: int, timestep: float) -> float:
-        """What of an overlap (m) is taken back in so many steps of ``timestep`` (s)."""
+        """The part of an overlap (m) that is taken back in so many steps of ``timestep`` (s)."""
         left = max(0.0, overlap)
         begun = left
         for _ in range(steps):

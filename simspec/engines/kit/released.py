@@ -22,7 +22,7 @@ _LISTED = re.compile(r"^Available versions:(.*)$", re.MULTILINE)
 def released_versions(engine: type[Engine], first: str, last: str) -> list[str]:
     """The released versions from ``first`` to ``last``, in order, pre-releases left out.
 
-    Raises EngineError where the engine comes with no package of Python, or the index cannot be asked.
+    Raises EngineError where the engine comes with no package of Python, or the index cannot be queried.
     """
     if not engine.DISTRIBUTION:
         raise EngineError(engine.NAME, "comes with the machine, not with pip: it has one version there")
@@ -72,7 +72,7 @@ def _reaches(engine: type[Engine], rule: str, lowest: Version, highest: Version)
 
 
 def _listed(engine: type[Engine], package: str) -> Sequence[str]:
-    """What the client lists of a package. It is started from the root, so that no file of the user's is imported."""
+    """The client's listing of a package. It is started from the root, so that no file of the user's is imported."""
     words = [
         sys.executable,
         "-I",

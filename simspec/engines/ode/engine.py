@@ -17,6 +17,7 @@ from simspec.contact.rules import Rules
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.bounds import of_mobility
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.needs import Needs
@@ -26,7 +27,7 @@ from simspec.engines.kit.refinements import planes_still
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.ode import library
-from simspec.engines.ode.coupled import DEVIATIONS, MASS_RATIO
+from simspec.engines.ode.coupled import DEVIATIONS, MASS_RATIO, SWEEPS
 from simspec.engines.ode.expected import expected
 from simspec.engines.ode.inventory import inventory, neutral
 from simspec.engines.ode.native import JOINTS, SWITCH
@@ -73,6 +74,11 @@ _MOTOR = "a motor of speed 0 with this largest effort, on the joint's axis, solv
 def _held_alone(world: World) -> Refinement | None:
     """Not supported where something would not feel a constraint that is computed outside ODE."""
     return constraints_felt(world, Ode.TITLE)
+
+
+def _settled(world: World) -> Refinement | None:
+    """Friction by quick-step is accepted by name where it can change a normal force."""
+    return SWEEPS if ("solver", "quick-step") in world.options(Ode.NAME).settings and leans(world) else None
 
 
 _planes_still = planes_still("ODE's planes cannot move, as {name} does")
@@ -136,7 +142,9 @@ class Ode(SteppedEngine[Simulation]):
         Feature.SHAPE_MARGIN: never("ODE's contact begins where shapes touch"),
         Feature.MARGIN_PAIRS: never("ODE's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
-        Feature.FRICTION: Support(Level.EXACT, "the law of the two materials at every point of contact"),
+        Feature.FRICTION: Support(
+            Level.EXACT, "the law of the two materials at every point of contact", refine=_settled, cases=(SWEEPS,)
+        ),
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "the law of the two materials at every point of contact"),
         Feature.TORSIONAL_FRICTION: Support(Level.EXACT, _MOMENTS),
         Feature.ROLLING_FRICTION: Support(Level.EXACT, _MOMENTS),

@@ -86,7 +86,7 @@ class _Job:
     sizes: size.SizeTrial | None = None
     known: tuple[Figure, ...] | None = None
     sampled: tuple[Figure, ...] | None = None
-    """What the cache says of a job that is measured all the same, to see whether the cache is right."""
+    """Figures in the cache of a job that is measured all the same, to verify the cache."""
 
     def settings(self, engine: type[Engine]) -> Mapping[str, Any]:
         """What the scenario sets in the engine for the pair."""

@@ -164,6 +164,7 @@ void join(Sim *s, int with_friction, double softer, double nudge) {
       if (!rubs(s, law) || (with_friction == 1 && p->bound == p->push)) c.surface.mode |= dContactApprox1;
       else c.surface.mu = p->held ? dInfinity : c.surface.mu * p->bound;
       if (p->sliding) c.surface.mode |= dContactMu2; /* of 0 */
+      else if (nudge > 0 && !p->held) c.surface.mode |= dContactMu2, c.surface.mu2 = c.surface.mu * (1 - UNTIED * (1 + i % NUDGES));
       if (direction(s, p, c.fdir1)) c.surface.mode |= dContactFDir1;
     }
     dJointID joint = dJointCreateContact(s->world, s->joints, &c);

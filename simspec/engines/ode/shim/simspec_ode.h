@@ -14,6 +14,7 @@ enum { MOST_POINTS = 64, TEXT = 200 };
 #define MOST_SOFTER 1e5
 #define NUDGE 1e-13 /* m/s */
 #define NUDGES 11 /* that many different ones */
+#define UNTIED 1e-10 /* share by which the two bounds of a point differ where points are nudged */
 #define MOST_PASSES 20 /* with friction */
 #define SAME_NORMAL (1 - 1e-9) /* cosine of the angle, of 45 urad */
 #define STEADY 1e-3 /* share by which friction may miss its law */
