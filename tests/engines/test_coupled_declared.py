@@ -63,7 +63,7 @@ def test_the_first_reason_that_covers_a_row_is_given(tmp_path):
 
 def test_a_row_without_a_reason_and_a_reason_without_a_row_are_errors(tmp_path):
     path = table(tmp_path, ",,rod,,,0.1,")
-    with pytest.raises(ValueError, match="no reason is given for .*rod"):
+    with pytest.raises(ValueError, match=r"no reason is given for .*rod"):
         measured(path, [Reason("clamp", "leans")])
     with pytest.raises(ValueError, match="no row is of the reason for clamp"):
         measured(path, [WHY, Reason("clamp", "leans")])
