@@ -1,6 +1,6 @@
 """The coupled contact probes in every engine, solver and cone: docs/records/coupled-contact.md.
 
-python tools/coupled.py [--engine NAME ...] [--timestep MS ...] [--cone CONE ...] [--probe NAME ...] [--json FILE]
+python tools/coupled.py [--engine NAME ...] [--timestep MS ...] [--cone CONE ...] [--probe NAME ...] [--seconds S] [--json FILE]
 python tools/coupled.py --page FILE ...
 python tools/coupled.py --declare FILE ...
 
@@ -36,7 +36,8 @@ from simspec.world.reach import Reach
 from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
 
 PROBES: Mapping[str, Probe] = {**leaning.PROBES, **together.PROBES, **stacking.PROBES, **carried.PROBES}
-FRICTIONS, RESTITUTIONS, RATIOS = (0.05, 0.1, 0.3, 0.5, 0.8, 1.2), (0.0, 0.5, 1.0), (1.0, 10.0, 100.0, 1000.0)
+FRICTIONS, IMPACT_FRICTIONS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.2), (0.0, 0.1, 0.3, 0.6, 1.0)
+RESTITUTIONS, RATIOS = (0.0, 0.5, 1.0), (1.0, 10.0, 100.0, 1000.0)
 SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "mujoco": ({"friction": "native"}, {"friction": "coulomb"}),
     "pybullet": ({},),
@@ -60,7 +61,7 @@ CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
 def laws(probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
     """The laws that a probe is measured under: friction varies in all, restitution in impacts, the ratio in stacks."""
     impacts, stacks = probe.NAME in together.PROBES, probe.NAME in stacking.PROBES
-    frictions = (0.0, 0.3, 1.0) if impacts else (0.5,) if stacks else FRICTIONS
+    frictions = IMPACT_FRICTIONS if impacts else (0.5,) if stacks else FRICTIONS
     restitutions, ratios = RESTITUTIONS if impacts else (0.0,), RATIOS if stacks else (1.0,)
     for friction, restitution, ratio in itertools.product(frictions, restitutions, ratios):
         pair = PairContact("base", "body", friction, restitution)
@@ -141,22 +142,30 @@ def page(rows: Sequence[Mapping[str, Any]], date: str) -> str:
         "--timestep 2 … --json FILE` for each engine, then `--page FILE …`.",
         f"Measured on {date} with {versions}.",
     ]
-    for timestep in sorted({row["timestep"] for row in rows}):
+    usual = [row for row in rows if "seconds" not in row]
+    for timestep in sorted({row["timestep"] for row in usual}):
         lines += ["", f"## {timestep:g} ms", "", "| engine | setting | cone | " + " | ".join(COLUMNS) + " |"]
         lines.append("|---|---|---|" + "---:|" * len(COLUMNS))
-        kinds = dict.fromkeys((row["engine"], _words(row["settings"]), row["cone"]) for row in rows)
+        kinds = dict.fromkeys((row["engine"], _words(row["settings"]), row["cone"]) for row in usual)
         for kind in kinds:
             mine = [
                 row
-                for row in rows
+                for row in usual
                 if (row["engine"], _words(row["settings"]), row["cone"]) == kind and row["timestep"] == timestep
             ]
             if mine:
                 cells = [_cell([row for row in mine if _column(row) == name]) for name in COLUMNS]
                 lines.append(f"| {' | '.join((kind[0], kind[1] or 'default', kind[2], *cells))} |")
-    lines += ["", "## Heavy on light", ""]
-    lines += ["Depth and sideways motion (mm) after 0.8 s at 1 ms, the worst cone; three layers share the ratio.", ""]
+    for seconds in dict.fromkeys(row.get("seconds", stacking.TIME) for row in rows):
+        lines += _stacks(seconds, [row for row in rows if row.get("seconds", stacking.TIME) == seconds])
+    return "\n".join(lines) + "\n"
+
+
+def _stacks(seconds: float, rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The table of stacks that were left for some seconds."""
     ratios = [ratio for ratio in RATIOS if ratio > 1.0]
+    lines = ["", f"## Heavy on light for {seconds:g} s", ""]
+    lines += ["Depth and sideways motion (mm) at 1 ms, the worst cone; three layers share the ratio.", ""]
     lines.append(
         "| engine | setting | " + " | ".join(f"{n} layers, {ratio:g}" for n in (2, 3) for ratio in ratios) + " |"
     )
@@ -177,7 +186,7 @@ def page(rows: Sequence[Mapping[str, Any]], date: str) -> str:
                 )
             )
         lines.append(f"| {' | '.join((engine, settings or 'default', *cells))} |")
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _words(settings: Mapping[str, Any]) -> str:
@@ -272,6 +281,7 @@ def main() -> int:
     parser.add_argument("--timestep", action="append", type=float, help="ms; default 1 and 4")
     parser.add_argument("--cone", action="append", choices=CONES)
     parser.add_argument("--probe", action="append", choices=sorted(PROBES))
+    parser.add_argument("--seconds", type=float, help="how long stacks are left alone; default that of the probe")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--page", nargs="+", type=Path, help="files of --json")
     parser.add_argument("--declare", nargs="+", type=Path, help="files of --json")
@@ -285,6 +295,8 @@ def main() -> int:
             (ROOT / "simspec" / "engines" / engine / "coupled.csv").write_text(table)
     if kept:
         return 0
+    if given.seconds:
+        stacking.TIME = given.seconds
     rows: list[dict[str, Any]] = []
     for engine in given.engine or SOLVERS:
         if find_engine(engine).version() is None:
@@ -309,6 +321,7 @@ def main() -> int:
                         "restitution": law.pair.restitution,
                         "ratio": law.reach.ratio,
                         "off": off(figure),
+                        **({"seconds": given.seconds} if given.seconds else {}),
                         **{name: getattr(figure, name) for name in KEPT},
                     }
                 )

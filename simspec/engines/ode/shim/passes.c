@@ -8,7 +8,9 @@
 #define SEED 0.01 /* of the lighter body's weight: the first bound where the normal force without friction is less, to grow from */
 #define LEAST 1e-5 /* of that weight: what friction may miss its law by */
 #define STEEP 0.9 /* of a change of bounds comes back as a change of normal forces: above it, passes get nowhere by themselves */
-#define STEEPEST 0.98 /* up to which a change of bounds is carried on to where it ends */
+#define LEAST_TURN 0.05 /* least share of a turn by which friction is turned */
+#define TURNED 0.03 /* sine of a turn of friction beyond which normal forces do not go on as in the last pass */
+#define FARTHEST 50 /* times the last change of normal forces, by which bounds are carried on at most */
 #define SLOW 1e-6 /* of the speed that gravity gives in a step: what slips less sticks */
 #define FAST 20 /* of that speed: what slips faster is not held within a step, and no pass without a bound is tried for it */
 #define FULL (1 - 1e-6) /* of its bound, from which on a friction force counts as bound */
@@ -43,8 +45,32 @@ static double weight(Sim *s, const Point *p) {
   return least * sqrt(dot(g, g));
 }
 
+static int first_of(Sim *s, int k) {
+  while (s->body[k].group.first != k) k = s->body[k].group.first = s->body[s->body[k].group.first].group.first;
+  return k;
+}
+
+static void unite(Sim *s, int one, int other) {
+  if (one < 0 || other < 0) return;
+  one = first_of(s, one), other = first_of(s, other);
+  s->body[one > other ? one : other].group.first = one < other ? one : other;
+}
+
+/* Groups of the bodies that carry others: by joints and by points of contact. */
+static void groups(Sim *s) {
+  for (int k = 0; k < s->bodies; k++) memset(&s->body[k].group, 0, sizeof(Group)), s->body[k].group.first = k;
+  for (int k = 0; k < s->bodies; k++)
+    if (s->body[k].parent >= 0) unite(s, s->body[k].carrier, s->body[s->body[k].parent].carrier);
+  for (int i = 0; i < s->points; i++) unite(s, s->body[s->point[i].one->body].carrier, s->body[s->point[i].two->body].carrier);
+  for (int i = 0; i < s->points; i++) {
+    int one = s->body[s->point[i].one->body].carrier, two = s->body[s->point[i].two->body].carrier;
+    s->point[i].first = first_of(s, one < 0 ? two : one);
+  }
+}
+
 /* The first bounds, and what friction is laid against: by the normal forces and slips of a step without friction. */
 void aim(Sim *s) {
+  groups(s);
   for (int i = 0; i < s->points; i++) {
     Point *p = s->point + i;
     p->weight = weight(s, p);
@@ -55,24 +81,38 @@ void aim(Sim *s) {
   }
 }
 
+/* The share of a turn by which friction is turned, in a row of passes: all of it at first, then what would have ended the last one's
+   (Aitken's relaxation). Slip that friction itself turns back, and further than it was, would never settle otherwise. */
+static double share_of(const double *turn, Turning *t) {
+  double change[3], size;
+  for (int k = 0; k < 3; k++) change[k] = turn[k] - t->last[k];
+  size = dot(change, change);
+  if (!(t->share > 0)) t->share = 1;
+  else if (size > 0) t->share = fmax(LEAST_TURN, fmin(1, -t->share * dot(t->last, change) / size));
+  memcpy(t->last, turn, 24);
+  return t->share;
+}
+
 /* What friction is laid against once more, where it would be before without it, and is now: whether that goes on by more than
    friction changed of it, and where it does, its direction now. slow: what counts as none. Raises the largest change, as the sine of
    an angle. */
-static int laid_again(const double *n, const double *before, const double *now, double slow, double *against, double *change) {
+static int laid_again(const double *n, const double *before, const double *now, double slow, double *against, Turning *t, double *change) {
   double left[3], old[3], fresh[3], slowed = 0, goes = 0, turn[3] = {0, 0, 0};
   for (int k = 0; k < 3; k++) left[k] = before[k] - now[k];
   if (across(n, left, old))
     for (int k = 0; k < 3; k++) slowed += left[k] * old[k];
   if (across(n, now, fresh))
     for (int k = 0; k < 3; k++) goes += now[k] * fresh[k];
-  if (!(goes > slowed && goes > slow)) return 0;
-  if (across(n, against, old))
+  if (!(goes > slowed && goes > slow)) return t->share = 0, 0;
+  if (across(n, against, old)) {
     for (int k = 0; k < 3; k++) turn[k] = fresh[k] - old[k];
+    double share = share_of(turn, t);
+    for (int k = 0; k < 3; k++) fresh[k] = old[k] + share * turn[k];
+  }
   if (length(turn) > *change) *change = length(turn);
-  memcpy(against, fresh, 24);
+  across(n, fresh, against);
   return 1;
 }
-
 
 /* Whether the friction of a point that does not slide by a cone breaks its law: more than the normal force allows, or kept down by a
    bound of less. */
@@ -93,16 +133,39 @@ static int breaks(const Sim *s, Point *p, double push, double slow, double least
   return !p->held && larger >= FULL * mu * p->bound && mu * p->bound < most * (1 - STEADY) - least;
 }
 
-/* The next bound of a point by the normal forces that bounds gave. Where they grow as bounds do, or faster, friction and normal
-   force hold each other up: the point is held, by no bound, for one pass, and stays held where that keeps the law. */
-static void bound_again(Point *p, double push, int pass, int open, double fall) {
-  double changed = p->bound - p->was, answer = push - p->push, next = push;
+/* How what is missed of bounds changed with them in each group, over points that are bound. Each counts by its bodies' weight. */
+static void gather(Sim *s) {
+  for (int k = 0; k < s->bodies; k++) {
+    Group *g = &s->body[k].group;
+    g->missed = g->change = g->back = g->moved = g->disturbed = 0;
+  }
+  for (int i = 0; i < s->points; i++) {
+    const Point *p = s->point + i;
+    Group *g = &s->body[p->first].group;
+    if (!rubs(s, p->law) || p->held) continue;
+    double now = normal_force(p) - p->bound, change = now - (p->push - p->was), moved = p->bound - p->was, w = 1 / (p->weight * p->weight);
+    g->missed += w * now * change, g->change += w * change * change;
+    g->back += w * change * moved, g->moved += w * moved * moved;
+  }
+}
+
+/* The next bound of a point, by the normal forces that bounds gave: carried on to where what is missed ends, if it goes on to change
+   with bounds as in the last pass (Anderson's acceleration by one pass, in each group of bodies). Where normal forces grow as bounds
+   do, or faster, friction and normal force hold each other up: the point is held, by no bound, for one pass, and stays held where
+   that keeps the law. */
+static void bound_again(Sim *s, Point *p, int open, double fall) {
+  Group *g = &s->body[p->first].group;
+  double push = normal_force(p), next = push;
   double along = dot(p->free, p->geom.normal), slip = sqrt(fmax(0, dot(p->free, p->free) - along * along));
-  double slope = fabs(changed) > 1e-12 * p->bound ? answer / changed : 0;
+  int known = g->regular > 0 && g->moved > 0;
+  if (open && p->held) p->held = 0, next = p->bound, g->disturbed = 1;
+  else if (open && known && 1 + g->back / g->moved > STEEP && !p->tried && slip < FAST * fall && push > p->bound)
+    p->held = p->tried = 1, p->sliding = 0, g->disturbed = 1;
+  else if (known && g->change > 0) {
+    double on = g->missed / g->change;
+    next = push - fmax(-FARTHEST, fmin(FARTHEST, on)) * (push - p->push);
+  }
   p->was = p->bound;
-  if (open && p->held) p->held = 0;
-  else if (open && pass > 1 && !p->tried && slip < FAST * fall && push > p->bound && slope > STEEP) p->held = p->tried = 1, p->sliding = 0;
-  else if (open && pass > 2 && slope < STEEPEST) next = p->bound + (push - p->bound) / (1 - slope);
   p->bound = next > 0 ? next : 0;
   p->push = push;
 }
@@ -110,11 +173,12 @@ static void bound_again(Point *p, double push, int pass, int open, double fall) 
 /* Friction once more, from the slips and normal forces of the pass that was solved. Under the elliptic cone, what slips on is given
    its bound against its slip alone, and what sticks, or slips less than friction changed in the step, keeps a pyramid with that
    bound. Whether another pass is due: friction at some point breaks its law by more than a share of STEADY. */
-int aim_again(Sim *s, int pass) {
+int aim_again(Sim *s) {
   dVector3 g;
   int due = 0;
   dWorldGetGravity(s->world, g);
   double fall = sqrt(dot(g, g)) * s->timestep, slow = SLOW * fall;
+  gather(s);
   for (int i = 0; i < s->points; i++) {
     Point *p = s->point + i;
     const Law *law = p->law;
@@ -123,13 +187,18 @@ int aim_again(Sim *s, int pass) {
     double missed = fabs(push - p->bound) - STEADY * push - least;
     int slid = p->sliding, rolled = p->rolls, open = 0;
     if (law->friction > 0 && s->cone == ELLIPTIC && !p->held)
-      p->sliding = laid_again(p->geom.normal, p->free, p->slip, slow, p->against, &change);
-    if (law->rolling > 0) p->rolls = laid_again(p->geom.normal, p->spun, p->turn, 0, p->rolling, &change);
+      p->sliding = laid_again(p->geom.normal, p->free, p->slip, slow, p->against, &p->bends, &change);
+    if (law->rolling > 0) p->rolls = laid_again(p->geom.normal, p->spun, p->turn, 0, p->rolling, &p->curls, &change);
     if (p->sliding != slid || p->rolls != rolled || change > STEADY) open = 1;
     else if (p->sliding || law->torsional > 0 || law->rolling > 0) open = missed > 0;
+    if (p->sliding != slid || p->rolls != rolled || change > TURNED) s->body[p->first].group.disturbed = 1;
     if (law->friction > 0 && !p->sliding && !slid) open |= breaks(s, p, push, slow, least);
-    bound_again(p, push, pass, open, fall);
+    bound_again(s, p, open, fall);
     due |= open;
+  }
+  for (int k = 0; k < s->bodies; k++) {
+    Group *of = &s->body[k].group;
+    of->regular = of->disturbed ? 0 : of->regular + 1;
   }
   return due;
 }

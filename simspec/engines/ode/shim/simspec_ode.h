@@ -19,6 +19,15 @@ enum { MOST_POINTS = 64, TEXT = 200 };
 #define SAME_NORMAL (1 - 1e-9) /* cosine of the angle, of 45 urad */
 #define STEADY 1e-3 /* share by which friction may miss its law */
 
+/* Bodies that touch or are joined, directly or by others, in the present step; data of the first of them. What is missed of a bound is
+   the normal force less the bound. */
+typedef struct {
+  int first;                /* of the group, or nearer to it */
+  int regular, disturbed;   /* passes since friction was last held, released or turned; whether it was in this pass */
+  double missed, change, back, moved; /* over points: missed times its change, that change squared, and times the change of bounds, and
+                                         that squared */
+} Group;
+
 /* A body of the world and its joint to what it hangs on. */
 typedef struct {
   int kind, parent, q, v;   /* parent -1: the world; q, v: where its coordinates begin */
@@ -33,12 +42,16 @@ typedef struct {
   double p[3], R[9], c[3], w[3], vo[3], al[3], ao[3]; /* pose, centre of mass, velocities, accelerations without those of joints */
   double vc[3], force[3], torque[3];
   double jc[3], jw[3];      /* the centre's and the body's accelerations by those of the joints alone */
+  Group group;
 } Body;
 
 /* The law of two materials as ODE's contacts take it. */
 typedef struct { double friction, restitution, threshold, rolling, torsional, soft_erp, soft_cfm; int collide; } Law;
 
 typedef struct { dGeomID geom; int body, material, group, unit; } Shape;
+
+/* How a direction of friction was turned in the last pass, and by what share of that; 0: not yet. */
+typedef struct { double last[3], share; } Turning;
 
 /* A point of contact of the present step. */
 typedef struct {
@@ -47,6 +60,8 @@ typedef struct {
   double weight;                            /* N, of the lighter body */
   double slip[3], free[3], against[3];      /* of the first against the second: now, without friction, and what friction is laid against */
   double turn[3], spun[3], rolling[3];      /* the same of turning */
+  Turning bends, curls;                     /* of sliding and of rolling friction */
+  int first;                                /* of the group of its bodies */
   int sliding, rolls, held, tried, told; /* held: friction has no bound in this pass; tried: it had none before */
 } Point;
 
@@ -90,7 +105,7 @@ int apart(Sim *s, const Shape *one, const Shape *two);
 /* passes.c */
 void force_on_first(const Point *p, double *f);
 void aim(Sim *s);
-int aim_again(Sim *s, int pass);
+int aim_again(Sim *s);
 
 /* engines/kit/hulls/hulls.c */
 void hulls_start(void);

@@ -97,7 +97,7 @@ int sim_step(Sim *s, int count, const double *effort) {
     solve(s, 1, effort);
     for (int pass = 1; again; pass++) {
       slips(s);
-      if (!aim_again(s, pass)) break;
+      if (!aim_again(s)) break;
       if (pass == MOST_PASSES) {
         s->unsettled++;
         break;
