@@ -1,0 +1,361 @@
+"""Defects planted in the coupled contact probes, in every engine and cone: docs/proof.md and docs/records/planted-contact.md.
+
+python tools/planted.py [--engine NAME ...] [--json FILE]
+python tools/planted.py --page FILE ...
+
+One defect at a time is in what is compiled: a number of the law, the cone, the timestep, a setting, a body of the probe's
+world. The figures are judged as level L5 does, by the law without it and with the engine's declared deviations. What no
+coupled probe sees is given to the probes of one pair. --json keeps the results; from such files --page writes both pages.
+Exits 1 when the unchanged law fails somewhere, or when no probe at all sees a defect.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import datetime
+import itertools
+import json
+import re
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import planted_pages
+from planted_defects import DEFECTS, LAWS, MASS, SLICK, UNCHANGED, Defect
+
+from simspec.compiler import compile_world, write_folder
+from simspec.engines.kit.process import Answer, Operation, call
+from simspec.engines.kit.registry import find_engine
+from simspec.errors import EngineError, UnsupportedError
+from simspec.proof.contact import carried, compliance, friction, impact, leaning, oblique, stacking, together
+from simspec.proof.contact.held import EVERYTHING
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
+from simspec.proof.contact.run import deviating, drive_of, motion_of, world_of_trial
+from simspec.proof.contact.split import joined, split
+from simspec.world.types import Body, Contact, EngineOptions, Material, Physics, World
+
+SHAPE = "compliance-shape"
+COUPLED: Mapping[str, Probe] = {
+    **leaning.PROBES,
+    **together.PROBES,
+    **stacking.PROBES,
+    **carried.PROBES,
+    SHAPE: compliance.PROBES[SHAPE],
+}
+ONE_PAIR: Mapping[str, Probe] = {
+    **friction.PROBES,
+    **impact.PROBES,
+    **oblique.PROBES,
+    "compliance": compliance.PROBES["compliance"],
+}
+CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
+DEADLINE = 600.0
+"""s: of one process; those of an engine and a cone take half a minute."""
+SETTINGS: Mapping[str, Sequence[Mapping[str, Any]]] = {
+    "mujoco": ({"friction": "native"}, {"friction": "coulomb"}),
+    "pybullet": ({},),
+    "dart": ({"contact_solver": "nsgs"},),
+    "drake": ({"contact_approximation": "tamsi"},),
+    "ode": ({"solver": "step"},),
+    "rapier": ({},),
+    "gazebo": ({"contact_solver": "dantzig"},),
+    "physx": ({},),
+}
+"""Settings by engine that the figures are judged under; the first is what an engine does by default."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One probe with one defect in an engine: the true law, and of each trial its worlds and what drives them."""
+
+    defect: Defect
+    law: Law
+    probe: Probe
+    settings: Mapping[str, Any]
+    worlds: list[list[World]]
+    operations: list[list[Operation]]
+
+    @property
+    def key(self) -> tuple[Law, str]:
+        """What it has in common with the same probe of the unchanged law."""
+        return self.law, self.probe.NAME
+
+
+Found = list[list[Motion]] | EngineError | UnsupportedError
+"""Of each trial the motions of its worlds, or why there are none."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What an engine made of a job."""
+
+    job: Job
+    found: Found
+    figures: Sequence[Figure]
+
+    @property
+    def fails(self) -> list[str]:
+        """Names of figures that fail."""
+        return list(dict.fromkeys(figure.probe for figure in self.figures if not figure.passed))
+
+
+@dataclass
+class Result:
+    """What is kept of one defect in an engine, under a setting and a cone.
+
+    verdict   fails: a figure of the unchanged law does. seen: a figure of a coupled probe fails. hidden: declared deviations
+              alone let all pass, though the defect moves a figure by more than the probe's tolerance. blind: all pass, though
+              bodies move otherwise. inert: they do not, to the last bit. refused: by the engine
+    seen      names of figures that fail; ``blind``: coupled probes in which bodies move otherwise and all passes
+    one_pair  the probes of one pair that see what no coupled probe does
+    why       the declared deviations that hide it; why it is refused
+    """
+
+    engine: str
+    version: str
+    setting: str
+    cone: str
+    defect: str
+    verdict: str = ""
+    seen: list[str] = field(default_factory=list)
+    blind: list[str] = field(default_factory=list)
+    one_pair: list[str] = field(default_factory=list)
+    why: str = ""
+    date: str = field(default_factory=lambda: datetime.datetime.now(datetime.UTC).date().isoformat())
+
+
+def altered(trial: Trial, probe: str, defect: Defect) -> Trial:
+    heavier, slick = (re.compile(some.get(probe, "(?!)")) for some in (defect.heavier, defect.slick))
+
+    def body_of(body: Body) -> Body:
+        if heavier.fullmatch(body.name):
+            body = dataclasses.replace(
+                body, inertial=dataclasses.replace(body.inertial, mass=MASS * body.inertial.mass)
+            )
+        if slick.fullmatch(body.name):
+            shapes = tuple(dataclasses.replace(shape, material=SLICK) for shape in body.shapes)
+            body = dataclasses.replace(body, shapes=shapes)
+        return body
+
+    return Trial(tuple(map(body_of, trial.bodies)), trial.phases, () if defect.apart else trial.meets)
+
+
+def job(engine: str, judged: Mapping[str, Any], cone: str, defect: Defect, probe: Probe) -> Job | None:
+    """None where there is nothing to plant. Raises UnsupportedError where the engine refuses it."""
+    law = dataclasses.replace(LAWS[defect.law], friction_cone=cone)
+    choice = engine, str(next(iter(judged.values()), ""))
+    if not probe.applies(law) or defect.cone == cone or (defect.settings and choice not in defect.settings):
+        return None
+    pair = dataclasses.replace(law.pair, **defect.pair)
+    materials = [Material(name, pair.friction, pair.restitution) for name in (pair.first, pair.second)]
+    if probe.NAME in defect.slick:
+        materials.append(Material(SLICK, 0.0, pair.restitution))
+    pairs = tuple(
+        dataclasses.replace(
+            pair,
+            first=one.name,
+            second=other.name,
+            friction=0.0 if SLICK in (one.name, other.name) else pair.friction,
+        )
+        for one, other in itertools.combinations_with_replacement(materials, 2)
+    )
+    contact = Contact(defect.cone or cone, tuple(materials), pairs)
+    physics = Physics((0.0, 0.0, -GRAVITY), defect.timestep * law.timestep)
+    settings = {**judged, **defect.settings.get(choice, {})}
+    options = EngineOptions(engine, tuple(sorted(settings.items())), EVERYTHING)
+    worlds: list[list[World]] = []
+    operations: list[list[Operation]] = []
+    for trial in probe.trials(law):
+        parts = split(altered(trial, probe.NAME, defect), find_engine(engine).PROBED_TOGETHER)
+        worlds.append([world_of_trial(part, contact, physics, options) for part in parts])
+        operations.append([drive_of(world, part) for world, part in zip(worlds[-1], parts, strict=True)])
+    return Job(defect, law, probe, judged, worlds, operations)
+
+
+def measured(engine: str, jobs: Sequence[Job]) -> list[Found]:
+    """Of each job its motions, or why there are none: all of one process."""
+    found: dict[int, Found] = {}
+    written: dict[int, list[Operation]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for number, one in enumerate(jobs):
+            try:
+                written[number] = _written(engine, one, Path(folder) / str(number))
+            except UnsupportedError as error:
+                found[number] = error
+        for number, answer in _answered(engine, Path(folder), written).items():
+            if isinstance(answer, EngineError):
+                found[number] = answer
+            else:
+                left = iter(answer)
+                found[number] = [[motion_of(world, next(left)) for world in worlds] for worlds in jobs[number].worlds]
+    return [found[number] for number in range(len(jobs))]
+
+
+def _answered(engine: str, place: Path, some: Mapping[int, list[Operation]]) -> dict[int, list[Answer] | EngineError]:
+    """By number the answers to some operations. Where a process fails its halves are asked again, to find out at what."""
+    numbers = list(some)
+    if not numbers:
+        return {}
+    try:
+        answers = iter(call(engine, place, list(itertools.chain(*some.values())), deadline=DEADLINE).answers)
+    except EngineError as error:
+        if len(numbers) == 1:
+            return {numbers[0]: error}
+        halves = numbers[: len(numbers) // 2], numbers[len(numbers) // 2 :]
+        parts = [_answered(engine, place, {number: some[number] for number in half}) for half in halves]
+        return parts[0] | parts[1]
+    return {number: [next(answers) for _ in operations] for number, operations in some.items()}
+
+
+def _written(engine: str, one: Job, place: Path) -> list[Operation]:
+    pairs = zip(itertools.chain(*one.worlds), itertools.chain(*one.operations), strict=True)
+    found = []
+    for number, (world, operation) in enumerate(pairs):
+        artifacts = place / str(number)
+        write_folder(compile_world(world, [engine])[engine].files, artifacts)
+        parameters = {**operation.parameters, "artifacts": str(artifacts)}
+        found.append(dataclasses.replace(operation, parameters=parameters))
+    return found
+
+
+def figures(one: Job, engine: str, found: Found) -> list[Figure]:
+    """What level L5 makes of it; an engine that fails is a figure that fails, and what is refused has none."""
+    if isinstance(found, UnsupportedError):
+        return []
+    if isinstance(found, EngineError):
+        return [Figure(one.probe.NAME, "", str(found).splitlines()[0], "", "", 0.0, None, 0.0)]
+    kind = find_engine(engine)
+    with np.errstate(invalid="ignore"):  # what never meets has no impact: no number, which fails
+        raw = one.probe.figures(one.law, [joined(parts) for parts in found])
+    return [deviating(figure, one.law, kind, one.settings, kind.version()) for figure in raw]
+
+
+def tried(
+    engine: str, settings: Mapping[str, Any], cone: str, defects: Sequence[Defect], probes: Mapping[str, Probe]
+) -> list[Tried]:
+    """Every probe with every defect that it can have."""
+    jobs = [
+        one
+        for defect in defects
+        for name, probe in probes.items()
+        if not (defect.probes and name in COUPLED and name not in defect.probes)
+        and (one := job(engine, settings, cone, defect, probe)) is not None
+    ]
+    found = measured(engine, jobs)
+    return [Tried(one, some, figures(one, engine, some)) for one, some in zip(jobs, found, strict=True)]
+
+
+def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]:
+    """Of every defect, and of each unchanged law that fails. Nothing where the engine refuses the cone."""
+    everything = tried(engine, settings, cone, [*UNCHANGED, *DEFECTS], COUPLED)
+    before = {one.job.key: one for one in everything if one.job.defect in UNCHANGED}
+    if all(isinstance(one.found, UnsupportedError) for one in before.values()):
+        return []
+    label = " ".join(f"{name}: {value}" for name, value in settings.items())
+    about = (engine, str(find_engine(engine).version()), label, cone)
+    failing = [
+        Result(*about, one.job.defect.name, planted_pages.FAILS, one.fails) for one in before.values() if one.fails
+    ]
+    mine = {}
+    for defect in DEFECTS:
+        if own := [one for one in everything if one.job.defect is defect]:
+            mine[defect.name] = Result(*about, defect.name)
+            judge(mine[defect.name], engine, own, before)
+    left = [defect for defect in DEFECTS if defect.name in mine and mine[defect.name].verdict in ("hidden", "blind")]
+    for one in tried(engine, settings, cone, left, ONE_PAIR):
+        mine[one.job.defect.name].one_pair += one.fails
+    return [*failing, *mine.values()]
+
+
+def judge(result: Result, engine: str, own: Sequence[Tried], before: Mapping[tuple[Law, str], Tried]) -> None:
+    """Say in ``result`` what the coupled probes show of a defect; ``before``: the same without it."""
+    acts, rows = False, list[str]()
+    for one in own:
+        unchanged = before[one.job.key]
+        for some in (unchanged.found, one.found):
+            if isinstance(some, UnsupportedError):
+                result.verdict, result.why = "refused", some.problems[0].message
+                return
+        result.seen += one.fails
+        if not same(one.found, unchanged.found):
+            acts = True
+            if not one.fails:
+                result.blind.append(one.job.probe.NAME)
+                rows += hiding(one, engine, unchanged)
+    result.verdict = "seen" if result.seen else "hidden" if rows else "blind" if acts else "inert"
+    result.why = ", ".join(dict.fromkeys(rows))
+
+
+def same(found: Found, unchanged: Found) -> bool:
+    """Whether two answers are the same motion, to the last bit."""
+    if not (isinstance(found, list) and isinstance(unchanged, list)):
+        return False
+    pairs = zip(itertools.chain(*found), itertools.chain(*unchanged), strict=True)
+    return all(
+        one.pose.keys() == other.pose.keys()
+        and all(np.array_equal(one.pose[name], other.pose[name], equal_nan=True) for name in one.pose)
+        and all(np.array_equal(one.velocity[name], other.velocity[name], equal_nan=True) for name in one.velocity)
+        for one, other in pairs
+    )
+
+
+def hiding(one: Tried, engine: str, unchanged: Tried) -> Iterator[str]:
+    """The declared deviations by which figures pass, with the defect or without it, although it moves them by more than the
+    probe's tolerance."""
+    law, kind = one.job.law, find_engine(engine)
+    for figure, old in zip(one.figures, unchanged.figures, strict=False):
+        promised = figure.promised or old.promised
+        if promised is None or figure.measured is None or old.measured is None:
+            continue
+        if abs(figure.measured - old.measured) > promised:
+            conditions = (law.pair, law.friction_cone, law.timestep, one.job.settings, law.reach.ratio, kind.version())
+            rows = [row for row in kind.CONTACT_DEVIATIONS if row.probe == figure.probe and row.counts_for(*conditions)]
+            widest = max(rows, key=lambda row: row.size)
+            yield " ".join(
+                filter(None, (widest.probe, widest.friction_cone, f"{widest.size:.3g}", "" if widest.relative else "m"))
+            )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--engine", action="append", choices=sorted(SETTINGS))
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--page", nargs="+", type=Path, help="files of --json")
+    given = parser.parse_args()
+    if given.page:
+        planted_pages.write([row for file in given.page for row in json.loads(file.read_text())])
+        return 0
+    kept: list[dict[str, Any]] = []
+    for engine in given.engine or SETTINGS:
+        if find_engine(engine).version() is None:
+            print(f"{engine} is not installed", file=sys.stderr)
+            continue
+        for settings, cone in itertools.product(SETTINGS[engine], CONES):
+            clock = time.monotonic()
+            found = results(engine, settings, cone)
+            kept += [dataclasses.asdict(one) for one in found]
+            if found:
+                counts = ", ".join(f"{name} {count}" for name, count in Counter(one.verdict for one in found).items())
+                print(f"{engine} {found[0].setting} {cone}: {counts}; {time.monotonic() - clock:.0f} s", flush=True)
+    bad = [row for row in kept if planted_pages.missed(row) or row["verdict"] == planted_pages.FAILS]
+    for row in bad:
+        print(
+            "BAD",
+            *(row[name] for name in ("engine", "setting", "cone", "defect", "verdict", "why")),
+            row["seen"],
+            sep="  ",
+        )
+    if given.json:
+        given.json.write_text(json.dumps(kept, indent=1))
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
