@@ -465,6 +465,14 @@ def test_a_poisoned_figure_of_the_cache_fails_when_it_is_measured_again(edit, tm
     assert "--no-cache" in differs.case
 
 
+def test_of_parts_that_are_as_far_off_any_may_be_the_worst():
+    cached = Figure("stop", "ice, ice", "24 directions", "distance", "m", 0.08, 0.08001, 0.001, worst="75°")
+    other = dataclasses.replace(cached, expected=0.06, measured=0.05999, tolerance=0.0008, worst="315°")
+    assert cache.differing([cached], [other]) == []
+    assert cache.differing([cached], [dataclasses.replace(other, measured=0.0602)])
+    assert cache.differing([cached], [dataclasses.replace(other, worst=cached.worst)])
+
+
 def test_a_cache_that_others_may_write_is_not_used(tmp_path, few_probes, monkeypatch):
     world = worlds.table({("ice", "ice"): 0.1})
     artifacts = files(world, ENGINES[0], tmp_path / "files")

@@ -16,6 +16,7 @@ import hashlib
 import inspect
 import itertools
 import json
+import math
 import platform
 import sys
 from collections.abc import Sequence
@@ -130,6 +131,9 @@ def _same(figure: Figure, other: Figure) -> bool:
         return False
     if figure.measured is None or other.measured is None:
         return figure.measured is other.measured
+    if figure.worst != other.worst:
+        # of parts that are as far off, rounding says which is the worst, and each has its own expected value
+        return abs(_off(figure) - _off(other)) <= SAME
     pairs = (
         (figure.measured, other.measured),
         (figure.expected, other.expected),
@@ -137,6 +141,13 @@ def _same(figure: Figure, other: Figure) -> bool:
         (figure.without or 0.0, other.without or 0.0),
     )
     return all(abs(one - another) <= SAME * other.tolerance for one, another in pairs)
+
+
+def _off(figure: Figure) -> float:
+    """How far a figure is off, in tolerances."""
+    if figure.measured is None or not figure.tolerance:
+        return 0.0 if figure.measured == figure.expected else math.inf
+    return abs(figure.measured - figure.expected) / figure.tolerance
 
 
 def _content(figures: Sequence[Any]) -> str:
