@@ -14,8 +14,6 @@ from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import Body, World
 
-FLAT = ("plane", "box")
-"""Kinds of fixed shapes of which one alone gives every contact the same normal."""
 MANY = 400
 """Classes of bodies up to which excluded pairs are told apart one by one; beyond, such bodies count as their class does."""
 
@@ -115,7 +113,9 @@ def _leaning(world: World) -> frozenset[str]:
                 continue
             shapes = solid_shapes(partner)
             touched.setdefault(body.name, set()).update(shape.name for shape in shapes)
-            flat = len(shapes) == 1 and shapes[0].kind in FLAT and not _moves(world, partner)
+            alone = len(shapes) == 1 and not _moves(world, partner)
+            # a box touches a body of one convex shape with one normal, and one of several shapes on two sides, as a clamp
+            flat = alone and (shapes[0].kind == "plane" or (shapes[0].kind == "box" and len(solid_shapes(body)) == 1))
             if not flat or not _is_lone(world, body) or len(touched[body.name]) > 1:
                 leaning.add(body.name)
     return frozenset(leaning)

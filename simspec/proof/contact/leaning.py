@@ -318,7 +318,7 @@ class Clamp(_Leaning):
     FURTHEST = 2.0
     """m from the post to the centre of mass, at most; the gain of a law of little friction is smaller."""
 
-    def _distance(self, friction: float) -> float:
+    def _distance(self, friction: float, case: _Case) -> float:
         return min(self.GAIN * self.HEIGHT / (2.0 * friction), self.FURTHEST)
 
     def angle(self, friction: float) -> float | None:
@@ -327,11 +327,11 @@ class Clamp(_Leaning):
     def _moment(self, law: Law, case: _Case) -> float:
         """N m: at ratio 1 friction just carries the weight."""
         friction = law.pair.friction
-        least = GRAVITY * self.MASS * (self.HEIGHT / (2.0 * friction) - self._distance(friction))
+        least = GRAVITY * self.MASS * (self.HEIGHT / (2.0 * friction) - self._distance(friction, case))
         return case.ratio * least
 
     def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
-        out, half = self._distance(law.pair.friction), self.HEIGHT / 2.0
+        out, half = self._distance(law.pair.friction, case), self.HEIGHT / 2.0
         reach = self.POST / 2.0 + self.RADIUS - TOUCH
         ends = {"far": (-out - reach, 0.0, half), "near": (-out + reach, 0.0, -half)}
         height = 3.0
@@ -345,7 +345,7 @@ class Clamp(_Leaning):
         return {case.name: (0.0, 0.0, 0.0, 0.0, self._moment(law, case), 0.0)}
 
     def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
-        normal = self._moment(law, case) / (self.HEIGHT - 2.0 * friction * self._distance(law.pair.friction))
+        normal = self._moment(law, case) / (self.HEIGHT - 2.0 * friction * self._distance(law.pair.friction, case))
         fall = GRAVITY - 2.0 * friction * normal / self.MASS
         return _stepped(lambda way, speed: fall, 0.0, law.timestep, steps, (-math.inf, math.inf))
 

@@ -150,18 +150,20 @@ static void gather(Sim *s) {
 }
 
 /* The next bound of a point, by the normal forces that bounds gave: carried on to where what is missed ends, if it goes on to change
-   with bounds as in the last pass (Anderson's acceleration by one pass, in each group of bodies). Where normal forces grow as bounds
-   do, or faster, friction and normal force hold each other up: the point is held, by no bound, for one pass, and stays held where
-   that keeps the law. */
+   with bounds as in the last pass (Anderson's acceleration by one pass, in each group of bodies). Where normal forces grow nearly as
+   bounds do, friction and normal force may hold each other up: the point is held, by no bound, for one pass, and stays held where
+   that keeps the law. Otherwise it goes on from where it was; or, where they grow faster than bounds, from the force that held it,
+   since from below such bounds never come back. */
 static void bound_again(Sim *s, Point *p, int open, double fall) {
   Group *g = &s->body[p->first].group;
   double push = normal_force(p), next = push;
   double along = dot(p->free, p->geom.normal), slip = sqrt(fmax(0, dot(p->free, p->free) - along * along));
   int known = g->regular > 0 && g->moved > 0;
-  if (open && p->held) p->held = 0, next = p->bound, g->disturbed = 1;
-  else if (open && known && 1 + g->back / g->moved > STEEP && !p->tried && slip < FAST * fall && push > p->bound)
-    p->held = p->tried = 1, p->sliding = 0, g->disturbed = 1;
-  else if (known && g->change > 0) {
+  double rise = known ? 1 + g->back / g->moved : 0;
+  if (open && p->held) p->held = 0, next = p->locks ? push : p->bound, g->disturbed = 1;
+  else if (open && rise > STEEP && !p->tried && slip < FAST * fall && push > p->bound)
+    p->held = p->tried = 1, p->locks = rise >= 1, p->sliding = 0, g->disturbed = 1;
+  else if (known && rise < 1 && g->change > 0) {
     double on = g->missed / g->change;
     next = push - fmax(-FARTHEST, fmin(FARTHEST, on)) * (push - p->push);
   }

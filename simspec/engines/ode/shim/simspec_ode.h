@@ -62,7 +62,8 @@ typedef struct {
   double turn[3], spun[3], rolling[3];      /* the same of turning */
   Turning bends, curls;                     /* of sliding and of rolling friction */
   int first;                                /* of the group of its bodies */
-  int sliding, rolls, held, tried, told; /* held: friction has no bound in this pass; tried: it had none before */
+  int sliding, rolls, held, tried, locks, told; /* held: friction has no bound in this pass; tried: it had none before; locks: since
+                                                   normal forces grow faster than bounds */
 } Point;
 
 typedef struct {
