@@ -16,13 +16,19 @@ _ASIDE = "the elliptic cone brakes aside of the slip (accepted by name: contact.
 _SWEEPS = "sweeps over one contact after another leave overlaps where heavy bodies lie on light ones"
 _FEW = "steps of some ms are few for what slips or spins"
 
-DEVIATIONS: tuple[Deviation, ...] = measured(
-    Path(__file__).with_name("coupled.csv"),
-    (
-        Reason("stack*", _SWEEPS),
-        Reason("slide-spin pile-slips", _ASIDE, cone="elliptic"),
-        Reason("*", _FEW),
+_ANCHORED = "friction_erp takes slip back to where a contact began, by a share in each step, and piles slip too far"
+
+DEVIATIONS: tuple[Deviation, ...] = (
+    *measured(
+        Path(__file__).with_name("coupled.csv"),
+        (
+            Reason("stack*", _SWEEPS),
+            Reason("slide-spin pile-slips", _ASIDE, cone="elliptic"),
+            Reason("*", _FEW),
+        ),
     ),
+    # 42 % at μ = 0.6 and 1 ms, 13 % where contacts end at a gap of 2 mm; other values are not declared, and L5 decides
+    Deviation("pile-slips", 0.49, _ANCHORED, setting=("friction_erp", 0.05)),
 )
 MASS_RATIO: Support = heavy_on_light(
     DEVIATIONS,
