@@ -13,6 +13,7 @@ from simspec.engines.kit.contract import Engine
 from simspec.proof.contact import size
 from simspec.proof.contact.impact import subject
 from simspec.proof.contact.probe import Figure, Law, Probe
+from simspec.proof.contact.probe import wanted as figures_wanted
 from simspec.proof.contact.run import PROBES, deviating, laws
 from simspec.world.meeting import Pair
 from simspec.world.types import World
@@ -52,10 +53,10 @@ def _of_law(
     version: str | None,
 ) -> Iterator[str]:
     probes = [probe for probe in PROBES.values() if probe.applies(law)]
-    wanted = Counter((one.probe, one.quantity) for probe in probes for one in probe.wanted(law))
+    wanted = Counter((one.probe, one.quantity) for probe in probes for one in figures_wanted(probe, law))
     there = Counter((figure.probe, figure.quantity) for figure in figures)
     for probe in probes:
-        if not probe.wanted(law) and not any(name == probe.NAME for name, _ in there):
+        if not figures_wanted(probe, law) and not any(name == probe.NAME for name, _ in there):
             yield f"L5 {probe.NAME}: no figure of {subject(law)}"
     for (name, quantity), count in wanted.items():
         if not there[name, quantity]:
@@ -78,7 +79,7 @@ def _reference(figure: Figure, law: Law, probes: Sequence[Probe]) -> tuple[Probe
         if (found := probe.reference(law, figure)) is not None:
             return probe, found
     # a probe that does not say what it wants is judged by its own numbers
-    silent = (probe for probe in probes if not probe.wanted(law))
+    silent = (probe for probe in probes if not figures_wanted(probe, law))
     return next(silent, None), None
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -165,7 +166,7 @@ class Probe:
     def reference(self, law: Law, figure: Figure) -> Figure | None:
         """What a measured ``figure`` must be held against; None where the law has no such figure."""
         named = (figure.probe, figure.case, figure.quantity)
-        return next((one for one in self.wanted(law) if (one.probe, one.case, one.quantity) == named), None)
+        return next((one for one in wanted(self, law) if (one.probe, one.case, one.quantity) == named), None)
 
     def slack(self, law: Law) -> float:
         """By what share of it the expected value of a measured figure may differ from :meth:`reference`'s, since it follows
@@ -183,3 +184,9 @@ class Probe:
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         """What the motions (one for each trial, in order) show, against what ``law`` says."""
         raise NotImplementedError
+
+
+@lru_cache(maxsize=256)
+def wanted(probe: Probe, law: Law) -> tuple[Figure, ...]:
+    """:meth:`Probe.wanted`, kept: a certificate has hundreds of figures of a law, and some follow from stepped equations."""
+    return tuple(probe.wanted(law))
