@@ -31,7 +31,7 @@ class Deviation:
     restitution: float = 0.0
     friction_cone: str = ""
     hardness: str = ""
-    setting: tuple[str, str] | None = None
+    setting: tuple[str, Any] | None = None
     ratio: float = 0.0
     until: str = ""
 
