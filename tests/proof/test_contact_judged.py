@@ -110,7 +110,7 @@ FORGERIES = {
     ),
     "more contact than was measured": (
         lambda proof: {"contact_scope": dict.fromkeys(proof.contact_scope, MEASURED)},
-        "kind of contact 'contact of several bodies'",
+        "kind of contact 'contact on accelerating carriers'",
     ),
     "no word of what was measured": (lambda proof: {"contact_scope": {}}, "is missing"),
 }
