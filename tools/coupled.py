@@ -28,7 +28,7 @@ from simspec.engines.kit.coupled import KEYS, LENGTHS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import carried, leaning, stacking, together
+from simspec.proof.contact import carried, crossing, leaning, stacking, together
 from simspec.proof.contact.held import EVERYTHING
 from simspec.proof.contact.impact import DROP_RESTITUTION
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
@@ -65,6 +65,7 @@ PROBES: Mapping[str, Probe] = {
     Jam.NAME: Jam(),
     **together.PROBES,
     **stacking.PROBES,
+    **crossing.PROBES,
     **carried.PROBES,
 }
 FRICTIONS, IMPACT_FRICTIONS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.2), (0.0, 0.1, 0.3, 0.6, 1.0)
@@ -97,7 +98,7 @@ def laws(probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
     ratios = RATIOS if stacks else (1.0,)
     for friction, restitution, ratio in itertools.product(frictions, restitutions, ratios):
         pair = PairContact("base", "body", friction, restitution)
-        law = Law(pair, cone, timestep, reach=Reach(True, True, True, True, ratio, 3))
+        law = Law(pair, cone, timestep, reach=Reach(True, True, True, True, ratio, 3, crosses=True))
         if probe.applies(law):
             yield law
 
@@ -157,7 +158,7 @@ def off(figure: Figure) -> float:
     return abs(figure.measured - figure.expected) / figure.tolerance
 
 
-COLUMNS = ("rod", "clamp", "jam", "pile", "strike", "row", "edge", "stack", "carrier", "slide-spin")
+COLUMNS = ("rod", "clamp", "jam", "pile", "strike", "row", "edge", "stack", "cross", "carrier", "slide-spin")
 """Of the table: figures of what slips, of energy and of what moves sideways count as their probe's."""
 
 

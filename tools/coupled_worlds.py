@@ -60,7 +60,7 @@ TOLERANCE, SHARE = 0.005, 0.03
 AGREEING = 0.5
 """How far two references may be apart, in tolerances."""
 COVERING: Mapping[str, tuple[str, str]] = {
-    "stack": ("stack* pile*", "contact.mass-ratio shape.box contact.cone.pyramid-inscribed"),
+    "stack": ("stack* pile* cross*", "contact.mass-ratio shape.box contact.cone.pyramid-inscribed"),
     "leaner": (
         "rod* edge* stack*",
         "contact.mass-ratio shape.box contact.friction.impact contact.cone.pyramid-inscribed",

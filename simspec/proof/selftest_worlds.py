@@ -135,6 +135,7 @@ def model(engine: str) -> World:
             "contact.friction.carried",
             "contact.friction.impact",
             "joint.limits.position",
+            "shape.box",
         ),
     )
 

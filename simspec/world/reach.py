@@ -6,16 +6,20 @@ A demand for something that cannot happen in a world would refuse engines for no
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from simspec.world.derived import derived
 from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.meeting import meeting_laws, solid_shapes
-from simspec.world.types import Body, World
+from simspec.world.types import Body, Shape, World
 
 MANY = 400
 """Classes of bodies up to which excluded pairs are told apart one by one; beyond, such bodies count as their class does."""
+WITHIN = 4.0
+"""A box lies within another's face where the face is this many times as wide as the box's diagonal, as floors are: it may be
+pushed over an edge all the same, but few bodies are there at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +33,7 @@ class Reach:
     ratio    the largest ratio of masses of two bodies that move and may touch; 0: no two may
     layers   how many such bodies can lie on each other, 3 standing for more
     kinds    of the shapes of bodies that move and touch so, sorted
+    crosses  a box may lie on another so that their edges cross: neither is so small that it lies within the other's faces
     """
 
     leans: bool = False
@@ -38,6 +43,7 @@ class Reach:
     ratio: float = 0.0
     layers: int = 0
     kinds: tuple[str, ...] = ()
+    crosses: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,12 +60,13 @@ def reach(world: World, first: str, second: str) -> Reach:
     """What bodies of two materials can do together in ``world``."""
     masses, groups = _masses(world), rigid_groups(world)
     kinematic, leaning = _kinematic(world), _leaning(world)
-    ratio, leans, carries = 0.0, False, False
+    ratio, leans, carries, crosses = 0.0, False, False, False
     moved: set[str] = set()
     for one, other in _touching(world, frozenset((first, second))):
         moving = [body for body in (one, other) if _moves(world, body)]
         moved |= {body.name for body in moving}
         leans = leans or any(body.name in leaning for body in moving)
+        crosses = crosses or boxes_cross(one, other)
         free = [body for body in moving if body.name not in kinematic]
         driven = len(moving) == 2 and any(body.name in kinematic or not _is_lone(world, body) for body in moving)
         carries = carries or driven or any(_surface_moves(body) for body in (one, other))
@@ -75,7 +82,7 @@ def reach(world: World, first: str, second: str) -> Reach:
         for shape in solid_shapes(body)
         if shape.material in (first, second)
     }
-    return Reach(leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)))
+    return Reach(leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)), crosses)
 
 
 def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator[tuple[Body, Body]]:
@@ -92,6 +99,21 @@ def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator
                 for partner in other.bodies:
                     if allowed.may_touch(body.name, partner.name):
                         yield body, partner
+
+
+def boxes_cross(one: Body, other: Body) -> bool:
+    """Whether boxes of two bodies are so alike in size that one may reach beyond the edges of the other's faces."""
+    return any(
+        first.kind == second.kind == "box" and WITHIN * min(_over(first, second), _over(second, first)) > 1.0
+        for first in solid_shapes(one)
+        for second in solid_shapes(other)
+    )
+
+
+def _over(small: Shape, large: Shape) -> float:
+    """The diagonal of one box's largest face over the width of the other's."""
+    _, width, length = sorted(small.size)
+    return math.hypot(width, length) / sorted(large.size)[1]
 
 
 def _meet(one: _Class, other: _Class, materials: frozenset[str]) -> bool:
@@ -207,3 +229,9 @@ def _together(world: World, first: str, second: str) -> int:
 def largest_ratio(world: World) -> float:
     """The largest ratio of masses of two bodies that move and may touch; 0: no two may."""
     return max((reach(world, *pair).ratio for pair in meeting_laws(world)), default=0.0)
+
+
+@derived
+def crossing(world: World) -> bool:
+    """Whether boxes may lie on each other so that their edges cross."""
+    return any(reach(world, *pair).crosses for pair in meeting_laws(world))

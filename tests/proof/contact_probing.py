@@ -24,7 +24,7 @@ def law(timestep=0.001, friction=0.5, restitution=0.0, **pair):
     return Law(PairContact("base", "body", friction, restitution, **pair), "elliptic", timestep)
 
 
-def world_of(law, trial):
+def world_of(law, trial, settings=None):
     pair = law.pair
     materials = tuple(
         Material(name, pair.friction, pair.restitution, pair.torsional_friction, pair.rolling_friction)
@@ -36,13 +36,19 @@ def world_of(law, trial):
     )
     physics = Physics((0.0, 0.0, -GRAVITY), law.timestep)
     world = world_of_trial(trial, Contact(law.friction_cone, materials, pairs), physics, EngineOptions("none"))
-    return dataclasses.replace(world, engines=tuple(EngineOptions(name, (), ACCEPT) for name in engines()))
+    return dataclasses.replace(
+        world,
+        engines=tuple(EngineOptions(name, tuple((settings or {}).get(name, {}).items()), ACCEPT) for name in engines()),
+    )
 
 
-def motions(engine, cases, folder):
+def motions(engine, cases, folder, settings=None):
     """Of each (probe, law, law that the worlds are compiled with): the motions of the probe's trials. One process does all of
-    them, each in files of its own."""
-    trials = [[(world_of(compiled, trial), trial) for trial in probe.trials(law)] for probe, law, compiled in cases]
+    them, each in files of its own, with the engine's ``settings``."""
+    given = {engine: settings or {}}
+    trials = [
+        [(world_of(compiled, trial, given), trial) for trial in probe.trials(law)] for probe, law, compiled in cases
+    ]
     operations = []
     for index, (world, trial) in enumerate(itertools.chain.from_iterable(trials)):
         place = folder / f"{engine}-{index}"
@@ -75,15 +81,15 @@ def motion(world, arrays):
     )
 
 
-def figures(engine, probe, law, folder, compiled=None):
+def figures(engine, probe, law, folder, compiled=None, settings=None):
     """The figures of a probe for ``law``, in worlds that are compiled with ``compiled`` (default: the law itself)."""
-    return figures_of_each(engine, [(probe, law, compiled or law)], folder)[0]
+    return figures_of_each(engine, [(probe, law, compiled or law)], folder, settings)[0]
 
 
-def figures_of_each(engine, cases, folder):
+def figures_of_each(engine, cases, folder, settings=None):
     """The figures of each (probe, law, law that the worlds are compiled with), all measured in one process."""
     assert all(probe.applies(law) for probe, law, _ in cases)
-    moved = motions(engine, cases, folder)
+    moved = motions(engine, cases, folder, settings)
     return [probe.figures(law, found) for (probe, law, _), found in zip(cases, moved, strict=True)]
 
 

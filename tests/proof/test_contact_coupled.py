@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import simspec
-from simspec.proof.contact import carried, leaning, stacking, together
+from simspec.proof.contact import carried, crossing, leaning, oblique, stacking, together
 from simspec.proof.contact.leaning import Rod, pile_acceleration, rod_acceleration
 from simspec.proof.contact.probe import GRAVITY
 from simspec.proof.contact.together import OPENING, Strike, impulses
@@ -20,8 +20,8 @@ from tests.proof.contact_probing import figures, installed, law
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ALL = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3)
-PROBES = {**leaning.PROBES, **together.PROBES, **stacking.PROBES, **carried.PROBES}
+ALL = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True)
+PROBES = {**leaning.PROBES, **together.PROBES, **stacking.PROBES, **crossing.PROBES, **carried.PROBES}
 
 
 def coupled(**pair):
@@ -158,6 +158,27 @@ def test_what_is_kinematic_carries_and_is_no_weight(tmp_path):
     assert (there.carries, there.leans, there.ratio) == (True, True, 0.0)
 
 
+BOX = "  {name}: {{pose: {{xyz: [{x}, 0, 1]}}, mass: 1, shapes: [{{box: {{size: {size}}}, material: wood}}]}}\n"
+
+
+@pytest.mark.parametrize(
+    ("sizes", "crosses"),
+    [
+        (["[0.2, 0.2, 0.1]"], False),  # on the floor of 4 m alone
+        (["[0.9, 0.9, 0.1]"], True),  # its diagonal is a third of the floor's width
+        (["[0.2, 0.2, 0.1]", "[0.2, 0.2, 0.1]"], True),
+        (["[0.05, 0.05, 0.05]", "[0.4, 0.3, 0.1]"], False),
+    ],
+)
+def test_boxes_of_like_sizes_can_cross(tmp_path, sizes, crosses):
+    boxes = "".join(BOX.format(name=f"box_{number}", x=number, size=size) for number, size in enumerate(sizes))
+    assert found(tmp_path, boxes).crosses is crosses
+
+
+def test_balls_cross_nothing(tmp_path):
+    assert not found(tmp_path, balls(1.0, 1.0) + BOX.format(name="box", x=5, size="[0.2, 0.2, 0.1]")).crosses
+
+
 def test_many_alike_are_found_by_their_extremes(tmp_path):
     masses = [1.0] * 20 + [7.0] + [1.0] * 20
     assert found(tmp_path, balls(*masses)).ratio == pytest.approx(7.0)
@@ -194,6 +215,26 @@ def test_ode_settles_what_its_passes_once_did_not(name, friction, timestep, cone
         pytest.skip("ode is not installed")
     wanted = dataclasses.replace(coupled(friction=friction, timestep=timestep), friction_cone=cone)
     assert [figure for figure in figures("ode", PROBES[name], wanted, tmp_path) if not figure.passed] == []
+
+
+def test_drake_has_crossing_edges_by_pressure_alone(tmp_path):
+    """Its corners and one point for each pair let the upper box sink; what Drake's faces do is within tolerance."""
+    if not installed("drake"):
+        pytest.skip("drake is not installed")
+    cross = PROBES["cross"]
+    corners = figures("drake", cross, coupled(), tmp_path / "corners")
+    assert all(not figure.passed for figure in corners if figure.probe == "cross")
+    faces = figures("drake", cross, coupled(), tmp_path / "faces", settings={"hydroelastic_faces": True})
+    assert [figure for figure in faces if not figure.passed] == []
+
+
+def test_physx_has_friction_in_a_step_that_begins_just_before_an_impact(tmp_path):
+    if not installed("physx"):
+        pytest.skip("physx is not installed")
+    for timestep in (0.001, 0.004):
+        for name, probe in {**oblique.PROBES, "strike": PROBES["strike"]}.items():
+            shown = figures("physx", probe, coupled(timestep=timestep), tmp_path / f"{name}{timestep}")
+            assert [figure for figure in shown if not figure.passed] == []
 
 
 @pytest.mark.parametrize(

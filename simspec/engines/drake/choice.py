@@ -8,6 +8,7 @@ from simspec.control.native import natives
 from simspec.support.declarations import Level, Refinement, not_here
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.meeting import meeting_laws, solid_shapes
+from simspec.world.reach import crossing
 from simspec.world.types import World
 
 MOST_TAMSI, BODY_SECONDS = 8, 0.008
@@ -15,6 +16,8 @@ MOST_TAMSI, BODY_SECONDS = 8, 0.008
 timestep (s). Its equations are dense (36 boxes 30 ms a step, where SAP takes 5), and at 4 ms it fails to converge in
 towers of six boxes, at 1 ms not in towers of eight (measured)."""
 
+CROSSED_SECONDS = 0.002
+"""The largest timestep (s) of TAMSI where the edges of boxes may cross: at 4 ms it fails to converge on some (measured)."""
 PRESSURE_SECONDS = 0.001
 """The largest timestep (s) of hydroelastic contact with friction by SAP: at 2 ms a push at μ = 1.5 meets 2.3 times its
 friction, at 8 ms sliders of μ = 1 leave the floor for good. At 1 ms pushes are off by
@@ -30,8 +33,9 @@ def approximation(world: World) -> str:
     groups = rigid_groups(world)
     moving = sum(groups[body.name] != "world" and bool(solid_shapes(body)) for body in world.bodies)
     limited = any(body.joint.position_limits for body in world.bodies)
+    crossed = crossing(world) and world.physics.timestep > CROSSED_SECONDS
     few = moving <= 1 or (moving <= MOST_TAMSI and moving * world.physics.timestep <= BODY_SECONDS)
-    diverges = carries_joints(world) or moves_hulls(world)
+    diverges = carries_joints(world) or moves_hulls(world) or crossed
     return "tamsi" if rubs and few and not limited and not natives(world) and not diverges else "sap"
 
 
@@ -87,12 +91,18 @@ def stops(world: World) -> Refinement | None:
     )
 
 
-def pressure_holds(world: World) -> Refinement | None:
-    """Hydroelastic contact is not supported with friction by SAP at large timesteps."""
-    if not dict(world.options("drake").settings).get("hydroelastic_faces") or asked_approximation(world) == "tamsi":
-        return None
-    if world.physics.timestep <= PRESSURE_SECONDS or not any(law.friction for law in meeting_laws(world).values()):
-        return None
+def boxes_hold(world: World) -> Refinement | None:
+    """Boxes are exact where their edges cannot cross, and by hydroelastic contact, which is not supported with friction by SAP
+    at large timesteps."""
+    if not dict(world.options("drake").settings).get("hydroelastic_faces"):
+        return (
+            None
+            if crossing(world)
+            else Refinement(Level.EXACT, "no box is so small that it may lie across another's edges")
+        )
+    small = world.physics.timestep <= PRESSURE_SECONDS
+    if small or asked_approximation(world) == "tamsi" or not any(law.friction for law in meeting_laws(world).values()):
+        return Refinement(Level.EXACT, "by pressure")
     return not_here(
         f"hydroelastic contact with friction by SAP throws boxes off at timesteps above {1e3 * PRESSURE_SECONDS:g} ms "
         "(measured): take a smaller one, or contact_approximation: tamsi"

@@ -23,7 +23,7 @@ MARGIN = 1.15
 """Declared over measured: figures at frictions between the measured ones differ by some percent."""
 ABOVE = 1.05
 """A row counts from this multiple of the timestep measured before it: at timesteps between, the larger size is declared."""
-LENGTHS = frozenset({"rod", "clamp", "pile", "stack", "stack-sideways", "carrier"})
+LENGTHS = frozenset({"rod", "clamp", "pile", "stack", "stack-sideways", "cross", "cross-sideways", "carrier"})
 """Probes whose deviations are lengths (m); those of the others are shares of the expected value."""
 KEYS = ("setting", "cone", "probe", "restitution", "ratio")
 """Columns that say where a row of the table counts; the others are timesteps (ms) with the largest measured deviation, empty

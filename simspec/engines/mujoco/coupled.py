@@ -25,7 +25,7 @@ _ROW = "contacts with restitution are springs of some steps, which act one after
 _HEAVY = "1 % of an overlap is taken back in a step, after 0.1 % of gravity: heavy bodies rest deeper, with dt squared"
 _CARRIED = "what turns slips outwards at its acceleration over the friction rate of 100/s, whatever the timestep"
 _SPINS = "friction lags behind normal forces that change as a body tilts or spins"
-_FEW = "steps of some ms are few for what slips, clamps or spins"
+_FEW = "steps of some ms are few for what slips, clamps, spins or lies on crossing edges"
 _UNKNOWN = "measured; the cause is not known"
 HELD = "friction of what is carried by a loop around MuJoCo's solver at every step (friction: coulomb)"
 _NATIVE, _INSCRIBED = "friction=native", "pyramid-inscribed"

@@ -14,7 +14,7 @@ from simspec.support.declarations import Support
 
 _ASIDE = "the elliptic cone brakes aside of the slip (accepted by name: contact.cone.elliptic)"
 _SWEEPS = "sweeps over one contact after another leave overlaps where heavy bodies lie on light ones"
-_FEW = "steps of some ms are few for what slips or spins"
+_FEW = "steps of some ms are few for what slips, spins or lies on crossing edges"
 
 _ANCHORED = "friction_erp takes slip back to where a contact began, by a share in each step, and piles slip too far"
 

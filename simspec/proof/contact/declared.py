@@ -45,6 +45,8 @@ EFFECTS: Mapping[str, str] = {
     "edge-energy": "energy of impacts on several corners",
     "stack": "heavy bodies on light ones",
     "stack-sideways": "heavy bodies on light ones",
+    "cross": "boxes whose edges cross",
+    "cross-sideways": "boxes whose edges cross",
     "carrier": "friction on accelerating carriers",
     "slide-spin": "friction of sliding with spin",
 }

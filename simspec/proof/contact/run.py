@@ -32,6 +32,7 @@ from simspec.proof.contact import (
     cache,
     carried,
     compliance,
+    crossing,
     friction,
     impact,
     leaning,
@@ -61,6 +62,7 @@ PROBES: Mapping[str, Probe] = {
     **leaning.PROBES,
     **together.PROBES,
     **stacking.PROBES,
+    **crossing.PROBES,
     **carried.PROBES,
 }
 """Every probe of two materials, by name, in the order of reports."""

@@ -45,6 +45,11 @@ def _several(world: World) -> str:
     )
 
 
+def _clamps(world: World) -> str:
+    there = any(law.friction and reach(world, *pair).leans for pair, law in meeting_laws(world).items())
+    return "" if there else "each body can touch one flat surface alone, or has no friction"
+
+
 def _carriers(world: World) -> str:
     there = any(law.friction and reach(world, *pair).carries for pair, law in meeting_laws(world).items())
     return "" if there else "nothing lies on what moves"
@@ -62,12 +67,13 @@ def _slides(world: World) -> str:
     return "" if any(law.friction for law in meeting_laws(world).values()) else "no pair has friction"
 
 
-SEVERAL = ("rod", "rod-slips", "clamp", "clamp-slips", "pile", "pile-slips", "strike", "row", "edge", "stack")
+SEVERAL = ("rod", "rod-slips", "clamp", "clamp-slips", "pile", "pile-slips", "strike", "row", "edge", "stack", "cross")
 """Probes of several bodies, or of several contacts of one."""
 _OTHERS = (
     *SEVERAL,
     *(f"{name}-energy" for name in SEVERAL),
     "stack-sideways",
+    "cross-sideways",
     "carrier",
     "slide-spin",
     "compliance-shape",
@@ -79,6 +85,7 @@ BORNE = {body.kind for body in LYING.values()}
 KINDS: Mapping[str, Kind] = {
     "contact of two bodies": Kind(PAIRS, _meets),
     "contact of several bodies": Kind(SEVERAL, _several),
+    "clamps that friction alone presses": Kind((), _clamps),
     "contact on accelerating carriers": Kind(("carrier",), _carriers),
     "compliance by shape": Kind(("compliance-shape",), _compliant),
     "sliding with spin": Kind(("slide-spin",), _slides),

@@ -18,7 +18,7 @@ import numpy as np
 
 from simspec.proof.contact.bodies import ball, box, floor
 from simspec.proof.contact.impact import RESTITUTION_TOLERANCE, TURNED, subject
-from simspec.proof.contact.oblique import ABOVE_THRESHOLD, impact_begins
+from simspec.proof.contact.oblique import ABOVE_THRESHOLD, GRAZES, impact_begins
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.world import frames
 from simspec.world.tuples import ordered, vector3
@@ -26,7 +26,7 @@ from simspec.world.types import Body
 
 APPROACH = 2.0
 """m/s: as in ``oblique``."""
-PHASES = (0.3, 0.7)
+PHASES = (0.3, 0.7, GRAZES)
 """Shares of a step after which the bodies meet."""
 RADIUS, MASS = 0.1, 1.0
 WAYS = 100.0

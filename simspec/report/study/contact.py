@@ -60,7 +60,7 @@ FORMS: Mapping[str, Form] = {
     "compliance-shape": Form(share=True, by_case=True),
     **dict.fromkeys(("rod", "clamp", "pile"), Form(factor=1e3, unit="mm", by_case=True)),
     **dict.fromkeys(("strike", "row", "edge"), Form(share=True, by_case=True)),
-    "stack": Form(factor=1e3, unit="mm", by_case=True),
+    **dict.fromkeys(("stack", "cross"), Form(factor=1e3, unit="mm", by_case=True)),
     "carrier": Form(factor=1e3, unit="mm", by_case=True),
     "slide-spin": Form(share=True, by_case=True),
 }

@@ -10,7 +10,10 @@ FREE = (1.0, 0.0, 0.0, 0.0)
 
 def told(world, **settings):
     """``world`` with settings for Drake, and its approximations accepted."""
-    accept = ("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "joint.limits.position")
+    accept = (
+        *("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "joint.limits.position"),
+        "shape.box",
+    )
     return worlds.with_options(world, "drake", accept=accept, settings=tuple(sorted(settings.items())))
 
 

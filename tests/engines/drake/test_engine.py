@@ -28,6 +28,7 @@ from tests import worlds
 from tests.engines.drake.scenes import boxes, told
 from tests.planted import SHARED
 
+SAP_FACES = {"contact_approximation": "sap", "hydroelastic_faces": True}
 REFUSED = ("rolling", "bouncing", "dry friction", "ground")
 
 
@@ -164,10 +165,39 @@ def test_the_solver_is_chosen_by_friction_size_and_limits(world, chosen):
 
 
 def test_sap_with_friction_is_accepted_by_name():
+    def compiled(world):
+        return compile_world(worlds.with_options(world, "drake", accept=("shape.box",)), ["drake"])
+
     with pytest.raises(UnsupportedError, match=r"contact\.cone\.elliptic"):
-        compile_world(boxes(9), ["drake"])
-    compile_world(boxes(9, friction=0.0), ["drake"])
-    compile_world(boxes(2), ["drake"])
+        compiled(boxes(9))
+    compiled(boxes(9, friction=0.0))
+    compiled(boxes(2))
+
+
+def test_boxes_whose_edges_may_cross_are_accepted_by_name():
+    with pytest.raises(UnsupportedError, match=r"shape\.box.*sinks by 1 to 13 mm"):
+        compile_world(several(2, 0.001), ["drake"])
+    with pytest.raises(UnsupportedError, match=r"hydroelastic contact with friction by SAP"):
+        compile_world(
+            several(2, 0.002, accept=("contact.cone.elliptic", "contact.friction.impact"), **SAP_FACES), ["drake"]
+        )
+
+
+@pytest.mark.parametrize(("settings", "timestep"), [({"hydroelastic_faces": True}, 0.002), (SAP_FACES, 0.001)])
+def test_boxes_are_exact_by_pressure(settings, timestep):
+    compile_world(
+        several(2, timestep, accept=("contact.cone.elliptic", "contact.friction.impact"), **settings), ["drake"]
+    )
+
+
+def test_one_box_on_a_floor_is_exact():
+    compile_world(several(1, 0.001), ["drake"])
+
+
+def several(count, timestep, accept=(), **settings):
+    world = boxes(count)
+    world = dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=timestep))
+    return worlds.with_options(world, "drake", accept=accept, settings=tuple(sorted(settings.items())))
 
 
 @pytest.mark.parametrize("world", [worlds.every_joint, lambda: worlds.limits_and_armature(armature=0.05)])

@@ -34,7 +34,8 @@ def test_large_worlds_are_taken_or_refused_by_what_they_need(shape, most, too_ma
 
 def test_a_file_of_too_large_a_world_is_refused_before_it_is_built(load_files, monkeypatch):
     files = compile_world(
-        with_options(pile(BOX, 12), "drake", settings=(("contact_approximation", "tamsi"),)), ["drake"]
+        with_options(pile(BOX, 12), "drake", settings=(("contact_approximation", "tamsi"),), accept=("shape.box",)),
+        ["drake"],
     )
     load_files(Drake, files["drake"].files)
     monkeypatch.setattr(memory, "MOST_GIGABYTES", 2e-6)
