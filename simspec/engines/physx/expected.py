@@ -21,7 +21,7 @@ STEPS, LIVELIEST = 2.0, 0.8
 """Steps of gravity, over 1 − e, that what bounces arrives with at least; e is the largest restitution, or this."""
 FASTEST = 0.5
 """m/s: what arrives faster bounces all the same."""
-OFFSET = 1.5e-6
+OFFSET = 3.75e-6
 """m by which shapes reach beyond themselves for contacts."""
 
 

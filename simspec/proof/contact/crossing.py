@@ -50,7 +50,7 @@ class Cross(Probe):
         )
 
     def trials(self, law: Law) -> Sequence[Trial]:
-        """One of each case: Drake's TAMSI fails to converge where all lie in one world."""
+        """One world for each case: solvers of dense equations fail to converge with all cases in one."""
         return [self._trial(law, *case) for case in CASES.values()]
 
     def _trial(self, law: Law, below: Vector3, above: Vector3, turn: float, moved: float) -> Trial:

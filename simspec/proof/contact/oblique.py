@@ -47,7 +47,7 @@ SOLID = 2.5
 
 GRAZES = 0.002
 """Share of a step after which a body arrives whose step begins just before the contact: 4 µm at 1 ms. An engine that makes
-contacts at a distance acts before the bodies touch, and may leave out friction then (PhysX beyond 4 µm, measured)."""
+contacts at a distance acts before the bodies touch, and may leave out friction then (measured)."""
 LANDINGS = ((0.0, 0.1), (35.0, 0.4), (90.0, 0.7), (200.0, 0.9), (290.0, GRAZES))
 """Direction (degrees from the floor's x axis), and share of a step after which the body arrives."""
 MEETINGS = {
