@@ -12,7 +12,8 @@ import pytest
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.proof import motion
-from simspec.proof.probes import FRAME_CHECK, dynamics_checks, dynamics_operation, kinematics_checks
+from simspec.proof.precision import PRECISIONS
+from simspec.proof.probes import FRAME_CHECK, _scale, dynamics_checks, dynamics_operation, kinematics_checks
 from simspec.world import frames
 from simspec.world.rotations import matrices, multiply, rotation_error
 from simspec.world.types import Frame, Pose, World
@@ -165,6 +166,14 @@ def test_every_element_of_the_mass_matrix_counts_in_its_own_scale(engine):
         dynamics["mass"] = right.copy()
         dynamics["mass"][0, i * size + j] += MISS * math.sqrt(mass[i, i] * mass[j, j])
         assert failed(dynamics_checks(world, oracle, *states, dynamics)) == {"mass matrix"}, (i, j)
+
+
+@pytest.mark.parametrize(("precision", "share"), [("double", 1.0), ("single", 109.0 * 2.0**-24 / 2e-6)])
+def test_moments_of_a_thin_rod_are_held_to_what_inverse_tensors_keep(precision, share):
+    """In singles the larger moments of a rod are as precise as the ratio of its moments allows; the least one is as ever."""
+    mass = np.diag([1.0, 1.0, 1.0, 0.01, 1.09, 1.09])
+    scale = _scale(mass, np.array([-1, -1, -1, 0, 0, 0]), PRECISIONS[precision])
+    assert np.diag(scale) == pytest.approx(np.diag(mass) * [1.0, 1.0, 1.0, 1.0, share, share])
 
 
 def test_forces_at_speed_and_at_rest_are_told_apart(engine):

@@ -240,7 +240,7 @@ class Built:
         return made
 
     def _hull(self, name: str, size: tuple[float, ...], material: Any) -> Any:
-        """A convex hull of vertices (units of PhysX, flat). PhysX makes a hull of the points anew: it leaves some out in silence
+        """A convex hull of vertices (its units, flat). PhysX makes a hull of the points anew: it leaves some out in silence
         (``hulls.py``), and makes a solid with other corners of what is flat."""
         told = np.array(size, dtype=np.float32).reshape(-1, 3)
         try:
