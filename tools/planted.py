@@ -34,7 +34,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import carried, compliance, friction, impact, leaning, oblique, stacking, together
+from simspec.proof.contact import carried, compliance, crossing, friction, impact, leaning, oblique, stacking, together
 from simspec.proof.contact.held import EVERYTHING
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
 from simspec.proof.contact.run import deviating, drive_of, motion_of, world_of_trial
@@ -46,6 +46,7 @@ COUPLED: Mapping[str, Probe] = {
     **leaning.PROBES,
     **together.PROBES,
     **stacking.PROBES,
+    **crossing.PROBES,
     **carried.PROBES,
     SHAPE: compliance.PROBES[SHAPE],
 }
@@ -114,7 +115,7 @@ class Result:
               alone let all pass, though the defect moves a figure by more than the probe's tolerance. blind: all pass, though
               bodies move otherwise. inert: they do not, to the last bit. refused: by the engine
     seen      names of figures that fail; ``blind``: coupled probes in which bodies move otherwise and all passes
-    one_pair  the probes of one pair that see what no coupled probe does
+    one_pair  the probes of one pair that see what no coupled probe does, or else that level L1 does
     why       the declared deviations that hide it; why it is refused
     """
 
@@ -271,6 +272,9 @@ def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]
     left = [defect for defect in DEFECTS if defect.name in mine and mine[defect.name].verdict in ("hidden", "blind")]
     for one in tried(engine, settings, cone, left, ONE_PAIR):
         mine[one.job.defect.name].one_pair += one.fails
+    for defect in left:
+        if not mine[defect.name].one_pair and any(reads(one.job) for one in everything if one.job.defect is defect):
+            mine[defect.name].one_pair.append("masses that are read back (L1)")
     return [*failing, *mine.values()]
 
 
@@ -304,6 +308,23 @@ def same(found: Found, unchanged: Found) -> bool:
         and all(np.array_equal(one.velocity[name], other.velocity[name], equal_nan=True) for name in one.velocity)
         for one, other in pairs
     )
+
+
+def reads(one: Job) -> bool:
+    """Whether a mass that an engine reads back differs from the probe's own."""
+    told = {body.name: body.inertial.mass for trial in one.probe.trials(one.law) for body in trial.bodies}
+    with tempfile.TemporaryDirectory() as folder:
+        for number, world in enumerate(itertools.chain(*one.worlds)):
+            (engine,) = (options.engine for options in world.engines)
+            place = Path(folder) / str(number)
+            write_folder(compile_world(world, [engine])[engine].files, place)
+            held = call(engine, place, [Operation("read_back", world=world)]).answers[0].held
+            if held is None:
+                raise EngineError(engine, "nothing was read back")
+            masses = {body.name: body.inertial.mass for body in held.bodies}
+            if any(abs(masses[name] - mass) > 1e-3 * mass for name, mass in told.items() if name in masses):
+                return True
+    return False
 
 
 def hiding(one: Tried, engine: str, unchanged: Tried) -> Iterator[str]:

@@ -15,7 +15,7 @@ from simspec.world.reach import Reach
 from simspec.world.types import Hardness, PairContact
 
 TIMESTEP = 1e-3
-_REACH = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3)
+_REACH = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True)
 _KINDS = ("box", "capsule", "cylinder")
 RIGID = Law(PairContact("base", "body", 0.5, 0.0), "elliptic", TIMESTEP, reach=_REACH)
 LAWS: Mapping[str, Law] = {
@@ -121,7 +121,7 @@ DEFECTS = [
     Defect("stiffness × 2", "compliant", {"hardness": Hardness("stiffness", stiffness=2e4, damping=200.0)}),
     Defect("stiffness × 0.5", "compliant", {"hardness": Hardness("stiffness", stiffness=5e3, damping=200.0)}),
     Defect("mass × 1.05", heavier=ROLES, probes=tuple(ROLES)),
-    Defect("moving bodies pass through", apart=True, probes=("pile", "strike", "row", "stack", "carrier")),
+    Defect("moving bodies pass through", apart=True, probes=("pile", "strike", "row", "stack", "cross", "carrier")),
     Defect("carried body without friction", slick=CARRIED, probes=tuple(CARRIED)),
     Defect("carrier without friction", slick={"carrier": r"slab_\d+"}, probes=("carrier",)),
     Defect("another solver", settings=SOLVERS),

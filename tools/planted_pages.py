@@ -29,7 +29,7 @@ does not name another. A dash: not planted, or refused.
 - *hidden*: all pass, though the defect moves a figure by more than its probe's tolerance: of a figure that passes, with the
   defect or without it, by a declared deviation alone, which is named with its size;
 - *blind*: all pass, though bodies move otherwise;
-- behind both: the figures of probes of one pair that fail; **missed** where none does;
+- behind both: the figures of probes of one pair that fail, or that level L1 reads another mass; **missed** where nothing does;
 - *inert*: every motion is the same to the last bit. Gazebo makes the circumscribed pyramid of both its cones, as it declares.
 
 What is planted is in `tools/planted.py`. Command: `python tools/planted.py --json FILE`, then `--page FILE`.
