@@ -96,7 +96,10 @@ def linked(engine: str) -> World:
         ignored_groups=(("arm", "quiet"),),
         excluded_bodies=(("brick", "fore"), ("brick", "ground"), ("fore", "hand"), ("fore", "upper")),
     )
-    accept = ("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "joint.limits.position")
+    accept = (
+        *("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "joint.limits.position"),
+        "shape.box",
+    )
     # explicit pairs pass by MuJoCo's masks and exclusions
     settings = (("explicit_pairs_limit", 0),) if engine == "mujoco" else ()
     options = EngineOptions(engine, settings, accept)

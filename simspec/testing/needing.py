@@ -33,6 +33,16 @@ from simspec.testing.worlds import (
 from simspec.world.types import World
 
 
+def boxes() -> World:
+    """Two boxes above a floor, of one size, so that their edges may cross."""
+    base = shapes_world(("box",))
+    floor, box = base.bodies
+    joint = dataclasses.replace(box.joint, name="other_joint", position=(1.0, *box.joint.position[1:]))
+    shapes = tuple(dataclasses.replace(shape, name="other_0") for shape in box.shapes)
+    other = dataclasses.replace(box, name="other", model="other", joint=joint, shapes=shapes)
+    return dataclasses.replace(base, bodies=(floor, box, other))
+
+
 def felt_at_a_distance() -> World:
     """A sphere and a box above a floor, all with margins, without friction."""
     world = shapes_world(("sphere", "box"), 0.0)
@@ -57,8 +67,9 @@ def belt() -> World:
 NEEDING: Mapping[Feature, Callable[[], World]] = {
     **{
         Feature(f"shape.{kind}"): partial(shapes_world, (kind,))
-        for kind in ("mesh", "ellipsoid", "capsule", "cylinder", "box", "sphere")
+        for kind in ("mesh", "ellipsoid", "capsule", "cylinder", "sphere")
     },
+    Feature.SHAPE_BOX: boxes,
     Feature.SHAPE_HEIGHTFIELD: ground,
     **{Feature(f"joint.{kind}"): partial(jointed, kind) for kind in JOINT_KINDS},
     **{

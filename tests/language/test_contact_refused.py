@@ -12,6 +12,7 @@ from simspec.language.load import load
 from simspec.language.models import Contact
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
+from simspec.testing.worlds import accepting
 from tests.declared import PYRAMID_ALONE, SQUARE, TOUCHING
 from tests.language.contact_specs import BODIES, written
 
@@ -57,8 +58,10 @@ def test_a_cone_that_an_engine_lacks_is_refused_where_it_is_written(engine, cone
         assert problem.location.line == 5
         assert f"--engine {engine}" in problem.hint or f"accept: [{CONES[cone].value}]" in problem.hint
     else:
-        spec = load(path)
-        compile_world(spec.resolve(), [engine], spec.locate)
+        before = load(path).resolve()
+        world = accepting(before, engine)
+        assert {*world.options(engine).accept} - {*before.options(engine).accept} <= {Feature.SHAPE_BOX.value}
+        compile_world(world, [engine])
 
 
 @pytest.mark.parametrize("engine", [name for name in TOUCHING if name not in (*PYRAMID_ALONE, *SQUARE)])

@@ -85,7 +85,10 @@ def materials(engine: str, *bodies: Body, passing: bool = False, friction: float
     )
     contact = Contact(materials=tuple(Material(name, friction) for name in names), pairs=pairs)
     return worlds.world(
-        bodies, "materials", contact=contact, engines=(EngineOptions(engine, accept=("contact.friction.impact",)),)
+        bodies,
+        "materials",
+        contact=contact,
+        engines=(EngineOptions(engine, accept=("contact.friction.impact", "shape.box")),),
     )
 
 
@@ -118,7 +121,7 @@ def test_the_shapes_of_a_material_need_not_stand_side_by_side(engine):
     world = materials(engine, one, two)
     pairs = tuple(dataclasses.replace(p, friction=friction[p.first + p.second]) for p in world.contact.pairs)
     contact = dataclasses.replace(world.contact, pairs=pairs)
-    options = (EngineOptions(engine, accept=("contact.cone.elliptic", "contact.friction.impact")),)
+    options = (EngineOptions(engine, accept=("contact.cone.elliptic", "contact.friction.impact", "shape.box")),)
     world = dataclasses.replace(world, contact=contact, engines=options)
     found = verify(world, [engine], levels=["L4"])
     assert found.failures() == []

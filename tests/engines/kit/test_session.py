@@ -187,6 +187,7 @@ def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_p
             "contact.friction.carried",
             "contact.friction.impact",
             "joint.limits.position",
+            "shape.box",
         ),
     )
     folder = tmp_path / name
