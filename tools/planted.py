@@ -312,17 +312,17 @@ def same(found: Found, unchanged: Found) -> bool:
 
 def reads(one: Job) -> bool:
     """Whether a mass that an engine reads back differs from the probe's own."""
-    told = {body.name: body.inertial.mass for trial in one.probe.trials(one.law) for body in trial.bodies}
+    given = {body.name: body.inertial.mass for trial in one.probe.trials(one.law) for body in trial.bodies}
     with tempfile.TemporaryDirectory() as folder:
         for number, world in enumerate(itertools.chain(*one.worlds)):
             (engine,) = (options.engine for options in world.engines)
             place = Path(folder) / str(number)
             write_folder(compile_world(world, [engine])[engine].files, place)
-            held = call(engine, place, [Operation("read_back", world=world)]).answers[0].held
-            if held is None:
+            read = call(engine, place, [Operation("read_back", world=world)]).answers[0].held
+            if read is None:
                 raise EngineError(engine, "nothing was read back")
-            masses = {body.name: body.inertial.mass for body in held.bodies}
-            if any(abs(masses[name] - mass) > 1e-3 * mass for name, mass in told.items() if name in masses):
+            masses = {body.name: body.inertial.mass for body in read.bodies}
+            if any(abs(masses[name] - mass) > 1e-3 * mass for name, mass in given.items() if name in masses):
                 return True
     return False
 

@@ -66,7 +66,7 @@ def reach(world: World, first: str, second: str) -> Reach:
         moving = [body for body in (one, other) if _moves(world, body)]
         moved |= {body.name for body in moving}
         leans = leans or any(body.name in leaning for body in moving)
-        crosses = crosses or boxes_cross(one, other)
+        crosses = crosses or _boxes_cross(one, other)
         free = [body for body in moving if body.name not in kinematic]
         driven = len(moving) == 2 and any(body.name in kinematic or not _is_lone(world, body) for body in moving)
         carries = carries or driven or any(_surface_moves(body) for body in (one, other))
@@ -101,7 +101,7 @@ def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator
                         yield body, partner
 
 
-def boxes_cross(one: Body, other: Body) -> bool:
+def _boxes_cross(one: Body, other: Body) -> bool:
     """Whether boxes of two bodies are so alike in size that one may reach beyond the edges of the other's faces."""
     return any(
         first.kind == second.kind == "box" and WITHIN * min(_over(first, second), _over(second, first)) > 1.0

@@ -38,7 +38,7 @@ SETTINGS: Mapping[str, Setting] = {
     "tolerance": Setting(
         1e-6,
         "The NSGS solver stops below this residual. With DART's default of 1e-5 a pile of balls that must stand creeps by "
-        "1.2 mm in 0.6 s (μ = 0.2, 1 ms), with 1e-6 by 2 µm, and a box between fingers falls at 4 ms (μ = 0.1). Towers and "
+        "1.2 mm in 0.6 s (μ = 0.2, 1 ms; 2 µm with 1e-6), and a box between fingers falls at 4 ms (μ = 0.1). Towers and "
         "houses of cards take 1.05 to 1.4 times as long as with 1e-5, and up to seven times with 1e-7.",
         minimum=0.0,
         maximum=1.0,

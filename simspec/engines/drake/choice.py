@@ -98,7 +98,7 @@ def boxes_hold(world: World) -> Refinement | None:
         return (
             None
             if crossing(world)
-            else Refinement(Level.EXACT, "no box is so small that it may lie across another's edges")
+            else Refinement(Level.EXACT, "no two boxes are so alike in size that their edges may cross")
         )
     small = world.physics.timestep <= PRESSURE_SECONDS
     if small or asked_approximation(world) == "tamsi" or not any(law.friction for law in meeting_laws(world).values()):

@@ -192,7 +192,7 @@ class Drake(SteppedEngine[Simulation]):
         Feature.ARMATURE: Support(Level.EXACT, "the rotor inertia of an actuator with gear ratio 1"),
         Feature.SHAPE_BOX: approximate(
             f"with eight balls in its corners: {_ONE_POINT}. Exact on planes, on boxes four times as wide, and by pressure "
-            "with hydroelastic_faces: true. Where the edges of boxes cross, and less than three corners are over the other's "
+            "with hydroelastic_faces: true. Where the edges of boxes cross, and fewer than three corners are over the other's "
             "face, the upper box sinks by 1 to 13 mm in a second at 1 ms (measured)",
             boxes_hold,
             "boxes whose edges cross sink by up to 13 mm/s (hydroelastic_faces: true does not)",
@@ -262,9 +262,9 @@ class Drake(SteppedEngine[Simulation]):
             "kinematic body carries joints, no mesh that touches moves, and one "
             f"body with collision shapes moves, or at most {MOST_TAMSI} with a timestep of at most {1e3 * BODY_SECONDS:g} ms "
             "over their number; else sap. TAMSI's friction is exact in slides and impacts, but its equations are dense (36 "
-            "boxes 30 ms a step, SAP 5), and at 4 ms it fails in towers of six boxes and where edges of boxes cross, for which "
-            "sap is taken from 2 ms on. SAP has the common law's error reduction "
-            "and stops joints at their limits; its friction lifts what slides.",
+            "boxes 30 ms a step, SAP 5), and at 4 ms it fails in towers of six boxes and where edges of boxes cross: where "
+            "they may, sap is taken above 2 ms. SAP has the common law's error reduction and stops joints at their limits; its "
+            "friction lifts what slides.",
             ("auto", "sap", "tamsi"),
             group=Group.SOLVER,
         ),

@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from simspec.proof.contact.bodies import box, floor
-from simspec.proof.contact.impact import DROP_RESTITUTION, REST_DEPTH, hop, subject
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
-from simspec.proof.contact.stacking import SIDEWAYS, STEPS, TIME
+from simspec.proof.contact.impact import DROP_RESTITUTION
+from simspec.proof.contact.probe import Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.stacking import resting, steps_of
 from simspec.world import frames
 from simspec.world.types import Vector3
 
@@ -58,23 +58,11 @@ class Cross(Probe):
         turned = frames.from_axis_angle((0.0, 0.0, 1.0), math.radians(turn))
         lower = box(law, LOWER, below, MASS, (0.0, 0.0, below[2] / 2.0), group=LOWER)
         upper = box(law, UPPER, above, MASS, at, turn=turned, material=law.pair.first, group=UPPER)
-        steps = self._steps(law)
+        steps = steps_of(law)
         return Trial((floor(law), lower, upper), (Phase(steps, steps),), ((LOWER, UPPER),))
 
-    def _steps(self, law: Law) -> int:
-        return max(STEPS, math.ceil(TIME / law.timestep))
-
     def wanted(self, law: Law) -> Sequence[Figure]:
-        """Without support everything falls as long as the trial lasts; sideways nothing moves without a cause."""
-        hops = hop(law) * law.timestep
-        fallen = 0.5 * GRAVITY * (self._steps(law) * law.timestep) ** 2
-        figures = []
-        for text in CASES:
-            named = (subject(law), text)
-            figures.append(Figure(self.NAME, *named, "depth", "m", 0.0, None, REST_DEPTH + hops, without=fallen))
-            if law.pair.friction:
-                figures.append(Figure(self.SIDEWAYS, *named, "way", "m", 0.0, None, SIDEWAYS + hops))
-        return figures
+        return [figure for text in CASES for figure in resting(law, self.NAME, self.SIDEWAYS, text)]
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         values = []

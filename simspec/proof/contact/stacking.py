@@ -65,24 +65,14 @@ class Stack(Probe):
             for name, masses in self.stacks(law).items()
             for layer in range(len(masses) - 1)
         ]
-        steps = self._steps(law)
+        steps = steps_of(law)
         return [Trial((floor(law), *self._bodies(law)), (Phase(steps, steps),), tuple(meets))]
 
-    def _steps(self, law: Law) -> int:
-        return max(STEPS, math.ceil(TIME / law.timestep))
-
     def wanted(self, law: Law) -> Sequence[Figure]:
-        """Without support everything falls as long as the trial lasts; sideways nothing moves without a cause."""
-        hops = hop(law) * law.timestep
-        fallen = 0.5 * GRAVITY * (self._steps(law) * law.timestep) ** 2
-        figures = []
-        for masses in self.stacks(law).values():
-            text = f"{' on '.join(f'{mass:.4g}' for mass in reversed(masses))} kg"
-            named = (subject(law), text)
-            figures.append(Figure(self.NAME, *named, "depth", "m", 0.0, None, REST_DEPTH + hops, without=fallen))
-            if law.pair.friction:
-                figures.append(Figure(self.SIDEWAYS, *named, "way", "m", 0.0, None, SIDEWAYS + hops))
-        return figures
+        texts = (
+            f"{' on '.join(f'{mass:.4g}' for mass in reversed(masses))} kg" for masses in self.stacks(law).values()
+        )
+        return [figure for text in texts for figure in resting(law, self.NAME, self.SIDEWAYS, text)]
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         motion = motions[0]
@@ -98,6 +88,21 @@ class Stack(Probe):
             if law.pair.friction:
                 values.append(max((float(np.hypot(*move[:2])) for move in moved), key=_size))
         return [replace(figure, measured=value) for figure, value in zip(self.wanted(law), values, strict=True)]
+
+
+def steps_of(law: Law) -> int:
+    """Steps of a trial in which nothing may move."""
+    return max(STEPS, math.ceil(TIME / law.timestep))
+
+
+def resting(law: Law, name: str, sideways: str, case: str) -> Iterator[Figure]:
+    """The figures of bodies that lie on each other: depth, and with friction the way sideways. Without support everything falls
+    as long as the trial lasts; sideways nothing moves without a cause."""
+    hops = hop(law) * law.timestep
+    fallen = 0.5 * GRAVITY * (steps_of(law) * law.timestep) ** 2
+    yield Figure(name, subject(law), case, "depth", "m", 0.0, None, REST_DEPTH + hops, without=fallen)
+    if law.pair.friction:
+        yield Figure(sideways, subject(law), case, "way", "m", 0.0, None, SIDEWAYS + hops)
 
 
 def _size(value: float) -> float:
