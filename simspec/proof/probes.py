@@ -11,6 +11,7 @@ import numpy as np
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.precision import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
+from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check, Tally
 from simspec.proof.precision import PRECISIONS, Precision
 from simspec.world import frames
@@ -136,7 +137,7 @@ def _turning(world: World) -> np.ndarray:
     found = []
     for number, body in enumerate(world.bodies):
         count = len(body.joint.velocity)
-        turns = 3 if body.joint.kind in ("free", "ball") else 0
+        turns = 3 if body.joint.kind in QUATERNION_JOINTS else 0
         found += [-1] * (count - turns) + [number] * turns
     return np.array(found, dtype=int)
 
