@@ -25,6 +25,7 @@ RARE = {
     Feature.IMPACT_FRICTION,
     Feature.MASS_RATIO,
     Feature.CARRIED_FRICTION,
+    Feature.SELF_LOCKING,
     Feature.TREE_SIZE,
     Feature.TREE_DEPTH,
     Feature.CONTROL_NATIVE,

@@ -28,7 +28,7 @@ from simspec.engines.kit.coupled import KEYS, LENGTHS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import carried, crossing, leaning, stacking, together
+from simspec.proof.contact import carried, crossing, jamming, leaning, stacking, together
 from simspec.proof.contact.held import EVERYTHING
 from simspec.proof.contact.impact import DROP_RESTITUTION
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
@@ -36,33 +36,9 @@ from simspec.proof.contact.run import drive_of, motion_of, world_of_trial
 from simspec.world.reach import Reach
 from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
 
-
-class Jam(leaning.Clamp):
-    """A clamp that friction alone presses on: a probe of this tool, and not of level L5.
-
-    Slip would need a negative normal force, so that it jams under any moment; where friction is bound by the normal forces of
-    the frictionless problem, it falls. Solvers that sweep get there slowly or not at all, the less the smaller friction is."""
-
-    NAME = "jam"
-    MEANING = "how far a clamp moves that jams under a hundredth of the moment of its weight"
-    HEIGHT = 0.1
-    MOMENT = 0.01
-    """Over the weight times ``HEIGHT``."""
-
-    def cases(self, law: Law) -> list[Any]:
-        return [case for case in super().cases(law) if case.stands]
-
-    def _distance(self, friction: float, case: Any) -> float:
-        """2 μ d / h is the case's ratio: from 1 on a clamp jams."""
-        return float(case.ratio * self.HEIGHT / (2.0 * friction))
-
-    def _moment(self, law: Law, case: Any) -> float:
-        return self.MOMENT * GRAVITY * self.MASS * self.HEIGHT
-
-
 PROBES: Mapping[str, Probe] = {
     **leaning.PROBES,
-    Jam.NAME: Jam(),
+    **jamming.PROBES,
     **together.PROBES,
     **stacking.PROBES,
     **crossing.PROBES,
@@ -98,7 +74,7 @@ def laws(probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
     ratios = RATIOS if stacks else (1.0,)
     for friction, restitution, ratio in itertools.product(frictions, restitutions, ratios):
         pair = PairContact("base", "body", friction, restitution)
-        law = Law(pair, cone, timestep, reach=Reach(True, True, True, True, ratio, 3, crosses=True))
+        law = Law(pair, cone, timestep, reach=Reach(True, True, True, True, ratio, 3, crosses=True, jams=True))
         if probe.applies(law):
             yield law
 
@@ -158,7 +134,20 @@ def off(figure: Figure) -> float:
     return abs(figure.measured - figure.expected) / figure.tolerance
 
 
-COLUMNS = ("rod", "clamp", "jam", "pile", "strike", "row", "edge", "stack", "cross", "carrier", "slide-spin")
+COLUMNS = (
+    "rod",
+    "clamp",
+    "jam",
+    "jam-light",
+    "pile",
+    "strike",
+    "row",
+    "edge",
+    "stack",
+    "cross",
+    "carrier",
+    "slide-spin",
+)
 """Of the table: figures of what slips, of energy and of what moves sideways count as their probe's."""
 
 
@@ -252,7 +241,7 @@ def tables(rows: Sequence[Mapping[str, Any]]) -> Mapping[str, str]:
     """Of each engine its table of deviations, as :mod:`simspec.engines.kit.coupled` reads it."""
     found = {}
     for engine in dict.fromkeys(row["engine"] for row in rows):
-        mine = [row for row in rows if row["engine"] == engine and row["probe"] != Jam.NAME and "seconds" not in row]
+        mine = [row for row in rows if row["engine"] == engine and "seconds" not in row]
         timesteps = sorted({row["timestep"] for row in mine})
         kinds = list(dict.fromkeys((_setting(row["settings"]), row["cone"]) for row in mine))
         lines = [",".join((*KEYS, *(f"{timestep:g}" for timestep in timesteps)))]

@@ -34,7 +34,18 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import carried, compliance, crossing, friction, impact, leaning, oblique, stacking, together
+from simspec.proof.contact import (
+    carried,
+    compliance,
+    crossing,
+    friction,
+    impact,
+    jamming,
+    leaning,
+    oblique,
+    stacking,
+    together,
+)
 from simspec.proof.contact.held import EVERYTHING
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
 from simspec.proof.contact.run import deviating, drive_of, motion_of, world_of_trial
@@ -44,6 +55,7 @@ from simspec.world.types import Body, Contact, EngineOptions, Material, Physics,
 SHAPE = "compliance-shape"
 COUPLED: Mapping[str, Probe] = {
     **leaning.PROBES,
+    **jamming.PROBES,
     **together.PROBES,
     **stacking.PROBES,
     **crossing.PROBES,

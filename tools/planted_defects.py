@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from simspec.proof.contact.carried import PROBES as CARRYING
+from simspec.proof.contact.jamming import PROBES as JAMMING
 from simspec.proof.contact.leaning import PROBES as LEANING
 from simspec.proof.contact.probe import Law
 from simspec.proof.contact.together import PROBES as IMPACTS
@@ -15,7 +16,7 @@ from simspec.world.reach import Reach
 from simspec.world.types import Hardness, PairContact
 
 TIMESTEP = 1e-3
-_REACH = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True)
+_REACH = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True, jams=True)
 _KINDS = ("box", "capsule", "cylinder")
 RIGID = Law(PairContact("base", "body", 0.5, 0.0), "elliptic", TIMESTEP, reach=_REACH)
 LAWS: Mapping[str, Law] = {
@@ -31,7 +32,7 @@ LAWS: Mapping[str, Law] = {
     ),
 }
 """The true laws, but for the cone."""
-RUBBING = (*LEANING, *CARRYING)
+RUBBING = (*LEANING, *JAMMING, *CARRYING)
 """Probes in which friction alone acts."""
 SLICK = "slick"
 """Material of a body without friction."""
@@ -68,6 +69,7 @@ MASS = 1.05
 ROLES = {
     "rod": r"rod_\d+",
     "clamp": r"clamp_\d+",
+    "jam": r"jam_\d+",
     "pile": r"pile_\d+",
     "strike": r"striker_\d+",
     "row": r"first_\d+",

@@ -64,6 +64,8 @@ def coupled_needs(world: World) -> list[Need]:
         there, path = reach(world, first, second), f"contact.pairs.{first}.{second}"
         if law.friction and there.carries:
             found.setdefault(Feature.CARRIED_FRICTION, []).append(f"{path}.friction")
+        if law.friction and there.jams:
+            found.setdefault(Feature.SELF_LOCKING, []).append(f"{path}.friction")
         if there.ratio >= HEAVY_ON_LIGHT:
             found.setdefault(Feature.MASS_RATIO, []).append(path)
     return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]

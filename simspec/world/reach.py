@@ -6,13 +6,16 @@ A demand for something that cannot happen in a world would refuse engines for no
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from simspec.language.vocabulary import STILL_SHAPES
 from simspec.world.derived import derived
 from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.meeting import meeting_laws, solid_shapes
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Shape, World
 
 MANY = 400
@@ -34,6 +37,7 @@ class Reach:
     layers   how many such bodies can lie on each other, 3 standing for more
     kinds    of the shapes of bodies that move and touch so, sorted
     crosses  a box may lie on another so that their edges cross: neither is so small that it lies within the other's faces
+    jams     a body that moves may have another between two of its shapes, as a clamp that friction alone presses on
     """
 
     leans: bool = False
@@ -44,6 +48,7 @@ class Reach:
     layers: int = 0
     kinds: tuple[str, ...] = ()
     crosses: bool = False
+    jams: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,13 +65,14 @@ def reach(world: World, first: str, second: str) -> Reach:
     """What bodies of two materials can do together in ``world``."""
     masses, groups = _masses(world), rigid_groups(world)
     kinematic, leaning = _kinematic(world), _leaning(world)
-    ratio, leans, carries, crosses = 0.0, False, False, False
+    ratio, leans, carries, crosses, jams = 0.0, False, False, False, False
     moved: set[str] = set()
     for one, other in _touching(world, frozenset((first, second))):
         moving = [body for body in (one, other) if _moves(world, body)]
         moved |= {body.name for body in moving}
         leans = leans or any(body.name in leaning for body in moving)
         crosses = crosses or _boxes_cross(one, other)
+        jams = jams or _clamps(world, one, other) or _clamps(world, other, one)
         free = [body for body in moving if body.name not in kinematic]
         driven = len(moving) == 2 and any(body.name in kinematic or not _is_lone(world, body) for body in moving)
         carries = carries or driven or any(_surface_moves(body) for body in (one, other))
@@ -82,7 +88,7 @@ def reach(world: World, first: str, second: str) -> Reach:
         for shape in solid_shapes(body)
         if shape.material in (first, second)
     }
-    return Reach(leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)), crosses)
+    return Reach(leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)), crosses, jams)
 
 
 def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator[tuple[Body, Body]]:
@@ -99,6 +105,17 @@ def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator
                 for partner in other.bodies:
                     if allowed.may_touch(body.name, partner.name):
                         yield body, partner
+
+
+def _clamps(world: World, body: Body, partner: Body) -> bool:
+    """Whether a body moves as forces move it, and may have a shape of its partner between two of its own."""
+    if not _moves(world, body) or body.name in _kinematic(world):
+        return False
+    gap = _gaps(world)[body.name]
+    return any(
+        shape.kind not in STILL_SHAPES and 2.0 * SHAPES[shape.kind].inner_radius(shape.size) < gap
+        for shape in solid_shapes(partner)
+    )
 
 
 def _boxes_cross(one: Body, other: Body) -> bool:
@@ -144,6 +161,24 @@ def _leaning(world: World) -> frozenset[str]:
 
 
 @derived
+def _gaps(world: World) -> dict[str, float]:
+    """Of each body the largest distance (m) between the centres of two of its shapes, more than what it can have between them;
+    infinite where bodies with shapes are fixed to it."""
+    groups = rigid_groups(world)
+    carrying: dict[str, int] = {}
+    for body in world.bodies:
+        carrying[groups[body.name]] = carrying.get(groups[body.name], 0) + bool(solid_shapes(body))
+    return {
+        body.name: math.inf if carrying[groups[body.name]] > 1 else _spread(solid_shapes(body)) for body in world.bodies
+    }
+
+
+def _spread(shapes: Sequence[Shape]) -> float:
+    centres = [shape.pose.position for shape in shapes]
+    return max((math.dist(one, other) for one, other in itertools.combinations(centres, 2)), default=0.0)
+
+
+@derived
 def _kinematic(world: World) -> frozenset[str]:
     return frozenset(motion.body for motion in world.motions)
 
@@ -162,7 +197,7 @@ def _classes(world: World) -> list[_Class]:
             alone = body.name in special or body.name in kinematic
             kinds = tuple(sorted({shape.kind for shape in solid_shapes(body)})), len(solid_shapes(body))
             moves = _moves(world, body)
-            more = (body.collision_group, kinds, body.name if alone or not moves else "")
+            more = (body.collision_group, kinds, _gaps(world)[body.name], body.name if alone or not moves else "")
             members.setdefault((materials, moves, more), []).append(body)
     found = []
     for (materials, moves, _), bodies in members.items():

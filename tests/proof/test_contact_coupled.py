@@ -11,17 +11,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import simspec
-from simspec.proof.contact import carried, crossing, leaning, oblique, stacking, together
+from simspec.engines.kit.coupled import in_force
+from simspec.engines.kit.registry import find_engine
+from simspec.proof.contact import carried, crossing, jamming, leaning, oblique, stacking, together
 from simspec.proof.contact.leaning import Rod, pile_acceleration, rod_acceleration
 from simspec.proof.contact.probe import GRAVITY
 from simspec.proof.contact.together import OPENING, Strike, impulses
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 from simspec.world.reach import Reach, reach
 from tests.proof.contact_probing import figures, installed, law
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ALL = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True)
-PROBES = {**leaning.PROBES, **together.PROBES, **stacking.PROBES, **crossing.PROBES, **carried.PROBES}
+ALL = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True, jams=True)
+PROBES = {**leaning.PROBES, **jamming.PROBES, **together.PROBES, **stacking.PROBES, **crossing.PROBES, **carried.PROBES}
 
 
 def coupled(**pair):
@@ -179,6 +183,38 @@ def test_balls_cross_nothing(tmp_path):
     assert not found(tmp_path, balls(1.0, 1.0) + BOX.format(name="box", x=5, size="[0.2, 0.2, 0.1]")).crosses
 
 
+CLAMP = """
+  clamp:
+    pose: {{xyz: [3, 0, 2]}}
+    mass: 1
+    inertia: {{principal: [1, 1, 1]}}
+    shapes:
+      - {{sphere: {{radius: 0.05}}, pose: {{xyz: [0, 0, 0]}}, material: wood}}
+      - {{sphere: {{radius: 0.05}}, pose: {{xyz: [{wide}, 0, 0.2]}}, material: wood}}
+"""
+POST = (
+    "  post: {{fixed: true, shapes: [{{box: {{size: [{thick}, 3, 3]}}, pose: {{xyz: [9, 0, 2]}}, material: wood}}]}}\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("wide", "thick", "jams"),
+    [(0.3, 0.2, True), (0.3, 0.5, False), (0.0, 0.1, True)],  # √(0.3² + 0.2²) = 0.36 m between centres; 0.2 m
+)
+def test_a_clamp_jams_on_what_fits_between_its_shapes(tmp_path, wide, thick, jams):
+    assert found(tmp_path, CLAMP.format(wide=wide) + POST.format(thick=thick)).jams is jams
+
+
+def test_one_shape_clamps_nothing_and_bodies_fixed_to_each_other_may(tmp_path):
+    post = POST.format(thick=0.1)
+    assert not found(tmp_path, balls(1.0, 2.0) + post).jams
+    arm = (
+        "  arm: {parent: ball_0, joint: {type: fixed, origin: {xyz: [0.4, 0, 0]}}, mass: 1,"
+        " shapes: [{sphere: {radius: 0.1}, material: wood}]}\n"
+    )
+    assert found(tmp_path, balls(1.0) + arm + post).jams
+
+
 def test_many_alike_are_found_by_their_extremes(tmp_path):
     masses = [1.0] * 20 + [7.0] + [1.0] * 20
     assert found(tmp_path, balls(*masses)).ratio == pytest.approx(7.0)
@@ -191,7 +227,7 @@ EXACT = ("pybullet", "dart", "ode")
 
 
 @pytest.mark.parametrize("engine", EXACT)
-@pytest.mark.parametrize("name", [name for name in PROBES if name != "slide-spin"])
+@pytest.mark.parametrize("name", [name for name in PROBES if name not in ("slide-spin", *jamming.PROBES)])
 def test_engines_keep_to_the_coupled_law(engine, name, tmp_path):
     if not installed(engine):
         pytest.skip(f"{engine} is not installed")
@@ -235,6 +271,53 @@ def test_physx_has_friction_in_a_step_that_begins_just_before_an_impact(tmp_path
         for name, probe in {**oblique.PROBES, "strike": PROBES["strike"]}.items():
             shown = figures("physx", probe, coupled(timestep=timestep), tmp_path / f"{name}{timestep}")
             assert [figure for figure in shown if not figure.passed] == []
+
+
+@pytest.mark.parametrize("name", jamming.PROBES)
+@pytest.mark.parametrize("friction", [0.05, 0.3])
+def test_a_clamp_jams_in_a_direct_solver_and_falls_where_friction_makes_no_normal_force(name, friction, tmp_path):
+    probe, wanted = jamming.PROBES[name], coupled(friction=friction)
+    for engine, settings, stands in (("ode", {}, True), ("dart", {"contact_solver": "dantzig"}, False)):
+        if not installed(engine):
+            continue
+        shown = figures(engine, probe, wanted, tmp_path / engine, settings=settings)
+        assert [figure.passed for figure in shown] == [stands]
+    assert shown[0].without == pytest.approx(GRAVITY * 0.3**2 / 2.0, rel=0.01)  # free fall
+
+
+def test_a_clamp_is_probed_where_a_world_can_have_one_and_its_friction_holds_within_two_metres():
+    for probe in jamming.PROBES.values():
+        assert probe.applies(coupled(friction=0.05))
+        assert not probe.applies(coupled(friction=0.02))
+        assert not probe.applies(dataclasses.replace(coupled(), reach=dataclasses.replace(ALL, jams=False)))
+        assert {case.ratio for case in probe.cases(coupled())} == set(leaning.STANDS)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "drake", "ode", "gazebo", "rapier", "physx"])
+@pytest.mark.parametrize(("feature", "probe"), [(Feature.MASS_RATIO, "stack"), (Feature.SELF_LOCKING, "jam")])
+@pytest.mark.parametrize("timestep", [1, 16])
+def test_what_is_declared_off_by_default_must_be_accepted_by_name(engine, feature, probe, timestep, tmp_path):
+    """Support is decided with the settings that are in force, stated or not."""
+    kind = find_engine(engine)
+    more = balls(1.0, 1000.0) + CLAMP.format(wide=0.3) + POST.format(thick=0.1)
+    path = tmp_path / "world.yaml"
+    path.write_text(
+        WORLD.format(more=more).replace(
+            "timestep: 1 ms, duration: 0.01 s", f"timestep: {timestep} ms, duration: 0.16 s"
+        )
+    )
+    world = simspec.load(path).resolve()
+    settings, there = in_force(engine)(world), reach(world, "wood", "wood")
+    if engine == "dart":
+        settings = {**settings, "contact_solver": "nsgs"}
+    counting = [
+        row
+        for row in kind.CONTACT_DEVIATIONS
+        if row.probe.startswith(probe)
+        and row.counts_for(law(timestep=1e-3 * timestep).pair, "elliptic", 1e-3 * timestep, settings, there.ratio)
+    ]
+    refined = kind.SUPPORT[feature].refine(world)
+    assert (refined is not None and refined.level is Level.EXACT) == (not counting)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ NOT_IN_FILES = {
     "contact.touch": "which shapes may touch at all, of worlds of any contact",
     "contact.mass-ratio": "how engines solve stacks: of worlds of any masses",
     "contact.friction.carried": "how engines hold what is carried: of worlds of any friction",
+    "contact.friction.self-locking": "how engines make a clamp's normal force: of worlds of any friction",
     "contact.friction.impact": "how engines compute friction: of worlds of any friction",
     **dict.fromkeys(
         ("material.friction.pairs", "material.restitution.pairs", "contact.hardness.pairs"),

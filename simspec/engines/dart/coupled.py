@@ -6,11 +6,15 @@ masses of 1 to 1000.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-from simspec.engines.kit.coupled import Reason, given, heavy_on_light, measured
+from simspec.engines.dart.expected import chosen_solver
+from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, measured, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Support
+from simspec.world.types import World
 
 _DANTZIG = "contact_solver=dantzig"
 _LEANS = (
@@ -22,24 +26,40 @@ _SPINS = (
     "cone it is a pyramid's, too"
 )
 _SWEEPS = "NSGS sweeps over one contact after another: overlaps are left where heavy bodies lie on light ones"
+_MADE = "NSGS ends its sweeps before friction has made the normal force of a clamp that jams"
 _DEEP = "an overlap is taken back by a share in each step: heavy bodies rest deeper, with the square of the timestep"
 _FEW = "steps of some ms are few for what slips, spins or lies on crossing edges"
+
+
+def _in_force(world: World) -> Mapping[str, Any]:
+    settings = in_force("dart")(world)
+    return {**settings, "contact_solver": chosen_solver(world, settings)}
+
 
 DEVIATIONS: tuple[Deviation, ...] = measured(
     Path(__file__).with_name("coupled.csv"),
     (
-        Reason("rod* clamp* pile*", _LEANS, _DANTZIG),
+        Reason("rod* clamp* jam* pile*", _LEANS, _DANTZIG),
         Reason("edge*", _TOGETHER, _DANTZIG),
         Reason("slide-spin", _SPINS, _DANTZIG),
         Reason("stack*", _DEEP, _DANTZIG),
         Reason("stack*", _SWEEPS),
+        Reason("jam*", _MADE),
         Reason("*", _FEW),
     ),
 )
 MASS_RATIO: Support = heavy_on_light(
     DEVIATIONS,
-    given("dart", contact_solver="nsgs"),
+    _in_force,
     "NSGS leaves overlaps where heavy bodies lie on light ones, in steps of 2 ms and more; dantzig 0.2 mm at a ratio of 1000 "
     "and 4 ms, 6 mm at 16 ms",
     "1000 times the mass sinks through at 4 ms",
+)
+SELF_LOCKING: Support = self_locking(
+    DEVIATIONS,
+    _in_force,
+    "a clamp that jams falls or creeps, since NSGS ends its sweeps before friction has made its normal force: under a moment "
+    "of its weight times its height not at 1 ms, by 3 mm in 0.3 s at 4 ms and μ = 0.05, under a hundredth of that as without "
+    "friction (μ = 0.05 to 0.2); with iterations: 10000 it stands; by dantzig it falls",
+    "a clamp that jams falls where little but friction presses it on",
 )

@@ -16,7 +16,7 @@ from simspec.engines.drake.actuation import NATIVE, JointServos, pd_controllers_
 from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, boxes_hold, chosen, coulomb, light_enough, stops
 from simspec.engines.drake.corners import MOST_CORNERS, corners
-from simspec.engines.drake.coupled import DEVIATIONS, MASS_RATIO
+from simspec.engines.drake.coupled import DEVIATIONS, MASS_RATIO, SELF_LOCKING
 from simspec.engines.drake.expected import expected
 from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load
 from simspec.engines.drake.inventory import inventory, neutral
@@ -214,6 +214,7 @@ class Drake(SteppedEngine[Simulation]):
         ),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", refine=planes_covered),
         Feature.CARRIED_FRICTION: Support(Level.EXACT),
+        Feature.SELF_LOCKING: SELF_LOCKING,
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
         Feature.RESTITUTION: never("Drake's contact has no restitution"),

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.settings import written_settings
 from simspec.support.declarations import Level, Refinement, Support, approximate
 from simspec.world.meeting import meeting_laws
 from simspec.world.reach import largest_ratio, reach
@@ -23,7 +25,9 @@ MARGIN = 1.15
 """Declared over measured: figures at frictions between the measured ones differ by some percent."""
 ABOVE = 1.05
 """A row counts from this multiple of the timestep measured before it: at timesteps between, the larger size is declared."""
-LENGTHS = frozenset({"rod", "clamp", "pile", "stack", "stack-sideways", "cross", "cross-sideways", "carrier"})
+LENGTHS = frozenset(
+    {"rod", "clamp", "jam", "jam-light", "pile", "stack", "stack-sideways", "cross", "cross-sideways", "carrier"}
+)
 """Probes whose deviations are lengths (m); those of the others are shares of the expected value."""
 KEYS = ("setting", "cone", "probe", "restitution", "ratio")
 """Columns that say where a row of the table counts; the others are timesteps (ms) with the largest measured deviation, empty
@@ -96,11 +100,11 @@ def _setting(text: str) -> tuple[str, str] | None:
     return (name, value) if value else None
 
 
-def given(engine: str, **defaults: str) -> Callable[[World], Mapping[str, Any]]:
-    """The settings that a world gives an engine, over ``defaults``."""
+def in_force(engine: str) -> Callable[[World], Mapping[str, Any]]:
+    """The settings that are in force in a world: those that its spec gives the engine, and the engine's own."""
 
     def settings(world: World) -> Mapping[str, Any]:
-        return {**defaults, **dict(world.options(engine).settings)}
+        return written_settings(find_engine(engine), world)
 
     return settings
 
@@ -114,14 +118,26 @@ def heavy_on_light(
     rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
 ) -> Support:
     """Exact where no declared deviation of a stack counts under a world's settings, otherwise to be accepted by name."""
-    stacks = [row for row in rows if row.probe.startswith("stack")]
+    return _where_rows_count([row for row in rows if row.probe.startswith("stack")], settings, how, short)
 
+
+def self_locking(
+    rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
+) -> Support:
+    """Exact where no declared deviation of a clamp that jams counts under a world's settings, otherwise to be accepted by
+    name."""
+    return _where_rows_count([row for row in rows if row.probe.startswith("jam")], settings, how, short)
+
+
+def _where_rows_count(
+    rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
+) -> Support:
     def exact(world: World) -> Refinement | None:
         ratio, timestep, cone = largest_ratio(world), world.physics.timestep, world.contact.friction_cone
         counting = any(
             row.counts_for(law, cone, timestep, settings(world), ratio)
             for law in meeting_laws(world).values()
-            for row in stacks
+            for row in rows
         )
         return None if counting else Refinement(Level.EXACT, "")
 

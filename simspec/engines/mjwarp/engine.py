@@ -82,7 +82,7 @@ class MjWarp(MjWarpSimulation):
         # simspec's loop around MuJoCo's solver is not written for it
         **{
             feature: dataclasses.replace(MuJoCo.SUPPORT[feature], refine=None, cases=())
-            for feature in (Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION)
+            for feature in (Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION, Feature.SELF_LOCKING)
         },
         Feature.SHAPE_BOX: EXACT,  # by a function of its own, whatever MuJoCo's release
         Feature.SHAPE_CAPSULE: _of_kind("capsule"),

@@ -26,7 +26,7 @@ from simspec.engines.kit.refinements import no_friction, planes_still, still_or_
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.physx.building import imported
-from simspec.engines.physx.coupled import DEVIATIONS, MASS_RATIO
+from simspec.engines.physx.coupled import DEVIATIONS, MASS_RATIO, SELF_LOCKING
 from simspec.engines.physx.edges import BOXES, MESHES, boxes, meshes
 from simspec.engines.physx.expected import expected
 from simspec.engines.physx.filters import apart, kinds
@@ -151,6 +151,7 @@ class PhysX(SteppedEngine[Simulation]):
         Feature.MARGIN_PAIRS: never("PhysX's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
         Feature.CARRIED_FRICTION: Support(Level.EXACT),
+        Feature.SELF_LOCKING: SELF_LOCKING,
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: Support(

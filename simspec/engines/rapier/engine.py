@@ -25,7 +25,7 @@ from simspec.engines.kit.refinements import only_balls_slide, planes_still, stil
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.rapier.balls import SMALL, balls
-from simspec.engines.rapier.coupled import DEVIATIONS, MASS_RATIO
+from simspec.engines.rapier.coupled import DEVIATIONS, MASS_RATIO, SELF_LOCKING
 from simspec.engines.rapier.cylinders import CYLINDERS, cylinders
 from simspec.engines.rapier.expected import expected
 from simspec.engines.rapier.hulls import STACKED, hulls_held
@@ -129,6 +129,7 @@ class Rapier(SteppedEngine[Simulation]):
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
         Feature.FRICTION: Support(Level.EXACT, _LAW),
         Feature.CARRIED_FRICTION: Support(Level.EXACT),
+        Feature.SELF_LOCKING: SELF_LOCKING,
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: Support(Level.EXACT, _LAW),
         Feature.RESTITUTION: Support(Level.EXACT, _BOUNCE),

@@ -35,6 +35,8 @@ EFFECTS: Mapping[str, str] = {
     "rod-slips": "friction of leaning bodies",
     "clamp": "friction of clamped bodies",
     "clamp-slips": "friction of clamped bodies",
+    "jam": "friction that alone presses a clamp",
+    "jam-light": "friction that alone presses a clamp",
     "pile": "friction in piles",
     "pile-slips": "friction in piles",
     "strike": "impacts on several bodies",

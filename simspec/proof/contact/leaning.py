@@ -55,7 +55,7 @@ WALL = (0.2, 1.0, 4.0)
 
 
 @dataclass(frozen=True)
-class _Case:
+class Case:
     """One body or pile: its name, direction (degrees), friction over the least that holds, and place in the grid."""
 
     name: str
@@ -100,31 +100,31 @@ class _Leaning(Probe):
         """The angle at which this friction is the least that holds; None where there is none in the range that is probed."""
         raise NotImplementedError
 
-    def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
+    def bodies(self, law: Law, case: Case) -> Iterator[Body]:
         raise NotImplementedError
 
-    def effort(self, law: Law, case: _Case) -> Mapping[str, tuple[float, ...]]:
+    def effort(self, law: Law, case: Case) -> Mapping[str, tuple[float, ...]]:
         return {}
 
     def meets(self, law: Law) -> tuple[tuple[str, str], ...]:
         return ()
 
-    def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
+    def slip(self, law: Law, case: Case, steps: int, friction: float) -> np.ndarray:
         """The way (steps + 1,), in m, of the body that is measured where it slips with this friction."""
         raise NotImplementedError
 
-    def way(self, case: _Case, motion: Motion) -> np.ndarray:
+    def way(self, case: Case, motion: Motion) -> np.ndarray:
         """The same of a motion (n,)."""
         raise NotImplementedError
 
-    def cases(self, law: Law) -> list[_Case]:
+    def cases(self, law: Law) -> list[Case]:
         found = [
             (turn, ratio)
             for turn in TURNS[law.friction_cone]
             for ratio in (*STANDS, *SLIPS)
             if self.angle(law.pair.friction / ratio) is not None
         ]
-        return [_Case(f"{self.NAME}_{number}", turn, ratio, number) for number, (turn, ratio) in enumerate(found)]
+        return [Case(f"{self.NAME}_{number}", turn, ratio, number) for number, (turn, ratio) in enumerate(found)]
 
     def steps(self, law: Law) -> int:
         """Long enough for the slowest slip to be ``SLIPPED``, and for what stands to be seen standing."""
@@ -132,7 +132,7 @@ class _Leaning(Probe):
         slipping = [case for case in self.cases(law) if not case.stands and case.turn == 0.0]
         return max([least, *(self._until(law, case) for case in slipping)])
 
-    def _until(self, law: Law, case: _Case) -> int:
+    def _until(self, law: Law, case: Case) -> int:
         """The step at which a slip is measured."""
         way = self.slip(law, case, math.ceil(SLIP_TIME / law.timestep), law.pair.friction)
         return int(np.argmax(way >= min(SLIPPED, SLIPPED_SHARE * way[-1])))
@@ -238,7 +238,7 @@ class Rod(_Leaning):
             low, high = (middle, high) if self._least(middle) > friction else (low, middle)
         return (low + high) / 2.0
 
-    def cases(self, law: Law) -> list[_Case]:
+    def cases(self, law: Law) -> list[Case]:
         """A slip needs its own threshold: at the flattest angle the least friction may be below the case's."""
         return [
             case
@@ -246,13 +246,13 @@ class Rod(_Leaning):
             if case.stands or law.pair.friction / case.ratio < self._least(self.ANGLES[0])
         ]
 
-    def _angle(self, law: Law, case: _Case) -> float:
+    def _angle(self, law: Law, case: Case) -> float:
         found = self.angle(law.pair.friction / case.ratio)
         if found is None:
             raise ValueError("a case has an angle")
         return found
 
-    def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
+    def bodies(self, law: Law, case: Case) -> Iterator[Body]:
         angle, half = self._angle(law, case), self.LENGTH / 2.0
         c, s = half * math.cos(angle), half * math.sin(angle)
         ends = {"foot": (-c, 0.0, -s), "top": (c, 0.0, s)}
@@ -261,7 +261,7 @@ class Rod(_Leaning):
         wall = case.place(self.RADIUS - TOUCH + WALL[0] / 2.0, WALL[2] / 2.0)
         yield fixed_box(f"{case.name}_wall", WALL, wall, law.pair.first, case.quaternion)
 
-    def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
+    def slip(self, law: Law, case: Case, steps: int, friction: float) -> np.ndarray:
         start = self._angle(law, case)
 
         def acceleration(angle: float, speed: float) -> float:
@@ -272,7 +272,7 @@ class Rod(_Leaning):
         found: np.ndarray = self.LENGTH / 2.0 * (np.cos(angles) - math.cos(start))
         return found
 
-    def way(self, case: _Case, motion: Motion) -> np.ndarray:
+    def way(self, case: Case, motion: Motion) -> np.ndarray:
         pose = motion.pose[case.name]
         along = np.array([math.cos(math.radians(case.turn)), math.sin(math.radians(case.turn)), 0.0])
         moved = pose[:, :3] - pose[0, :3]
@@ -318,20 +318,20 @@ class Clamp(_Leaning):
     FURTHEST = 2.0
     """m from the post to the centre of mass, at most; the gain of a law of little friction is smaller."""
 
-    def _distance(self, friction: float, case: _Case) -> float:
+    def distance(self, friction: float, case: Case) -> float:
         return min(self.GAIN * self.HEIGHT / (2.0 * friction), self.FURTHEST)
 
     def angle(self, friction: float) -> float | None:
         return 0.0
 
-    def _moment(self, law: Law, case: _Case) -> float:
+    def moment(self, law: Law, case: Case) -> float:
         """N m: at ratio 1 friction just carries the weight."""
         friction = law.pair.friction
-        least = GRAVITY * self.MASS * (self.HEIGHT / (2.0 * friction) - self._distance(friction, case))
+        least = GRAVITY * self.MASS * (self.HEIGHT / (2.0 * friction) - self.distance(friction, case))
         return case.ratio * least
 
-    def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
-        out, half = self._distance(law.pair.friction, case), self.HEIGHT / 2.0
+    def bodies(self, law: Law, case: Case) -> Iterator[Body]:
+        out, half = self.distance(law.pair.friction, case), self.HEIGHT / 2.0
         reach = self.POST / 2.0 + self.RADIUS - TOUCH
         ends = {"far": (-out - reach, 0.0, half), "near": (-out + reach, 0.0, -half)}
         height = 3.0
@@ -341,15 +341,15 @@ class Clamp(_Leaning):
         size = (self.POST, 1.0, 2.0 * height)
         yield fixed_box(f"{case.name}_post", size, case.place(0.0, height), law.pair.first, case.quaternion)
 
-    def effort(self, law: Law, case: _Case) -> Mapping[str, tuple[float, ...]]:
-        return {case.name: (0.0, 0.0, 0.0, 0.0, self._moment(law, case), 0.0)}
+    def effort(self, law: Law, case: Case) -> Mapping[str, tuple[float, ...]]:
+        return {case.name: (0.0, 0.0, 0.0, 0.0, self.moment(law, case), 0.0)}
 
-    def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
-        normal = self._moment(law, case) / (self.HEIGHT - 2.0 * friction * self._distance(law.pair.friction, case))
+    def slip(self, law: Law, case: Case, steps: int, friction: float) -> np.ndarray:
+        normal = self.moment(law, case) / (self.HEIGHT - 2.0 * friction * self.distance(law.pair.friction, case))
         fall = GRAVITY - 2.0 * friction * normal / self.MASS
         return _stepped(lambda way, speed: fall, 0.0, law.timestep, steps, (-math.inf, math.inf))
 
-    def way(self, case: _Case, motion: Motion) -> np.ndarray:
+    def way(self, case: Case, motion: Motion) -> np.ndarray:
         height = motion.pose[case.name][:, 2]
         found: np.ndarray = height[0] - height
         return found
@@ -375,17 +375,17 @@ class Pile(_Leaning):
     def angle(self, friction: float) -> float | None:
         return min(2.0 * math.atan(friction), self.WIDEST)
 
-    def cases(self, law: Law) -> list[_Case]:
+    def cases(self, law: Law) -> list[Case]:
         widest = math.tan(self.WIDEST / 2.0)
         return [case for case in super().cases(law) if case.stands or law.pair.friction / case.ratio < widest]
 
-    def _start(self, law: Law, case: _Case) -> float:
+    def _start(self, law: Law, case: Case) -> float:
         return min(2.0 * math.atan(law.pair.friction / case.ratio), self.WIDEST)
 
-    def _names(self, law: Law, case: _Case) -> list[str]:
+    def _names(self, law: Law, case: Case) -> list[str]:
         return [f"{case.name}_{number}" for number in range(self._below(law))]
 
-    def bodies(self, law: Law, case: _Case) -> Iterator[Body]:
+    def bodies(self, law: Law, case: Case) -> Iterator[Body]:
         angle, count = self._start(law, case), self._below(law)
         between = 2.0 * self.RADIUS - TOUCH
         out, up = between * math.sin(angle), between * math.cos(angle)
@@ -401,7 +401,7 @@ class Pile(_Leaning):
     def meets(self, law: Law) -> tuple[tuple[str, str], ...]:
         return tuple((f"{case.name}_below", f"{case.name}_top") for case in self.cases(law))
 
-    def slip(self, law: Law, case: _Case, steps: int, friction: float) -> np.ndarray:
+    def slip(self, law: Law, case: Case, steps: int, friction: float) -> np.ndarray:
         start, below = self._start(law, case), self._below(law)
 
         def acceleration(angle: float, speed: float) -> float:
@@ -411,7 +411,7 @@ class Pile(_Leaning):
         found: np.ndarray = 2.0 * self.RADIUS * (math.cos(start) - np.cos(angles))
         return found
 
-    def way(self, case: _Case, motion: Motion) -> np.ndarray:
+    def way(self, case: Case, motion: Motion) -> np.ndarray:
         height = motion.pose[case.name][:, 2]
         found: np.ndarray = height[0] - height
         return found

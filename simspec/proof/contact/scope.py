@@ -18,7 +18,6 @@ from simspec.world.reach import Reach, reach
 from simspec.world.types import World
 
 MEASURED = "measured"
-NO_PROBE = "not measured: no probe measures it"
 NO_FIGURE = "not measured: none of its probes gave a figure"
 NONE_HERE = "none in this world: "
 
@@ -46,8 +45,8 @@ def _several(world: World) -> str:
 
 
 def _clamps(world: World) -> str:
-    there = any(law.friction and reach(world, *pair).leans for pair, law in meeting_laws(world).items())
-    return "" if there else "each body can touch one flat surface alone, or has no friction"
+    there = any(law.friction and reach(world, *pair).jams for pair, law in meeting_laws(world).items())
+    return "" if there else "no body that moves and has friction has room for another between two of its shapes"
 
 
 def _carriers(world: World) -> str:
@@ -69,8 +68,10 @@ def _slides(world: World) -> str:
 
 SEVERAL = ("rod", "rod-slips", "clamp", "clamp-slips", "pile", "pile-slips", "strike", "row", "edge", "stack", "cross")
 """Probes of several bodies, or of several contacts of one."""
+JAMS = ("jam", "jam-light")
 _OTHERS = (
     *SEVERAL,
+    *JAMS,
     *(f"{name}-energy" for name in SEVERAL),
     "stack-sideways",
     "cross-sideways",
@@ -85,7 +86,7 @@ BORNE = {body.kind for body in LYING.values()}
 KINDS: Mapping[str, Kind] = {
     "contact of two bodies": Kind(PAIRS, _meets),
     "contact of several bodies": Kind(SEVERAL, _several),
-    "clamps that friction alone presses": Kind((), _clamps),
+    "clamps that friction alone presses": Kind(JAMS, _clamps),
     "contact on accelerating carriers": Kind(("carrier",), _carriers),
     "compliance by shape": Kind(("compliance-shape",), _compliant),
     "sliding with spin": Kind(("slide-spin",), _slides),
@@ -105,8 +106,6 @@ def scope(world: World, probes: Iterable[str]) -> dict[str, str]:
 def _state(kind: Kind, world: World, there: set[str]) -> str:
     if why := kind.missing(world):
         return NONE_HERE + why
-    if not kind.probes:
-        return NO_PROBE
     return MEASURED if there & set(kind.probes) else NO_FIGURE
 
 
