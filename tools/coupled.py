@@ -28,7 +28,7 @@ from simspec.engines.kit.coupled import KEYS, LENGTHS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import carried, crossing, jamming, leaning, stacking, together
+from simspec.proof.contact import carried, crossing, jamming, leaning, squeezing, stacking, together
 from simspec.proof.contact.held import EVERYTHING
 from simspec.proof.contact.impact import DROP_RESTITUTION
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
@@ -39,6 +39,7 @@ from simspec.world.types import Contact, EngineOptions, Material, PairContact, P
 PROBES: Mapping[str, Probe] = {
     **leaning.PROBES,
     **jamming.PROBES,
+    **squeezing.PROBES,
     **together.PROBES,
     **stacking.PROBES,
     **crossing.PROBES,
@@ -74,7 +75,9 @@ def laws(probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
     ratios = RATIOS if stacks else (1.0,)
     for friction, restitution, ratio in itertools.product(frictions, restitutions, ratios):
         pair = PairContact("base", "body", friction, restitution)
-        law = Law(pair, cone, timestep, reach=Reach(True, True, True, True, ratio, 3, crosses=True, jams=True))
+        law = Law(
+            pair, cone, timestep, reach=Reach(True, True, True, True, ratio, 3, crosses=True, jams=True, squeezes=True)
+        )
         if probe.applies(law):
             yield law
 
@@ -139,6 +142,7 @@ COLUMNS = (
     "clamp",
     "jam",
     "jam-light",
+    "squeeze",
     "pile",
     "strike",
     "row",
@@ -218,7 +222,13 @@ def _words(settings: Mapping[str, Any]) -> str:
 def _column(row: Mapping[str, Any]) -> str:
     if row["probe"].startswith("stack") and row["ratio"] > 100.0:
         return ""
-    return str(row["probe"]).removesuffix("-slips").removesuffix("-energy").removesuffix("-sideways")
+    return (
+        str(row["probe"])
+        .removesuffix("-slips")
+        .removesuffix("-energy")
+        .removesuffix("-sideways")
+        .removesuffix("-turns")
+    )
 
 
 def _cell(rows: Sequence[Mapping[str, Any]]) -> str:

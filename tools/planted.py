@@ -43,6 +43,7 @@ from simspec.proof.contact import (
     jamming,
     leaning,
     oblique,
+    squeezing,
     stacking,
     together,
 )
@@ -56,6 +57,7 @@ SHAPE = "compliance-shape"
 COUPLED: Mapping[str, Probe] = {
     **leaning.PROBES,
     **jamming.PROBES,
+    **squeezing.PROBES,
     **together.PROBES,
     **stacking.PROBES,
     **crossing.PROBES,

@@ -16,7 +16,9 @@ from simspec.world.reach import Reach
 from simspec.world.types import Hardness, PairContact
 
 TIMESTEP = 1e-3
-_REACH = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True, jams=True)
+_REACH = Reach(
+    leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True, jams=True, squeezes=True
+)
 _KINDS = ("box", "capsule", "cylinder")
 RIGID = Law(PairContact("base", "body", 0.5, 0.0), "elliptic", TIMESTEP, reach=_REACH)
 LAWS: Mapping[str, Law] = {

@@ -24,6 +24,9 @@ WITHIN = 4.0
 """A box lies within another's face where the face is this many times as wide as the box's diagonal, as floors are: it may be
 pushed over an edge all the same, but few bodies are there at a time."""
 
+FLAT = ("box", "cylinder", "mesh")
+"""Kinds of shapes with faces."""
+
 
 @dataclass(frozen=True, slots=True)
 class Reach:
@@ -37,6 +40,7 @@ class Reach:
     layers   how many such bodies can lie on each other, 3 standing for more
     kinds    of the shapes of bodies that move and touch so, sorted
     crosses  a box may lie on another so that their edges cross: neither is so small that it lies within the other's faces
+    squeezes a body with faces may be pressed on one by a body on a joint, and touch another beside it
     jams     a body that moves may have another between two of its shapes, as a clamp that friction alone presses on
     """
 
@@ -49,6 +53,7 @@ class Reach:
     kinds: tuple[str, ...] = ()
     crosses: bool = False
     jams: bool = False
+    squeezes: bool = False
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,8 @@ def reach(world: World, first: str, second: str) -> Reach:
     """What bodies of two materials can do together in ``world``."""
     masses, groups = _masses(world), rigid_groups(world)
     kinematic, leaning = _kinematic(world), _leaning(world)
-    ratio, leans, carries, crosses, jams = 0.0, False, False, False, False
+    ratio, leans, carries, crosses = 0.0, False, False, False
+    jams, squeezes = False, False
     moved: set[str] = set()
     for one, other in _touching(world, frozenset((first, second))):
         moving = [body for body in (one, other) if _moves(world, body)]
@@ -73,6 +79,7 @@ def reach(world: World, first: str, second: str) -> Reach:
         leans = leans or any(body.name in leaning for body in moving)
         crosses = crosses or _boxes_cross(one, other)
         jams = jams or _clamps(world, one, other) or _clamps(world, other, one)
+        squeezes = squeezes or _squeezes(world, one, other) or _squeezes(world, other, one)
         free = [body for body in moving if body.name not in kinematic]
         driven = len(moving) == 2 and any(body.name in kinematic or not _is_lone(world, body) for body in moving)
         carries = carries or driven or any(_surface_moves(body) for body in (one, other))
@@ -88,7 +95,7 @@ def reach(world: World, first: str, second: str) -> Reach:
         for shape in solid_shapes(body)
         if shape.material in (first, second)
     }
-    return Reach(leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)), crosses, jams)
+    return Reach(leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)), crosses, jams, squeezes)
 
 
 def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator[tuple[Body, Body]]:
@@ -116,6 +123,13 @@ def _clamps(world: World, body: Body, partner: Body) -> bool:
         shape.kind not in STILL_SHAPES and 2.0 * SHAPES[shape.kind].inner_radius(shape.size) < gap
         for shape in solid_shapes(partner)
     )
+
+
+def _squeezes(world: World, body: Body, finger: Body) -> bool:
+    """Whether a body may be pressed against another by ``finger``, face on face."""
+    faces = all(any(shape.kind in FLAT for shape in solid_shapes(one)) for one in (body, finger))
+    driven = _moves(world, finger) and finger.name not in _kinematic(world) and not _is_lone(world, finger)
+    return faces and driven and body.name in _leaning(world)
 
 
 def _boxes_cross(one: Body, other: Body) -> bool:

@@ -26,7 +26,20 @@ MARGIN = 1.15
 ABOVE = 1.05
 """A row counts from this multiple of the timestep measured before it: at timesteps between, the larger size is declared."""
 LENGTHS = frozenset(
-    {"rod", "clamp", "jam", "jam-light", "pile", "stack", "stack-sideways", "cross", "cross-sideways", "carrier"}
+    {
+        "rod",
+        "clamp",
+        "jam",
+        "jam-light",
+        "squeeze",
+        "squeeze-turns",
+        "pile",
+        "stack",
+        "stack-sideways",
+        "cross",
+        "cross-sideways",
+        "carrier",
+    }
 )
 """Probes whose deviations are lengths (m); those of the others are shares of the expected value."""
 KEYS = ("setting", "cone", "probe", "restitution", "ratio")

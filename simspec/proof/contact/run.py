@@ -40,6 +40,7 @@ from simspec.proof.contact import (
     oblique,
     size,
     spin,
+    squeezing,
     stacking,
     together,
 )
@@ -62,6 +63,7 @@ PROBES: Mapping[str, Probe] = {
     **spin.PROBES,
     **leaning.PROBES,
     **jamming.PROBES,
+    **squeezing.PROBES,
     **together.PROBES,
     **stacking.PROBES,
     **crossing.PROBES,

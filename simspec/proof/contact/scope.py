@@ -49,6 +49,11 @@ def _clamps(world: World) -> str:
     return "" if there else "no body that moves and has friction has room for another between two of its shapes"
 
 
+def _pressed(world: World) -> str:
+    there = any(law.friction and reach(world, *pair).squeezes for pair, law in meeting_laws(world).items())
+    return "" if there else "no body on a joint can press a face, or none with friction"
+
+
 def _carriers(world: World) -> str:
     there = any(law.friction and reach(world, *pair).carries for pair, law in meeting_laws(world).items())
     return "" if there else "nothing lies on what moves"
@@ -68,10 +73,12 @@ def _slides(world: World) -> str:
 
 SEVERAL = ("rod", "rod-slips", "clamp", "clamp-slips", "pile", "pile-slips", "strike", "row", "edge", "stack", "cross")
 """Probes of several bodies, or of several contacts of one."""
+SQUEEZED = ("squeeze", "squeeze-slips", "squeeze-turns")
 JAMS = ("jam", "jam-light")
 _OTHERS = (
     *SEVERAL,
     *JAMS,
+    *SQUEEZED,
     *(f"{name}-energy" for name in SEVERAL),
     "stack-sideways",
     "cross-sideways",
@@ -87,6 +94,7 @@ KINDS: Mapping[str, Kind] = {
     "contact of two bodies": Kind(PAIRS, _meets),
     "contact of several bodies": Kind(SEVERAL, _several),
     "clamps that friction alone presses": Kind(JAMS, _clamps),
+    "faces that joints press": Kind(SQUEEZED, _pressed),
     "contact on accelerating carriers": Kind(("carrier",), _carriers),
     "compliance by shape": Kind(("compliance-shape",), _compliant),
     "sliding with spin": Kind(("slide-spin",), _slides),
