@@ -26,6 +26,7 @@ RARE = {
     Feature.MASS_RATIO,
     Feature.CARRIED_FRICTION,
     Feature.SELF_LOCKING,
+    Feature.EVEN_PRESSURE,
     Feature.TREE_SIZE,
     Feature.TREE_DEPTH,
     Feature.CONTROL_NATIVE,

@@ -66,6 +66,8 @@ def coupled_needs(world: World) -> list[Need]:
             found.setdefault(Feature.CARRIED_FRICTION, []).append(f"{path}.friction")
         if law.friction and there.jams:
             found.setdefault(Feature.SELF_LOCKING, []).append(f"{path}.friction")
+        if law.friction and there.squeezes:
+            found.setdefault(Feature.EVEN_PRESSURE, []).append(f"{path}.friction")
         if there.ratio >= HEAVY_ON_LIGHT:
             found.setdefault(Feature.MASS_RATIO, []).append(path)
     return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]

@@ -68,6 +68,7 @@ class Feature(StrEnum):
     IMPACT_FRICTION = "contact.friction.impact"
     CARRIED_FRICTION = "contact.friction.carried"
     SELF_LOCKING = "contact.friction.self-locking"
+    EVEN_PRESSURE = "contact.pressure"
     MASS_RATIO = "contact.mass-ratio"
     CONE_ELLIPTIC = "contact.cone.elliptic"
     CONE_PYRAMID_INSCRIBED = "contact.cone.pyramid-inscribed"
@@ -149,6 +150,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.IMPACT_FRICTION: "friction in the step of an oblique impact, and where normal forces change within steps",
     Feature.CARRIED_FRICTION: "friction that holds a body on a kinematic or driven one, or on a surface that moves",
     Feature.SELF_LOCKING: "friction that alone presses a clamp on: a body that may have another between two of its shapes",
+    Feature.EVEN_PRESSURE: "even pressure of a face that a body on a joint presses, so that friction does not turn it",
     Feature.MASS_RATIO: "bodies that may lie on others of a tenth of their mass or less",
     Feature.CONE_ELLIPTIC: "|f| ≤ μ N",
     Feature.CONE_PYRAMID_INSCRIBED: "|fx| + |fy| ≤ μ N",
@@ -170,5 +172,5 @@ MEANING: Mapping[Feature, str] = {
     Feature.FLUID: "drag and viscous resistance of a fluid around the bodies, by the box of each one's inertia",
 }
 
-COUPLED_CONTACT = (Feature.CARRIED_FRICTION, Feature.SELF_LOCKING, Feature.MASS_RATIO)
+COUPLED_CONTACT = (Feature.CARRIED_FRICTION, Feature.SELF_LOCKING, Feature.EVEN_PRESSURE, Feature.MASS_RATIO)
 """What contact of several bodies needs beside what that of two does: coupled probes of level L5 measure it."""

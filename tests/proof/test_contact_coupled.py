@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import simspec
 from simspec.engines.kit.coupled import in_force
 from simspec.engines.kit.registry import find_engine
-from simspec.proof.contact import carried, crossing, jamming, leaning, oblique, stacking, together
+from simspec.proof.contact import carried, crossing, jamming, leaning, oblique, squeezing, stacking, together
 from simspec.proof.contact.leaning import Rod, pile_acceleration, rod_acceleration
 from simspec.proof.contact.probe import GRAVITY
 from simspec.proof.contact.together import OPENING, Strike, impulses
@@ -24,8 +24,18 @@ from tests.proof.contact_probing import figures, installed, law
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-ALL = Reach(leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True, jams=True)
-PROBES = {**leaning.PROBES, **jamming.PROBES, **together.PROBES, **stacking.PROBES, **crossing.PROBES, **carried.PROBES}
+ALL = Reach(
+    leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True, jams=True, squeezes=True
+)
+PROBES = {
+    **leaning.PROBES,
+    **jamming.PROBES,
+    **squeezing.PROBES,
+    **together.PROBES,
+    **stacking.PROBES,
+    **crossing.PROBES,
+    **carried.PROBES,
+}
 
 
 def coupled(**pair):
@@ -215,6 +225,26 @@ def test_one_shape_clamps_nothing_and_bodies_fixed_to_each_other_may(tmp_path):
     assert found(tmp_path, balls(1.0) + arm + post).jams
 
 
+FINGER = (
+    "  finger: {{mass: 1, joint: {{type: slide, axis: [1, 0, 0]}},"
+    " shapes: [{{{shape}, pose: {{xyz: [0, 0, 3]}}, material: wood}}]}}\n"
+)
+SMALL_BOX = BOX.format(name="box", x=2, size="[0.2, 0.2, 0.1]")
+
+
+@pytest.mark.parametrize(
+    ("shape", "more", "squeezes"),
+    [
+        ("box: {size: [0.1, 0.1, 0.1]}", SMALL_BOX, True),
+        ("cylinder: {radius: 0.1, length: 0.1}", SMALL_BOX, True),
+        ("sphere: {radius: 0.1}", SMALL_BOX, False),
+        ("box: {size: [0.1, 0.1, 0.1]}", balls(1.0), False),
+    ],
+)
+def test_a_finger_on_a_joint_presses_faces(tmp_path, shape, more, squeezes):
+    assert found(tmp_path, FINGER.format(shape=shape) + more).squeezes is squeezes
+
+
 def test_many_alike_are_found_by_their_extremes(tmp_path):
     masses = [1.0] * 20 + [7.0] + [1.0] * 20
     assert found(tmp_path, balls(*masses)).ratio == pytest.approx(7.0)
@@ -227,7 +257,9 @@ EXACT = ("pybullet", "dart", "ode")
 
 
 @pytest.mark.parametrize("engine", EXACT)
-@pytest.mark.parametrize("name", [name for name in PROBES if name not in ("slide-spin", *jamming.PROBES)])
+@pytest.mark.parametrize(
+    "name", [name for name in PROBES if name not in ("slide-spin", *jamming.PROBES, *squeezing.PROBES)]
+)
 def test_engines_keep_to_the_coupled_law(engine, name, tmp_path):
     if not installed(engine):
         pytest.skip(f"{engine} is not installed")
@@ -285,6 +317,18 @@ def test_a_clamp_jams_in_a_direct_solver_and_falls_where_friction_makes_no_norma
     assert shown[0].without == pytest.approx(GRAVITY * 0.3**2 / 2.0, rel=0.01)  # free fall
 
 
+def test_fingers_press_evenly_in_a_direct_solver_and_turn_boxes_where_sweeps_end_early(tmp_path):
+    """What slips at 0.8 times the friction that holds falls with 0.2 g, straight."""
+    probe, wanted = squeezing.PROBES["squeeze"], coupled()
+    slips = next(figure for figure in probe.wanted(wanted) if figure.probe == "squeeze-slips")
+    assert slips.expected == pytest.approx(0.1, abs=0.001)
+    assert slips.without == pytest.approx(5.0 * slips.expected)
+    for engine, passed in (("ode", [True] * 3), ("dart", [False] * 3)):
+        if installed(engine):
+            shown = figures(engine, probe, wanted, tmp_path / engine)
+            assert [figure.passed for figure in shown] == passed
+
+
 def test_a_clamp_is_probed_where_a_world_can_have_one_and_its_friction_holds_within_two_metres():
     for probe in jamming.PROBES.values():
         assert probe.applies(coupled(friction=0.05))
@@ -294,7 +338,10 @@ def test_a_clamp_is_probed_where_a_world_can_have_one_and_its_friction_holds_wit
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "drake", "ode", "gazebo", "rapier", "physx"])
-@pytest.mark.parametrize(("feature", "probe"), [(Feature.MASS_RATIO, "stack"), (Feature.SELF_LOCKING, "jam")])
+@pytest.mark.parametrize(
+    ("feature", "probe"),
+    [(Feature.MASS_RATIO, "stack"), (Feature.SELF_LOCKING, "jam"), (Feature.EVEN_PRESSURE, "squeeze")],
+)
 @pytest.mark.parametrize("timestep", [1, 16])
 def test_what_is_declared_off_by_default_must_be_accepted_by_name(engine, feature, probe, timestep, tmp_path):
     """Support is decided with the settings that are in force, stated or not."""
@@ -316,6 +363,9 @@ def test_what_is_declared_off_by_default_must_be_accepted_by_name(engine, featur
         if row.probe.startswith(probe)
         and row.counts_for(law(timestep=1e-3 * timestep).pair, "elliptic", 1e-3 * timestep, settings, there.ratio)
     ]
+    if feature is Feature.EVEN_PRESSURE and engine in ("rapier", "physx"):
+        assert kind.SUPPORT[feature].level is Level.UNSUPPORTED  # no joints
+        return
     refined = kind.SUPPORT[feature].refine(world)
     assert (refined is not None and refined.level is Level.EXACT) == (not counting)
 

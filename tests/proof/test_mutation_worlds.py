@@ -19,6 +19,7 @@ NOT_IN_FILES = {
     "contact.mass-ratio": "how engines solve stacks: of worlds of any masses",
     "contact.friction.carried": "how engines hold what is carried: of worlds of any friction",
     "contact.friction.self-locking": "how engines make a clamp's normal force: of worlds of any friction",
+    "contact.pressure": "how engines spread pressure over a face: of worlds of any friction",
     "contact.friction.impact": "how engines compute friction: of worlds of any friction",
     **dict.fromkeys(
         ("material.friction.pairs", "material.restitution.pairs", "contact.hardness.pairs"),

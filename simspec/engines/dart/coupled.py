@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.dart.expected import chosen_solver
-from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Support
 from simspec.world.types import World
@@ -54,6 +54,12 @@ MASS_RATIO: Support = heavy_on_light(
     "NSGS leaves overlaps where heavy bodies lie on light ones, in steps of 2 ms and more; dantzig 0.2 mm at a ratio of 1000 "
     "and 4 ms, 6 mm at 16 ms",
     "1000 times the mass sinks through at 4 ms",
+)
+EVEN_PRESSURE: Support = even_pressure(
+    DEVIATIONS,
+    _in_force,
+    "TODO",
+    "TODO",
 )
 SELF_LOCKING: Support = self_locking(
     DEVIATIONS,

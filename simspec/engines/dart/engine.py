@@ -28,7 +28,7 @@ from simspec.engines.dart.actuation import (
     none_along_servos,
     none_on_servos,
 )
-from simspec.engines.dart.coupled import DEVIATIONS, MASS_RATIO, SELF_LOCKING
+from simspec.engines.dart.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING
 from simspec.engines.dart.expected import chosen_solver, expected
 from simspec.engines.dart.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.dart.inventory import inventory, neutral
@@ -246,6 +246,7 @@ class Dart(SteppedEngine[Simulation]):
         Feature.IMPACT_FRICTION: EXACT,
         Feature.CARRIED_FRICTION: EXACT,
         Feature.SELF_LOCKING: SELF_LOCKING,
+        Feature.EVEN_PRESSURE: EVEN_PRESSURE,
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.CONE_ELLIPTIC: approximate(
             "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and is four times "

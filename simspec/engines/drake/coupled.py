@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Support
 
@@ -37,6 +37,12 @@ MASS_RATIO: Support = heavy_on_light(
     in_force("drake"),
     "by SAP heavy bodies sink into light ones in steps of 4 ms and more: by 9 mm at a ratio of 1000; by TAMSI they do not",
     "by SAP 1000 times the mass sinks 9 mm in at 4 ms",
+)
+EVEN_PRESSURE: Support = even_pressure(
+    DEVIATIONS,
+    in_force("drake"),
+    "TODO",
+    "TODO",
 )
 SELF_LOCKING: Support = self_locking(
     DEVIATIONS,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Level, Refinement, Support
 
@@ -35,6 +35,12 @@ MASS_RATIO: Support = heavy_on_light(
     "pgs leaves overlaps where heavy bodies lie on light ones: 0.3 mm at a ratio of 10 (1 ms), and 100 times the "
     "mass sinks through within 5 s; dantzig leaves 0.2 mm at a ratio of 1000 and 4 ms, 2.6 mm at 16 ms",
     "with pgs 100 times the mass sinks through within 5 s at 1 ms",
+)
+EVEN_PRESSURE: Support = even_pressure(
+    DEVIATIONS,
+    in_force("gazebo"),
+    "TODO",
+    "TODO",
 )
 SELF_LOCKING: Support = self_locking(
     DEVIATIONS,

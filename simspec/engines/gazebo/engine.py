@@ -15,7 +15,7 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.gazebo import library
-from simspec.engines.gazebo.coupled import DEVIATIONS, MASS_RATIO, SELF_LOCKING, SWEEPS
+from simspec.engines.gazebo.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING, SWEEPS
 from simspec.engines.gazebo.expected import expected
 from simspec.engines.gazebo.inventory import inventory
 from simspec.engines.gazebo.pairs import CASES, capsules, cylinders
@@ -179,6 +179,7 @@ class Gazebo(SteppedEngine[Simulation]):
         ),
         Feature.CARRIED_FRICTION: EXACT,
         Feature.SELF_LOCKING: SELF_LOCKING,
+        Feature.EVEN_PRESSURE: EVEN_PRESSURE,
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: approximate(

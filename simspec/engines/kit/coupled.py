@@ -142,6 +142,14 @@ def self_locking(
     return _where_rows_count([row for row in rows if row.probe.startswith("jam")], settings, how, short)
 
 
+def even_pressure(
+    rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
+) -> Support:
+    """Exact where no declared deviation of what fingers press counts under a world's settings, otherwise to be accepted by
+    name."""
+    return _where_rows_count([row for row in rows if row.probe.startswith("squeeze")], settings, how, short)
+
+
 def _where_rows_count(
     rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
 ) -> Support:

@@ -128,6 +128,7 @@ class Mjx(MjxSimulation):
         ),
         Feature.CARRIED_FRICTION: dataclasses.replace(MuJoCo.SUPPORT[Feature.CARRIED_FRICTION], refine=None, cases=()),
         Feature.SELF_LOCKING: dataclasses.replace(MuJoCo.SUPPORT[Feature.SELF_LOCKING], refine=None),
+        Feature.EVEN_PRESSURE: MuJoCo.SUPPORT[Feature.EVEN_PRESSURE],
         Feature.MASS_RATIO: MuJoCo.SUPPORT[Feature.MASS_RATIO],
         Feature.CONTROL_NATIVE: never("simspec drives MJX by efforts"),
         Feature.CONE_ELLIPTIC: Support(

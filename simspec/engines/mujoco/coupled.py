@@ -12,7 +12,7 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Refine, Refinement, Support, approximate
 from simspec.support.features import Feature
@@ -72,6 +72,12 @@ def coupled_support(by_coulomb: Refinement, asked: Refine) -> Mapping[Feature, S
             "presses it on; by friction: coulomb it creeps by 0.5 mm at μ = 0.05 under the elliptic cone, and falls under "
             "the pyramid at μ of 0.2 to 0.4",
             "a clamp that jams slips by 20 mm in 0.3 s, or falls where little but friction presses it on",
+        ),
+        Feature.EVEN_PRESSURE: even_pressure(
+            DEVIATIONS,
+            in_force("mujoco"),
+            "TODO",
+            "TODO",
         ),
         Feature.MASS_RATIO: heavy_on_light(
             DEVIATIONS,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Level, Refinement, Support
 
@@ -33,6 +33,12 @@ MASS_RATIO: Support = heavy_on_light(
     "quick-step leaves overlaps where heavy bodies lie on light ones: 0.5 mm at a ratio of 100 (1 ms), and 1000 "
     "times the mass sinks through within 5 s; step moves stacks sideways by up to 1.4 mm, from 4 ms on",
     "with quick-step 100 times the mass sinks 0.5 mm in at 1 ms, 1000 times through",
+)
+EVEN_PRESSURE: Support = even_pressure(
+    DEVIATIONS,
+    in_force("ode"),
+    "TODO",
+    "TODO",
 )
 SELF_LOCKING: Support = self_locking(
     DEVIATIONS,

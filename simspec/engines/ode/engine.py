@@ -27,7 +27,7 @@ from simspec.engines.kit.refinements import planes_still
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.engines.ode import library
-from simspec.engines.ode.coupled import DEVIATIONS, MASS_RATIO, SELF_LOCKING, SWEEPS
+from simspec.engines.ode.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING, SWEEPS
 from simspec.engines.ode.expected import expected
 from simspec.engines.ode.inventory import inventory, neutral
 from simspec.engines.ode.native import JOINTS, SWITCH
@@ -149,6 +149,7 @@ class Ode(SteppedEngine[Simulation]):
         Feature.TORSIONAL_FRICTION: Support(Level.EXACT, _MOMENTS),
         Feature.ROLLING_FRICTION: Support(Level.EXACT, _MOMENTS),
         Feature.SELF_LOCKING: SELF_LOCKING,
+        Feature.EVEN_PRESSURE: EVEN_PRESSURE,
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.HARDNESS_TIME_CONSTANT: never("ODE's softness is that of a spring in N/m, for whatever mass"),
         Feature.HARDNESS_STIFFNESS: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),

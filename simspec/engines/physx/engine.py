@@ -152,6 +152,7 @@ class PhysX(SteppedEngine[Simulation]):
         Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
         Feature.CARRIED_FRICTION: Support(Level.EXACT),
         Feature.SELF_LOCKING: SELF_LOCKING,
+        Feature.EVEN_PRESSURE: never("simspec gives PhysX no joints"),
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: Support(

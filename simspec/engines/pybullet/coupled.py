@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Support
 
@@ -37,6 +37,12 @@ MASS_RATIO: Support = heavy_on_light(
     in_force("pybullet"),
     "heavy bodies sink into light ones: 0.3 mm at a ratio of 100, 5 mm at 1000 (1 ms)",
     "100 times the mass sinks 0.3 mm in at 1 ms, 1000 times 5 mm",
+)
+EVEN_PRESSURE: Support = even_pressure(
+    DEVIATIONS,
+    in_force("pybullet"),
+    "TODO",
+    "TODO",
 )
 SELF_LOCKING: Support = self_locking(
     DEVIATIONS,

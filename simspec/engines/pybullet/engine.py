@@ -44,7 +44,7 @@ from simspec.engines.pybullet.contact import (
     POINTS,
     only_balls_and_boxes_are_soft,
 )
-from simspec.engines.pybullet.coupled import DEVIATIONS, MASS_RATIO, SELF_LOCKING
+from simspec.engines.pybullet.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING
 from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
@@ -190,6 +190,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.FRICTION: Support(Level.EXACT, "numbers, up to 10 for a pair"),
         Feature.CARRIED_FRICTION: EXACT,
         Feature.SELF_LOCKING: SELF_LOCKING,
+        Feature.EVEN_PRESSURE: EVEN_PRESSURE,
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION: Support(

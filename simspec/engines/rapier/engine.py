@@ -130,6 +130,7 @@ class Rapier(SteppedEngine[Simulation]):
         Feature.FRICTION: Support(Level.EXACT, _LAW),
         Feature.CARRIED_FRICTION: Support(Level.EXACT),
         Feature.SELF_LOCKING: SELF_LOCKING,
+        Feature.EVEN_PRESSURE: never("simspec gives Rapier no joints"),
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.FRICTION_PAIRS: Support(Level.EXACT, _LAW),
         Feature.RESTITUTION: Support(Level.EXACT, _BOUNCE),
