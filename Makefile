@@ -8,6 +8,7 @@
 # make fuzz LANGUAGE=urdf MINUTES=10   damaged and hostile files for an importer, so many minutes of processor time
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
 # make certify  every shipped spec, proven in every engine that is here and supports it (nightly): about half an hour on two processors
+# make slow     tests that are left out of make test, since they take long (nightly): every defect in every engine, a bisection of installed versions, the robot's first placement in ODE: some 10 minutes
 # make kills    compile, verify, run and a sweep, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 # make study-small   both scenarios of the study, 5 timesteps, 3 seeds, 3 engines, one pick of the robot: runs/koerber-2021-small/study.md
@@ -22,7 +23,7 @@ JOBS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 8 ] && echo $$((n + 1
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: corpora engines setup demo test quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest certify kills study study-small study-contact page-bundle clean
+.PHONY: corpora engines setup demo test suite quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest certify slow kills study study-small study-contact page-bundle clean
 
 setup: .venv/ready
 
@@ -65,9 +66,11 @@ stale: setup
 	$(BIN)/simspec compile --check
 	$(BIN)/simspec pages --check $(PAGES)
 
-# both halves of check side by side
+# both halves of check side by side; the tests begin when the first of them is done
 test: setup
-	$(MAKE) -j2 check
+	$(MAKE) -j2 check suite
+
+suite: setup
 	$(BIN)/pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 # the language, the world, formats, comparisons, reports: all that needs no engine at work
@@ -132,6 +135,10 @@ selftest: setup
 # specs/*.yaml, specs/contact/*.yaml, specs/motion/*.yaml; the tests of every commit do a few of them
 certify: setup
 	SIMSPEC_CERTIFY=all $(BIN)/pytest -q -n $(JOBS) tests/proof/test_library_certified.py
+
+# what tests/nightly.py leaves out at every commit; the tests there say what stands for it
+slow: setup
+	SIMSPEC_SLOW=all $(BIN)/pytest -q -n $(JOBS) --dist worksteal tests/proof/test_verify.py tests/commands/test_bisect.py tests/test_stacking.py
 
 # nothing is lost, stray or left running, whenever a command is killed
 kills: setup

@@ -3,6 +3,7 @@ leaves anything to the tests that follow it in its process, which are others in 
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -44,6 +45,16 @@ LONGEST = (
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     order = {ROOT / file: place for place, file in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path, len(order)))
+
+
+gc.disable()  # until the tests begin: of what is collected, all stays
+
+
+def pytest_collection_finish() -> None:
+    """What was collected and imported lives as long as the process: no collection of garbage in a test looks at it again."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 ALONE = "SIMSPEC_TESTS_ALONE"

@@ -19,6 +19,8 @@ from simspec.resources import resource_folder
 from simspec.runner.store import load_run
 from tests.installed import INSTALLED
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 PACKAGE = Path(cli.__file__).resolve().parent
 COMMANDS = (
     "new",

@@ -17,6 +17,7 @@ from simspec.runner.expectations import evaluate
 from simspec.world.kinematics import poses
 from simspec.world.types import Inertial
 from tests.installed import INSTALLED
+from tests.nightly import NIGHTLY
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -25,6 +26,9 @@ SPECS = ROOT / "specs"
 SUPPORTED = json.loads((ROOT / "generated" / "stack-cylinders" / "certificate.json").read_text())["engines"]
 """The engines that support the scenario."""
 ENGINES = [name for name in sorted(SUPPORTED) if name in INSTALLED]
+SLOW = {"ode": NIGHTLY}
+"""Engines in which the first placement takes longer than in all others together: ODE solves for all contacts of the grasp at
+once. Every commit tests that grasp in it at the lift, and the robot's way with slippery fingers."""
 LIMIT = 0.01
 GRASPED = 2500
 """Steps of 2 ms until the first cylinder is squeezed and lifted; a row is recorded then."""
@@ -77,7 +81,7 @@ def placement(engine: str):
     return run(part("trajectory.until=13s"), engine)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", [pytest.param(name, marks=SLOW.get(name, ())) for name in ENGINES])
 def test_one_pick_and_place(engine):
     """Within 1 cm, in fact within 2 mm, and nothing else is moved."""
     world = part("trajectory.until=13s")
@@ -125,7 +129,7 @@ def test_the_same_run_twice_gives_the_same_bits(engine):
     """Until a cylinder is grasped."""
     world = part("trajectory.until=13s")
     begun = dataclasses.replace(world, physics=dataclasses.replace(world.physics, steps=GRASPED))
-    one, two = placement(engine), run(begun, engine)
+    one, two = run(begun, engine) if engine in SLOW else placement(engine), run(begun, engine)
     rows = len(two.arrays["step"])
     assert one.arrays["step"][rows - 1] == two.arrays["step"][-1] == GRASPED
     for channel in ("q", "v", "control.effort"):

@@ -3,6 +3,7 @@ wide that an engine without the effect would pass (see ``proof/contact/declared.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Iterator
 
@@ -56,8 +57,14 @@ def _hardness(kind: str) -> Hardness:
 
 
 def _figures(law: Law, probe: str) -> list[Figure]:
-    some = (one for one in PROBES.values() if one.applies(law))
-    return [figure for one in some for figure in one.wanted(law) if figure.probe == probe]
+    return [figure for figure in _wanted(law) if figure.probe == probe]
+
+
+@functools.cache
+def _wanted(law: Law) -> tuple[Figure, ...]:
+    """What every probe that applies wants. Thousands of declarations are tried with a few hundred laws, and the slides of one
+    law are worked out step by step."""
+    return tuple(figure for probe in PROBES.values() if probe.applies(law) for figure in probe.wanted(law))
 
 
 def _where(some: list[Deviation]) -> Iterator[str]:

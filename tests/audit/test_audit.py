@@ -20,6 +20,8 @@ from simspec.language.foreign import ImportOptions
 from simspec.world.types import ReadBack
 from tests.audit.files import robot
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 READERS = [name for name, engine in engines().items() if "urdf" in engine.FOREIGN and engine.version() is not None]
 
 

@@ -16,6 +16,8 @@ from simspec.errors import EngineError
 from simspec.world.types import Body, ReadBack
 from tests.audit.files import PENDULUM, robot
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 READERS = [name for name, engine in engines().items() if "urdf" in engine.FOREIGN and engine.version() is not None]
 
 

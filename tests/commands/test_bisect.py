@@ -16,6 +16,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.experiments.bisect import Reading
 from tests.files import program
+from tests.nightly import nightly
 
 RELEASED = ["3.3.6", "3.3.7", "3.4.0", "3.5.0"]
 DEPTH = {"3.3.6": 0.2155e-3, "3.3.7": 0.2155e-3, "3.4.0": 0.1078e-3, "3.5.0": 0.1078e-3}
@@ -168,9 +169,11 @@ def reachable() -> bool:
     return subprocess.run(words, capture_output=True, cwd="/", check=False, timeout=60).returncode == 0
 
 
-@pytest.mark.slow
+@nightly
 def test_the_version_that_changed_how_boxes_touch_is_found(tmp_path, monkeypatch, capsys):
-    """Needs the package index: two versions are installed, each in an environment of its own."""
+    """Needs the package index: two versions are installed, each in an environment of its own. What of
+    this every commit tests: the search and the command above, with figures that are made up; a version that is run and stored
+    (``tests/experiments/test_bisect.py``); one that is installed beside (``tests/engines/test_second_environment.py``)."""
     if not reachable():
         pytest.skip("the package index cannot be reached")
     monkeypatch.chdir(tmp_path)

@@ -12,6 +12,8 @@ from simspec.language.foreign import ImportOptions
 from simspec.robot_files import OPTIONS, RobotFiles, reads_robot_files
 from tests.meshes.solids import box, stl
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="{0}" ixy="0" ixz="0" iyz="0"/></inertial>'
 MESH = '<collision><geometry><mesh filename="package://far_description/{0}.stl"/></geometry></collision>'
 ROBOT = f"""<robot name="two" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="file" default="gone"/>

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.oracle_tree import Tree
 from simspec.dynamics.states import random_states
+from simspec.engines.kit.precision import SINGLE
+from simspec.proof.precision import PRECISIONS
 from simspec.proof.selftest_worlds import held, sums
 from simspec.testing import worlds as model_worlds
 from simspec.world.fluid import Box, Fluid
@@ -224,12 +227,15 @@ def test_bodies_listed_breadth_first_are_in_their_own_order():
     ],
     ids=["every joint", "springs", "armature", "lifted", "immersed", "held", "sums", "without sums"],
 )
-def test_steps_on_end_are_single_steps_to_the_last_bit(world):
+@pytest.mark.parametrize("run", [None, 0], ids=["as they are", "rounded"])
+@pytest.mark.filterwarnings("ignore:invalid value")  # what is held together does not stand rounding
+def test_steps_on_end_are_single_steps_to_the_last_bit(world, run):
     """Between single steps the state goes through the world's own order; steps on end may stay in Pinocchio's."""
+    rounded = None if run is None else PRECISIONS[SINGLE].rounding(run, np.random.default_rng(7))
     oracle = Oracle(world)
     q, v = (states[0] for states in random_states(world, 1))
     effort = 0.3 * np.random.default_rng(3).normal(size=oracle.nv)
-    all_q, all_v = oracle.motion(q, v, effort, 25, 10)
+    all_q, all_v = oracle.motion(q, v, effort, 25, 10, rounded)
     rows = {0: 0, 10: 1, 20: 2, 25: 3}
     assert len(all_q) == len(rows)
     for done in range(26):
@@ -238,4 +244,22 @@ def test_steps_on_end_are_single_steps_to_the_last_bit(world):
             assert all_v[rows[done]].tobytes() == v.tobytes(), done
         for tree, _, at_q, at_v in oracle._parts:
             if len(at_v):
-                q[at_q], v[at_v] = tree.step(q[at_q], v[at_v], effort[at_v])
+                q[at_q], v[at_v] = stepped(tree, q[at_q], v[at_v], effort[at_v], rounded)
+
+
+def stepped(tree, q, v, effort, rounded):
+    q, v = tree.step(q, v, effort)
+    return (q, v) if rounded is None else (rounded(q), rounded(v))
+
+
+def test_a_number_is_drawn_for_each_coordinate_in_the_world_s_order():
+    world = model_worlds.every_joint()
+    tree = Tree(world)
+    assert (tree.q_index != np.arange(tree.nq)).any()
+    q, v = (states[0] for states in random_states(world, 1))
+    effort = np.zeros(tree.nv)
+    one, other = (PRECISIONS[SINGLE].rounding(1, np.random.default_rng(7)) for _ in range(2))
+    at_once = tree.advanced(q, v, effort, 20, one)
+    for _ in range(20):
+        q, v = stepped(tree, q, v, effort, other)
+    assert [state.tobytes() for state in at_once] == [q.tobytes(), v.tobytes()]

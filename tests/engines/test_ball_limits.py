@@ -14,6 +14,8 @@ from simspec.errors import SpecError, UnsupportedError
 from simspec.language.load import load
 from simspec.testing import worlds
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 BOB = {
     "mass": 1,
     "inertia": {"principal": [0.02, 0.03, 0.04]},

@@ -16,6 +16,8 @@ from simspec.world.canonical import canonical_json, from_plain
 from simspec.world.overlap import deep_overlaps
 from simspec.world.types import World
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SPEC = """
 simspec: 1
 name: felt

@@ -25,6 +25,8 @@ from simspec.world.shapes import SHAPES
 from simspec.world.types import Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests.installed import each
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 DEEPEST = {"mujoco": 6e-7, "pybullet": 1.5e-5, "drake": 1e-7, "ode": 1e-7, "physx": 1e-6, "rapier": 5e-6}
 """How deep (m) a hull rests beyond what its engine's own hull is off."""
 HULLS_OFF = {"mujoco": 3e-7, "pybullet": 2e-4, "drake": 1e-5, "ode": 0.0, "physx": 1e-6, "rapier": 1e-6}

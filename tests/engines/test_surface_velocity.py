@@ -17,6 +17,8 @@ from simspec.proof.selftest import self_test
 from simspec.world.canonical import canonical_json
 from simspec.world.types import World
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SPEC = """
 simspec: 1
 name: carried

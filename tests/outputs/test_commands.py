@@ -20,6 +20,8 @@ from simspec.runner.store import load_run
 from tests.outputs.surroundings import KINDS, MINE, picture, stray
 from tests.runner.synthetic import free_body, run, world
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 FALL = """\
 simspec: 1
 name: fall

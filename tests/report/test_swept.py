@@ -10,6 +10,8 @@ from simspec.errors import EXIT_FAILED, EXIT_WRONG
 from simspec.report import swept
 from simspec.report.tested import Status
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 SPEC = """\
 simspec: 1
 name: fall

@@ -17,6 +17,8 @@ from simspec.world.types import Record, Shape
 from tests.installed import JOINTED
 from tests.runner import synthetic
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 BALL = tuple(Shape(f"ball_{number}", "sphere", (0.1,)) for number in range(3))
 WORLD = synthetic.world(
     dataclasses.replace(synthetic.free_body("floor"), shapes=(Shape("floor_0", "plane", ()),)),

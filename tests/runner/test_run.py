@@ -21,6 +21,8 @@ from simspec.world.types import Expectation, Physics, Record
 from tests import worlds
 from tests.installed import JOINTED
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 ENGINES = sorted(JOINTED)
 
 

@@ -23,6 +23,8 @@ from tests.engines.drake.scenes import boxes, told
 pytest.importorskip("pydrake")
 from pydrake import geometry
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 HEIGHT = 0.1
 
 

@@ -177,6 +177,7 @@ def test_every_operation_says_what_it_needs():
     assert OPERATIONS["read_back"].needs is Condition.ASKED, "it reads the initial state, too"
 
 
+@pytest.mark.usefixtures("warm_engines")
 @pytest.mark.parametrize("name", JOINTED)
 def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_path):
     world = worlds.with_options(

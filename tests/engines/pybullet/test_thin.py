@@ -18,6 +18,8 @@ from simspec.world.inset import core, outside, thickened, within
 from simspec.world.types import EngineOptions, Joint, Pose, World
 from tests import worlds
 
+pytestmark = pytest.mark.usefixtures("warm_engines")
+
 PLATE = size_of(np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.03, 0.03) for z in (-0.000125, 0.000125)]))
 THIN = [
     ("box", (0.1, 0.06, 0.0015)),

@@ -92,11 +92,11 @@ class Toy(Engine):
                 w, Jv[:, part.v], Jw[:, part.v] = R @ speed[3:], np.eye(3, 6), np.hstack([np.zeros((3, 3)), R])
             else:
                 r, R = R @ part.r, R @ part.R
-                p, Jv, v = p + r, Jv - skew(r) @ Jw, v + np.cross(w, r)
-                av = av + np.cross(aw, r) + np.cross(w, np.cross(w, r))
+                p, Jv, v = p + r, Jv - skew(r) @ Jw, v + skew(w) @ r
+                av = av + skew(aw) @ r + skew(w) @ (skew(w) @ r)
                 if part.kind == "hinge":
                     turned, k = R @ part.axis, skew(part.axis)
-                    w, aw = w + turned * speed[0], aw + np.cross(w, turned * speed[0])
+                    w, aw = w + turned * speed[0], aw + skew(w) @ turned * speed[0]
                     R = R @ (np.eye(3) + np.sin(q[0]) * k + (1.0 - np.cos(q[0])) * k @ k)
                     Jw[:, part.v] = turned[:, None]
             known[part.name] = p, R, Jw, Jv, w, v, aw, av
@@ -107,9 +107,9 @@ class Toy(Engine):
             M, force = np.zeros((len(self.v),) * 2), np.zeros(len(self.v)) if effort is None else np.array(effort)
             for part, (_, R, Jw, Jv, w, _, aw, av) in zip(self.parts, self.motion(), strict=True):
                 c, inertia = R @ part.c, R @ part.I @ R.T
-                J, a = Jv - skew(c) @ Jw, av + np.cross(aw, c) + np.cross(w, np.cross(w, c)) - self.gravity
+                J, a = Jv - skew(c) @ Jw, av + skew(aw) @ c + skew(w) @ (skew(w) @ c) - self.gravity
                 M += part.m * J.T @ J + Jw.T @ inertia @ Jw
-                force -= part.m * J.T @ a + Jw.T @ (inertia @ aw + np.cross(w, inertia @ w))
+                force -= part.m * J.T @ a + Jw.T @ (inertia @ aw + skew(w) @ (inertia @ w))
             self.v = self.v + self.dt * np.linalg.solve(M, force)
             for part in self.parts:
                 q, way = self.q[part.q], self.dt * self.v[part.v]
