@@ -9,6 +9,8 @@ at speed v comes to rest after v²/2μg − v dt/2.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 
@@ -59,11 +61,21 @@ def outline(size: float, friction_cone: str, points: int = 181) -> np.ndarray:
 def slide(
     velocity: np.ndarray, friction: float, gravity: float, timestep: float, friction_cone: str, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities (steps + 1, 2) of a body that slides freely from the origin."""
+    """Positions and velocities (steps + 1, 2) of a body that slides freely from the origin; both are read-only."""
+    x, y = (float(part) for part in velocity)
+    return _slid(x, y, friction * gravity * timestep, timestep, friction_cone, steps)
+
+
+@lru_cache(maxsize=2048)
+def _slid(
+    x: float, y: float, size: float, timestep: float, friction_cone: str, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Kept, since the figures of a certificate ask for thousands of slides, most of them the same."""
     position = np.zeros((steps + 1, 2))
     speed = np.zeros((steps + 1, 2))
-    speed[0] = velocity
+    speed[0] = x, y
     for step in range(steps):
-        speed[step + 1] = speed[step] - project(speed[step], friction * gravity * timestep, friction_cone)
+        speed[step + 1] = speed[step] - project(speed[step], size, friction_cone)
         position[step + 1] = position[step] + timestep * speed[step + 1]
+    position.flags.writeable = speed.flags.writeable = False
     return position, speed
