@@ -97,7 +97,7 @@ def linked(engine: str) -> World:
         excluded_bodies=(("brick", "fore"), ("brick", "ground"), ("fore", "hand"), ("fore", "upper")),
     )
     accept = (
-        *("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "joint.limits.position"),
+        *("contact.cone.elliptic", *worlds.FRICTION, "joint.limits.position"),
         "shape.box",
     )
     # explicit pairs pass by MuJoCo's masks and exclusions

@@ -5,32 +5,24 @@ from __future__ import annotations
 
 import dataclasses
 
+from simspec.proof.selftest_worlds import FRICTION
 from simspec.testing import worlds as shipped
 from simspec.testing.worlds import *  # noqa: F403 - the same module, with options added to four of its worlds
 from simspec.world.types import EngineOptions, Pose, Shape, World
 
 MUJOCO = EngineOptions(
     "mujoco",
-    accept=(
-        "contact.friction.carried",
-        "contact.friction.impact",
-    ),
+    accept=(*FRICTION,),
 )
 """What a world accepts in which something has friction and moves."""
 MJX = EngineOptions(
     "mjx",
-    accept=(
-        "contact.friction.carried",
-        "contact.friction.impact",
-    ),
+    accept=(*FRICTION,),
 )
 """The same."""
 MJWARP = EngineOptions(
     "mjwarp",
-    accept=(
-        "contact.friction.carried",
-        "contact.friction.impact",
-    ),
+    accept=(*FRICTION,),
 )
 """The same."""
 BULLET = EngineOptions("pybullet", accept=("contact.cone.elliptic",))

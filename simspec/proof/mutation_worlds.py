@@ -11,7 +11,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Setting, idle_settings
 from simspec.proof import selftest_worlds
 from simspec.proof.selftest_smaller import EVERY, SMALLER
-from simspec.proof.selftest_worlds import FREE, STILL, TENSOR
+from simspec.proof.selftest_worlds import FREE, FRICTION, STILL, TENSOR
 from simspec.world.carriers import joined
 from simspec.world.control import Controller, Trajectory
 from simspec.world.heightfield import size_of
@@ -61,7 +61,7 @@ def native(engine: str) -> World:
     controller = Controller("own", joints, "native", kp=(30.0, 0.0), kd=(3.0, 2.0), effort_limits=(25.0, None))
     way = Trajectory(joints, (0.0, 1.0), ((0.2, 0.2), (0.5, -0.3)))
     # the friction of a solver that has controllers is an approximation somewhere
-    accept = ("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "control.native")
+    accept = ("contact.cone.elliptic", *FRICTION, "control.native")
     options = EngineOptions(engine, accept=accept)
     return dataclasses.replace(
         world, name="self-test-native", controllers=(controller,), trajectory=way, engines=(options,)
@@ -98,8 +98,7 @@ def shapes(engine: str) -> World:
         sorted(
             (
                 "contact.cone.elliptic",
-                "contact.friction.carried",
-                "contact.friction.impact",
+                *FRICTION,
                 "shape.cylinder",
                 "shape.plane",
             )
@@ -127,9 +126,7 @@ def weightless(engine: str) -> World:
     law = PairContact("rubber", "rubber", 0.5, 0.0)
     apart = (("arm", "root"), ("arm", "tip"), ("bob", "load"), ("load", "root"))
     contact = Contact(materials=(Material("rubber", 0.5),), pairs=(law,), excluded_bodies=apart)
-    options = EngineOptions(
-        engine, accept=("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact")
-    )
+    options = EngineOptions(engine, accept=("contact.cone.elliptic", *FRICTION))
     return World("self-test-weightless", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
 
 
@@ -157,9 +154,7 @@ def several_joints(engine: str) -> World:
     )
     law = PairContact("rubber", "rubber", 0.5, 0.0)
     contact = Contact(materials=(Material("rubber", 0.5),), pairs=(law,), excluded_bodies=tuple(sorted(joined(bodies))))
-    options = EngineOptions(
-        engine, accept=("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact")
-    )
+    options = EngineOptions(engine, accept=("contact.cone.elliptic", *FRICTION))
     return World("self-test-several-joints", bodies, contact, selftest_worlds.PHYSICS, engines=(options,))
 
 
@@ -206,8 +201,7 @@ def hard(kind: str, hardness: Hardness) -> Callable[[str], World]:
             engine,
             accept=(
                 "contact.cone.elliptic",
-                "contact.friction.carried",
-                "contact.friction.impact",
+                *FRICTION,
                 f"contact.hardness.{kind}",
             ),
         )
@@ -222,9 +216,7 @@ def cone(name: str) -> Callable[[str], World]:
     def made(engine: str) -> World:
         world = hard("common", Hardness())(engine)
         contact = dataclasses.replace(world.contact, friction_cone=name)
-        options = EngineOptions(
-            engine, accept=(f"contact.cone.{name}", "contact.friction.carried", "contact.friction.impact")
-        )
+        options = EngineOptions(engine, accept=(f"contact.cone.{name}", *FRICTION))
         return dataclasses.replace(world, name=f"self-test-{name}", contact=contact, engines=(options,))
 
     return made

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 from simspec.dialects.kit.defects import NAMES
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.proof.selftest_worlds import WORLDS, immersed, lifted, model
+from simspec.proof.selftest_worlds import FRICTION, WORLDS, immersed, lifted, model
 from simspec.world.types import Body, EngineOptions, Joint, World
 
 
@@ -27,9 +27,7 @@ def without_joints(make: Callable[[str], World], name: str) -> Callable[[str], W
         whole = make(engine)
         bodies = tuple(_freed(body, row) for row, body in enumerate(whole.bodies))
         # without joints bodies rub against each other
-        options = EngineOptions(
-            engine, accept=("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "shape.box")
-        )
+        options = EngineOptions(engine, accept=("contact.cone.elliptic", *FRICTION, "shape.box"))
         return dataclasses.replace(whole, name=name, bodies=bodies, engines=(options,))
 
     return made

@@ -35,6 +35,8 @@ from simspec.world.types import (
 TENSOR = (0.021, 0.024, 0.013, 0.0021, -0.0017, 0.0013)
 FREE = (1.0, 0.0, 0.0, 0.0)
 STILL = (0.0,) * 6
+FRICTION = ("contact.friction.carried", "contact.friction.impact", "contact.friction.self-locking", "contact.pressure")
+"""To be accepted by name where engines have friction, by the name of each thing that they do not have of it."""
 PHYSICS = Physics((0.3, -0.2, -9.81), 0.001, 2000)
 
 
@@ -132,8 +134,7 @@ def model(engine: str) -> World:
         engines=_options(
             engine,
             "contact.cone.elliptic",
-            "contact.friction.carried",
-            "contact.friction.impact",
+            *FRICTION,
             "joint.limits.position",
             "shape.box",
         ),
@@ -277,9 +278,7 @@ def bouncing(engine: str) -> World:
             (Shape("ball_0", "sphere", (0.1,), Pose(), "rubber"),),
         ),
     )
-    options = _options(
-        engine, "contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "material.restitution"
-    )
+    options = _options(engine, "contact.cone.elliptic", *FRICTION, "material.restitution")
     return World("self-test-bouncing", bodies, _contact(0.5), PHYSICS, engines=options)
 
 
@@ -318,9 +317,7 @@ def surfaces(engine: str) -> World:
         bodies,
         contact,
         PHYSICS,
-        engines=_options(
-            engine, "contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "shape.box"
-        ),
+        engines=_options(engine, "contact.cone.elliptic", *FRICTION, "shape.box"),
     )
 
 
@@ -331,8 +328,7 @@ def rolling(engine: str) -> World:
     contact = Contact(materials=(Material("rubber", 0.5, 0.0, 0.01, 0.002),), pairs=(law,))
     options = _options(
         engine,
-        "contact.friction.carried",
-        "contact.friction.impact",
+        *FRICTION,
         "material.friction.rolling",
         "material.friction.torsional",
     )
@@ -356,9 +352,7 @@ def meshes(engine: str) -> World:
         return Body(name, name, Inertial(0.8, (0.01, 0.0, 0.0), TENSOR), joint, shapes[name], "parts")
 
     contact = _contact(ignored_groups=(("parts", "parts"),))
-    options = _options(
-        engine, "contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "shape.mesh"
-    )
+    options = _options(engine, "contact.cone.elliptic", *FRICTION, "shape.mesh")
     bodies = (floor, free("stone", 0.0), free("toy", 0.6))
     return World("self-test-meshes", bodies, contact, PHYSICS, engines=options)
 
@@ -396,7 +390,7 @@ def belts(engine: str) -> World:
     floor = dataclasses.replace(floor, shapes=(belt, round_about))
     contact, options = (
         _contact(),
-        _options(engine, "contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact"),
+        _options(engine, "contact.cone.elliptic", *FRICTION),
     )
     bodies = (floor, _cube("cube", 0.0, "rubber"))
     return World("self-test-belts", bodies, contact, PHYSICS, engines=options)

@@ -88,7 +88,7 @@ def materials(engine: str, *bodies: Body, passing: bool = False, friction: float
         bodies,
         "materials",
         contact=contact,
-        engines=(EngineOptions(engine, accept=("contact.friction.impact", "shape.box")),),
+        engines=(EngineOptions(engine, accept=(*worlds.FRICTION, "shape.box")),),
     )
 
 
@@ -121,7 +121,7 @@ def test_the_shapes_of_a_material_need_not_stand_side_by_side(engine):
     world = materials(engine, one, two)
     pairs = tuple(dataclasses.replace(p, friction=friction[p.first + p.second]) for p in world.contact.pairs)
     contact = dataclasses.replace(world.contact, pairs=pairs)
-    options = (EngineOptions(engine, accept=("contact.cone.elliptic", "contact.friction.impact", "shape.box")),)
+    options = (EngineOptions(engine, accept=("contact.cone.elliptic", *worlds.FRICTION, "shape.box")),)
     world = dataclasses.replace(world, contact=contact, engines=options)
     found = verify(world, [engine], levels=["L4"])
     assert found.failures() == []

@@ -11,7 +11,7 @@ FREE = (1.0, 0.0, 0.0, 0.0)
 def told(world, **settings):
     """``world`` with settings for Drake, and its approximations accepted."""
     accept = (
-        *("contact.cone.elliptic", "contact.friction.carried", "contact.friction.impact", "joint.limits.position"),
+        *("contact.cone.elliptic", *worlds.FRICTION, "joint.limits.position"),
         "shape.box",
     )
     return worlds.with_options(world, "drake", accept=accept, settings=tuple(sorted(settings.items())))

@@ -185,8 +185,7 @@ def test_questions_share_a_load_and_answer_as_after_one_of_their_own(name, tmp_p
         name,
         accept=(
             "contact.cone.elliptic",
-            "contact.friction.carried",
-            "contact.friction.impact",
+            *worlds.FRICTION,
             "joint.limits.position",
             "shape.box",
         ),
