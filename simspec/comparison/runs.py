@@ -29,6 +29,9 @@ SHOWN_BODIES = 8
 WITHIN, OUT, INCONCLUSIVE = "within", "out", "inconclusive"
 """Verdicts of a comparison."""
 
+PARTS = ("position", "angle")
+"""What of a body has a tolerance."""
+
 
 @dataclass(frozen=True)
 class BodyDiff:
@@ -36,7 +39,10 @@ class BodyDiff:
     largest position deviation, both over the times up to the horizon; and the first time out of tolerance (s), None if
     never. ``floor`` and ``angle_floor`` are the engines' own noise (m, rad) for this body at the horizon; None when it was not
     measured.
-    ``inconclusive_from``: the time (s) from which noise hides deviations of the tolerance's size; None if never."""
+    ``inconclusive_from``: the time (s) from which noise hides deviations of the tolerance's size; None if never.
+    ``exceeded``: which of ``position`` and ``angle`` were out of tolerance at ``first_out``, and ``position_out`` (m) and
+    ``angle_out`` (rad) by how much the body deviated then.
+    ``compared``: whether the figures say anything: the initial state alone, alike by construction, does not."""
 
     body: str
     position_largest: float
@@ -49,14 +55,18 @@ class BodyDiff:
     cause: str = ""
     inconclusive_from: float | None = None
     angle_floor: float | None = None
+    exceeded: tuple[str, ...] = ()
+    position_out: float | None = None
+    angle_out: float | None = None
+    compared: bool = True
 
     @property
     def verdict(self) -> str:
-        """``out`` of tolerance; ``inconclusive``: the deviation is not above the engines' noise, and the tolerance is
-        below that; else ``within``, up to the horizon."""
+        """``out`` of tolerance; ``inconclusive``: nothing was compared, or the deviation is not above the engines' noise,
+        and the tolerance is below that; else ``within``, up to the horizon."""
         if self.first_out is not None:
             return OUT
-        return WITHIN if self.inconclusive_from is None else INCONCLUSIVE
+        return WITHIN if self.compared and self.inconclusive_from is None else INCONCLUSIVE
 
     @property
     def within(self) -> bool:
@@ -88,6 +98,7 @@ class Diff:
     notes       what must be known to read it: other worlds, a run that ended early, no noise floor, contacts that are
     matched by
                 less than single shapes
+    not_compared  why no time after the beginning was compared; empty where some was
     """
 
     first: str
@@ -101,6 +112,7 @@ class Diff:
     contact_first_difference: float | None
     first_contact: FirstContactDifference | None
     notes: tuple[str, ...] = field(default=())
+    not_compared: str = ""
 
     def __repr__(self) -> str:
         told = f"{self.verdict}, {len(self.bodies)} bodies, until {self.compared_until:.4g} s"
@@ -113,9 +125,8 @@ class Diff:
             (
                 body.body,
                 body.verdict,
-                length(body.position_largest),
-                length(body.position_rms),
-                "–" if body.first_out is None else f"from {body.first_out:.4g} s ({body.cause})",
+                *(length(value if body.compared else None) for value in (body.position_largest, body.position_rms)),
+                "–" if body.first_out is None else f"from {body.first_out:.4g} s ({body.cause}): {out_words(body)}",
                 length(body.floor),
             )
             for body in self.bodies[:SHOWN_BODIES]
@@ -123,6 +134,7 @@ class Diff:
         more = len(self.bodies) - len(rows)
         notes = [f"and {more} more bodies, with smaller differences"] if more > 0 else []
         title = f"{self.first} – {self.second}: {self.verdict}, until {self.compared_until:.4g} s"
+        notes += [self.not_compared] if self.not_compared else []
         return html_table(title, head, rows, "; ".join([*notes, *self.notes]))
 
     @property
@@ -176,7 +188,7 @@ def diff(
 
     A body is out of tolerance at time t when it deviates by more than max(tolerance, FLOOR_FACTOR × floor(t)). Where it never
     is, but deviates by more than the tolerance, or the floor itself is above the tolerance, whether it stayed within cannot be
-    told.
+    told; nor can it where the horizon, or the shorter run, leaves the initial state alone, which is alike by construction.
     Raises SpecError when there is nothing to compare: no common body, or no common time.
     """
     floors = [floor] if isinstance(floor, Floor) else list(floor or ())
@@ -194,9 +206,15 @@ def diff(
         departures.add(part)
     touched = first_touches((a, b), names)
     recorded = all("contact.row" in run.arrays for run in (a, b))
+    until = departures.time(compared - 1)
+    nothing = "" if until > 0.0 else _nothing(common, last)
     bodies = [_body_diff(departures, k, name, touched.get(name), recorded) for k, name in enumerate(names)]
+    if nothing:
+        bodies = [replace(body, compared=body.first_out is not None) for body in bodies]
     if floors:
-        own, turned = common.noise(np.full(len(names), compared - 1))
+        # where nothing was compared, the noise that was the reason
+        row = min(last, common.rows - 1) if nothing else compared - 1
+        own, turned = common.noise(np.full(len(names), row))
         bodies = [
             replace(
                 body, floor=float(own[k]), angle_floor=float(turned[k]), inconclusive_from=departures.first_hidden(k)
@@ -213,12 +231,26 @@ def diff(
         tolerance,
         angle_tolerance,
         ends,
-        departures.time(compared - 1),
+        until,
         tuple(bodies),
         tuple(_quantities(a, b, int(common.rows_a[-1]), int(common.rows_b[-1]))),
         None if first is None else first.time,
         first,
         tuple(notes),
+        nothing,
+    )
+
+
+def _nothing(common: Common, horizon_row: int) -> str:
+    """Why the initial state alone was compared."""
+    if horizon_row >= common.rows:
+        return "nothing was compared: the two runs have no recorded time in common but the beginning"
+    if not horizon_row:
+        return "nothing was compared: the engines' own noise is above the tolerance from the beginning on"
+    time = float(common.time(np.array([horizon_row]))[0])
+    return (
+        f"nothing was compared: the engines' own noise has outgrown the tolerance at {time:.4g} s, the first record after the "
+        "beginning (chaos)"
     )
 
 
@@ -236,21 +268,35 @@ class Departures:
         """The row of the largest deviation in position."""
         self.out, self.hidden = np.full(bodies, never), np.full(bodies, never)
         """The first row out of tolerance, and the first of which that cannot be told."""
+        self.at_out = np.zeros((2, bodies))
+        self.exceeded = np.zeros((2, bodies), dtype=bool)
+        """Deviations in position and angle at the first row out of tolerance, and which of these two were out of it."""
 
     def add(self, part: slice) -> None:
         """Take the next block of rows."""
         position, angle = deviations(*self._common.poses(part))
         own_position, own_angle = self._common.noise(np.arange(part.start, part.stop)[:, None])
         tolerance, angle_tolerance = self._tolerances
-        out = (position > np.maximum(tolerance, FLOOR_FACTOR * own_position)) | (
-            angle > np.maximum(angle_tolerance, FLOOR_FACTOR * own_angle)
+        both = np.stack([position, angle])
+        most = np.stack(
+            [
+                np.maximum(tolerance, FLOOR_FACTOR * own_position),
+                np.maximum(angle_tolerance, FLOOR_FACTOR * own_angle),
+            ]
         )
         # what is not finite is out of every tolerance
-        out |= ~(np.isfinite(position) & np.isfinite(angle))
+        beyond_both = (both > most) | ~np.isfinite(both)
+        out = beyond_both.any(axis=0)
+        before = self.out.copy()
         # what deviates more than the tolerance may be noise; and that two runs meet within less than their noise is luck
         hidden = (np.maximum(position, own_position) > tolerance) | (np.maximum(angle, own_angle) > angle_tolerance)
         for first, beyond in ((self.out, out), (self.hidden, hidden)):
             np.minimum(first, np.where(beyond.any(axis=0), part.start + beyond.argmax(axis=0), first), out=first)
+        for k in np.flatnonzero(self.out < before):
+            self.at_out[:, k], self.exceeded[:, k] = (
+                both[:, out[:, k].argmax(), k],
+                beyond_both[:, out[:, k].argmax(), k],
+            )
         order = np.where(np.isfinite(position), position, np.inf)
         place, every = order.argmax(axis=0), np.arange(len(self.largest))
         # of a number that is none no other is larger
@@ -314,7 +360,17 @@ def _body_diff(departures: Departures, body: int, name: str, touched: float | No
         first,
         None,
         cause,
+        exceeded=tuple(name for name, out in zip(PARTS, departures.exceeded[:, body], strict=True) if out),
+        position_out=None if first is None else float(departures.at_out[0, body]),
+        angle_out=None if first is None else float(departures.at_out[1, body]),
     )
+
+
+def out_words(body: BodyDiff) -> str:
+    """What was out of tolerance when a body first was, with its value: ``1.2 mm``, ``angle 0.002 rad``, or both."""
+    turned = "–" if body.angle_out is None else f"{body.angle_out:.3g} rad"
+    values = {"position": length(body.position_out), "angle": f"angle {turned}"}
+    return " and ".join(values[name] for name in body.exceeded)
 
 
 def _quantities(a: Run, b: Run, last_a: int, last_b: int) -> list[Scalars]:

@@ -155,7 +155,7 @@ KINDS: Mapping[str, Kind] = {
         of_end="at",
     ),
     "apex_height": Kind(
-        "The greatest height z that a body's frame reaches after a time",
+        "The greatest height z that a body's frame reaches after a time; not measured where it still rises when the run ends",
         {
             "body": _BODY,
             "height": Parameter(Number("length"), "The height"),

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor
-from simspec.comparison.runs import INCONCLUSIVE, SHOWN_BODIES, BodyDiff, Diff
+from simspec.comparison.runs import INCONCLUSIVE, SHOWN_BODIES, BodyDiff, Diff, out_words
 from simspec.comparison.worlds import Change
 from simspec.report.kit import length, number, table, verdict
 
@@ -32,9 +32,8 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
     """Where the engines differ: one row per pair of runs."""
     if not diffs:
         return None
-    tolerance = diffs[0].tolerance
     pairs = table(
-        f"Differences between engines  (tolerance {length(tolerance)}, or {FLOOR_FACTOR:g} × the engines' noise)",
+        f"Differences between engines  (tolerance {tolerances(diffs[0])}, or {FLOOR_FACTOR:g} × the engines' noise)",
         "runs",
         "largest",
         "body",
@@ -45,21 +44,45 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
         right=(1, 3, 5, 6),
     )
     for diff in diffs:
-        worst, out = diff.worst, diff.first_out
+        worst, out = diff.worst if told(diff) else None, diff.first_out
+        noise = length(worst.floor) if worst else _noise(diff, diff.untold) if diff.untold else "–"
         pairs.add_row(
             f"{diff.first.split()[0]} – {diff.second.split()[0]}",
             length(worst.position_largest) if worst else "–",
             worst.body if worst else "–",
-            length(diff.position_rms),
-            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}", style="yellow") if out else _stays(diff),
-            length(worst.floor) if worst else "–",
+            length(diff.position_rms) if worst else "–",
+            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}:\n{_beyond(out)}", style="yellow")
+            if out
+            else _stays(diff),
+            noise,
             f"{diff.compared_until:.4g} s" + (" (chaos)" if diff.horizon is not None else ""),
         )
+    for why in dict.fromkeys(diff.not_compared for diff in diffs if diff.not_compared):
+        pairs.caption = f"{pairs.caption}\n{why}" if pairs.caption else why
     return pairs
+
+
+def tolerances(diff: Diff) -> str:
+    """The tolerances in position and angle of a comparison."""
+    return f"{length(diff.tolerance)} and {diff.angle_tolerance:g} rad"
+
+
+def told(diff: Diff) -> bool:
+    """Whether the figures of a comparison say anything."""
+    return not diff.not_compared or diff.first_out is not None
+
+
+def _beyond(body: BodyDiff) -> str:
+    """What of a body was out of tolerance when it first was, and how far it went: the column of the largest is of
+    positions, and of another body where that went further."""
+    largest = {"position": length(body.position_largest), "angle": number(body.angle_largest, "rad")}
+    return f"{out_words(body)}, largest {' and '.join(largest[name] for name in body.exceeded)}"
 
 
 def _stays(diff: Diff) -> Text:
     """What is said of a comparison in which nothing is out of tolerance."""
+    if diff.not_compared:
+        return Text("inconclusive: nothing was compared", style="yellow")
     if diff.untold is not None:
         return Text(f"inconclusive: noise {_noise(diff, diff.untold)}", style="yellow")
     return verdict(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
@@ -68,7 +91,9 @@ def _stays(diff: Diff) -> Text:
 def _out(diff: Diff, body: BodyDiff) -> Text:
     """When a body was first out of tolerance."""
     if body.first_out is not None:
-        return Text(f"{body.first_out:.4g} s ({body.cause})", style="yellow")
+        return Text(f"{body.first_out:.4g} s ({body.cause}): {out_words(body)}", style="yellow")
+    if not body.compared:
+        return Text("inconclusive: not compared", style="yellow")
     if body.inconclusive_from is not None:
         return Text("inconclusive", style="yellow")
     return verdict(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
@@ -79,12 +104,21 @@ def inconclusive_note(diff: Diff) -> str | None:
     body = diff.untold
     if body is None or diff.verdict != INCONCLUSIVE:
         return None
-    tolerances = f"{length(diff.tolerance)} and {diff.angle_tolerance:g} rad"
+    if diff.not_compared:
+        return f"{diff.first} – {diff.second}: {not_compared_words(diff)}"
     return (
-        f"{diff.first} – {diff.second}: agreement within {tolerances} is inconclusive, because the engines' noise is "
+        f"{diff.first} – {diff.second}: agreement within {tolerances(diff)} is inconclusive, because the engines' noise is "
         f"{_noise(diff, body)} ({body.body}, from {body.inconclusive_from:.4g} s on); use a tolerance above "
         f"{FLOOR_FACTOR:g} times the noise"
     )
+
+
+def not_compared_words(diff: Diff) -> str:
+    """That a comparison of nothing is inconclusive, why, and what to do about it."""
+    advice = (
+        "" if diff.horizon is None else f"; use a shorter record.every, or a tolerance above {FLOOR_FACTOR:g} times it"
+    )
+    return f"agreement within {tolerances(diff)} is inconclusive, because {diff.not_compared}{advice}"
 
 
 def _noise(diff: Diff, body: BodyDiff) -> str:
@@ -96,7 +130,7 @@ def _noise(diff: Diff, body: BodyDiff) -> str:
 def diff_tables(diff: Diff) -> list[Table]:
     """One comparison in full: the bodies, then the quantities."""
     bodies = table(
-        f"{diff.first} – {diff.second}, until {diff.compared_until:.4g} s  (tolerance {length(diff.tolerance)})",
+        f"{diff.first} – {diff.second}, until {diff.compared_until:.4g} s  (tolerance {tolerances(diff)})",
         "body",
         "largest",
         "RMS",
@@ -109,11 +143,9 @@ def diff_tables(diff: Diff) -> list[Table]:
     for body in diff.bodies[:SHOWN_BODIES]:
         bodies.add_row(
             body.body,
-            length(body.position_largest),
-            length(body.position_rms),
-            number(body.angle_largest, "rad"),
-            number(body.angle_rms, "rad"),
-            length(body.floor),
+            *(length(value if body.compared else None) for value in (body.position_largest, body.position_rms)),
+            *(number(value if body.compared else None, "rad") for value in (body.angle_largest, body.angle_rms)),
+            length(body.floor) if body.compared else _noise(diff, body),
             _out(diff, body),
         )
     if len(diff.bodies) > SHOWN_BODIES:

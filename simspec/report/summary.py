@@ -6,8 +6,10 @@ import html
 import re
 from collections.abc import Iterable, Sequence
 
+from simspec.comparison.runs import out_words
 from simspec.comparison.study import Study
 from simspec.errors import clipped, visible
+from simspec.report.differences import told
 from simspec.report.tested import Status, Suite, counts, wrong
 
 LARGEST = 2**20
@@ -16,6 +18,7 @@ RESERVE = 200
 """Bytes for the line that counts what is left out."""
 BEGINNING = "<!-- simspec summary -->\n"
 """How each of these files begins: what simspec may replace."""
+DIFFERENCES = ("compared", "verdict", "largest difference", "body", "first out of tolerance")
 MARKS = re.compile(r"([\\`*_\[\]#|~$@])")
 
 
@@ -62,14 +65,15 @@ def _figures(study: Study) -> list[str]:
     rows = [
         [
             words(f"{diff.first} – {diff.second}"),
-            diff.verdict,
-            f"{diff.worst.position_largest:.3g} m",
-            words(diff.worst.body),
+            diff.verdict + (f": {words(diff.not_compared)}" if diff.not_compared else ""),
+            f"{diff.worst.position_largest:.3g} m" if told(diff) else "–",
+            words(diff.worst.body) if told(diff) else "–",
+            f"{words(out.body)} at {out.first_out:.4g} s: {out_words(out)}" if (out := diff.first_out) else "–",
         ]
         for diff in study.diffs
         if diff.worst is not None
     ]
-    return shown + (table(("compared", "verdict", "largest difference", "body"), rows) if rows else [])
+    return shown + (table(DIFFERENCES, rows) if rows else [])
 
 
 def _number(value: float | None) -> str:

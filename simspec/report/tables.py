@@ -127,16 +127,18 @@ def differences_table(study: Study) -> ResultTable:
     columns: dict[str, list[Any]] = {}
     for diff in study.diffs:
         for body in diff.bodies:
+            said = body if body.compared else None
             row = {
                 "first": diff.first,
                 "second": diff.second,
                 "body": body.body,
                 "verdict": body.verdict,
-                "largest, m": body.position_largest,
-                "rms, m": body.position_rms,
-                "largest angle, rad": body.angle_largest,
-                "time of largest, s": body.time_of_largest,
+                "largest, m": said and said.position_largest,
+                "rms, m": said and said.position_rms,
+                "largest angle, rad": said and said.angle_largest,
+                "time of largest, s": said and said.time_of_largest,
                 "first out, s": body.first_out,
+                "first out of": " and ".join(body.exceeded) or None,
                 "cause": body.cause or None,
                 "noise, m": body.floor,
                 "compared until, s": diff.compared_until,

@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from simspec.comparison.runs import OUT, WITHIN, Diff
+from simspec.comparison.runs import OUT, WITHIN, Diff, out_words
 from simspec.comparison.study import Study
 from simspec.errors import MOST_PROBLEMS, EngineError, Location, Problem, SimspecError, SpecError, clipped
 from simspec.proof.checks import Check
+from simspec.report.differences import tolerances
 from simspec.report.terminal import level_title
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
@@ -190,7 +191,11 @@ def _comparison(world: World, diff: Diff, locate: Locate, demanded: bool) -> Sui
             continue
         if body.verdict == OUT:
             message = f"differs by {body.position_largest:.3g} m and {body.angle_largest:.3g} rad"
-            message += f", first beyond the tolerance of {diff.tolerance:.3g} m at {body.first_out:.4g} s"
+            message += (
+                f", first beyond the tolerance of {tolerances(diff)} at {body.first_out:.4g} s: {out_words(body)}"
+            )
+        elif not body.compared:
+            message = f"inconclusive: {diff.not_compared}"
         else:
             message = f"inconclusive: the engines' noise exceeds the tolerance from {body.inconclusive_from:.4g} s on"
         if demanded:

@@ -35,7 +35,7 @@ class Measured:
 
 
 class Unmeasurable(Exception):
-    """The run has no record of what an expectation needs; the text says what is missing."""
+    """The run has no record of what an expectation needs; the text says what is missing, and that nothing was measured."""
 
 
 Parameters = Mapping[str, Any]
@@ -265,9 +265,24 @@ def _displacement(run: Run, parameters: Parameters) -> Measured:
     return Measured(away, parameters["tolerance"], "m", detail)
 
 
+SEEN = 0.01
+"""Share of the tolerance that an apex may be above the end of the record: a hundredth changes no measurement that matters, and
+what rests, and rises by round-off, has its apex there."""
+
+
 def _apex_height(run: Run, parameters: Parameters) -> Measured:
-    """How far the greatest height z that a body reaches after a time is from the expected one."""
-    top = _largest(run, lambda poses: poses[:, 0, 2], [parameters["body"]], first=_row(run, parameters["after"]))
+    """How far the greatest height z that a body reaches after a time is from the expected one. Raises Unmeasurable where the
+    record ends while it rises to that."""
+    name, last = parameters["body"], len(run.time) - 1
+    top = _largest(run, lambda poses: poses[:, 0, 2], [name], first=_row(run, parameters["after"]))
+    if top.row == last:
+        speed = float(run.arrays["velocity"][last, _index(run, name), 2])
+        slowing = -run.world.physics.gravity[2]
+        # a body that gravity alone slows rises by this; without gravity it goes on for ever
+        further = speed**2 / (2.0 * slowing) if slowing > 0.0 else math.inf
+        if speed > 0.0 and further > SEEN * parameters["tolerance"]:
+            ends = f"{name} still rises at {speed:.4g} m/s {_at(run, last)}, where the run ends"
+            raise Unmeasurable(f"apex not seen: {ends}: set a longer physics.duration")
     away = abs(top.value - parameters["height"])
     return Measured(away, parameters["tolerance"], "m", f"apex {top.value:.4g} m {_at(run, top.row)}")
 

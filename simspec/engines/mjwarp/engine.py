@@ -20,7 +20,7 @@ from simspec.engines.mjwarp.settings import SETTINGS
 from simspec.engines.mjwarp.simulation import SEARCH_OF_FILE, MjWarpSimulation
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
-from simspec.engines.mujoco.rewritten import NO_EQUALITIES, met_exactly, no_friction
+from simspec.engines.mujoco.rewritten import NO_EQUALITIES, met_exactly, no_friction, without_coulomb
 from simspec.support.declarations import EXACT, Level, Refinement, Support, Table, never
 from simspec.support.features import Feature
 from simspec.world.types import HeldValue, World
@@ -79,9 +79,8 @@ class MjWarp(MjWarpSimulation):
     NATIVE_LAW: ClassVar[NativeLaw | None] = None
     SUPPORT: ClassVar[Table] = {
         **MuJoCo.SUPPORT,
-        # simspec's loop around MuJoCo's solver is not written for it
         **{
-            feature: dataclasses.replace(MuJoCo.SUPPORT[feature], refine=None, cases=())
+            feature: without_coulomb(MuJoCo.SUPPORT[feature])
             for feature in (Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION, Feature.SELF_LOCKING)
         },
         Feature.SHAPE_BOX: EXACT,  # by a function of its own, whatever MuJoCo's release

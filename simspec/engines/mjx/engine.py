@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import ClassVar
@@ -18,7 +17,15 @@ from simspec.engines.mjx.settings import SETTINGS
 from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation, turns
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.expected import expected_inventory
-from simspec.engines.mujoco.rewritten import NO_EQUALITIES, hardnesses, met_exactly, no_friction, rubs
+from simspec.engines.mujoco.rewritten import (
+    NO_EQUALITIES,
+    OF_MUJOCO,
+    hardnesses,
+    met_exactly,
+    no_friction,
+    rubs,
+    without_coulomb,
+)
 from simspec.support.declarations import (
     EXACT,
     Level,
@@ -126,8 +133,8 @@ class Mjx(MjxSimulation):
             never("a box with a margin over a floor meets it 3.5 mm later than it should (L5, size; measured)"),
             *(Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
         ),
-        Feature.CARRIED_FRICTION: dataclasses.replace(MuJoCo.SUPPORT[Feature.CARRIED_FRICTION], refine=None, cases=()),
-        Feature.SELF_LOCKING: dataclasses.replace(MuJoCo.SUPPORT[Feature.SELF_LOCKING], refine=None),
+        Feature.CARRIED_FRICTION: without_coulomb(MuJoCo.SUPPORT[Feature.CARRIED_FRICTION]),
+        Feature.SELF_LOCKING: without_coulomb(MuJoCo.SUPPORT[Feature.SELF_LOCKING]),
         Feature.EVEN_PRESSURE: MuJoCo.SUPPORT[Feature.EVEN_PRESSURE],
         Feature.MASS_RATIO: MuJoCo.SUPPORT[Feature.MASS_RATIO],
         Feature.CONTROL_NATIVE: never("simspec drives MJX by efforts"),
@@ -141,7 +148,7 @@ class Mjx(MjxSimulation):
         ),
         Feature.IMPACT_FRICTION: approximate(
             "most of it is missing, as in MuJoCo: of the speed along the surface that an impact should take away 80 to 90 % "
-            "stays at 1 ms",
+            f"stays at 1 ms; {OF_MUJOCO}",
             short="80 to 90 % of the friction in an impact is missing, at 1 ms",
         ),
         Feature.SURFACE_VELOCITY: never("MJX has no surfacevel"),

@@ -15,7 +15,7 @@ from simspec.engines.kit.contract import Actuation
 from simspec.engines.mujoco.readback import read_back
 from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulation
 from simspec.errors import EngineError
-from simspec.support.declarations import Refinement, Table, alike, never, not_here
+from simspec.support.declarations import Refinement, Support, Table, alike, never, not_here
 from simspec.support.features import Feature
 from simspec.world.meeting import meeting_kinds, meeting_laws
 from simspec.world.types import PairContact, ReadBack, World
@@ -36,6 +36,19 @@ NO_EQUALITIES: Table = alike(
 def hardnesses(table: Table, refine: Callable[[World], Refinement | None]) -> Table:
     """MuJoCo's declarations of hardness, from ``table``, with what holds in a world."""
     return {feature: dataclasses.replace(table[feature], refine=refine) for feature in HARDNESSES}
+
+
+OF_MUJOCO = (
+    "simspec's loop around MuJoCo's solver is not written for it: the engine mujoco has it right, with "
+    "engines.mujoco.settings: {friction: coulomb}"
+)
+"""The way out where MuJoCo's declaration names a setting that only MuJoCo has."""
+
+
+def without_coulomb(support: Support) -> Support:
+    """MuJoCo's declaration of friction, for an engine whose friction has no Coulomb's law to be asked for."""
+    said = [part for part in support.how.split("; ") if "friction: coulomb" not in part]
+    return dataclasses.replace(support, how="; ".join([*said, OF_MUJOCO]), refine=None, cases=())
 
 
 def rubs(law: PairContact) -> bool:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff
+from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff, out_words
 from simspec.comparison.study import Study
 from simspec.errors import clipped
 from simspec.proof.certificate import Certificate
-from simspec.report.differences import inconclusive_note
+from simspec.report.differences import inconclusive_note, not_compared_words, tolerances
 from simspec.report.kit import length, number
 from simspec.runner.unphysical import together
 
@@ -70,13 +71,16 @@ def _summary(study: Study) -> Sentence:
     if OUT in verdicts:
         first = min((out for diff in study.diffs if (out := diff.first_out) is not None), key=_when)
         return Sentence(tone, f"{model}; their motions part at {_when(first):.4g} s{tail}")
+    if all(diff.not_compared for diff in study.diffs):
+        if _chaotic(study.diffs):
+            return Sentence(tone, f"{model}; their own noise leaves no time at which motions can be compared{tail}")
+        return Sentence(tone, f"{model}; nothing but the beginning was recorded that could be compared{tail}")
     if INCONCLUSIVE in verdicts:
         return Sentence(tone, f"{model}; whether they move alike is inconclusive, because of their own noise{tail}")
-    until = min(diff.compared_until for diff in study.diffs)
-    if not until > 0.0:
-        return Sentence(tone, f"{model}; their own noise leaves no time at which motions can be compared{tail}")
-    chaotic = ", where chaos begins" if _chaotic(study.diffs) else ""
-    then = f"{model}, and move alike" + (f" until {until:.4g} s{chaotic}" if chaotic else "")
+    times = {diff.compared_until for diff in study.diffs}
+    then = f"{model}, and move alike"
+    if _chaotic(study.diffs):
+        then += f" until {min(times):.4g} s, where chaos begins" + (" in some of them" if len(times) > 1 else "")
     return Sentence(_worst(not proven, bool(unmet)), f"{then}{tail}")
 
 
@@ -149,18 +153,22 @@ def _not_physical(study: Study) -> list[str]:
 
 
 def _differences(study: Study) -> Iterator[Sentence]:
-    """The pairs that agree in one sentence, the others each in one."""
-    alike = [diff for diff in study.diffs if diff.verdict == WITHIN]
-    if alike:
-        tolerance = f"{length(alike[0].tolerance)} and {alike[0].angle_tolerance:g} rad"
-        until = min(diff.compared_until for diff in alike)
-        chaos = ", beyond which the engines' own noise has outgrown that" if _chaotic(alike) else ""
-        largest = max((diff.worst.position_largest for diff in alike if diff.worst is not None), default=0.0)
-        pairs = ", ".join(_pair(diff) for diff in alike)
-        text = f"Motion: within {tolerance} of each other until {until:.4g} s{chaos}: {pairs}."
+    """The pairs that agree, and those that were not compared, in a sentence for each time up to which they were; the others
+    each in one."""
+    alike = sorted((diff for diff in study.diffs if diff.verdict == WITHIN), key=_reach)
+    for (_, chaotic), group in itertools.groupby(alike, _reach):
+        same = list(group)
+        chaos = ", beyond which the engines' own noise has outgrown that" if chaotic else ""
+        largest = max((diff.worst.position_largest for diff in same if diff.worst is not None), default=0.0)
+        until = f"until {same[0].compared_until:.4g} s{chaos}"
+        text = f"Motion: within {tolerances(same[0])} of each other {until}: {_pairs(same)}."
         yield Sentence(GOOD, f"{text} Largest difference: {length(largest)}.")
+    nothing = [diff for diff in study.diffs if diff.verdict == INCONCLUSIVE and diff.not_compared]
+    for told in dict.fromkeys(map(not_compared_words, nothing)):
+        same = [diff for diff in nothing if not_compared_words(diff) == told]
+        yield Sentence(WARNING, f"Motion: {_pairs(same)}: {told}.")
     for diff in study.diffs:
-        if diff.verdict == INCONCLUSIVE and (note := inconclusive_note(diff)) is not None:
+        if diff.verdict == INCONCLUSIVE and not diff.not_compared and (note := inconclusive_note(diff)) is not None:
             yield Sentence(WARNING, f"Motion: {note}.")
         if (out := diff.first_out) is not None:
             cause = {"contact": "after a contact", "free motion": "in free motion"}.get(out.cause, out.cause)
@@ -168,8 +176,17 @@ def _differences(study: Study) -> Iterator[Sentence]:
             yield Sentence(
                 WARNING,
                 f"Motion: {_pair(diff)} part at {_when(out):.4g} s, {cause}: {out.body} is the first to differ by more "
-                f"than {length(diff.tolerance)} or {diff.angle_tolerance:g} rad{noise}.",
+                f"than {length(diff.tolerance)} or {diff.angle_tolerance:g} rad ({out_words(out)}){noise}.",
             )
+
+
+def _reach(diff: Diff) -> tuple[float, bool]:
+    """How far two runs were compared, those that go furthest first, and whether chaos ended it."""
+    return -diff.compared_until, diff.horizon is not None
+
+
+def _pairs(diffs: Sequence[Diff]) -> str:
+    return ", ".join(_pair(diff) for diff in diffs)
 
 
 def _chaotic(diffs: Sequence[Diff]) -> bool:

@@ -25,9 +25,9 @@ def test_what_is_said_of_runs_that_part():
     assert [line for line in others if "Motion" in line] == [
         "good: Motion: within 1 mm and 0.001 rad of each other until 2 s: first – second. Largest difference: 20 µm.",
         "warning: Motion: first – third part at 0.1 s, in free motion: mover is the first to differ by more than 1 mm or "
-        "0.001 rad; the engines' own noise is then at most 0.",
+        "0.001 rad (40 mm); the engines' own noise is then at most 0.",
         "warning: Motion: second – third part at 0.1 s, in free motion: mover is the first to differ by more than 1 mm or "
-        "0.001 rad; the engines' own noise is then at most 0.",
+        "0.001 rad (40 mm); the engines' own noise is then at most 0.",
     ]
     assert "bad: Expectations: 1 of 3 failed: position in third (0.8 m, bound 0.1 m)." in others
     assert "good: Repeatability: first, second and third repeat the run to the last bit." in others
