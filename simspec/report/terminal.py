@@ -388,5 +388,7 @@ def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
     ):
         if shown is not None:
             screen.print(shown)
+    for hint in dict.fromkeys(one.hint for own in study.outcomes.values() for one in own if one.hint):
+        screen.print(hint, soft_wrap=True)
     for note in dict.fromkeys(note for diff in study.diffs for note in diff.notes):
         screen.print(f"note: {note}", soft_wrap=True)
