@@ -1,5 +1,5 @@
 # make setup   .venv with everything, at the locked versions
-# make demo    the main job: 216 spheres in every engine that is here, then a robot arm
+# make demo    the main job: 216 spheres in every engine that is here, then a robot arm: about 20 minutes on two busy processors
 # make engines   engines that need more than pip: installed where that is possible (root, apt-get); fails where one is missing then; ENGINES="ode drake" those alone
 # make test    what CI runs: lint, types, stale files, tests
 # make check   lint, types (mypy, strict) and stale files alone (make types, make stale: one half)

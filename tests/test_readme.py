@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+import io
+import itertools
+import json
 import re
 import shlex
 import subprocess
@@ -10,7 +14,26 @@ from pathlib import Path
 
 import pytest
 
+import simspec
+from simspec.engines.kit.registry import engines, find_engine
+from simspec.report.screen import Screen
+from simspec.report.terminal import show_not_taken
+from simspec.selection import available
+
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "tools"))
+
+import readme  # noqa: E402 - a script beside the package
+
+FIRST = "simspec run specs/double-pendulum.yaml --all-engines"
+"""The command of the first comparison."""
+TOLD = """
+from simspec.report.terminal import certificate_notes
+counts = {name: sum(check.count for check in proof.checks) for name, proof in certificate.engines.items()}
+import json
+print(json.dumps([counts, certificate_notes(certificate)]))
+"""
+"""Printed after the Python of the README: what the first comparison says of the same proof, too."""
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -45,12 +68,99 @@ def test_the_spec_in_the_readme_is_the_library_s():
     assert block("file: specs/double-pendulum.yaml") == (ROOT / "specs" / "double-pendulum.yaml").read_text()
 
 
-def test_the_python_of_the_readme_runs(place):
+def words(text: str) -> list[str]:
+    """Lines without the widths of columns."""
+    return [line for line in (re.sub(r"[\s─]+", " ", line).strip() for line in text.splitlines()) if line]
+
+
+@functools.cache
+def first_comparison() -> dict[str, list[str]]:
+    """The parts of the first comparison's block by their titles, and after each its lines without the widths of columns."""
+    titles = ("Not run", "Model:", "Results", "Final state", "Expectations", "Repeatability", "Differences")
+    parts: dict[str, list[str]] = {"": []}
+    for line in words(block(f"output: {FIRST}")):
+        title = next((title for title in titles if line.startswith(title)), "")
+        if title:
+            parts[title] = []
+        else:
+            next(reversed(parts.values())).append(line)
+    return parts
+
+
+def the_page_s_engines_or_skip() -> None:
+    """Skip a test, and say why, where the engines of this machine are not those of the page."""
+    installed = [name for name, engine in engines().items() if engine.version() is not None]
+    if wrong := readme.other_engines(installed):
+        pytest.skip("; ".join(wrong))
+
+
+def test_the_first_comparison_has_the_engines_that_its_command_takes(place, monkeypatch):
+    """Who is compared, who is not and why, and what is expected of whom: what needs no run, which takes half a minute."""
+    the_page_s_engines_or_skip()
+    monkeypatch.chdir(place)
+    spec = simspec.load("specs/double-pendulum.yaml")
+    world = spec.resolve()
+    selection = available({}).for_world(world, spec.locate, least=2)
+    told = first_comparison()
+    screen = Screen(file=io.StringIO(), width=120, no_color=True, force_terminal=False)
+    show_not_taken(selection, screen)
+    assert told["Not run"] == words(screen.file.getvalue())[1:], "python tools/readme.py README.md"
+    assert told["Results"][0] == " ".join(f"{name} {find_engine(name).version()}" for name in selection.engines)
+    bounds = {one.kind: dict(one.parameters)["tolerance"] for one in world.expectations}
+    rows = [line.split() for line in told["Expectations"][1:]]
+    assert [row[:3] for row in rows] == [[kind, name, "ok"] for kind in bounds for name in selection.engines]
+    for row in rows:
+        assert f"{bounds[row[0]]:.4g}" in row[4:6], row
+    assert [line.split()[0] for line in told["Repeatability"][1:]] == list(selection.engines)
+    pairs = [line.split()[:3] for line in told["Differences"][1:] if "–" in line.split()]
+    assert pairs == [[one, "–", other] for one, other in itertools.combinations(selection.engines, 2)]
+
+
+def test_the_python_of_the_readme_runs_and_proves_what_the_first_comparison_says(place):
     code = re.search(r"## From Python\n\n```python\n(.*?)```", README, re.DOTALL)
     assert code
-    done = subprocess.run([sys.executable, "-c", code.group(1)], cwd=place, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", code.group(1) + TOLD]
+    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip()
+    *printed, last = done.stdout.splitlines()
+    assert printed
+    told, (counts, notes) = first_comparison(), json.loads(last)
+    shown = dict(zip(told["Model:"][0].split()[2:], told_counts(told["Model:"]), strict=True))
+    assert counts.items() <= shown.items(), "python tools/readme.py README.md"
+    # the floor of the motion is a figure of the machine; other engines have notes of their own
+    assert {line for line in words("\n".join(notes)) if not line.startswith("motion:")} <= set(told["Model:"])
+
+
+def told_counts(lines: list[str]) -> list[int]:
+    """The numbers of comparisons by engine."""
+    return [
+        int(word.replace(",", "")) for line in lines if line.startswith("comparisons ") for word in line.split()[1:]
+    ]
+
+
+def test_a_page_is_not_filled_where_other_engines_are_installed():
+    assert not readme.other_engines(readme.ENGINES)
+    missing, other = readme.other_engines([*(set(readme.ENGINES) - {"drake"}), "mjx"])
+    assert missing.startswith("drake: not installed")
+    assert other.startswith("mjx: installed")
+
+
+def test_commands_of_a_page_see_nothing_of_the_user_s_and_say_why_they_fail(place, monkeypatch):
+    """A command that failed told nothing but its exit code; what was installed in the data folder was in the page."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(place))
+    assert readme.environment(place / "empty")["XDG_DATA_HOME"] == str(place / "empty")
+    with pytest.raises(SystemExit, match=r"exit code 2\n\n.*nowhere\.yaml"):
+        readme.simspec(["check", "nowhere.yaml"], place)
+
+
+def test_the_reader_is_told_how_to_reach_the_command():
+    """``make setup`` makes an environment, and a shell that does not know of it finds no simspec."""
+    steps = re.search(r"```\n(make setup .*?)```", README, re.DOTALL)
+    assert steps
+    first, second, *others = (line.partition("#")[0].strip() for line in steps.group(1).splitlines())
+    assert (first, second) == ("make setup", "source .venv/bin/activate")
+    assert "BIN := .venv/bin\n" in (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert others[0].startswith("simspec ")
 
 
 def test_every_page_it_links_to_exists():

@@ -3,21 +3,65 @@
     python tools/readme.py [README.md] [docs/sweeps.md]
 
 Commands of the README work each in a folder of its own; those of docs/sweeps.md one after the other in one folder, with the
-spec that stands in the page.
+spec that stands in the page. What ``--all-engines`` takes must not depend on who fills the page: engines in the user's data
+folder (MJX, MuJoCo Warp) are not seen, and the machine has to have those of ``ENGINES``, no more and no less.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"(<!-- (file|output|spec): (.*?) -->\n```\w*\n)(.*?)(```)", re.DOTALL)
+ENGINES = ("dart", "drake", "gazebo", "mujoco", "ode", "physx", "pybullet", "rapier")
+"""The engines that a page has where a command takes all: what ``make setup`` and ``make engines`` install."""
+ALL = "--all-engines"
+
+
+def environment(empty: Path) -> dict[str, str]:
+    """Of commands whose output is in a page: as wide as the page, and without what the user has in the data folder."""
+    return {**os.environ, "COLUMNS": "110", "XDG_DATA_HOME": str(empty)}
+
+
+def simspec(words: Iterable[str], place: Path) -> str:
+    """What a command prints that works in ``place``. Ends the program, with what the command said, where that fails."""
+    command = ["simspec", *words]
+    with tempfile.TemporaryDirectory() as empty:
+        done = subprocess.run(
+            [sys.executable, "-m", *command],
+            cwd=place,
+            env=environment(Path(empty)),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    if done.returncode != 0:
+        said = f"{done.stdout}\n{done.stderr}".strip()
+        sys.exit(f"{shlex.join(command)}: exit code {done.returncode}\n\n{said}")
+    return done.stdout
+
+
+def other_engines(installed: Iterable[str]) -> list[str]:
+    """What is wrong with the engines of a machine, one line each: what the pages need, and what they do not have."""
+    here = set(installed)
+    missing = [f"{name}: not installed, and the pages show it (make engines)" for name in ENGINES if name not in here]
+    return missing + [f"{name}: installed, and the pages are without it" for name in sorted(here - set(ENGINES))]
+
+
+def check_engines() -> None:
+    """End the program where ``--all-engines`` would take other engines here than the pages show."""
+    with tempfile.TemporaryDirectory() as place:
+        instances = json.loads(simspec(["engines", "--json"], Path(place)))["instances"]
+    if wrong := other_engines(one["label"] for one in instances if one["version"]):
+        sys.exit("\n".join(wrong))
 
 
 def fill(found: re.Match[str], place: Path) -> str:
@@ -28,10 +72,7 @@ def fill(found: re.Match[str], place: Path) -> str:
     if kind == "spec":
         (place / what).write_text(text, encoding="utf-8")
         return found.group()
-    command = [sys.executable, "-m", *shlex.split(what)]
-    environment = {**os.environ, "COLUMNS": "110"}
-    done = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=True)
-    lines = [line.rstrip() for line in done.stdout.splitlines()]
+    lines = [line.rstrip() for line in simspec(shlex.split(what)[1:], place).splitlines()]
     return head + "$ " + what + "\n" + "\n".join(lines).strip() + "\n" + end
 
 
@@ -52,7 +93,10 @@ def main() -> int:
     for name, together in (("README.md", False), ("docs/sweeps.md", True)):
         path = ROOT / name
         if len(sys.argv) == 1 or name in sys.argv[1:]:
-            path.write_text(fill_page(path.read_text(encoding="utf-8"), together), encoding="utf-8")
+            page = path.read_text(encoding="utf-8")
+            if any(ALL in found[3] for found in BLOCK.finditer(page)):
+                check_engines()
+            path.write_text(fill_page(page, together), encoding="utf-8")
     return 0
 
 

@@ -7,17 +7,19 @@ prediction does not meet stays in the gap.
 
 *Friction and restitution.* Deviations that are declared by probe (``Engine.CONTACT_DEVIATIONS``) or accepted as approximations
 have no law to predict from. They fit where they count for what touches, and where the gap closes once friction, or restitution,
-is taken away from both sides: the difference is located there, not predicted.
+is taken away from both sides: the difference is located there, not predicted. That does not make a deviation the cause. Where a
+swap was tried with which nothing of it is declared any more (the cone that the engine has, say), it accounts for what that swap
+closes and no more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from simspec.attribution.candidates import Kind, Pair
+from simspec.attribution.candidates import Candidate, Kind, Pair
 from simspec.attribution.configuration import Configuration, Floats
 from simspec.attribution.intervals import Interval
 from simspec.attribution.judge import Swap
@@ -53,6 +55,8 @@ class Declared:
     acts        what it is of: recovery of overlaps, friction, restitution
     predicted   whether the share follows from the declared law; else the difference is located where the deviation acts
     share       of the gap that was left, by class, where that may be claimed, with ``interval``
+    swap        of one that is located: the swap that takes the deviation away and closes most ("": none was tried), and what of
+                the gap that was left it closes, ``closed``: the deviation accounts for no more
     """
 
     engine: str
@@ -61,6 +65,8 @@ class Declared:
     predicted: bool
     share: Mapping[str, float] = field(default_factory=dict)
     interval: Mapping[str, Interval] = field(default_factory=dict)
+    swap: str = ""
+    closed: Mapping[str, float] = field(default_factory=dict)
 
 
 def recoveries(pair: Pair, touching: set[tuple[str, str]]) -> list[tuple[str, str]]:
@@ -189,17 +195,48 @@ def _carry(shift: Floats, moves: Mapping[tuple[int, int], Floats], static: Seque
         shift[second] -= move * one / (one + other)
 
 
-def located(pair: Pair, touching: set[tuple[str, str]], probes: Sequence[Swap]) -> Iterator[Declared]:
+Tried = Sequence[tuple[Candidate, Swap]]
+"""Candidates, and what came of each."""
+
+
+def located(pair: Pair, touching: set[tuple[str, str]], tried: Tried) -> Iterator[Declared]:
     """Declared deviations of both sides that count for what touches, with the share of what was left that goes when what they
-    act on is taken away."""
-    removed = {swap.group: swap for swap in probes if swap.kind == Kind.REMOVAL.value and swap.largest > 0.0}
-    for side in pair:
-        told: set[tuple[str, str]] = set()
-        for what, acts in (*_approximated(side, touching), *_deviating(side, touching)):
-            if acts in removed and (acts, what) not in told:
-                told.add((acts, what))
-                closing = {name: share for name, share in removed[acts].share.items() if share > 0.0}
-                yield Declared(side.kind.TITLE, what, acts, False, closing, dict(removed[acts].interval))
+    act on is taken away, and what swaps that take them away close."""
+    removed = {swap.group: swap for _, swap in tried if swap.kind == Kind.REMOVAL.value and swap.largest > 0.0}
+    before = [_declared(side, touching) for side in pair]
+    fitting = [[(what, acts) for what, acts in own if acts in removed] for own in before]
+    after = list(_with_swaps(pair, touching, tried)) if any(fitting) else []
+    for number, side in enumerate(pair):
+        for what, acts in fitting[number]:
+            closing = {name: share for name, share in removed[acts].share.items() if share > 0.0}
+            # a swap that brings another deviation of the same kind does not measure what this one does
+            without = [
+                swap for swap, found in after if (what, acts) not in found[number] and not _more(before, found, acts)
+            ]
+            best = max(without, key=lambda swap: sum(swap.share.values()), default=None)
+            closed = {} if best is None else {name: share for name, share in best.share.items() if share > 0.0}
+            interval = dict(removed[acts].interval)
+            name = "" if best is None else best.name
+            yield Declared(side.kind.TITLE, what, acts, False, closing, interval, name, closed)
+
+
+def _with_swaps(
+    pair: Pair, touching: set[tuple[str, str]], tried: Tried
+) -> Iterator[tuple[Swap, list[list[tuple[str, str]]]]]:
+    """What both sides declare with each swap that was tried, where something stays to touch."""
+    for candidate, swap in tried:
+        if swap.failed is None and candidate.kind is not Kind.REMOVAL:
+            yield swap, [_declared(side, touching) for side in candidate.apply(pair)]
+
+
+def _more(before: Sequence[Iterable[tuple[str, str]]], after: Sequence[Iterable[tuple[str, str]]], acts: str) -> bool:
+    """Whether a side declares a deviation of what ``acts`` names that it did not declare before."""
+    return any(one[1] == acts and one not in held for held, found in zip(before, after, strict=True) for one in found)
+
+
+def _declared(side: Configuration, touching: set[tuple[str, str]]) -> list[tuple[str, str]]:
+    """What a side declares that counts for what touches, each once: what, and what it acts on."""
+    return list(dict.fromkeys((*_approximated(side, touching), *_deviating(side, touching))))
 
 
 def _approximated(side: Configuration, touching: set[tuple[str, str]]) -> Iterator[tuple[str, str]]:

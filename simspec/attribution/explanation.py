@@ -162,7 +162,7 @@ def _from_first(
         further = second_judge.each(candidates)
         closing = [both for both in zip(candidates, further, strict=True) if both[0].kind is not Kind.REMOVAL]
         probed, _, _ = second_judge.together([both[0] for both in closing], [both[1] for both in closing])
-        declared += located(left, touching, further)
+        declared += located(left, touching, list(zip(candidates, further, strict=True)))
     unexplained = {name: 1.0 - share for name, share in judge.shares({**caused.gap, **probed.gap}).items()}
     return Explanation(
         *names,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from simspec.attribution.candidates import Kind
+from simspec.attribution.declared import Declared
 from simspec.attribution.explanation import Explanation
 from simspec.attribution.intervals import Interval
 from simspec.attribution.judge import ENOUGH, SMALLEST_SHARE, Swap, acting, useful
@@ -198,19 +199,48 @@ def _left(explanation: Explanation) -> Iterable[str]:
         some = [one for one in fitting if one.acts == acts]
         parts = {name: min(1.0, some[0].share[name]) for name in left if name in some[0].share}
         located |= {name: max(located[name], part) for name, part in parts.items()}
-        told = {name: part for name, part in parts.items() if name != ALL} or parts
-        engines = {one.engine: clipped(one.what, LONGEST) for one in reversed(some)}
-        yield f"Declared of {acts}: {'; '.join(f'{engine}: {what}' for engine, what in sorted(engines.items()))}."
-        yield f"Of what is left, {_in_classes(told)} is gone without {acts}."
+        yield from _located(explanation, acts, some, parts, left)
     if fitting:
-        still = {name: share * (1.0 - located[name]) for name, share in left.items()}
-        still = {name: share for name, share in still.items() if share > 1.0 - ENOUGH}
+        where = _listed(list(dict.fromkeys(one.acts for one in fitting)))
+        still = _worth_telling({name: share * (1.0 - located[name]) for name, share in left.items()})
         told_still = _in_classes(still) if still else f"less than {percent(1.0 - ENOUGH)}"
-        yield f"Unexplained, and not where a deviation is declared: {told_still}."
+        yield f"Unexplained, and not within {where}: {told_still}."
     else:
         yield f"Unexplained: {_in_classes(left)}."
     if any(share > 1.0 + SMALLEST_SHARE for share in left.values()):
         yield "More than 100 %: what differs hides a part of the engines' own difference, which shows once it is made equal."
+
+
+def _located(
+    explanation: Explanation, acts: str, some: Sequence[Declared], parts: Mapping[str, float], left: Mapping[str, float]
+) -> Iterable[str]:
+    """What is declared of ``acts``, where ``parts`` of what is ``left`` are, and how much of these it accounts for: no more
+    than a swap closes that takes it away, and nothing where that swap is among those that were made already."""
+    engines = {one.engine: clipped(one.what, LONGEST) for one in reversed(some)}
+    yield f"Declared of {acts}: {'; '.join(f'{engine}: {what}' for engine, what in sorted(engines.items()))}."
+    told = {name: part for name, part in parts.items() if name != ALL} or parts
+    yield f"Of what is left, {_in_classes(told)} is gone without {acts}: the cause is there, and need not be what is declared."
+    swaps = {one.swap: one for one in some if one.swap}
+    claimed = dict.fromkeys(parts, 0.0)
+    for name, one in swaps.items():
+        closed = {kind: share for kind, share in one.closed.items() if kind in told}
+        share = _in_classes(closed) if closed else "nothing"
+        subject = f"{name[:1].upper()}{name[1:]}"
+        yield f"{subject} takes this deviation of {one.engine} away and closes {share}: it accounts for no more."
+        if name not in explanation.probed.names:
+            claimed = {kind: min(parts[kind], claimed[kind] + one.closed.get(kind, 0.0)) for kind in parts}
+    rest = _worth_telling({name: left[name] * (part - claimed[name]) for name, part in parts.items()})
+    rest = {name: share for name, share in rest.items() if name != ALL} or rest
+    if not rest:
+        return
+    if all(one.swap for one in some):
+        yield f"Within {acts}, not explained: {_in_classes(rest)}."
+    else:
+        yield f"Within {acts}, explained only if what is declared is the cause, which no swap shows: {_in_classes(rest)}."
+
+
+def _worth_telling(share: Mapping[str, float]) -> dict[str, float]:
+    return {name: part for name, part in share.items() if part > 1.0 - ENOUGH}
 
 
 def _in_classes(share: Mapping[str, float]) -> str:

@@ -33,7 +33,7 @@ def engines(markdown: bool, out: Path, check: bool, as_json: bool) -> int:
     if as_json:
         print_json({"instances": rows, "project": project.file, "engines": data, "broken": matrix.broken()})
         return EXIT_OK
-    for table in engine_tables(rows, data):
+    for table in engine_tables(rows, data, console().width):
         console().print(table)
     for name, why in matrix.broken().items():
         say(f"{name}: {why}")

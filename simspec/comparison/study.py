@@ -169,7 +169,8 @@ def study(
         diff(a, b, tolerance=tolerance, floor=[floors[run.engine] for run in (a, b) if run.engine in floors])
         for a, b in itertools.combinations(recorded, 2)
     )
-    outcomes = {name: tuple(evaluate(run)) for name, run in runs.items()}
+    noise = {name: floor.position for name, floor in floors.items()}
+    outcomes = {name: tuple(evaluate(run, noise.get(name))) for name, run in runs.items()}
     return Study(world, certificate, runs, again, floors, outcomes, diffs)
 
 

@@ -320,7 +320,7 @@ def decisions(compiled: Compiled) -> Table:
     return features
 
 
-def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any]) -> list[Table]:
+def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any], width: int) -> list[Table]:
     """The engines with their versions, and what each engine of ``data`` supports."""
     versions = table("Engines", "engine", "version", "format", "dialect", "python", "")
     for instance in instances:
@@ -332,19 +332,61 @@ def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any]) -> lis
             Text(instance.python or "this one"),
             Text(instance.problem or "", style="red"),
         )
-    support = table("Supported features  (details: simspec engines --json)", "feature", *data)
-    for feature in Feature:
-        levels = [Level(facts["support"][feature.value]["level"]) for facts in data.values()]
-        support.add_row(feature.value, *(Text(WORDS[level], style=STYLES[level]) for level in levels))
-    abilities = table("Capabilities", "capability", *data)
-    for capability in Capability:
-        marks = ["yes" if facts["capabilities"][capability.value] else "no" for facts in data.values()]
-        abilities.add_row(capability.value, *(Text(mark, style="green" if mark == "yes" else "red") for mark in marks))
+    levels = {
+        name: [Level(facts["support"][feature.value]["level"]) for feature in Feature] for name, facts in data.items()
+    }
+    support = _side_by_side(
+        "Supported features  (details: simspec engines --json)",
+        "feature",
+        [feature.value for feature in Feature],
+        {name: [Text(WORDS[level], style=STYLES[level]) for level in own] for name, own in levels.items()},
+        width,
+    )
+    has = {name: [facts["capabilities"][capability.value] for capability in Capability] for name, facts in data.items()}
+    abilities = _side_by_side(
+        "Capabilities",
+        "capability",
+        [capability.value for capability in Capability],
+        {
+            name: [Text("yes", style="green") if one else Text("no", style="red") for one in own]
+            for name, own in has.items()
+        },
+        width,
+    )
     reasons = table("Lacking capabilities", "engine", "capability", "reason")
     for name, facts in data.items():
         for lacking, reason in facts["lacks"].items():
             reasons.add_row(name, lacking, reason)
-    return [versions, support, abilities, *([reasons] if reasons.row_count else [])]
+    return [versions, *support, *abilities, *([reasons] if reasons.row_count else [])]
+
+
+GAP = 3
+"""Columns between two cells of a table."""
+EDGES = 2
+"""Columns at both ends of a table."""
+
+
+def _side_by_side(
+    title: str, first: str, names: Sequence[str], columns: Mapping[str, Sequence[Text]], width: int
+) -> list[Table]:
+    """A row for each of ``names`` and a cell in each column: one table, or several where cells would not fit whole."""
+    labels = EDGES + max(len(word) for word in (first, *names))
+    tables: list[list[str]] = [[]]
+    taken = labels
+    for column, cells in columns.items():
+        wide = GAP + max(len(text) for text in (column, *(cell.plain for cell in cells)))
+        if taken + wide > width and tables[-1]:
+            tables.append([])
+            taken = labels
+        tables[-1].append(column)
+        taken += wide
+    made: list[Table] = []
+    for shown in tables:
+        made.append(table(title if not made else f"{title.partition('  ')[0]}, continued", first, *shown))
+        made[-1].columns[0].no_wrap = True
+        for row, name in enumerate(names):
+            made[-1].add_row(name, *(columns[column][row] for column in shown))
+    return made
 
 
 STYLES = {
@@ -388,5 +430,7 @@ def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
     ):
         if shown is not None:
             screen.print(shown)
+    for hint in dict.fromkeys(one.hint for own in study.outcomes.values() for one in own if one.hint):
+        screen.print(hint, soft_wrap=True)
     for note in dict.fromkeys(note for diff in study.diffs for note in diff.notes):
         screen.print(f"note: {note}", soft_wrap=True)

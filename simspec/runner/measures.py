@@ -25,13 +25,15 @@ from simspec.world.types import World
 
 @dataclass(frozen=True)
 class Measured:
-    """A measurement: passes when ``value`` ≤ ``bound`` (``at_least``: ≥)."""
+    """A measurement: passes when ``value`` ≤ ``bound`` (``at_least``: ≥). ``row``: the recorded row of a distance (m) that what
+    an engine does not repeat itself to makes uncertain."""
 
     value: float
     bound: float
     unit: str
     detail: str = ""
     at_least: bool = False
+    row: int | None = None
 
 
 class Unmeasurable(Exception):
@@ -191,7 +193,7 @@ def _follows_oracle(run: Run, parameters: Parameters) -> Measured:
     for part in parts(rows, 4 * poses[:1].nbytes, poses, truth):
         farthest.add(np.linalg.norm(poses[part, :, :3] - truth[part], axis=-1), part.start)
     name = run.world.bodies[farthest.column].name
-    return Measured(farthest.value, parameters["tolerance"], "m", f"{name} {_at(run, farthest.row)}")
+    return Measured(farthest.value, parameters["tolerance"], "m", f"{name} {_at(run, farthest.row)}", row=farthest.row)
 
 
 @functools.lru_cache(maxsize=4)  # the runs of one world in several engines are held against one motion
@@ -236,7 +238,9 @@ def _position(run: Run, parameters: Parameters) -> Measured:
     row = _row(run, parameters["at"]) if parameters.get("at") is not None else len(run.time) - 1
     place = _path(run, parameters["body"])[row]
     away = float(np.linalg.norm(place - np.array(parameters["xyz"])))
-    return Measured(away, parameters["tolerance"], "m", f"{parameters['body']} at {_point(place)} {_at(run, row)}")
+    return Measured(
+        away, parameters["tolerance"], "m", f"{parameters['body']} at {_point(place)} {_at(run, row)}", row=row
+    )
 
 
 def _at_target(run: Run, parameters: Parameters) -> Measured:
@@ -249,7 +253,7 @@ def _at_target(run: Run, parameters: Parameters) -> Measured:
     detail = f"{names[worst]} {1e3 * away[worst]:.4g} mm away {_at(run, row)}"
     if missed:
         detail += f"; {len(missed)} of {len(names)} miss: {', '.join(missed)}"
-    return Measured(float(away[worst]), bound, "m", detail)
+    return Measured(float(away[worst]), bound, "m", detail, row=row)
 
 
 def _displacement(run: Run, parameters: Parameters) -> Measured:
@@ -262,7 +266,7 @@ def _displacement(run: Run, parameters: Parameters) -> Measured:
     else:
         away = abs(float(np.linalg.norm(moved)) - parameters["distance"])
     detail = f"{parameters['body']} moved {np.linalg.norm(moved):.4g} m, {_point(moved)} {_at(run, row)}"
-    return Measured(away, parameters["tolerance"], "m", detail)
+    return Measured(away, parameters["tolerance"], "m", detail, row=row)
 
 
 SEEN = 0.01

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 import simspec
 from simspec.attribution import explanation as explaining
 from simspec.attribution.configuration import Asking, Configuration
-from simspec.attribution.declared import Declared, _carry, _overlaps
+from simspec.attribution.declared import Declared, _carry, _overlaps, located
 from simspec.attribution.explanation import Explanation, explain_sides
 from simspec.attribution.judge import Joint, Swap
 from simspec.attribution.verdict import verdict
@@ -22,6 +23,8 @@ from tests.attribution.planted import world
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
+COULOMB = "MuJoCo's friction: coulomb"
+PYRAMID, HALF = "friction cone: pyramid-circumscribed", "timestep halved"
 DROP = """
 simspec: 1
 name: drop
@@ -81,7 +84,9 @@ def test_a_wrong_law_is_not_claimed(asking, tmp_path, monkeypatch):
 def test_deviations_of_friction_are_located_where_the_difference_goes_with_friction(asking, monkeypatch):
     monkeypatch.setattr(explaining, "MUCH", 2.0)
     held = explaining.probes
-    monkeypatch.setattr(explaining, "probes", lambda pair: [one for one in held(pair) if one.group == "friction"])
+    monkeypatch.setattr(
+        explaining, "probes", lambda pair: [one for one in held(pair) if one.group == "friction" or one.name == COULOMB]
+    )
     sides = [Configuration(world(), engine) for engine in ("mujoco", "dart")]
     found = explain_sides(sides[0], sides[1], ("A", "B"), most=60, asking=asking)
     mine = [one for one in found.declared if one.engine == "MuJoCo" and one.acts == "friction"]
@@ -90,7 +95,10 @@ def test_deviations_of_friction_are_located_where_the_difference_goes_with_frict
     assert max(mine[0].share.values()) > 0.2
     lines = verdict(found)
     assert any(line.startswith("Declared of friction: ") for line in lines)
-    assert any(line.startswith("Unexplained, and not where a deviation is declared: ") for line in lines)
+    assert any(line.startswith("Unexplained, and not within friction") for line in lines)
+    # the setting with which MuJoCo has the friction of impacts was tried: the deviation accounts for what that closes
+    assert COULOMB in {one.swap for one in mine}
+    assert any("takes this deviation of MuJoCo away and closes" in line for line in lines)
 
 
 @given(st.floats(0.0, 1e-2), st.integers(0, 300), st.floats(1e-5, 1e-2), st.floats(0.0, 0.5), st.floats(1e-5, 10.0))
@@ -172,8 +180,49 @@ def test_what_a_located_deviation_covers_is_not_called_unexplained():
     other = dataclasses.replace(one, engine="OTHER", what="hops")
     lines = told(declared=(one, other))
     assert "Declared of friction: ONE: slides aside; OTHER: hops." in lines
-    assert "Of what is left, 50 % in contact is gone without friction." in lines
-    assert lines[-1] == "Unexplained, and not where a deviation is declared: 50 % in contact, 50 % in all windows."
+    gone = "Of what is left, 50 % in contact is gone without friction: the cause is there, and need not be what is declared."
+    assert gone in lines
+    only = "Within friction, explained only if what is declared is the cause, which no swap shows: 50 % in contact."
+    assert only in lines
+    assert lines[-1] == "Unexplained, and not within friction: 50 % in contact, 50 % in all windows."
+
+
+@pytest.mark.parametrize(
+    ("closed", "made", "words"),
+    [
+        ({"contact": 0.15, "all": 0.15}, False, "85 % in contact"),
+        ({}, False, "100 % in contact"),
+        ({"contact": 0.15, "all": 0.15}, True, "100 % in contact"),
+    ],
+)
+def test_a_deviation_accounts_for_no_more_than_the_swap_that_takes_it_away(closed, made, words):
+    """All of it goes without friction, and a seventh with the cone that the engine has: the cone is not the cause of the
+    rest; where that swap was made already, what is left is none of it."""
+    one = Declared(
+        "ONE", "has a pyramid", "friction", False, {"contact": 1.0, "all": 1.0}, {}, "the cone: pyramid", closed
+    )
+    lines = told(declared=(one,), probed=Joint(("the cone: pyramid",) if made else (), {}, {}))
+    share = "15 % in contact" if closed else "nothing"
+    assert f"The cone: pyramid takes this deviation of ONE away and closes {share}: it accounts for no more." in lines
+    assert f"Within friction, not explained: {words}." in lines
+    assert lines[-1] == "Unexplained, and not within friction: less than 1.0 %."
+
+
+def test_a_declared_cone_is_measured_by_the_cone_that_the_engine_has():
+    """What a swap says of a deviation follows from what is declared with it, and not from names; a swap that takes one
+    deviation away and brings another of its kind measures neither."""
+    sides = (Configuration(world(), "dart"), Configuration(world(), "gazebo"))
+    tried = [
+        (one, Swap(one.name, one.kind.value, one.group, one.values, share=shares[one.name]))
+        for one in explaining.probes(sides)
+        if one.name
+        in (shares := {"no friction": {"contact": 0.98}, PYRAMID: {"contact": 0.15}, HALF: {"contact": 0.4}})
+    ]
+    touching = {(a.name, b.name) for a, b in itertools.combinations(sides[0].world.bodies, 2)}
+    found = {one.what: one for one in located(sides, touching, tried) if one.engine == "Gazebo"}
+    cone = next(one for what, one in found.items() if "circumscribed pyramid" in what)
+    assert (cone.swap, cone.closed) == (PYRAMID, {"contact": 0.15})
+    assert cone.share == {"contact": 0.98}
 
 
 def test_without_contact_nothing_is_predicted(asking, tmp_path, monkeypatch):

@@ -14,19 +14,21 @@ from simspec.comparison.floor import measure_floor
 from simspec.comparison.runs import diff
 from simspec.comparison.study import Study
 from simspec.comparison.worlds import diff_worlds
+from simspec.engines.kit.capabilities import Capability
 from simspec.errors import EngineError, Location, Problem, SpecError
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
 from simspec.proof.expected import PARTS
 from simspec.proof.selftest import Outcome as DefectOutcome
 from simspec.proof.selftest import SelfTest
-from simspec.report import differences, terminal
+from simspec.report import differences, matrix, terminal
 from simspec.report.kit import length
 from simspec.report.plain import error_data, plain, study_data
 from simspec.report.plain import text as json_text
 from simspec.report.progress import progress
 from simspec.runner.execution import failed_run
 from simspec.runner.expectations import evaluate
+from simspec.support.features import Feature
 from simspec.world.types import Expectation
 from tests import worlds
 from tests.runner.synthetic import column, free_body, run, world
@@ -214,3 +216,15 @@ def test_a_level_is_called_after_what_it_checks():
     for level, part in PARTS:
         if level in terminal.PART_WORDS and part:
             assert part.partition(",")[0] in terminal.PART_WORDS[level]
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_no_word_of_the_engines_features_is_broken(width):
+    """A table of twelve engines left nine columns for each: "joint.h / inge"."""
+    data = matrix.engine_data()
+    made = [one for one in terminal.engine_tables([], data, width) if str(one.title).startswith(("Supported", "Capab"))]
+    out = shown(lambda screen: [screen.print(one) for one in made], width)
+    names = {*(feature.value for feature in Feature), *(one.value for one in Capability), *data, *["by", "API"]}
+    assert names | {"approximate", "yes", "no"} <= set(out.split())
+    rows = [line for line in out.splitlines() if line.startswith(" ") and not line.startswith(" ─")]
+    assert all(line[1] != " " for line in rows if line.strip()), "a cell goes on in another line"

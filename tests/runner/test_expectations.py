@@ -355,3 +355,28 @@ def test_not_a_number_never_passes():
         expect("position", body="ball", xyz=(0.0, 0.0, 0.0), tolerance=1e9), lambda n, t: column(t * np.nan, 0, 0)
     )
     assert not found.passed
+
+
+@pytest.mark.parametrize(
+    ("away", "noise", "told"),
+    [
+        (4e-7, 7.6e-7, True),
+        (4e-7, 5e-8, False),  # the engine resolves the bound
+        (4e-3, 7.6e-7, False),  # rounding does not make so much
+        (4e-7, np.inf, False),  # nothing is known: its repeat ended before
+        (5e-8, 7.6e-7, False),  # met
+    ],
+)
+def test_a_missed_bound_that_is_finer_than_the_engine_resolves_says_so(away, noise, told):
+    """An author's bound holds for engines of single precision, too, and the line says what no setting can mend."""
+    one = expect("position", body="ball", xyz=(0.0, 0.0, 0.0), tolerance=1e-7)
+    of = world(free_body("ball"), expect=(one,))
+    made = run(of, lambda name, t: column(away + 0 * t, 0, 0), engine="rapier")
+    floor = np.full((len(made.time), 1), noise)
+    (found,) = evaluate(made, floor)
+    assert found.passed == (away <= 1e-7)
+    words = "finer than single precision resolves here (noise 7.6e-07 m); ball at "
+    assert found.detail.startswith(words) == told
+    hint = "another bound in rapier alone: --engine rapier --set expect.0.position.tolerance=VALUE"
+    assert found.hint == (hint if told else "")
+    assert evaluate(made)[0].detail.startswith("ball at ")
