@@ -240,6 +240,7 @@ class Report(BaseModel):
     runs: dict[str, dict[str, Any]]
     floors: dict[str, dict[str, Any]]
     diffs: list[dict[str, Any]]
+    left_out: dict[str, str] = {}
 
 
 class StoredCell(Stored):

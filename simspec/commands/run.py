@@ -135,7 +135,7 @@ def run_world(
         raise SpecError(
             [Problem("--fail-on-diff requires two engines", found=", ".join(engines), allowed="two or more engines")]
         )
-    results = Results(world, folder)
+    results = Results(world, folder, selection.not_taken)
     results.demand(engines, [spec] if spec is not None else [])
     with progress(not as_json) as tell:
         result = study(

@@ -20,9 +20,10 @@ from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.marker import COMPILED, RUN, STUDY
 from simspec.outputs.targets import demand, folder_problem, own_name_problem
 from simspec.outputs.writing import change_file, open_folder, remove_file
-from simspec.report.plain import PAGE_FILE, REPORT_FILE, REPORT_SCHEMA, study_data, text
+from simspec.report.plain import NOT_RUN, PAGE_FILE, REPORT_FILE, REPORT_SCHEMA, study_data, text
 from simspec.runner.run import Run
 from simspec.runner.store import stored_runs
+from simspec.selection import NotTaken
 from simspec.stored import Report, read_as
 from simspec.world.canonical import sha256
 from simspec.world.types import World
@@ -36,8 +37,10 @@ COMPILED_FOLDER = "compiled"
 class Results(Arrivals):
     """The results of one study of ``world`` in ``folder``. ``notes``: what there is to say of what was there before."""
 
-    def __init__(self, world: World, folder: Path):
+    def __init__(self, world: World, folder: Path, not_run: Mapping[str, NotTaken] | None = None):
+        """``not_run``: the engines that were asked for and left out."""
         self.notes: list[str] = []
+        self._not_run = {name: str(why) for name, why in (not_run or {}).items()}
         self._world = world
         self._hash = sha256(world)
         self._folder = folder
@@ -96,7 +99,7 @@ class Results(Arrivals):
         open_folder(self._folder, STUDY)
         if study.certificate is None:
             self._drop_certificate()
-        data = {**study_data(study), "world_sha256": self._hash}
+        data = {**study_data(study), "world_sha256": self._hash, NOT_RUN: self._not_run}
         if not keep_page and remove_file(self._folder, STUDY, PAGE_FILE):
             self.notes.append(
                 f"{self._folder / PAGE_FILE} was of earlier runs and was removed: simspec report writes it anew"
@@ -156,6 +159,9 @@ class Results(Arrivals):
         data["diffs"] = [
             diff for diff in old.diffs if {_engine(diff, "first"), _engine(diff, "second")} <= kept
         ] + data["diffs"]
+        # an engine that is neither left out nor run now is still one that was asked for
+        there = data["runs"].keys() | data["other_runs"].keys()
+        data[NOT_RUN] = {name: why for name, why in (old.left_out | self._not_run).items() if name not in there}
         return data
 
 

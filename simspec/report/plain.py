@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 REPORT_SCHEMA = 1
 REPORT_FILE = "report.json"
 """Where a study's folder has it."""
+NOT_RUN = "left_out"
+"""What of it says which engines were asked for and did not run, and why."""
 PAGE_FILE = "report.html"
 """Where the folder of a study, or of a run, has its page."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from simspec.comparison.floor import Floor, load_floor
@@ -29,11 +29,13 @@ LARGEST_REPORT = 256 * 2**20
 @dataclass(frozen=True)
 class StoredStudy:
     """A study that was read back, the folder that it is from, and what there is to say about the folder: runs of other
-    worlds, a certificate that is missing or is of another world."""
+    worlds, a certificate that is missing or is of another world. ``left_out``: engines that were asked for and did
+    not run, each with the reason."""
 
     study: Study
     folder: Path
     notes: tuple[str, ...]
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 def load_study(folder: Path) -> StoredStudy:
@@ -77,7 +79,8 @@ def load_study(folder: Path) -> StoredStudy:
     floors = _by_engine([load_floor(folder / name) for name, own in hashes.items() if own in (None, wanted)])
     certificate, why_none = _certificate(folder, wanted)
     notes += [why_none] if why_none else []
-    return StoredStudy(study_of(runs, floors, certificate, _tolerance(report)), folder, tuple(notes))
+    left_out = {} if report is None else {name: why for name, why in report.left_out.items() if name not in runs}
+    return StoredStudy(study_of(runs, floors, certificate, _tolerance(report)), folder, tuple(notes), left_out)
 
 
 def study_of(

@@ -402,15 +402,23 @@ LONGEST_REASON = 600
 """Characters of why an engine is left out: eight lines of a terminal; ``--json`` has the whole."""
 
 
+def not_run_table(reasons: Mapping[str, str], places: Mapping[str, str] | None = None) -> Table | None:
+    """The engines that were asked for and did not run, one row each; None without any."""
+    if not reasons:
+        return None
+    not_run = table("Not run", "engine", "why")
+    for name, reason in reasons.items():
+        why = textwrap.shorten(reason, LONGEST_REASON, placeholder=" …")
+        not_run.add_row(name, why + (places or {}).get(name, ""))
+    return not_run
+
+
 def show_not_taken(selection: Selection, screen: Console) -> None:
     """The engines that are left out since nobody named them, one row each; nothing where all are taken."""
     if not selection.not_taken:
         return
-    not_run = table("Not run", "engine", "why")
-    for name, refusal in selection.not_taken.items():
-        place = f"\n{refusal.location}" if refusal.location is not None else ""
-        not_run.add_row(name, textwrap.shorten(refusal.reason, LONGEST_REASON, placeholder=" …") + place)
-    screen.print(not_run)
+    places = {name: f"\n{one.location}" if one.location else "" for name, one in selection.not_taken.items()}
+    screen.print(not_run_table({name: one.reason for name, one in selection.not_taken.items()}, places))
     if asked := [name for name, refusal in selection.not_taken.items() if refusal.acceptable]:
         screen.print(f"to accept by name what differs: simspec accept SPEC  ({', '.join(asked)})", soft_wrap=True)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import html
 import json
+import re
 import shutil
 import stat
 
@@ -11,11 +14,11 @@ import pytest
 from simspec import cli
 from simspec.commands import run as run_command
 from simspec.commands.view import no_display
-from simspec.errors import EXIT_OK, EXIT_WRONG
+from simspec.errors import EXIT_OK, EXIT_WRONG, Location
 from simspec.outputs.marker import read_marker
 from simspec.report.page.document import is_page
 from simspec.report.plain import PAGE_FILE
-from simspec.selection import named
+from simspec.selection import NotTaken, named
 from tests.report.page import samples
 
 
@@ -162,8 +165,8 @@ def test_where_windows_can_be_shown(environment, platform, shown):
     assert (no_display(environment, platform) is None) is shown
 
 
-def test_run_report_writes_the_page_and_a_later_run_without_it_removes_it(tmp_path, monkeypatch, capsys):
-    made = samples.a_study()
+def keeping(made):
+    """What stands for a study of engines: it gives what was made by hand, part by part."""
 
     def study(world, engines, *, arrivals, **_):
         arrivals.certificate(made.certificate)
@@ -173,26 +176,36 @@ def test_run_report_writes_the_page_and_a_later_run_without_it_removes_it(tmp_pa
             arrivals.floor(floor)
         return made
 
-    monkeypatch.setattr(run_command, "study", study)
+    return study
+
+
+def run_sample(made, folder, monkeypatch, page: bool = True, not_taken=None) -> None:
+    """``simspec run`` of the sample; ``not_taken``: the engines that the command leaves out."""
+    monkeypatch.setattr(run_command, "study", keeping(made))
+    run_command.run_world(
+        made.world,
+        dataclasses.replace(named(list(made.runs)), not_taken=not_taken or {}),
+        folder,
+        locate=lambda path: None,
+        prove=True,
+        repeats=True,
+        keep_going=False,
+        tolerance=1e-3,
+        fail_on_diff=False,
+        pythons={},
+        deadline=1.0,
+        source={},
+        page=page,
+        as_json=False,
+    )
+
+
+def test_run_report_writes_the_page_and_a_later_run_without_it_removes_it(tmp_path, monkeypatch, capsys):
+    made = samples.a_study()
     folder = tmp_path / "sample"
 
     def run(page: bool) -> None:
-        run_command.run_world(
-            made.world,
-            named(list(made.runs)),
-            folder,
-            locate=lambda path: None,
-            prove=True,
-            repeats=True,
-            keep_going=False,
-            tolerance=1e-3,
-            fail_on_diff=False,
-            pythons={},
-            deadline=1.0,
-            source={},
-            page=page,
-            as_json=False,
-        )
+        run_sample(made, folder, monkeypatch, page)
 
     for _ in range(2):
         run(page=True)
@@ -201,3 +214,31 @@ def test_run_report_writes_the_page_and_a_later_run_without_it_removes_it(tmp_pa
     run(page=False)
     assert "was of earlier runs and was removed" in " ".join(capsys.readouterr().out.split())
     assert not (folder / PAGE_FILE).exists()
+
+
+def not_run(folder) -> dict[str, str]:
+    """The table of engines that did not run, as the page has it."""
+    page = (folder / PAGE_FILE).read_text()
+    table = re.search(r"<caption>Not run</caption>(.*?)</table>", page, re.DOTALL)
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", table.group(1), re.DOTALL) if table else []
+    return dict(zip(cells[::2], cells[1::2], strict=True))
+
+
+def test_engines_that_did_not_run_are_on_the_page_with_the_reason(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "sample"
+    refused = NotTaken("Rapier has no <b>joints</b>", Location("some.yaml", 7, 3))
+    absent = NotTaken("not installed: pip install 'simspec[physx]'")
+    run_sample(samples.a_study(), folder, monkeypatch, not_taken={"rapier": refused, "physx": absent})
+    assert html.unescape(not_run(folder)["rapier"]) == "Rapier has no <b>joints</b> (some.yaml:7:3)"
+    assert "<b>joints" not in not_run(folder)["rapier"]
+    assert html.unescape(not_run(folder)["physx"]) == "not installed: pip install 'simspec[physx]'"
+    assert "Not run" in capsys.readouterr().out
+    # a page that is made later of the folder says the same, as does one after a run of one engine more
+    (folder / PAGE_FILE).unlink()
+    assert call("report", folder) == EXIT_OK
+    assert "rapier" in not_run(folder)
+    run_sample(samples.a_study(engines=("first", "second")), folder, monkeypatch)
+    assert set(not_run(folder)) == {"rapier", "physx"}
+    # an engine that runs after all is no longer one that did not
+    run_sample(samples.a_study(engines=("first", "rapier")), folder, monkeypatch)
+    assert set(not_run(folder)) == {"physx"}

@@ -65,6 +65,7 @@ def section(stored: StoredStudy, packed: Packed) -> Section:
         else (),
         results=sheets(
             [
+                terminal.not_run_table(stored.left_out),
                 terminal.results(study.runs),
                 terminal.expectations(study.outcomes),
                 differences.repeatability(study.floors),
