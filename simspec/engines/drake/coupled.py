@@ -48,7 +48,7 @@ EVEN_PRESSURE: Support = even_pressure(
     "beside its corners a box has one point of contact with another, off the centre of the face: by TAMSI a box between two "
     "fingers on slides turns by 0.9 rad as it slips by 0.1 m; by SAP, whose contact is convex, it slips 6 % too little at "
     "1 ms and hardly at all from 4 ms on",
-    "boxes that slip between fingers turn by 0.9 rad in 0.3 s",
+    "by TAMSI boxes that slip between fingers turn by 0.9 rad, by SAP they slip too little",
 )
 SELF_LOCKING: Support = self_locking(
     DEVIATIONS,

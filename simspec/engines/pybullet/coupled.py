@@ -45,7 +45,7 @@ EVEN_PRESSURE: Support = even_pressure(
     in_force("pybullet"),
     "under the elliptic cone pressure spreads unevenly over a face: a box between two fingers on slides turns by 0.9 rad as it "
     "slips by 0.1 m, 30 % further than it should; under the pyramid by 0.02 rad, from 8 ms on",
-    "boxes that slip between fingers turn by 0.9 rad in 0.3 s",
+    "boxes that slip between fingers turn by 0.9 rad under the elliptic cone",
 )
 SELF_LOCKING: Support = self_locking(
     DEVIATIONS,
