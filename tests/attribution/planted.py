@@ -65,9 +65,9 @@ control:
     kp: 20 N m/rad
     kd: 1 N m s/rad
 engines:
-  mujoco: {accept: [contact.friction.carried, contact.friction.impact, material.restitution]}
-  pybullet: {accept: [contact.cone.elliptic]}
-  dart: {accept: [material.restitution]}
+  mujoco: {accept: [contact.friction.carried, contact.friction.impact, contact.pressure, material.restitution]}
+  pybullet: {accept: [contact.cone.elliptic, contact.pressure]}
+  dart: {accept: [contact.pressure, material.restitution]}
 """
 STANDING = """\
 simspec: 1
@@ -141,7 +141,7 @@ def alone(engine: str, sets: str, culprit: str, *classes: str) -> Planted:
 DULL = (
     "contact.materials.rubber.restitution=0",
     "contact.pairs.1.restitution=0",
-    "engines.drake.accept=[shape.box]",
+    "engines.drake.accept=[contact.pressure, shape.box]",
 )
 """For an engine without restitution."""
 CASES = {
@@ -168,7 +168,7 @@ CASES = {
         ("dart", "dart"),
         (
             "engines.dart.settings.contact_solver=dantzig",
-            "engines.dart.accept=[material.restitution, contact.cone.elliptic]",
+            "engines.dart.accept=[material.restitution, contact.cone.elliptic, contact.pressure]",
         ),
         "DART's contact_solver",
         ("contact",),
@@ -178,7 +178,7 @@ CASES = {
         ("dart", "dart"),
         (
             "engines.dart.settings.collision_detector=bullet",
-            "engines.dart.accept=[material.restitution, shape.box, shape.plane]",
+            "engines.dart.accept=[contact.pressure, material.restitution, shape.box, shape.plane]",
         ),
         "DART's collision_detector",
         ("contact",),

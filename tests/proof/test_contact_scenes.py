@@ -68,7 +68,7 @@ WRONG = {
         "mujoco",
         (
             "contact.friction_cone=pyramid-inscribed",
-            "engines.mujoco.accept=[contact.cone.pyramid-inscribed, contact.friction.impact]",
+            "engines.mujoco.accept=[contact.cone.pyramid-inscribed, contact.friction.impact, contact.friction.self-locking]",
         ),
     ),
     "ramp-grid, one pair": ("ramp-grid", "pybullet", ("contact.pairs.1.friction=0.5",)),
