@@ -51,6 +51,8 @@ from simspec.proof.contact.held import EVERYTHING
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
 from simspec.proof.contact.run import deviating, drive_of, motion_of, world_of_trial
 from simspec.proof.contact.split import joined, split
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 from simspec.world.types import Body, Contact, EngineOptions, Material, Physics, World
 
 SHAPE = "compliance-shape"
@@ -269,7 +271,9 @@ def tried(
 
 def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]:
     """Of every defect, and of each unchanged law that fails. Nothing where the engine refuses the cone."""
-    everything = tried(engine, settings, cone, [*UNCHANGED, *DEFECTS], COUPLED)
+    jointed = find_engine(engine).SUPPORT[Feature.JOINT_SLIDE].level is not Level.UNSUPPORTED
+    probes = {name: probe for name, probe in COUPLED.items() if jointed or name not in squeezing.PROBES}
+    everything = tried(engine, settings, cone, [*UNCHANGED, *DEFECTS], probes)
     before = {one.job.key: one for one in everything if one.job.defect in UNCHANGED}
     if all(isinstance(one.found, UnsupportedError) for one in before.values()):
         return []
