@@ -60,10 +60,10 @@ MASS_RATIO: Support = heavy_on_light(
 EVEN_PRESSURE: Support = even_pressure(
     DEVIATIONS,
     _in_force,
-    "NSGS ends its sweeps with uneven pressure over a face: a box between two fingers on slides turns by 2 rad as it slips "
+    "NSGS ends its sweeps with uneven pressure over a face: a box between two fingers on slides turns by 170° as it slips "
     "by 0.1 m, and falls by 0.07 m in 0.3 s at 1.5 times the friction that holds it (1 ms; iterations: 1000 and "
-    "tolerance: 1e-9 turn it by 0.1 to 1.8 rad); contact_solver: dantzig has both right",
-    "boxes that fingers press fall and turn, by 2 rad in 0.3 s (contact_solver: dantzig does not)",
+    "tolerance: 1e-9 turn it by 5 to 130°); contact_solver: dantzig has both right",
+    "boxes that fingers press fall and turn over in 0.3 s (contact_solver: dantzig does not)",
 )
 SELF_LOCKING: Support = self_locking(
     DEVIATIONS,
