@@ -21,7 +21,7 @@ from simspec.world.heightfield import field_of
 from simspec.world.kinematics import CollisionFilter, poses
 from simspec.world.shapes import SHAPES, Round, ShapeKind
 from simspec.world.tuples import ordered
-from simspec.world.types import Shape, World
+from simspec.world.types import Body, Pose, Shape, World
 
 DEEP = 0.1
 """Share of the smaller shape's inner radius from which an overlap is deep: resting contact overlaps by far less."""
@@ -37,6 +37,8 @@ OUTSIZE = 4.0
 """Times the median bounding radius from which a shape is held against all others, for the tree's reach to stay short."""
 DIRECTIONS = 96
 """Directions spread over the sphere, 13° apart, from which the least overlap is sought."""
+PARALLEL = 1e-9
+"""Of the cosine of the angle between two planes that face each other."""
 ROUNDS = 12
 """Rounds of search around the best direction, each in 0.6 of the reach of the last: down to 0.05°."""
 
@@ -53,7 +55,7 @@ class Overlap:
 
 
 @dataclass(frozen=True, slots=True)
-class _Solid:
+class Solid:
     body: str
     shape: Shape
     centre: np.ndarray
@@ -78,19 +80,17 @@ class _Solid:
         return reach
 
 
+def solid_at(body: Body, shape: Shape, place: Pose) -> Solid:
+    """A shape of a body whose frame is at ``place`` in the world."""
+    at = frames.compose(place, shape.pose)
+    return Solid(body.name, shape, np.array(at.position), np.array(frames.matrix(at.quaternion)).T)
+
+
 def deep_overlaps(world: World) -> list[Overlap]:
     """Pairs of solid shapes that may touch and overlap deeply (``DEEP``) at the initial positions, the deepest first."""
     places = poses(world)
     solids = [
-        _Solid(
-            body.name,
-            shape,
-            np.array((at := frames.compose(places[body.name], shape.pose)).position),
-            np.array(frames.matrix(at.quaternion)).T,
-        )
-        for body in world.bodies
-        for shape in body.shapes
-        if shape.collision
+        solid_at(body, shape, places[body.name]) for body in world.bodies for shape in body.shapes if shape.collision
     ]
     may_touch, beyond = _filter(world), _beyond(world)
     overlaps: list[Overlap] = []
@@ -106,22 +106,22 @@ def deep_overlaps(world: World) -> list[Overlap]:
     return sorted(overlaps, key=lambda overlap: -overlap.depth)
 
 
-def _beyond(world: World) -> Callable[[_Solid, _Solid], float]:
+def _beyond(world: World) -> Callable[[Solid, Solid], float]:
     """How much further apart (m) two shapes are felt than the sum of their margins says."""
     stated = {(pair.first, pair.second): pair.margin for pair in world.contact.pairs if pair.margin is not None}
 
-    def beyond(solid: _Solid, other: _Solid) -> float:
+    def beyond(solid: Solid, other: Solid) -> float:
         margin = stated.get(ordered(solid.shape.material, other.shape.material)) if stated else None
         return 0.0 if margin is None else margin - solid.shape.margin - other.shape.margin
 
     return beyond
 
 
-def _filter(world: World) -> Callable[[_Solid, _Solid], bool]:
+def _filter(world: World) -> Callable[[Solid, Solid], bool]:
     rules = CollisionFilter(world)
     bodies: dict[tuple[str, str], bool] = {}
 
-    def may_touch(solid: _Solid, other: _Solid) -> bool:
+    def may_touch(solid: Solid, other: Solid) -> bool:
         pair = (solid.body, other.body)
         if pair not in bodies:
             bodies[pair] = rules.may_touch(*pair)
@@ -130,7 +130,7 @@ def _filter(world: World) -> Callable[[_Solid, _Solid], bool]:
     return may_touch
 
 
-def _near(solids: list[_Solid], widest: float) -> Iterator[tuple[_Solid, _Solid]]:
+def _near(solids: list[Solid], widest: float) -> Iterator[tuple[Solid, Solid]]:
     """Pairs of which one is a plane, or whose bounding spheres overlap; at most ``MOST_PAIRS``. ``widest``: the largest margin
     (m) of two materials."""
     left = MOST_PAIRS
@@ -145,7 +145,7 @@ def _near(solids: list[_Solid], widest: float) -> Iterator[tuple[_Solid, _Solid]
         for index in below[:left]:
             yield plane, others[index]
         left -= len(below[:left])
-    pairs = _meeting(centre, radius)
+    pairs = bounding_spheres_meet(centre, radius)
     inner = np.array([solid.inner for solid in others])
     apart = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
     nearest = np.argsort(apart / (inner[pairs[:, 0]] + inner[pairs[:, 1]]), kind="stable")
@@ -153,7 +153,7 @@ def _near(solids: list[_Solid], widest: float) -> Iterator[tuple[_Solid, _Solid]
         yield others[first], others[second]
 
 
-def _meeting(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def bounding_spheres_meet(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Index pairs (n, 2), first < second, of spheres that overlap."""
     count = len(centre)
     if count <= MOST_AT_ONCE:
@@ -196,7 +196,7 @@ MOST_PRISMS = 64
 """Triangles of a height field below which a shape is looked at, those nearest its centre first."""
 
 
-def _deepest(solid: _Solid, other: _Solid, beyond: float) -> float:
+def _deepest(solid: Solid, other: Solid, beyond: float) -> float:
     """As :func:`_depth`, of any two shapes: of a height field the most that one of its prisms is overlapped by."""
     if solid.kind.grid and other.kind.grid:
         return 0.0
@@ -216,12 +216,12 @@ def _deepest(solid: _Solid, other: _Solid, beyond: float) -> float:
         middle = prism.mean(axis=0)  # a direction from a point within it tells more
         size = tuple((prism - middle).ravel().tolist())
         at = ground.centre + middle @ ground.axes
-        part = _Solid(ground.body, dataclasses.replace(ground.shape, kind="mesh", size=size), at, ground.axes)
+        part = Solid(ground.body, dataclasses.replace(ground.shape, kind="mesh", size=size), at, ground.axes)
         deepest = max(deepest, _depth(part, other, beyond, limit))
     return deepest
 
 
-def _depth(solid: _Solid, other: _Solid, beyond: float, limit: float) -> float:
+def _depth(solid: Solid, other: Solid, beyond: float, limit: float) -> float:
     """The depth (m) of an overlap that is deeper than ``limit``; 0 when there is none. ``beyond``: see :func:`_beyond`."""
     apart = other.centre - solid.centre
     if solid.kind.endless:
@@ -231,17 +231,52 @@ def _depth(solid: _Solid, other: _Solid, beyond: float, limit: float) -> float:
         depth = solid.outer + other.outer + beyond - float(np.linalg.norm(apart))
         return depth if depth > limit else 0.0
 
+    least = _overlap_along(solid, other, beyond)
+    depth, best = least(_likely(solid, other))
+    if depth <= limit:
+        return 0.0
+    depth = _searched(least, solid, other, depth, best)
+    return depth if depth > limit else 0.0
+
+
+def separation(solid: Solid, other: Solid) -> float:
+    """How far (m) two convex shapes or planes are from each other; negative where they overlap."""
+    if solid.kind.endless and other.kind.endless:
+        facing = float(solid.axes[2] @ other.axes[2]) < PARALLEL - 1.0
+        return float((other.centre - solid.centre) @ solid.axes[2]) if facing else -math.inf
+    if other.kind.endless:
+        solid, other = other, solid
+    if solid.kind.endless:
+        return -float(other.reach(-solid.axes[2][None])[0] - (other.centre - solid.centre) @ solid.axes[2])
+    least = _overlap_along(solid, other, 0.0)
+    return -_searched(least, solid, other, *least(_likely(solid, other)))
+
+
+Least = Callable[[np.ndarray], tuple[float, np.ndarray]]
+"""The least overlap (m) along some unit vectors (n, 3) of the world, and the vector it is along."""
+
+
+def _overlap_along(solid: Solid, other: Solid, beyond: float) -> Least:
+    apart = other.centre - solid.centre
+
     def least(directions: np.ndarray) -> tuple[float, np.ndarray]:
         overlap = solid.reach(directions) + other.reach(-directions) + beyond - directions @ apart
         best = int(overlap.argmin())
         return float(overlap[best]), directions[best]
 
+    return least
+
+
+def _likely(solid: Solid, other: Solid) -> np.ndarray:
+    """Directions (n, 3) along most of which shapes overlap least: their axes, and the line through their centres."""
     own = np.concatenate([solid.axes, other.axes, -solid.axes, -other.axes])
+    apart = other.centre - solid.centre
     away = float(np.linalg.norm(apart))
-    known = np.concatenate([own, (apart / away)[None]]) if away > 0.0 else own
-    depth, best = least(known)
-    if depth <= limit:
-        return 0.0
+    return np.concatenate([own, (apart / away)[None]]) if away > 0.0 else own
+
+
+def _searched(least: Least, solid: Solid, other: Solid, depth: float, best: np.ndarray) -> float:
+    """The least overlap (m), from ``depth`` along ``best`` on."""
     edges = np.cross(solid.axes[:, None], other.axes[None]).reshape(-1, 3)
     size = np.linalg.norm(edges, axis=1)
     edges = edges[size > 1e-6] / size[size > 1e-6, None]
@@ -252,4 +287,4 @@ def _depth(solid: _Solid, other: _Solid, beyond: float, limit: float) -> float:
         around /= np.linalg.norm(around, axis=1, keepdims=True)
         depth, best = min((depth, best), least(around), key=lambda item: item[0])
         reach *= 0.6
-    return depth if depth > limit else 0.0
+    return depth

@@ -16,6 +16,8 @@ from simspec.world.derived import derived
 from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.shapes import SHAPES
+from simspec.world.slots import jamming_materials
+from simspec.world.tuples import ordered
 from simspec.world.types import Body, Shape, World
 
 MANY = 400
@@ -41,7 +43,8 @@ class Reach:
     kinds    of the shapes of bodies that move and touch so, sorted
     crosses  a box may lie on another so that their edges cross: neither is so small that it lies within the other's faces
     squeezes a body with faces may be pressed on one by a body on a joint, and touch another beside it
-    jams     a body that moves may have another between two of its shapes, as a clamp that friction alone presses on
+    jams     a body that moves may have another between two of its shapes, as a clamp that friction alone presses on; or may be
+             between two walls, as a drawer in its slot
     """
 
     leans: bool = False
@@ -71,7 +74,7 @@ def reach(world: World, first: str, second: str) -> Reach:
     masses, groups = _masses(world), rigid_groups(world)
     kinematic, leaning = _kinematic(world), _leaning(world)
     ratio, leans, carries, crosses = 0.0, False, False, False
-    jams, squeezes = False, False
+    jams, squeezes = ordered(first, second) in _slots(world), False
     moved: set[str] = set()
     for one, other in _touching(world, frozenset((first, second))):
         moving = [body for body in (one, other) if _moves(world, body)]
@@ -123,6 +126,18 @@ def _clamps(world: World, body: Body, partner: Body) -> bool:
         shape.kind not in STILL_SHAPES and 2.0 * SHAPES[shape.kind].inner_radius(shape.size) < gap
         for shape in solid_shapes(partner)
     )
+
+
+@derived
+def _slots(world: World) -> frozenset[tuple[str, str]]:
+    """The sorted pairs of materials of a free body and of fixed or kinematic walls between which it may jam."""
+    free = [body for body in world.bodies if _moves(world, body) and _is_lone(world, body)]
+    groups, kinematic = rigid_groups(world), _kinematic(world)
+    walls: dict[str, list[Body]] = {}
+    for body in world.bodies:
+        if not _moves(world, body) or groups[body.name] in kinematic:
+            walls.setdefault(groups[body.name], []).append(body)
+    return jamming_materials(world, [body for body in free if body.name not in kinematic], walls.values())
 
 
 def _squeezes(world: World, body: Body, finger: Body) -> bool:

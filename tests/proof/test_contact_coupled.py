@@ -225,6 +225,36 @@ def test_one_shape_clamps_nothing_and_bodies_fixed_to_each_other_may(tmp_path):
     assert found(tmp_path, balls(1.0) + arm + post).jams
 
 
+SLAB = "  slab: {{pose: {{xyz: [0, 0, 1]}}, mass: 1, shapes: [{{box: {{size: {size}}}, material: wood}}]}}\n"
+SLOT = """  slot:
+    fixed: true
+    shapes:
+      - {{box: {{size: [0.1, 2, 2]}}, pose: {{xyz: [-{at}, 0, 2], rpy: [0, 0, {turn}]}}, material: wood}}
+      - {{box: {{size: [0.1, 2, 2]}}, pose: {{xyz: [{at}, 0, 2], rpy: [0, 0, {turn}]}}, material: wood}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("size", "at", "turn", "jams"),
+    [
+        ("[0.2, 0.1, 0.3]", 0.2, 0, True),  # 0.3 m between walls, 0.1 m wide, 0.37 m long
+        ("[0.2, 0.1, 0.3]", 0.2, 0.02, True),
+        ("[0.2, 0.1, 0.15]", 0.2, 0, False),  # 0.27 m long
+        ("[0.5, 0.4, 0.35]", 0.2, 0, False),  # does not fit
+    ],
+)
+def test_a_body_jams_in_a_slot_that_it_fits_and_is_longer_than_wide(tmp_path, size, at, turn, jams):
+    assert found(tmp_path, SLAB.format(size=size) + SLOT.format(at=at, turn=turn)).jams is jams
+
+
+def test_a_ball_does_not_jam_in_a_slot_and_a_slab_under_a_shelf_may(tmp_path):
+    assert not found(tmp_path, balls(1.0) + SLOT.format(at=0.25, turn=0)).jams
+    shelf = "  shelf: {{fixed: true, shapes: [{{box: {{size: [1, 1, 0.1]}}, pose: {{xyz: [1, 0, {z}]}}, material: wood}}]}}\n"
+    slab = SLAB.format(size="[0.2, 0.1, 0.3]")
+    assert found(tmp_path, slab + shelf.format(z=0.4)).jams
+    assert not found(tmp_path, slab + shelf.format(z=0.5)).jams
+
+
 FINGER = (
     "  finger: {{mass: 1, joint: {{type: slide, axis: [1, 0, 0]}},"
     " shapes: [{{{shape}, pose: {{xyz: [0, 0, 3]}}, material: wood}}]}}\n"

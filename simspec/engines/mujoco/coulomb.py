@@ -130,9 +130,9 @@ class Coulomb:
         reference, normal = data.efc_aref, rows.normal
         plain = reference[normal]
         self.stepped += 1
-        if rows.rests(
-            data.efc_vel, self._near
-        ):  # then there is nothing to correct, unless a force sets it in motion now
+        if rows.rests(data.efc_vel, self._near):  # then there is little to correct, unless a force sets it in motion now
+            # of the slip before the step: pushed apart by what it creeps, a clamp that jams loses one side, and falls
+            reference[normal] = plain - rows.spread(rows.creep()) / dt
             self._constrain()
             found = self._lift(rows, data.qacc)
             if float(found @ found) <= self._near * self._near:
@@ -222,6 +222,11 @@ class _Cone(_Contacts):
         lifted: np.ndarray = np.sqrt(np.einsum("ij,ij->i", slip, slip))
         return lifted
 
+    def creep(self) -> np.ndarray:
+        """μ times the slip (m/s) before the step."""
+        lifted: np.ndarray = np.sqrt(np.einsum("ij,ij->i", self._before, self._before))
+        return lifted
+
     def pressed(self, force: np.ndarray) -> np.ndarray:
         pressed: np.ndarray = force[self.normal] > 0.0
         return pressed
@@ -254,6 +259,10 @@ class _Pyramid(_Contacts):
     def lift(self, product: np.ndarray) -> np.ndarray:
         slip = self._before + 0.5 * self._dt * (product[self._plus] - product[self._minus])
         lifted: np.ndarray = np.abs(slip).max(axis=1)
+        return lifted
+
+    def creep(self) -> np.ndarray:
+        lifted: np.ndarray = np.abs(self._before).max(axis=1)
         return lifted
 
     def pressed(self, force: np.ndarray) -> np.ndarray:
