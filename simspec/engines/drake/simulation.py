@@ -17,6 +17,8 @@ from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, parent_of, state_of
 from simspec.world.rotations import logarithm, unit
 
+UNSOLVED = "failed to converge"
+"""In Drake's words where a contact solver finds no solution of a step."""
 WHOLE = 600
 """Velocities up to which the mass matrix is asked for whole."""
 
@@ -170,7 +172,16 @@ class Simulation:
                 if len(coordinates.ball):
                     coordinates.write_turns(context)
         except RuntimeError as error:
-            raise EngineError(NAME, f"a step failed: {error}") from error
+            raise EngineError(NAME, f"a step failed: {error}{self._way_out(error)}") from error
+
+    def _way_out(self, error: RuntimeError) -> str:
+        """What helps where TAMSI, Newton's method without a guarantee, finds no solution."""
+        if self.settings["contact_approximation"] != "tamsi" or UNSOLVED not in str(error):
+            return ""
+        return (
+            f"\nTAMSI found no solution at {1e3 * self.timestep:g} ms. Take a smaller timestep, or SAP, which always finds one: "
+            "engines.drake.settings: {contact_approximation: sap}"
+        )
 
     def _effort_at(self, x: np.ndarray, effort: np.ndarray | None) -> np.ndarray:
         """An effort with the damping and springs of the joints at a state, in Drake's coordinates."""
