@@ -20,7 +20,7 @@ import numpy as np
 from simspec.proof.contact.bodies import box, cluster, floor
 from simspec.proof.contact.friction import SETTLE
 from simspec.proof.contact.impact import subject
-from simspec.proof.contact.law import project
+from simspec.proof.contact.law import nearest
 from simspec.proof.contact.leaning import HELD_SPEED, HELD_WAY
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.world import frames
@@ -43,6 +43,8 @@ SLIDE_STEPS, FASTEST = 100, 2.5
 SLOWED = 0.4
 SPIN, ARM = 0.7, 0.3
 """Speed by spin, over that of the slide, at this distance (m) from the centre of mass: no point of contact is near rest."""
+FAR = 1e3
+"""Of the friction: a point as far as this lies outside every cone, and its nearest on the cone is what opposes it."""
 FINER = 20
 """Steps of the equation of motion in one of the world's: at the world's own it is 50 % off where slip crosses a pyramid's axis
 (16 ms, μ 1.2), at these 1 %."""
@@ -217,33 +219,44 @@ def slid(law: Law, slider: str) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=64)
 def _slid(law: Law, slider: str) -> tuple[np.ndarray, np.ndarray]:
-    arms, turn = np.array(centres(law, slider)), np.eye(3)
-    inertia, up = INERTIA[slider], np.array([0.0, 0.0, 1.0])
+    arms, inertia = np.array(centres(law, slider)), INERTIA[slider]
     velocity, spin = start(law)
     dt = law.timestep / FINER
     for _ in range(FINER * steps(law)):
-        places = arms @ turn.T
-        levers = places - RADIUS * up
-        slip = velocity + np.cross(spin, levers)
-        forces = np.array([_opposed(point[:2], law) for point in slip])
-        turning = np.cross(levers, forces) / inertia
-        rises = forces[:, 2] / MASS + np.cross(turning[None, :, :], places[:, None, :])[..., 2]
-        held = GRAVITY - np.cross(spin, np.cross(spin, places))[:, 2]
-        normal = np.linalg.solve(rises, held)
-        velocity += dt * (normal @ forces / MASS - GRAVITY * up)
-        spin += dt * normal @ turning
-        angle = float(np.linalg.norm(spin)) * dt
-        axis = tuple((spin / np.linalg.norm(spin)).tolist())
-        turn = np.array(frames.matrix(frames.from_axis_angle(axis, angle))) @ turn
+        x, y, z = arms.T
+        low = z - RADIUS
+        (vx, vy, _), (wx, wy, wz) = velocity.tolist(), spin.tolist()
+        forces = _opposed((vx + wy * low - wz * y).tolist(), (vy + wz * x - wx * low).tolist(), law)
+        along, across = forces[:, 0], forces[:, 1]
+        turning = np.array([y - low * across, low * along - x, x * across - y * along]) / inertia
+        rises = 1.0 / MASS + np.outer(y, turning[0]) - np.outer(x, turning[1])
+        falls = GRAVITY - wz * (arms @ spin) + z * float(spin @ spin)
+        normal = np.linalg.solve(rises, falls)
+        velocity[:2] += dt / MASS * (normal @ forces)
+        velocity[2] += dt * (float(normal.sum()) / MASS - GRAVITY)
+        spin += dt * (turning @ normal)
+        arms = arms @ _turn(dt * spin).T
     velocity.flags.writeable = spin.flags.writeable = False
     return velocity, spin
 
 
-def _opposed(slip: np.ndarray, law: Law) -> np.ndarray:
-    """The force (3,) of a point that slides, per newton of its normal force."""
-    far = slip / np.linalg.norm(slip) * 1e3 * law.pair.friction
-    x, y = project(-far, law.pair.friction, law.friction_cone)
-    return np.array([x, y, 1.0])
+def _turn(vector: np.ndarray) -> np.ndarray:
+    """The matrix (3, 3) of a rotation vector (rad), by Rodrigues' formula."""
+    x, y, z = vector.tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / angle
+    turn: np.ndarray = np.eye(3) + math.sin(angle) * across + (1.0 - math.cos(angle)) * (across @ across)
+    return turn
+
+
+def _opposed(along: Sequence[float], across: Sequence[float], law: Law) -> np.ndarray:
+    """Friction (n, 2) of points that slide at these velocities (m/s), per newton of their normal forces."""
+    friction, cone = law.pair.friction, law.friction_cone
+    found = []
+    for x, y in zip(along, across, strict=True):
+        far = -FAR * friction / math.hypot(x, y)
+        found.append(nearest(far * x, far * y, friction, cone))
+    return np.array(found)
 
 
 PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Carrier(), Slide())}
