@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import sysconfig
 import venv
 import zipfile
 from pathlib import Path
 
 import pytest
+
+from tests.nightly import NIGHTLY
 
 ROOT = Path(__file__).resolve().parent.parent
 ENVIRONMENT = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | {
@@ -27,7 +30,9 @@ def run(*command: object, cwd: Path) -> str:
 
 
 @pytest.mark.slow
-def test_the_wheel_runs_in_a_fresh_environment(tmp_path):
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=NIGHTLY)], ids=["alone", "with what it needs"])
+def test_the_wheel_runs_in_a_fresh_environment(tmp_path, whole):
+    """``whole``: with the packages that it says it needs; else with those of this environment."""
     run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", tmp_path / "dist", ROOT, cwd=tmp_path)
     (wheel,) = (tmp_path / "dist").glob("simspec-*.whl")
     names = zipfile.ZipFile(wheel).namelist()
@@ -41,10 +46,18 @@ def test_the_wheel_runs_in_a_fresh_environment(tmp_path):
     scripts = tmp_path / "fresh" / "bin"
     # this environment's pip, and nothing compiled that is never imported
     pip = (sys.executable, "-m", "pip", "--python", scripts / "python")
-    run(*pip, "install", "--quiet", "--no-compile", f"{wheel}[mujoco]", cwd=tmp_path)
+    if whole:
+        run(*pip, "install", "--quiet", "--no-compile", f"{wheel}[mujoco]", cwd=tmp_path)
+    else:
+        run(*pip, "install", "--quiet", "--no-compile", "--no-deps", wheel, cwd=tmp_path)
+        (site,) = (tmp_path / "fresh").glob("lib/python*/site-packages")
+        # after its own folder, and without what the installed packages' own .pth files name: simspec is the wheel's
+        (site / "others.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
     work = tmp_path / "elsewhere"
     work.mkdir()
     assert "simspec" in run(scripts / "simspec", "--help", cwd=work)
+    origin = run(scripts / "python", "-c", "import simspec; print(simspec.__file__)", cwd=work)
+    assert origin.startswith(str(tmp_path / "fresh"))
     run(scripts / "simspec", "compile", "ur10e", "--engine", "mujoco", cwd=work)
     assert (work / "generated" / "ur10e" / "mujoco" / "model.xml").exists()
     run(scripts / "simspec", "run", "bouncing-ball", "--engine", "mujoco", "--no-verify", "--report", cwd=work)

@@ -29,11 +29,14 @@ from simspec.world.types import Hardness, PairContact
 from tests import worlds
 from tests.declared import with_the_cone
 from tests.installed import JOINTED
+from tests.nightly import NIGHTLY
 from tests.own_cache import own_cache
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ENGINES = with_the_cone(Feature.RESTITUTION)
+QUICK = ("mujoco", "ode")
+"""In which every probe takes ten seconds; in the others every commit measures the laws of other tests."""
 SAID_TWICE = ("ode", "physx", "rapier")
 """Whose sidecar says the cone too: files that contradict each other are refused."""
 PAIRS = {("ice", "ice"): 0.1, ("ice", "rubber"): 0.3, ("rubber", "rubber"): 0.2}
@@ -103,7 +106,7 @@ def wrong(figures):
 # --- what is measured ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", [pytest.param(name, marks=() if name in QUICK else NIGHTLY) for name in ENGINES])
 def test_every_pair_is_measured_by_every_probe_that_applies(engine, tmp_path):
     world = worlds.table(PAIRS)
     found = measured(world, installed(engine), files(world, engine, tmp_path / engine))

@@ -14,13 +14,16 @@ from simspec.proof.motionless import motionless
 from simspec.proof.verify import verify
 from simspec.world.kinematics import initial_state, layout_of
 from tests import constrained, worlds
+from tests.nightly import NIGHTLY
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ENGINES = ["dart", "pybullet"]
 
 
-@pytest.mark.parametrize("limits", [(0.0, 0.5), (0.0, 0.1), (0.2, 0.9)])
+@pytest.mark.parametrize(
+    "limits", [(0.0, 0.5), *(pytest.param(limits, marks=NIGHTLY) for limits in [(0.0, 0.1), (0.2, 0.9)])]
+)
 def test_a_loop_that_begins_at_a_limit_is_moved_inside_along_its_constraints(limits):
     world = constrained.linkage(limits)
     assert motionless(world) == ""

@@ -27,12 +27,14 @@ from tests.proof.wild import WILD, at_4_ms
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ENGINES = sorted(JOINTED)
+MEASURED = ("mujoco", "ode")
+"""Of these, the quickest at the probes of contact: in the others the whole certificate is made by ``make slow``."""
 
 
 @pytest.fixture(scope="module")
 def certificate():
     world = worlds.shapes_world(("box", "sphere"))
-    return world, verify(world, ENGINES)
+    return world, verify(world, ENGINES if EVERYTHING else [name for name in ENGINES if name in MEASURED])
 
 
 def test_it_is_valid_and_holds_every_level_for_every_engine(certificate):
@@ -59,7 +61,7 @@ def test_it_survives_its_json(certificate):
 def test_a_forged_verdict_is_noticed(certificate):
     _, found = certificate
     data = json.loads(found.to_json())
-    data["engines"][ENGINES[0]]["checks"][0]["worst"] = 1.0
+    data["engines"]["mujoco"]["checks"][0]["worst"] = 1.0
     with pytest.raises(SpecError, match="was edited"):
         Certificate.from_json(json.dumps(data, indent=2))
 
@@ -68,7 +70,7 @@ def test_it_is_judged_from_its_figures(certificate):
     world, found = certificate
     assert judge(found, world) == []
     assert judge(found, dataclasses.replace(world, name="other")) == ["it belongs to another world"]
-    name = ENGINES[0]
+    name = "mujoco"
     proof = found.engines[name]
     figure = dataclasses.replace(proof.contact[0], measured=1e6)
     for change, words in (
@@ -102,15 +104,15 @@ def test_what_cannot_be_compiled_is_refused_for_all_engines_at_once():
 
 
 SOME: Mapping[str, tuple[str, ...]] = {
-    "dart": tuple(NAMES)[0::3],
-    "pybullet": tuple(NAMES)[1::3],
-    "ode": tuple(NAMES)[2::3],
-    "gazebo": tuple(NAMES)[0::3],
+    "dart": tuple(NAMES)[0::6],
+    "pybullet": tuple(NAMES)[2::6],
+    "ode": tuple(NAMES)[4::6],
+    "gazebo": tuple(NAMES)[1::6],
     "drake": ("armature", "ball damping", "ball spring", "restitution", "rolling friction", "dry friction", "hardness"),
     "rapier": ("mass", "friction", "restitution", "copy filter", "shape size", "gravity", "excluded pair dropped"),
     "physx": ("mass", "friction", "restitution", "copy filter", "shape size", "gravity", "excluded pair dropped"),
 }
-"""Which are planted where not all: each in MuJoCo, and in one of three others at least; all in all of them by ``make slow``.
+"""Which are planted where not all: each in MuJoCo, and every second one in another; all in all of them by ``make slow``.
 Rapier and PhysX have fewer, since they have no joints. Drake's contact probes take minutes: ``verify --self-test --engine
 drake`` plants all."""
 
@@ -127,9 +129,9 @@ def test_every_planted_defect_is_caught(engine):
         assert outcome.caught is not None or outcome.reason
 
 
-def test_every_defect_is_planted_in_an_engine_beside_mujoco():
+def test_every_defect_is_planted_in_mujoco_and_every_second_one_in_another_engine():
     assert "mujoco" not in SOME
-    assert {name for engine in ("dart", "pybullet", "ode") for name in SOME[engine]} == set(NAMES)
+    assert {name for engine in ("dart", "pybullet", "ode") for name in SOME[engine]} == set(tuple(NAMES)[0::2])
 
 
 def test_a_sound_world_is_proven_once_at_each_level_that_it_is_asked_about():
