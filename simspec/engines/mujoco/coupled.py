@@ -69,8 +69,8 @@ def coupled_support(by_coulomb: Refinement, asked: Refine) -> Mapping[Feature, S
             DEVIATIONS,
             in_force("mujoco"),
             "a clamp that jams slips by 20 mm in 0.3 s at 1 ms, and falls where a hundredth of the moment of its weight "
-            "presses it on; by friction: coulomb it creeps by 0.5 mm at μ = 0.05 under the elliptic cone, and falls under "
-            "the pyramid at μ of 0.2 to 0.4",
+            "presses it on; by friction: coulomb it creeps by 0.5 mm at μ = 0.05 under the elliptic cone and 1 ms, and by "
+            "5 mm at 4 ms, and falls under the pyramid at μ = 0.4 and 0.5 ms",
             "a clamp that jams slips by 20 mm in 0.3 s, or falls where little but friction presses it on",
         ),
         Feature.EVEN_PRESSURE: even_pressure(

@@ -14,8 +14,9 @@ from simspec.engines.kit.operations import OPERATIONS
 from simspec.engines.mujoco import coulomb as mujoco_coulomb
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.comparator import compare, inventory_checks
-from simspec.proof.contact import friction, run
+from simspec.proof.contact import friction, jamming, run
 from simspec.proof.contact.probe import Motion
+from simspec.world.reach import Reach
 from simspec.world.types import Body, Hardness, Inertial, Joint, Material, Pose, Shape
 from tests import worlds
 from tests.proof.contact_probing import law, world_of
@@ -162,6 +163,18 @@ def probed(load, probe, wanted):
         {name: arrays["velocity"][:, index] for index, name in enumerate(names)},
     )
     return probe.figures(wanted, [motion]), motion, engine
+
+
+@pytest.mark.parametrize("timestep", [0.001, 0.004])
+@pytest.mark.parametrize("value", [0.1, 0.3, 0.4])
+def test_a_clamp_that_jams_under_the_pyramid_stands(load, value, timestep):
+    """It creeps within the tolerance at rest; pushed apart by that, one side lets go within 46 steps of 1 ms at 0.3."""
+    wanted = dataclasses.replace(
+        law(timestep, friction=value), friction_cone="pyramid-inscribed", reach=Reach(jams=True)
+    )
+    for probe in jamming.PROBES.values():
+        figures, _, _ = probed(load, probe, wanted)
+        assert [figure.passed for figure in figures] == [True]
 
 
 @pytest.mark.parametrize("value", [0.2, 1.0])
