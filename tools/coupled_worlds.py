@@ -66,9 +66,15 @@ COVERING: Mapping[str, tuple[str, str]] = {
         "contact.mass-ratio shape.box contact.friction.impact contact.cone.pyramid-inscribed",
     ),
     "pile": ("pile* stack*", "contact.mass-ratio contact.friction.impact contact.cone.*"),
-    "clamp": ("clamp* stack*", "contact.mass-ratio shape.box contact.friction.impact contact.cone.pyramid-inscribed"),
+    "clamp": (
+        "clamp* jam* stack*",
+        "contact.mass-ratio shape.box contact.friction.impact contact.friction.self-locking contact.cone.pyramid-inscribed",
+    ),
     "carrier": ("carrier slide-spin stack*", "contact.mass-ratio shape.box contact.friction.carried contact.cone.*"),
-    "grasp": ("clamp* carrier", "contact.mass-ratio contact.friction.* contact.cone.pyramid-inscribed shape.cylinder"),
+    "grasp": (
+        "clamp* jam* squeeze* carrier",
+        "contact.mass-ratio contact.pressure contact.friction.* contact.cone.pyramid-inscribed shape.cylinder",
+    ),
     "strike": (
         "strike* row* edge* oblique* restitution* threshold",
         "contact.friction.impact material.restitution* contact.cone.pyramid-inscribed",

@@ -179,8 +179,8 @@ class Simulation:
         if self.settings["contact_approximation"] != "tamsi" or UNSOLVED not in str(error):
             return ""
         return (
-            f"\nTAMSI found no solution at {1e3 * self.timestep:g} ms. Take a smaller timestep, or SAP, which always finds one: "
-            "engines.drake.settings: {contact_approximation: sap}"
+            f"\nTAMSI found no solution at {1e3 * self.timestep:g} ms. Take a smaller timestep, or SAP, which always finds "
+            "one: engines.drake.settings: {contact_approximation: sap}"
         )
 
     def _effort_at(self, x: np.ndarray, effort: np.ndarray | None) -> np.ndarray:

@@ -14,6 +14,7 @@ from typing import Any
 
 from simspec.dialects.mujoco.names import COULOMB, NATIVE
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.mujoco import bouncing
 from simspec.engines.mujoco.coupled import DEVIATIONS, coupled_support
 from simspec.support.declarations import Level, Refinement, Support, approximate, never
 from simspec.support.features import Feature
@@ -170,6 +171,11 @@ def _rows(probe: str, why: str, table: Mapping[float, Mapping[float, float]], **
     )
 
 
+_RISING = {0.6: 0.08, 1.05: 0.1, 1.15: 0.12, 1.2: 0.145, 1.25: 0.165, 1.3: 0.19, 1.35: 0.215, 1.4: 0.24, 1.45: 0.27}
+"""By least friction, how far a slide under the pyramid is off, at every timestep."""
+_HOPPING = {0.1: 0.065, 0.2: 0.15, 0.3: 0.33, 0.45: 0.5, 0.55: 0.7, 0.7: 1.22, 1.4: 1.55}
+_LASTING = {0.5: 0.06, 0.7: 0.15, 0.8: 0.2, 0.9: 0.24, 1.0: 0.3, 1.1: 0.42, 1.2: 0.52, 1.3: 0.63, 1.4: 0.77}
+"""The same of pushes and slides of pairs that bounce, which have no cushion (e of 0.3)."""
 _SUNK = 9.81 * (1.0 - 0.999) / (0.999 * 0.01)
 """m/s²: times dt² the depth at which a body rests that touches in one point, g (1 − d) / (d β): d the impedance and β what is
 taken back of an overlap in a step. Measured from 8 to 32 ms, to 0.2 % of it; above what is promised from 10 ms on."""
@@ -182,54 +188,94 @@ _OWN: tuple[Deviation, ...] = (
         {
             0.001: {0.9: 0.03},
             0.002: {0.4: 0.02, 0.7: 0.06, 0.9: 0.12},
-            0.004: {0.4: 0.12, 0.9: 0.2},
-            0.008: {0.15: 0.05, 0.4: 0.12, 0.7: 0.16, 0.9: 0.21},
-            0.016: {0.7: 0.21},
+            0.004: {0.2: 0.04, 0.4: 0.12, 0.9: 0.2, 1.25: 0.3},
+            0.008: {0.15: 0.05, 0.3: 0.09, 0.5: 0.16, 0.8: 0.2, 0.9: 0.29, 1.2: 0.38, 1.3: 0.43},
         },
     ),
     *_rows(
         "push",
         _BOUNCING,
-        {0.0005: {0.15: 0.04, 0.4: 0.1}, 0.002: {0.4: 0.13}, 0.008: {0.4: 0.16}},
+        {
+            0.0005: {0.15: 0.04, 0.4: 0.1},
+            0.001: {1.2: 0.12},
+            0.002: {0.4: 0.13, 0.7: 0.17, 1.4: 0.29},
+            0.004: {0.3: 0.09, 0.6: 0.18, 0.8: 0.29, 1.2: 0.43, 1.35: 0.57},
+            0.008: {0.9: 0.37},
+        },
         restitution=0.01,
     ),
+    *_rows("push", _PYRAMID, {0.0005: _HOPPING}, restitution=0.01, friction_cone="pyramid-inscribed"),
     *_rows("push", _BOUNCING, {0.0005: {0.15: 0.25}}, restitution=_LIVELY),
-    *_rows("push", _PYRAMID, {0.0005: {0.0: 0.09, 0.3: 0.25, 0.6: 0.65}}, friction_cone="pyramid-inscribed"),
+    *_rows(
+        "push",
+        _PYRAMID,
+        {
+            0.0005: {0.0: 0.09, 0.3: 0.25, 0.6: 0.65, 1.4: 0.81},
+            0.001: {0.9: 0.95, 1.3: 1.15},
+            0.002: {0.2: 0.17, 0.4: 0.3, 0.8: 0.81},
+            0.004: {0.5: 0.4, 1.1: 1.15},
+        },
+        friction_cone="pyramid-inscribed",
+    ),
     *_rows(
         "stop",
         f"{_LATE}; {_HOP}",
         {
             0.0005: {1.25: 0.03},
-            0.002: {0.9: 0.04, 1.25: 0.08},
-            0.008: {0.7: 0.04, 0.9: 0.1, 1.25: 0.25},
+            0.002: {0.6: 0.03, 0.9: 0.04, 1.15: 0.05, 1.25: 0.08},
+            0.008: {0.5: 0.022, 0.7: 0.04, 0.8: 0.055, 0.9: 0.1, 1.0: 0.14, 1.1: 0.16, 1.2: 0.19, 1.25: 0.25},
             0.016: {0.4: 0.09, 0.7: 0.2, 0.9: 0.3, 1.25: 1.05},
         },
     ),
     *_rows(
-        "stop", _BOUNCING, {0.0005: {0.4: 0.02, 0.9: 0.08}, 0.004: {0.4: 0.06}, 0.016: {0.4: 0.11}}, restitution=0.01
+        "stop",
+        _BOUNCING,
+        {
+            0.0005: {0.4: 0.02, 0.9: 0.08, 1.3: 0.1},
+            0.001: {1.3: 0.115},
+            0.002: {1.2: 0.12},
+            0.004: {0.4: 0.06, 1.2: 0.135},
+            0.008: {0.7: 0.075, 1.0: 0.15, 1.1: 0.27, 1.4: 0.3},
+            0.016: {0.4: 0.11},
+        },
+        restitution=0.01,
     ),
+    *_rows("stop", _PYRAMID, {0.0005: _LASTING}, restitution=0.01, friction_cone="pyramid-inscribed"),
     *_rows("stop", _BOUNCING, {0.0005: {0.0: 0.7}}, restitution=_LIVELY),
-    *_rows("stop", _PYRAMID, {0.0005: {0.6: 0.08}}, friction_cone="pyramid-inscribed"),
+    *_rows("stop", _PYRAMID, {0.0005: _RISING}, friction_cone="pyramid-inscribed"),
     *_rows(
         "push-oblong",
         _HOP,
         {
-            0.002: {0.7: 0.14, 1.25: 0.16},
-            0.004: {0.4: 0.11, 0.9: 0.16, 1.25: 0.19},  # 0.101 in 3.17
-            0.008: {0.15: 0.06, 0.4: 0.13, 0.9: 0.17, 1.25: 0.23},
+            0.002: {0.7: 0.14, 1.15: 0.2, 1.4: 0.23},
+            0.004: {0.2: 0.03, 0.3: 0.06, 0.4: 0.11, 0.5: 0.14, 0.65: 0.185, 0.85: 0.21, 1.3: 0.27, 1.4: 0.32},
+            0.008: {0.15: 0.06, 0.3: 0.09, 0.4: 0.13, 0.5: 0.16, 0.6: 0.2, 0.9: 0.29, 1.2: 0.38, 1.35: 0.43},
         },
     ),
     *_rows(
         "push-oblong",
         _BOUNCING,
-        {0.0005: {0.15: 0.04, 0.4: 0.22}, 0.001: {1.25: 0.23}, 0.004: {0.15: 0.11}, 0.008: {0.9: 0.24, 1.25: 0.36}},
+        {
+            0.0005: {0.15: 0.04, 0.4: 0.22},
+            0.001: {1.25: 0.23},
+            0.002: {1.4: 0.29},
+            0.004: {0.15: 0.11, 0.8: 0.29, 1.2: 0.43, 1.35: 0.57},
+            0.008: {0.9: 0.37},
+        },
         restitution=0.01,
     ),
+    *_rows("push-oblong", _PYRAMID, {0.0005: _HOPPING}, restitution=0.01, friction_cone="pyramid-inscribed"),
     *_rows("push-oblong", _BOUNCING, {0.0005: {0.0: 0.06, 0.15: 0.25}}, restitution=_LIVELY),
     *_rows(
         "push-oblong",
         _PYRAMID,
-        {0.0005: {0.0: 0.04, 0.15: 0.08, 0.4: 0.26, 0.9: 0.69, 1.25: 1.2}},
+        {
+            0.0005: {0.0: 0.04, 0.15: 0.08, 0.3: 0.14, 0.4: 0.26, 0.6: 0.55, 0.9: 0.69, 1.25: 1.2},
+            0.001: {0.3: 0.17, 0.9: 0.95},
+            0.002: {0.1: 0.055, 0.2: 0.17, 0.8: 0.81},
+            0.004: {0.3: 0.2, 0.5: 0.4, 1.2: 1.2},
+            0.008: {0.35: 0.25},
+        },
         friction_cone="pyramid-inscribed",
     ),
     *_rows(
@@ -237,8 +283,9 @@ _OWN: tuple[Deviation, ...] = (
         f"{_LATE}; {_HOP}",
         {
             0.0005: {1.25: 0.03},
-            0.002: {0.4: 0.022, 0.9: 0.055, 1.25: 0.125},
-            0.008: {0.9: 0.11, 1.25: 0.26},
+            0.001: {1.2: 0.02},
+            0.002: {0.4: 0.022, 0.6: 0.045, 0.8: 0.056, 1.2: 0.07, 1.25: 0.125},
+            0.008: {0.9: 0.11, 1.0: 0.14, 1.1: 0.16, 1.2: 0.19, 1.25: 0.26},
             0.016: {0.4: 0.08, 0.9: 0.31, 1.25: 1.15},
         },
     ),
@@ -246,10 +293,11 @@ _OWN: tuple[Deviation, ...] = (
         "stop-oblong",
         _BOUNCING,
         {
-            0.0005: {0.4: 0.03, 0.9: 0.07, 1.25: 0.33},
+            0.0005: {0.4: 0.03, 0.6: 0.04, 0.9: 0.07, 1.25: 0.33},
+            0.001: {0.8: 0.045},
             0.002: {0.9: 0.09, 1.25: 0.4},
             0.004: {0.4: 0.055, 0.9: 0.3, 1.25: 0.45},
-            0.008: {0.9: 0.32, 1.25: 0.69},
+            0.008: {0.7: 0.075, 0.9: 0.32, 1.25: 0.69},
             0.016: {0.4: 0.12, 0.9: 0.8, 1.25: 1.85},
         },
         restitution=0.01,
@@ -260,7 +308,17 @@ _OWN: tuple[Deviation, ...] = (
         {0.0005: {0.0: 0.17, 0.15: 0.49, 0.4: 0.76, 0.9: 0.99, 1.25: 1.25}, 0.016: {0.9: 1.95, 1.25: 3.7}},
         restitution=_LIVELY,
     ),
-    *_rows("stop-oblong", _PYRAMID, {0.0005: {0.6: 0.08, 1.25: 0.28}}, friction_cone="pyramid-inscribed"),
+    *_rows("stop-oblong", _PYRAMID, {0.0005: _RISING | {1.25: 0.28}}, friction_cone="pyramid-inscribed"),
+    *_rows("stop-oblong", _PYRAMID, {0.0005: _LASTING}, restitution=0.01, friction_cone="pyramid-inscribed"),
+    *(
+        row
+        for cone, why, tables in (
+            ("elliptic", _BOUNCING, bouncing.ELLIPTIC),
+            ("pyramid-inscribed", _PYRAMID, bouncing.PYRAMID),
+        )
+        for probe, table in tables.items()
+        for row in _rows(probe, why, table, restitution=bouncing.LEAST, friction_cone=cone)
+    ),
     Deviation("oblique", 0.99, _MISSING, friction_cone="elliptic"),
     *_rows(
         "oblique-separation",
@@ -290,8 +348,9 @@ _OWN: tuple[Deviation, ...] = (
     # a step's gravity, and the recovery that is missing; some friction is any friction
     *(Deviation("overlap", 10.5 * dt, _CUSHION, False, 1e-9, 0.9 * dt) for dt in _EACH),
 )
-"""Of MuJoCo's own friction: the largest of what the contact probes show at 0.5, 1, 2, 4, 8 and 16 ms, for μ of 0.05 to 1.5
-and e of 0 to 1; of oblique impacts in each row what the next friction and timestep show, since it grows with both."""
+"""Of MuJoCo's own friction: the largest of what the contact probes show at 0.5, 1, 2, 4, 8 and 16 ms, for μ of 0.05 to 1.45 in
+steps of 0.05 with e of 0, 0.3 and 0.8 (up to 8 ms), and for some of them with e up to 1; of oblique impacts in each row what
+the next friction and timestep show, since it grows with both."""
 _EITHER: tuple[Deviation, ...] = (
     *_rows("push", _NATIVE, {0.0005: {0.0: 0.11}}, hardness="native"),
     *_rows(

@@ -130,8 +130,9 @@ class Coulomb:
         reference, normal = data.efc_aref, rows.normal
         plain = reference[normal]
         self.stepped += 1
-        if rows.rests(data.efc_vel, self._near):  # then there is little to correct, unless a force sets it in motion now
-            # of the slip before the step: pushed apart by what it creeps, a clamp that jams loses one side, and falls
+        if rows.rests(data.efc_vel, self._near):
+            # little is to be corrected, unless a force sets it in motion now: by the slip before the step, since a clamp that
+            # jams, pushed apart by what it creeps, would lose one side and fall
             reference[normal] = plain - rows.spread(rows.creep()) / dt
             self._constrain()
             found = self._lift(rows, data.qacc)

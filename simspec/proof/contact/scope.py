@@ -46,7 +46,11 @@ def _several(world: World) -> str:
 
 def _clamps(world: World) -> str:
     there = any(law.friction and reach(world, *pair).jams for pair, law in meeting_laws(world).items())
-    return "" if there else "no body with friction has room for another between two of its shapes, or fits between two walls"
+    return (
+        ""
+        if there
+        else "no body with friction has room for another between two of its shapes, or fits between two walls"
+    )
 
 
 def _pressed(world: World) -> str:
