@@ -30,9 +30,9 @@ def run(*command: object, cwd: Path) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=NIGHTLY)], ids=["alone", "with what it needs"])
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=NIGHTLY)], ids=["alone", "with its dependencies"])
 def test_the_wheel_runs_in_a_fresh_environment(tmp_path, whole):
-    """``whole``: with the packages that it says it needs; else with those of this environment."""
+    """``whole``: with the dependencies that it declares, installed anew; else with the packages of this environment."""
     run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", tmp_path / "dist", ROOT, cwd=tmp_path)
     (wheel,) = (tmp_path / "dist").glob("simspec-*.whl")
     names = zipfile.ZipFile(wheel).namelist()

@@ -58,15 +58,20 @@ def jamming_materials(
         for one, other in _near(solids, longest):
             distance = separation(one, other)
             for slider in sliders:
-                if slider.fits(distance) and all(
-                    allowed.may_touch(slider.body.name, wall.body) for wall in (one, other)
-                ):
-                    found |= {
-                        ordered(shape.material, wall.shape.material)
-                        for shape in solid_shapes(slider.body)
-                        for wall in (one, other)
-                    }
+                if not slider.fits(distance):
+                    continue
+                first, second = (_materials(allowed, slider.body, wall) for wall in (one, other))
+                if first and second:
+                    found |= first | second
     return frozenset(found)
+
+
+def _materials(allowed: CollisionFilter, body: Body, wall: Solid) -> set[tuple[str, str]]:
+    """The sorted pairs of materials in which a body may touch a wall."""
+    if not allowed.may_touch(body.name, wall.body):
+        return set()
+    pairs = {ordered(shape.material, wall.shape.material) for shape in solid_shapes(body)}
+    return {pair for pair in pairs if allowed.may_materials_touch(*pair)}
 
 
 def _sliders(world: World, free: Iterable[Body]) -> list[_Slider]:

@@ -255,6 +255,16 @@ def test_a_ball_does_not_jam_in_a_slot_and_a_slab_under_a_shelf_may(tmp_path):
     assert not found(tmp_path, slab + shelf.format(z=0.5)).jams
 
 
+def test_a_body_does_not_jam_between_walls_of_which_it_touches_one_alone(tmp_path):
+    slot = SLOT.format(at=0.2, turn=0)
+    first, second = slot.rsplit("material: wood", 1)
+    path = tmp_path / "world.yaml"
+    text = WORLD.format(more=SLAB.format(size="[0.2, 0.1, 0.3]") + f"{first}material: air{second}")
+    path.write_text(text.replace("materials: {", "materials: {air: {friction: 0.5, restitution: 0}, ", 1))
+    world = simspec.load(path, sets=["contact.pairs=[{between: [wood, air], collide: false}]"]).resolve()
+    assert not reach(world, "wood", "wood").jams
+
+
 FINGER = (
     "  finger: {{mass: 1, joint: {{type: slide, axis: [1, 0, 0]}},"
     " shapes: [{{{shape}, pose: {{xyz: [0, 0, 3]}}, material: wood}}]}}\n"

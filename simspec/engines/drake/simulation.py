@@ -18,7 +18,7 @@ from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, parent_o
 from simspec.world.rotations import logarithm, unit
 
 UNSOLVED = "failed to converge"
-"""In Drake's words where a contact solver finds no solution of a step."""
+"""Part of Drake's message for a step of which a contact solver finds no solution."""
 WHOLE = 600
 """Velocities up to which the mass matrix is asked for whole."""
 
@@ -175,7 +175,7 @@ class Simulation:
             raise EngineError(NAME, f"a step failed: {error}{self._way_out(error)}") from error
 
     def _way_out(self, error: RuntimeError) -> str:
-        """What helps where TAMSI, Newton's method without a guarantee, finds no solution."""
+        """Advice for a step of which TAMSI, which need not converge, finds no solution; else empty."""
         if self.settings["contact_approximation"] != "tamsi" or UNSOLVED not in str(error):
             return ""
         return (

@@ -1,7 +1,7 @@
 """How far MuJoCo's own friction is off where pairs bounce well: pushes and slides of pairs with e from 0.35 on.
 
-Measured with MuJoCo 4.0.1 at e = 0.8, 0.5, 1, 2, 4 and 8 ms and frictions of 0.05 to 1.45 in steps of 0.05, with a margin of
-15 %. A pair that bounces has no cushion, so that what slides leaves its floor, and the further the livelier it is.
+Measured with MuJoCo 4.0.1 at e = 0.8, 0.5, 1, 2, 4 and 8 ms and frictions of 0.05 to 1.45 in steps of 0.05, with a margin of 5
+to 15 %. A pair that bounces has no cushion, so that what slides leaves its floor, and the further the livelier it is.
 """
 
 from __future__ import annotations

@@ -131,8 +131,8 @@ class Coulomb:
         plain = reference[normal]
         self.stepped += 1
         if rows.rests(data.efc_vel, self._near):
-            # little is to be corrected, unless a force sets it in motion now: by the slip before the step, since a clamp that
-            # jams, pushed apart by what it creeps, would lose one side and fall
+            # one solve is enough, unless a force sets it in motion now. It is corrected by the slip before the step: without
+            # that, creep pushes the two sides of a clamp that jams apart, one loses contact, and the clamp falls
             reference[normal] = plain - rows.spread(rows.creep()) / dt
             self._constrain()
             found = self._lift(rows, data.qacc)
