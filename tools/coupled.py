@@ -28,7 +28,7 @@ from simspec.engines.kit.coupled import KEYS, LENGTHS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import carried, crossing, jamming, leaning, squeezing, stacking, together
+from simspec.proof.contact import carried, crossing, jamming, leaning, sliding_stacks, squeezing, stacking, together
 from simspec.proof.contact.held import EVERYTHING
 from simspec.proof.contact.impact import DROP_RESTITUTION
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
@@ -42,10 +42,13 @@ PROBES: Mapping[str, Probe] = {
     **squeezing.PROBES,
     **together.PROBES,
     **stacking.PROBES,
+    **sliding_stacks.PROBES,
     **crossing.PROBES,
     **carried.PROBES,
 }
 FRICTIONS, IMPACT_FRICTIONS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.2), (0.0, 0.1, 0.3, 0.6, 1.0)
+SLIDING_FRICTIONS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2)
+"""Of stacks that slide, which are measured at each ratio of masses."""
 RESTITUTIONS, RATIOS = (0.0, 0.5, 1.0), (1.0, 10.0, 100.0, 1000.0)
 SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "mujoco": ({"friction": "native"}, {"friction": "coulomb"}),
@@ -64,15 +67,19 @@ ALIKE = 1.3
 """Ratio of the largest to the smallest deviation up to which cones or settings share a row of a table."""
 KEPT = ("probe", "case", "expected", "measured", "tolerance", "unit", "worst")
 """What is kept of a figure."""
+SUNK = (stacking.Stack.NAME, stacking.Stack.SIDEWAYS)
+"""Of the tables of stacks that are left alone."""
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
 
 
 def laws(probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
     """The laws that a probe is measured under: friction varies in all, restitution in impacts, the ratio in stacks."""
-    impacts, stacks = probe.NAME in together.PROBES, probe.NAME in stacking.PROBES
-    frictions = IMPACT_FRICTIONS if impacts else (0.5,) if stacks else FRICTIONS
+    impacts, stacks, sliding = (
+        probe.NAME in probes for probes in (together.PROBES, stacking.PROBES, sliding_stacks.PROBES)
+    )
+    frictions = IMPACT_FRICTIONS if impacts else (0.5,) if stacks else SLIDING_FRICTIONS if sliding else FRICTIONS
     restitutions = RESTITUTIONS if impacts else (0.0, DROP_RESTITUTION) if stacks else (0.0,)
-    ratios = RATIOS if stacks else (1.0,)
+    ratios = RATIOS if stacks or sliding else (1.0,)
     for friction, restitution, ratio in itertools.product(frictions, restitutions, ratios):
         pair = PairContact("base", "body", friction, restitution)
         law = Law(
@@ -148,6 +155,7 @@ COLUMNS = (
     "row",
     "edge",
     "stack",
+    "stack-slides",
     "cross",
     "carrier",
     "slide-spin",
@@ -196,7 +204,7 @@ def _stacks(seconds: float, rows: Sequence[Mapping[str, Any]]) -> list[str]:
         "| engine | setting | " + " | ".join(f"{n} layers, {ratio:g}" for n in (2, 3) for ratio in ratios) + " |"
     )
     lines.append("|---|---|" + "---:|" * (2 * len(ratios)))
-    stacks = [row for row in rows if row["probe"].startswith("stack") and row["timestep"] == 1.0]
+    stacks = [row for row in rows if row["probe"] in SUNK and row["timestep"] == 1.0]
     for engine, settings in dict.fromkeys((row["engine"], _words(row["settings"])) for row in stacks):
         cells = []
         for layers, ratio in itertools.product((2, 3), ratios):
@@ -228,6 +236,7 @@ def _column(row: Mapping[str, Any]) -> str:
         .removesuffix("-energy")
         .removesuffix("-sideways")
         .removesuffix("-turns")
+        .replace("-stays", "-slides")
     )
 
 

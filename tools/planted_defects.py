@@ -81,7 +81,9 @@ ROLES = {
     "slide-spin": r"eccentric_ball|tripod",
 }
 """By probe the body that bears on others, or the only one."""
-CARRIED = {name: ROLES[name] for name in ("pile", "strike", "stack", "carrier")}
+CARRIED = {name: ROLES[name] for name in ("pile", "strike", "stack", "carrier")} | {
+    "stack-slides": r"(sliding|standing)_cube"
+}
 SOLVERS: Mapping[tuple[str, str], Mapping[str, Any]] = {
     ("mujoco", "coulomb"): {"friction": "native"},
     ("dart", "nsgs"): {"contact_solver": "dantzig"},
@@ -125,7 +127,11 @@ DEFECTS = [
     Defect("stiffness × 2", "compliant", {"hardness": Hardness("stiffness", stiffness=2e4, damping=200.0)}),
     Defect("stiffness × 0.5", "compliant", {"hardness": Hardness("stiffness", stiffness=5e3, damping=200.0)}),
     Defect("mass × 1.05", heavier=ROLES, probes=tuple(ROLES)),
-    Defect("moving bodies pass through", apart=True, probes=("pile", "strike", "row", "stack", "cross", "carrier")),
+    Defect(
+        "moving bodies pass through",
+        apart=True,
+        probes=("pile", "strike", "row", "stack", "stack-slides", "cross", "carrier"),
+    ),
     Defect("carried body without friction", slick=CARRIED, probes=tuple(CARRIED)),
     Defect("carrier without friction", slick={"carrier": r"slab_\d+"}, probes=("carrier",)),
     Defect("another solver", settings=SOLVERS),

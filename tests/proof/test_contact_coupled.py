@@ -13,7 +13,17 @@ from hypothesis import strategies as st
 import simspec
 from simspec.engines.kit.coupled import in_force
 from simspec.engines.kit.registry import find_engine
-from simspec.proof.contact import carried, crossing, jamming, leaning, oblique, squeezing, stacking, together
+from simspec.proof.contact import (
+    carried,
+    crossing,
+    jamming,
+    leaning,
+    oblique,
+    sliding_stacks,
+    squeezing,
+    stacking,
+    together,
+)
 from simspec.proof.contact.leaning import Rod, pile_acceleration, rod_acceleration
 from simspec.proof.contact.probe import GRAVITY
 from simspec.proof.contact.together import OPENING, Strike, impulses
@@ -33,6 +43,7 @@ PROBES = {
     **squeezing.PROBES,
     **together.PROBES,
     **stacking.PROBES,
+    **sliding_stacks.PROBES,
     **crossing.PROBES,
     **carried.PROBES,
 }

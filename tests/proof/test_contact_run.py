@@ -19,7 +19,7 @@ from simspec.engines.kit.process import Reply
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Problem, UnsupportedError
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.contact import cache, carried, crossing, leaning, run, size, stacking, together
+from simspec.proof.contact import cache, carried, crossing, leaning, run, size, sliding_stacks, stacking, together
 from simspec.proof.contact.probe import Figure, Law
 from simspec.proof.selftest import defects_of
 from simspec.proof.selftest_worlds import WORLDS
@@ -62,7 +62,14 @@ PROBES = (
     "oblique-separation",
 )
 """Of figures of a pair with friction and without restitution."""
-COUPLED = {**leaning.PROBES, **together.PROBES, **stacking.PROBES, **crossing.PROBES, **carried.PROBES}
+COUPLED = {
+    **leaning.PROBES,
+    **together.PROBES,
+    **stacking.PROBES,
+    **sliding_stacks.PROBES,
+    **crossing.PROBES,
+    **carried.PROBES,
+}
 
 
 @pytest.fixture(autouse=True)

@@ -36,6 +36,7 @@ LENGTHS = frozenset(
         "pile",
         "stack",
         "stack-sideways",
+        "stack-stays",
         "cross",
         "cross-sideways",
         "carrier",

@@ -50,6 +50,8 @@ EFFECTS: Mapping[str, str] = {
     "edge-energy": "energy of impacts on several corners",
     "stack": "heavy bodies on light ones",
     "stack-sideways": "heavy bodies on light ones",
+    "stack-slides": "friction of heavy bodies on light ones",
+    "stack-stays": "friction of heavy bodies on light ones",
     "cross": "boxes whose edges cross",
     "cross-sideways": "boxes whose edges cross",
     "carrier": "friction on accelerating carriers",

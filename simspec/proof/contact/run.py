@@ -39,6 +39,7 @@ from simspec.proof.contact import (
     leaning,
     oblique,
     size,
+    sliding_stacks,
     spin,
     squeezing,
     stacking,
@@ -66,6 +67,7 @@ PROBES: Mapping[str, Probe] = {
     **squeezing.PROBES,
     **together.PROBES,
     **stacking.PROBES,
+    **sliding_stacks.PROBES,
     **crossing.PROBES,
     **carried.PROBES,
 }

@@ -75,7 +75,22 @@ def _slides(world: World) -> str:
     return "" if any(law.friction for law in meeting_laws(world).values()) else "no pair has friction"
 
 
-SEVERAL = ("rod", "rod-slips", "clamp", "clamp-slips", "pile", "pile-slips", "strike", "row", "edge", "stack", "cross")
+SEVERAL = (
+    *(
+        "rod",
+        "rod-slips",
+        "clamp",
+        "clamp-slips",
+        "pile",
+        "pile-slips",
+        "strike",
+        "row",
+        "edge",
+        "stack",
+        "stack-slides",
+    ),
+    *("stack-stays", "cross"),
+)
 """Probes of several bodies, or of several contacts of one."""
 SQUEEZED = ("squeeze", "squeeze-slips", "squeeze-turns")
 JAMS = ("jam", "jam-light")
