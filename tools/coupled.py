@@ -83,7 +83,10 @@ def laws(probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
     for friction, restitution, ratio in itertools.product(frictions, restitutions, ratios):
         pair = PairContact("base", "body", friction, restitution)
         law = Law(
-            pair, cone, timestep, reach=Reach(True, True, True, True, ratio, 3, crosses=True, jams=True, squeezes=True)
+            pair,
+            cone,
+            timestep,
+            reach=Reach(True, True, True, True, ratio, 3, crosses=True, jams=True, squeezes=True, plane=True),
         )
         if probe.applies(law):
             yield law

@@ -45,6 +45,7 @@ class Reach:
     squeezes a body with faces may be pressed on one by a body on a joint, and touch another beside it
     jams     a body that moves may have another between two of its shapes, as a clamp that friction alone presses on; or may be
              between two walls, as a drawer in its slot
+    plane    a body that moves may touch a plane
     """
 
     leans: bool = False
@@ -57,6 +58,7 @@ class Reach:
     crosses: bool = False
     jams: bool = False
     squeezes: bool = False
+    plane: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def reach(world: World, first: str, second: str) -> Reach:
     masses, groups = _masses(world), rigid_groups(world)
     kinematic, leaning = _kinematic(world), _leaning(world)
     ratio, leans, carries, crosses = 0.0, False, False, False
-    jams, squeezes = ordered(first, second) in _slots(world), False
+    jams, squeezes, plane = ordered(first, second) in _slots(world), False, False
     moved: set[str] = set()
     for one, other in _touching(world, frozenset((first, second))):
         moving = [body for body in (one, other) if _moves(world, body)]
@@ -83,6 +85,7 @@ def reach(world: World, first: str, second: str) -> Reach:
         crosses = crosses or _boxes_cross(one, other)
         jams = jams or _clamps(world, one, other) or _clamps(world, other, one)
         squeezes = squeezes or _squeezes(world, one, other) or _squeezes(world, other, one)
+        plane = plane or any(shape.kind == "plane" for body in (one, other) for shape in solid_shapes(body))
         free = [body for body in moving if body.name not in kinematic]
         driven = len(moving) == 2 and any(body.name in kinematic or not _is_lone(world, body) for body in moving)
         carries = carries or driven or any(_surface_moves(body) for body in (one, other))
@@ -98,7 +101,9 @@ def reach(world: World, first: str, second: str) -> Reach:
         for shape in solid_shapes(body)
         if shape.material in (first, second)
     }
-    return Reach(leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)), crosses, jams, squeezes)
+    return Reach(
+        leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)), crosses, jams, squeezes, plane
+    )
 
 
 def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator[tuple[Body, Body]]:

@@ -35,7 +35,16 @@ from tests.proof.contact_probing import figures, installed, law
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ALL = Reach(
-    leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True, jams=True, squeezes=True
+    leans=True,
+    gathers=True,
+    corners=True,
+    carries=True,
+    ratio=10.0,
+    layers=3,
+    crosses=True,
+    jams=True,
+    squeezes=True,
+    plane=True,
 )
 PROBES = {
     **leaning.PROBES,

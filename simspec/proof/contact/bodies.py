@@ -23,6 +23,12 @@ def floor(law: Law, size: Vector3 = FLOOR_SIZE) -> Body:
     return Body(FLOOR, FLOOR, Inertial(0.0), Joint(f"{FLOOR}_joint", "fixed"), (shape,))
 
 
+def plane(law: Law) -> Body:
+    """A fixed plane at z = 0."""
+    shape = Shape(f"{FLOOR}_0", "plane", (), Pose(), law.pair.first)
+    return Body(FLOOR, FLOOR, Inertial(0.0), Joint(f"{FLOOR}_joint", "fixed"), (shape,))
+
+
 def fixed_box(name: str, size: Vector3, at: Vector3, material: str, turn: Quaternion = frames.IDENTITY) -> Body:
     """A fixed box with its centre at ``at``."""
     shape = Shape(f"{name}_0", "box", size, Pose(at, turn), material)

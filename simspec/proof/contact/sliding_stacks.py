@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from simspec.proof.contact.bodies import box, floor
+from simspec.proof.contact.bodies import box, floor, plane
 from simspec.proof.contact.impact import DROP_RESTITUTION, subject
 from simspec.proof.contact.leaning import HELD_SPEED, HELD_WAY, SLIP_TOLERANCE
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
@@ -26,7 +26,7 @@ CUBE: Vector3 = (0.2, 0.2, 0.1)
 LIGHT = 1.0
 """kg: mass of the slab."""
 WAY = 0.1
-"""m: about how far what slides gets, so that the cube stays over the middle of the slab."""
+"""m: about how far bodies slide; the cube stays over the middle of the slab."""
 LEAST_STEPS = 10
 SPACING = 4.0
 SLIDING, STANDING = "sliding", "standing"
@@ -67,18 +67,25 @@ class SlidingStack(Probe):
         return law.pair.friction * GRAVITY * law.timestep**2 * steps * (steps - 1) / 2.0
 
     def trials(self, law: Law) -> Sequence[Trial]:
-        speed, bodies, meets = self.speed(law), [floor(law)], []
-        for number, (name, of_slab) in enumerate(((SLIDING, speed), (STANDING, 0.0))):
-            y, cube = SPACING * number, f"{name}_cube"
+        """On a box, the slab first; where the world has a plane, on a plane too, the cube first: solvers that sweep over
+        contacts have them in another order then."""
+        on_box = self._trial(law, floor(law))
+        if not law.reach.plane:
+            return [on_box]
+        on_plane = self._trial(law, plane(law))
+        return [on_box, replace(on_plane, bodies=tuple(reversed(on_plane.bodies)))]
+
+    def _trial(self, law: Law, ground: Body) -> Trial:
+        bodies, meets = [ground], []
+        for number, (name, speed) in enumerate(((SLIDING, self.speed(law)), (STANDING, 0.0))):
+            y, cube, heavy = SPACING * number, f"{name}_cube", law.reach.ratio * LIGHT
+            above = (-WAY / 2.0, y, SLAB[2] + CUBE[2] / 2.0)
             bodies += [
-                self._box(law, name, SLAB, LIGHT, (0.0, y, SLAB[2] / 2.0), of_slab, law.pair.second),
-                self._box(
-                    law, cube, CUBE, law.reach.ratio * LIGHT, (-WAY / 2.0, y, SLAB[2] + CUBE[2] / 2.0), speed,
-                    law.pair.first,
-                ),
-            ]  # fmt: skip
+                self._box(law, name, SLAB, LIGHT, (0.0, y, SLAB[2] / 2.0), speed, law.pair.second),
+                self._box(law, cube, CUBE, heavy, above, self.speed(law), law.pair.first),
+            ]
             meets.append((name, cube))
-        return [Trial(tuple(bodies), (Phase(self.steps(law)),), tuple(meets))]
+        return Trial(tuple(bodies), (Phase(self.steps(law)),), tuple(meets))
 
     def _box(self, law: Law, name: str, size: Vector3, mass: float, at: Vector3, speed: float, material: str) -> Body:
         return box(law, name, size, mass, at, (speed, 0.0, 0.0, 0.0, 0.0, 0.0), material=material, group=name)
@@ -96,18 +103,22 @@ class SlidingStack(Probe):
         ]
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        ways = {name: float(pose[-1, 0] - pose[0, 0]) for name, pose in motions[0].pose.items()}
         with_it, over, stays = self.wanted(law)
-        together = (SLIDING, f"{SLIDING}_cube")
-        worst = max(
-            together, key=lambda name: math.inf if math.isnan(ways[name]) else abs(ways[name] - with_it.expected)
-        )
-        slab = motions[0].pose[STANDING]
-        return [
-            replace(with_it, measured=ways[worst], worst="the slab" if worst == SLIDING else "the cube"),
-            replace(over, measured=ways[f"{STANDING}_cube"]),
-            replace(stays, measured=float(np.linalg.norm(slab[:, :3] - slab[0, :3], axis=1).max())),
-        ]
+        slides, goes, stands = {}, {}, {}
+        for ground, motion in zip(("a box", "a plane"), motions, strict=False):
+            ways = {name: float(pose[-1, 0] - pose[0, 0]) for name, pose in motion.pose.items()}
+            slides |= {f"the slab on {ground}": ways[SLIDING], f"the cube on {ground}": ways[f"{SLIDING}_cube"]}
+            goes[ground] = ways[f"{STANDING}_cube"]
+            slab = motion.pose[STANDING][:, :3]
+            stands[ground] = float(np.linalg.norm(slab - slab[0], axis=1).max())
+        return [_worst(with_it, slides), _worst(over, goes), _worst(stays, stands)]
+
+
+def _worst(wanted: Figure, values: Mapping[str, float]) -> Figure:
+    """The figure with the value that is furthest off, and where that is."""
+    off = {name: math.inf if math.isnan(value) else abs(value - wanted.expected) for name, value in values.items()}
+    worst = max(off, key=lambda name: off[name])
+    return replace(wanted, measured=values[worst], worst=worst)
 
 
 PROBES: Mapping[str, Probe] = {SlidingStack.NAME: SlidingStack()}
