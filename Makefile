@@ -8,7 +8,7 @@
 # make fuzz LANGUAGE=urdf MINUTES=10   damaged and hostile files for an importer, so many minutes of processor time
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
 # make certify  every shipped spec, proven in every engine that is here and supports it (nightly): about half an hour on two processors
-# make slow     tests that are left out of make test, since they take long (nightly): every defect and every probe in every engine, a bisection of installed versions, the robot's first placement in ODE, the wheel with its dependencies: some 15 minutes
+# make slow     tests that are left out of make test, since they take long (nightly): every defect and every probe in every engine, a bisection of installed versions, the robot's placements, the CI example from end to end: some 25 minutes
 # make kills    compile, verify, run and a sweep, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 # make study-small   both scenarios of the study, 5 timesteps, 3 seeds, 3 engines, one pick of the robot: runs/koerber-2021-small/study.md
@@ -138,8 +138,8 @@ certify: setup
 
 # what tests/nightly.py leaves out at every commit; the tests there say what stands for it
 slow: setup
-	SIMSPEC_SLOW=all $(BIN)/pytest -q -n $(JOBS) --dist worksteal tests/proof/test_verify.py tests/proof/test_contact_run.py \
-		tests/proof/test_motionless.py tests/commands/test_bisect.py tests/test_stacking.py tests/test_packaging.py
+	SIMSPEC_SLOW=all $(BIN)/pytest -q -n $(JOBS) --dist worksteal -m slow
+	SIMSPEC_SLOW=all $(BIN)/pytest -q -n $(JOBS) --dist worksteal -m "not slow" tests/proof/test_verify.py
 
 # nothing is lost, stray or left running, whenever a command is killed
 kills: setup

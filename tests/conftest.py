@@ -12,8 +12,10 @@ import pytest
 from hypothesis import settings
 
 from simspec.engines.kit import process
+from simspec.engines.kit.registry import engines
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.kit.warm import WarmProcesses
+from tests import nightly
 from tests.installed import LEFT_OUT
 
 settings.register_profile("simspec", deadline=None)
@@ -45,6 +47,9 @@ LONGEST = (
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     order = {ROOT / file: place for place, file in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path, len(order)))
+    for item in nightly.left_out(items, engines()):
+        for mark in nightly.NIGHTLY:
+            item.add_marker(mark)
 
 
 gc.disable()  # until the tests begin: of what is collected, all stays

@@ -1,16 +1,81 @@
-"""Tests that take too long for every commit: skipped, and listed as such, where ``make slow`` does not ask for them."""
+"""Tests that take too long for every commit: skipped, and listed as such, where ``make slow`` does not ask for them.
+
+Single cases of a test carry the marks ``NIGHTLY``. The lists below are of tests that take seconds to minutes, measured by
+``pytest --durations``: each commit runs a part of them that fails for most of the same faults.
+"""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import pytest
 
 ASKED = "SIMSPEC_SLOW"
 """Where this variable is ``all``, they run."""
 EVERYTHING = os.environ.get(ASKED) == "all"
-NIGHTLY = (pytest.mark.slow, pytest.mark.skipif(not EVERYTHING, reason="run by make slow"))
+WHY = "run by make slow"
+NIGHTLY = (pytest.mark.slow, pytest.mark.skipif(not EVERYTHING, reason=WHY))
 """Marks of such a test."""
+ROOT = Path(__file__).resolve().parent
+
+MUJOCO, ODE = frozenset({"mujoco"}), frozenset({"ode"})
+BOTH = MUJOCO | ODE
+"""One engine that is always installed, and the quickest."""
+ENGINES = {
+    "attribution/test_planted.py::test_the_culprit_is_named_first_although_the_engines_differ_too": BOTH,
+    "engines/kit/test_bad_answers.py::test_the_proof_stands_whatever_an_engine_says_it_holds": BOTH,
+    "engines/kit/test_warm.py::test_a_forked_process_gives_the_bits_of_a_new_one_and_keeps_nothing": BOTH,
+    "engines/test_engine_suite.py::test_a_native_controller_settles_at_its_target_without_gravity": BOTH,
+    "engines/test_engine_suite.py::test_a_stack_stands_as_it_does_awake": BOTH,
+    "engines/test_engine_suite.py::test_a_table_of_six_materials_is_held_and_measured": ODE,
+    "engines/test_engine_suite.py::test_efforts_are_held_between_two_looks_of_a_controller": BOTH,
+    "engines/test_engine_suite.py::test_what_is_driven_does_not_notice": BOTH,
+    "engines/test_engine_suite.py::test_windows_from_the_rows_of_a_run_end_in_the_next_ones": BOTH,
+    "engines/test_native.py::test_the_same_run_twice_gives_the_same_bits": BOTH,
+    "proof/test_contact_coupled.py::test_engines_keep_to_the_coupled_law": BOTH,
+    "proof/test_contact_friction.py::test_an_oblong_slider_shows_whether_friction_is_against_the_slip": BOTH,
+    "proof/test_contact_friction.py::test_engines_keep_the_law_and_another_is_noticed": BOTH,
+    "proof/test_contact_run.py::test_planted_defects_are_measured": BOTH,
+    "proof/test_contact_scenes.py::test_a_scene_comes_out_as_its_oracle_says": BOTH,
+    "proof/test_contact_scenes.py::test_a_tower_of_boxes_stands": BOTH,
+    "proof/test_contact_scenes.py::test_a_tower_of_cylinders_stands": BOTH,
+    "proof/test_filter_defects.py::test_every_defect_of_the_filter_is_caught": BOTH,
+    "proof/test_verify.py::test_every_planted_defect_is_caught": BOTH,
+    "test_stacking.py::test_slippery_fingers_fail_and_the_report_says_how": MUJOCO,
+    "test_stacking.py::test_the_same_run_twice_gives_the_same_bits": MUJOCO,
+    "test_stacking.py::test_what_is_lifted_and_shaken_does_not_slip": MUJOCO,
+}
+"""Of these each commit runs the cases of some engines, and those of no engine."""
+CASES = {
+    "commands/test_once.py::test_a_command_compiles_once_for_each_engine": 3,
+    "engines/dart/test_engine.py::test_contact_free_motion": 4,
+    "engines/pybullet/test_engine.py::test_contact_free_motion": 4,
+    "engines/test_motion_scenarios.py::test_every_engine_keeps_the_closed_form": 2,
+    "language/test_formatting.py::test_any_layout_leads_to_the_same": 5,
+    "language/test_formatting.py::test_data_are_laid_out_as_files_are": 5,
+    "proof/test_contact_run.py::test_every_pair_is_measured_by_every_probe_that_applies": 2,
+    "proof/test_touch.py::test_what_is_said_to_stay_apart_stays_apart_in_a_thousand_random_states": 3,
+    "report/test_contact.py::test_the_plot_is_the_same_bytes_every_time": 3,
+    "test_bad_input.py::test_a_bad_spec_is_refused_in_bounded_work": 3,
+    "test_endings.py::test_a_signal_at_work_leaves_no_process_and_no_folder": 2,
+    "test_endings.py::test_kills_at_random_moments_leave_nothing_that_the_next_call_does_not_remove": 3,
+}
+"""Of these each commit runs one case in so many, the first among them."""
+WHOLE = (
+    "attribution/test_planted.py::test_another_engine_away_from_its_default_is_named_and_the_rest_is_asked_about",
+    "attribution/test_planted.py::test_an_engine_begins_windows_with_the_contact_points_that_it_keeps",
+    "commands/test_sweep.py::test_killed_at_random_moments_it_loses_and_repeats_nothing",
+    "comparison/test_long.py::test_no_array_of_all_rows_is_ever_in_memory",
+    "engines/dart/test_copies.py::test_seven_cylinders_stand_under_the_elliptic_cone",
+    "experiments/test_dask.py::test_an_engine_that_no_worker_has_is_an_error_before_any_run_and_a_scheduler_that_goes_is_one",
+    "proof/test_chaos.py::test_what_grows_by_itself_is_too_chaotic_and_a_narrow_range_is_not",
+    "proof/test_contact_scenes.py::test_a_tower_of_cylinders_needs_a_sound_detector",
+    "test_ci_example.py::test_every_step_passes_then_keeps_to_the_baseline_then_sees_a_change",
+)
+"""Of these each commit runs none."""
 
 
 def nightly(test):
@@ -18,3 +83,31 @@ def nightly(test):
     for mark in NIGHTLY:
         test = mark(test)
     return test
+
+
+def name_of(item: pytest.Item) -> str:
+    """The file of a test, relative to ``tests``, and its function."""
+    function = getattr(item, "originalname", None) or item.name
+    return f"{item.path.relative_to(ROOT).as_posix()}::{function}"
+
+
+def engines_of(item: pytest.Item, known: Iterable[str]) -> set[str]:
+    """The engines that a case names: as a parameter, in its identifier, or by the class of its suite."""
+    callspec = getattr(item, "callspec", None)
+    words = set() if callspec is None else {str(value) for value in callspec.params.values()}
+    words |= set() if callspec is None else set(callspec.id.split("-"))
+    suite = getattr(getattr(item, "cls", None), "engine", None)
+    return (words | {suite}) & set(known)
+
+
+def left_out(items: Iterable[pytest.Item], known: Iterable[str]) -> Iterator[pytest.Item]:
+    """The tests that a commit does not run; ``known``: the names of all engines."""
+    known, seen = set(known), Counter[str]()
+    for item in items:
+        name = name_of(item)
+        quick = ENGINES.get(name)
+        other = quick is not None and (of := engines_of(item, known)) and not of & quick
+        turn = seen[name] % CASES.get(name, 1)
+        seen[name] += 1
+        if name in WHOLE or turn or other:
+            yield item

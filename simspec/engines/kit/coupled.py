@@ -49,6 +49,8 @@ within the probe's tolerance. An empty key: everywhere. ``restitution``: ``0`` f
 RATIOS = {"": 0.0, "1": 0.0, "10": 1.001, "100": 10.01, "1000": 100.1}
 """Ratio of masses from which a row counts, by the measured ratio, which is the largest it counts for; beyond 1000 the last row
 counts, and level L5 decides."""
+SLIDING = ("stack-slides", "stack-stays")
+"""Probes of stacks that slide: their rows say nothing of worlds in which no body that moves has faces."""
 SOME = 0.01
 """Restitution from which rows of ``>0`` count."""
 
@@ -131,7 +133,8 @@ def leans(world: World) -> bool:
 def heavy_on_light(
     rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
 ) -> Support:
-    """Exact where no declared deviation of a stack counts under a world's settings, otherwise to be accepted by name."""
+    """Exact where no declared deviation of a stack, at rest or sliding, counts under a world's settings, otherwise to be
+    accepted by name."""
     return _where_rows_count([row for row in rows if row.probe.startswith("stack")], settings, how, short)
 
 
@@ -158,7 +161,8 @@ def _where_rows_count(
         ratio, timestep, cone = largest_ratio(world), world.physics.timestep, world.contact.friction_cone
         counting = any(
             row.counts_for(law, cone, timestep, settings(world), ratio)
-            for law in meeting_laws(world).values()
+            and (row.probe not in SLIDING or (law.friction > 0.0 and reach(world, *pair).corners))
+            for pair, law in meeting_laws(world).items()
             for row in rows
         )
         return None if counting else Refinement(Level.EXACT, "")

@@ -1,0 +1,41 @@
+"""The lists of what ``make slow`` runs name tests that there are, and leave a part of each to every commit."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from tests import nightly
+
+
+@pytest.mark.parametrize(
+    "listed", [tuple(nightly.ENGINES), tuple(nightly.CASES), nightly.WHOLE], ids=["engines", "cases", "whole"]
+)
+def test_what_is_listed_is_there(listed):
+    suites = "".join(
+        path.read_text(encoding="utf-8") for path in (nightly.ROOT.parent / "simspec/testing").glob("*.py")
+    )
+    assert len(set(listed)) == len(listed)
+    for name in listed:
+        file, function = name.split("::")
+        text = (nightly.ROOT / file).read_text(encoding="utf-8") + (suites if "suite" in file else "")
+        assert f"def {function}(" in text, name
+
+
+def case(name, *parameters, engine=None):
+    file, function = name.split("::")
+    callspec = SimpleNamespace(params=dict(enumerate(parameters)), id="-".join(map(str, parameters)))
+    cls = engine and SimpleNamespace(engine=engine)
+    return SimpleNamespace(path=nightly.ROOT / file, originalname=function, name=function, callspec=callspec, cls=cls)
+
+
+def test_each_commit_runs_quick_engines_the_first_case_and_what_is_not_listed():
+    by_engine, some, whole = next(iter(nightly.ENGINES)), next(iter(nightly.CASES)), nightly.WHOLE[0]
+    known = ("mujoco", "ode", "dart")
+    items = [case(by_engine, name) for name in ("mujoco", "ode", "dart", "mujoco-dart", "no engine")]
+    items += [case(by_engine, "none", engine=name) for name in ("ode", "dart")]
+    items += [case(some, number) for number in range(nightly.CASES[some] + 1)]
+    items += [case(whole, "mujoco"), case("test_nightly.py::test_other", "dart")]
+    left = list(nightly.left_out(items, known))
+    assert left == [items[2], items[6], *items[8 : 7 + nightly.CASES[some]], items[-2]]
