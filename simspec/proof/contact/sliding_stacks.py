@@ -22,7 +22,9 @@ from simspec.world.types import Body, Vector3
 
 SLAB: Vector3 = (0.6, 0.6, 0.05)
 CUBE: Vector3 = (0.2, 0.2, 0.1)
-"""Edges (m): flat, so that neither tips below a friction of 2."""
+"""Edges (m): flat, so that neither tips below ``TIPS``."""
+TIPS = 2.0
+"""Friction at which the cube tips over its edge."""
 LIGHT = 1.0
 """kg: mass of the slab."""
 WAY = 0.1
@@ -45,7 +47,7 @@ class SlidingStack(Probe):
     def applies(self, law: Law) -> bool:
         return (
             law.pair.collide
-            and law.pair.friction > 0.0
+            and 0.0 < law.pair.friction < TIPS
             and law.pair.hardness.kind == "common"
             and law.reach.ratio > 0.0
             and law.reach.corners
@@ -110,7 +112,7 @@ class SlidingStack(Probe):
             slides |= {f"the slab on {ground}": ways[SLIDING], f"the cube on {ground}": ways[f"{SLIDING}_cube"]}
             goes[ground] = ways[f"{STANDING}_cube"]
             slab = motion.pose[STANDING][:, :3]
-            stands[ground] = float(np.linalg.norm(slab - slab[0], axis=1).max())
+            stands[ground] = float(np.hypot(*(slab - slab[0])[:, :2].T).max())
         return [_worst(with_it, slides), _worst(over, goes), _worst(stays, stands)]
 
 
