@@ -50,6 +50,7 @@ FRICTIONS, IMPACT_FRICTIONS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.
 SLIDING_FRICTIONS = (0.05, 0.1, 0.3, 0.6, 1.2)
 """Of stacks that slide, which are measured at each ratio of masses."""
 RESTITUTIONS, RATIOS = (0.0, 0.5, 1.0), (1.0, 10.0, 100.0, 1000.0)
+SLIDING_RATIOS = (1.0, 4.0, 10.0, 100.0, 1000.0)
 SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "mujoco": ({"friction": "native"}, {"friction": "coulomb"}),
     "pybullet": ({},),
@@ -79,7 +80,7 @@ def laws(probe: Probe, cone: str, timestep: float) -> Iterator[Law]:
     )
     frictions = IMPACT_FRICTIONS if impacts else (0.5,) if stacks else SLIDING_FRICTIONS if sliding else FRICTIONS
     restitutions = RESTITUTIONS if impacts else (0.0, DROP_RESTITUTION) if stacks or sliding else (0.0,)
-    ratios = RATIOS if stacks or sliding else (1.0,)
+    ratios = RATIOS if stacks else SLIDING_RATIOS if sliding else (1.0,)
     for friction, restitution, ratio in itertools.product(frictions, restitutions, ratios):
         pair = PairContact("base", "body", friction, restitution)
         law = Law(
@@ -240,6 +241,7 @@ def _column(row: Mapping[str, Any]) -> str:
         .removesuffix("-sideways")
         .removesuffix("-turns")
         .replace("-stays", "-slides")
+        .removesuffix("-plane")
     )
 
 

@@ -19,6 +19,7 @@ from simspec.proof.contact import (
     jamming,
     leaning,
     oblique,
+    scope,
     sliding_stacks,
     squeezing,
     stacking,
@@ -143,6 +144,33 @@ def test_a_stick_that_stops_takes_the_whole_slip():
     assert along == pytest.approx(0.1 * normal)
 
 
+@given(st.floats(0.05, 1.9), st.sampled_from((0.0005, 0.001, 0.004, 0.016)))
+def test_what_slides_together_is_stopped_in_the_steps_of_the_probe(friction, timestep):
+    """By semi-implicit Euler, with μ g of each of two bodies of any masses."""
+    probe, wanted = sliding_stacks.SlidingStack(), coupled(friction=friction, timestep=timestep)
+    speed, way = probe.speed(wanted), 0.0
+    for _ in range(probe.steps(wanted)):
+        speed -= friction * GRAVITY * timestep
+        way += speed * timestep
+    assert speed == pytest.approx(0.0, abs=1e-9)
+    expected = [figure.expected for figure in probe.wanted(wanted)]
+    assert expected == [pytest.approx(way), pytest.approx(way), 0.0] * 2
+    assert way == pytest.approx(sliding_stacks.WAY, rel=0.6)
+
+
+def test_stacks_slide_on_a_plane_where_there_is_one_in_another_order():
+    probe = sliding_stacks.SlidingStack()
+    on_box, on_plane = probe.trials(coupled())
+    assert [body.name for body in on_plane.bodies] == [body.name for body in reversed(on_box.bodies)]
+    assert [trial.bodies[end].shapes[0].kind for trial, end in ((on_box, 0), (on_plane, -1))] == ["box", "plane"]
+    boxes = dataclasses.replace(coupled(), reach=dataclasses.replace(ALL, plane=False))
+    assert probe.trials(boxes) == [on_box]
+    for missing in ({"ratio": 0.0}, {"corners": False}):
+        assert not probe.applies(dataclasses.replace(coupled(), reach=dataclasses.replace(ALL, **missing)))
+    assert not probe.applies(coupled(friction=0.0))
+    assert not probe.applies(coupled(friction=sliding_stacks.TIPS))
+
+
 # --- what a world can do ------------------------------------------------------------------------------------------
 
 WORLD = """
@@ -174,6 +202,15 @@ def balls(*masses):
 
 def test_one_ball_on_one_floor_can_do_nothing_coupled(tmp_path):
     assert found(tmp_path, balls(1.0)) == Reach(kinds=BALLS)
+
+
+def test_a_plane_is_no_coupled_contact(tmp_path):
+    box = "{box: {size: [4, 4, 1]}, pose: {xyz: [0, 0, -0.5]}, "
+    path = tmp_path / "world.yaml"
+    path.write_text(WORLD.format(more=balls(1.0)).replace(box, "{plane: {}, "))
+    world = simspec.load(path).resolve()
+    assert reach(world, "wood", "wood") == Reach(kinds=BALLS, plane=True)
+    assert scope.scope(world, ())["contact of several bodies"].startswith(scope.NONE_HERE)
 
 
 def test_a_second_wall_lets_a_ball_lean(tmp_path):
@@ -441,6 +478,7 @@ def test_what_is_declared_off_by_default_must_be_accepted_by_name(engine, featur
         ("edge", {"friction": 0.5, "restitution": 0.4}),
         ("slide-spin", {"friction": 0.45}),
         ("carrier", {"friction": 0.2}),
+        ("stack-slides", {"friction": 0.47}),
     ],
 )
 def test_a_wrong_number_is_seen(name, compiled, tmp_path):

@@ -24,6 +24,7 @@ _CORNERS = (
 _FIFTH = (
     "beside its corners a box has one point of contact with another box, off the centre of the face, which bears most"
 )
+_CREEPS = "friction is proportional to slip below the stiction tolerance, and has its full size above it alone"
 _UNKNOWN = "measured; the cause is not known"
 
 DEVIATIONS: tuple[Deviation, ...] = measured(
@@ -31,7 +32,9 @@ DEVIATIONS: tuple[Deviation, ...] = measured(
     (
         Reason("cross*", _CORNERS),
         Reason("squeeze*", _FIFTH, "contact_approximation=tamsi"),
+        Reason("stack-slides*", _LIFTS, _SAP),
         Reason("stack*", _SOFT, _SAP),
+        Reason("stack-slides* stack-stays*", _CREEPS),
         Reason("*", _LIFTS, _SAP),
         Reason("*", _UNKNOWN),
     ),

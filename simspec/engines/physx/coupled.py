@@ -18,7 +18,7 @@ _ANCHORS = (
 )
 _FEW = "steps of some ms are few for boxes that lie on crossing edges"
 _MADE = "sweeps end before friction has made the normal force of a clamp that jams"
-_SWEEPS = "sweeps over one contact after another leave overlaps where heavy bodies lie on light ones"
+_SWEEPS = "sweeps over one contact after another leave overlaps and wrong friction where heavy bodies lie on light ones"
 
 DEVIATIONS: tuple[Deviation, ...] = measured(
     Path(__file__).with_name("coupled.csv"),

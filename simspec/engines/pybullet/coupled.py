@@ -13,7 +13,7 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Support
 
 _ASIDE = "the elliptic cone brakes aside of the slip (accepted by name: contact.cone.elliptic)"
-_SWEEPS = "sweeps over one contact after another leave overlaps where heavy bodies lie on light ones"
+_SWEEPS = "sweeps over one contact after another leave overlaps and wrong friction where heavy bodies lie on light ones"
 _MADE = "sweeps end before friction has made the normal force of a clamp that jams"
 _UNEVEN = "pressure spreads unevenly over a face under the elliptic cone, so that friction turns a box between fingers"
 _FEW = "steps of some ms are few for what slips, spins or lies on crossing edges"

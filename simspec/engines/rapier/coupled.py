@@ -16,7 +16,7 @@ _ASIDE = (
     "friction is along K⁻¹ v, K the mobility of the contact: the feet of one body are braked aside of their slip (accepted by "
     "name: contact.cone.elliptic)"
 )
-_SWEEPS = "sweeps over one contact after another leave overlaps where heavy bodies lie on light ones"
+_SWEEPS = "sweeps over one contact after another leave overlaps and wrong friction where heavy bodies lie on light ones"
 _MADE = "sweeps end before friction has made the normal force of a clamp that jams"
 _FEW = "steps of some ms are few for what slips or clamps"
 

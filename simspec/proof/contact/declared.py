@@ -52,6 +52,8 @@ EFFECTS: Mapping[str, str] = {
     "stack-sideways": "heavy bodies on light ones",
     "stack-slides": "friction of heavy bodies on light ones",
     "stack-stays": "friction of heavy bodies on light ones",
+    "stack-slides-plane": "friction of heavy bodies on light ones",
+    "stack-stays-plane": "friction of heavy bodies on light ones",
     "cross": "boxes whose edges cross",
     "cross-sideways": "boxes whose edges cross",
     "carrier": "friction on accelerating carriers",

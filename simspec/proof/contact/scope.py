@@ -89,7 +89,7 @@ SEVERAL = (
         "stack",
         "stack-slides",
     ),
-    *("stack-stays", "cross"),
+    *("stack-stays", "stack-slides-plane", "stack-stays-plane", "cross"),
 )
 """Probes of several bodies, or of several contacts of one."""
 SQUEEZED = ("squeeze", "squeeze-slips", "squeeze-turns")

@@ -31,6 +31,8 @@ WAY = 0.1
 """m: about how far bodies slide; the cube stays over the middle of the slab."""
 LEAST_STEPS = 10
 SPACING = 4.0
+ON_PLANE = "-plane"
+"""Ends the names of figures on a plane; the others are on a box."""
 SLIDING, STANDING = "sliding", "standing"
 """Names of the slabs, by how they begin; of each, and of its cube, the collision groups are their names."""
 
@@ -93,34 +95,41 @@ class SlidingStack(Probe):
         return box(law, name, size, mass, at, (speed, 0.0, 0.0, 0.0, 0.0, 0.0), material=material, group=name)
 
     def wanted(self, law: Law) -> Sequence[Figure]:
+        return [figure for ground in self._grounds(law) for figure in self._on(law, ground)]
+
+    def _grounds(self, law: Law) -> tuple[str, ...]:
+        """What names of figures end with, by trial."""
+        return ("", ON_PLANE) if law.reach.plane else ("",)
+
+    def _on(self, law: Law, ground: str) -> tuple[Figure, Figure, Figure]:
         way, about, ratio = self.way(law), subject(law), law.reach.ratio
         free = self.speed(law) * self.steps(law) * law.timestep
         slides = ("way", "m", way, None, SLIP_TOLERANCE * way)
         stays = HELD_WAY + HELD_SPEED * self.steps(law) * law.timestep
         over = f"{ratio:.4g} kg over {LIGHT:g} kg"
-        return [
-            Figure(self.NAME, about, f"{ratio:.4g} kg with {LIGHT:g} kg", *slides, without=free),
-            Figure(self.NAME, about, over, *slides, without=free),
-            Figure(self.STAYS, about, over, "way", "m", 0.0, None, stays, without=way),
-        ]
+        return (
+            Figure(self.NAME + ground, about, f"{ratio:.4g} kg with {LIGHT:g} kg", *slides, without=free),
+            Figure(self.NAME + ground, about, over, *slides, without=free),
+            Figure(self.STAYS + ground, about, over, "way", "m", 0.0, None, stays, without=way),
+        )
 
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        with_it, over, stays = self.wanted(law)
-        slides, goes, stands = {}, {}, {}
-        for ground, motion in zip(("a box", "a plane"), motions, strict=False):
+        found: list[Figure] = []
+        for ground, motion in zip(self._grounds(law), motions, strict=True):
             ways = {name: float(pose[-1, 0] - pose[0, 0]) for name, pose in motion.pose.items()}
-            slides |= {f"the slab on {ground}": ways[SLIDING], f"the cube on {ground}": ways[f"{SLIDING}_cube"]}
-            goes[ground] = ways[f"{STANDING}_cube"]
-            slab = motion.pose[STANDING][:, :3]
-            stands[ground] = float(np.hypot(*(slab - slab[0])[:, :2].T).max())
-        return [_worst(with_it, slides), _worst(over, goes), _worst(stays, stands)]
-
-
-def _worst(wanted: Figure, values: Mapping[str, float]) -> Figure:
-    """The figure with the value that is furthest off, and where that is."""
-    off = {name: math.inf if math.isnan(value) else abs(value - wanted.expected) for name, value in values.items()}
-    worst = max(off, key=lambda name: off[name])
-    return replace(wanted, measured=values[worst], worst=worst)
+            slab = motion.pose[STANDING][:, :2]
+            together, over, stays = self._on(law, ground)
+            off = {
+                "the slab": ways[SLIDING] - together.expected,
+                "the cube": ways[f"{SLIDING}_cube"] - together.expected,
+            }
+            worst = max(off, key=lambda name: math.inf if math.isnan(off[name]) else abs(off[name]))
+            found += [
+                replace(together, measured=together.expected + off[worst], worst=worst),
+                replace(over, measured=ways[f"{STANDING}_cube"]),
+                replace(stays, measured=float(np.hypot(*(slab - slab[0]).T).max())),
+            ]
+        return found
 
 
 PROBES: Mapping[str, Probe] = {SlidingStack.NAME: SlidingStack()}

@@ -59,8 +59,8 @@ FORMS: Mapping[str, Form] = {
     "size": Form(factor=1e6, unit="µm"),
     "compliance-shape": Form(share=True, by_case=True),
     **dict.fromkeys(("rod", "clamp", "jam", "jam-light", "squeeze", "pile"), Form(factor=1e3, unit="mm", by_case=True)),
-    **dict.fromkeys(("strike", "row", "edge", "stack-slides"), Form(share=True, by_case=True)),
-    **dict.fromkeys(("stack", "stack-stays", "cross"), Form(factor=1e3, unit="mm", by_case=True)),
+    **dict.fromkeys(("strike", "row", "edge", "stack-slides", "stack-slides-plane"), Form(share=True, by_case=True)),
+    **dict.fromkeys(("stack", "stack-stays", "stack-stays-plane", "cross"), Form(factor=1e3, unit="mm", by_case=True)),
     "carrier": Form(factor=1e3, unit="mm", by_case=True),
     "slide-spin": Form(share=True, by_case=True),
 }
