@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.compiler import compile_world, write_folder
-from simspec.engines.kit.coupled import KEYS, LENGTHS
+from simspec.engines.kit.coupled import KEYS, LENGTHS, SLIDING
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
@@ -291,7 +291,8 @@ def _setting(settings: Mapping[str, Any]) -> str:
 def _measured(row: Mapping[str, Any]) -> tuple[str, str, str]:
     """Probe, restitution and ratio of masses, as a table has them."""
     probe = str(row["probe"])
-    restitution = (">0" if row["restitution"] else "0") if probe.split("-")[0] in together.PROBES else ""
+    varied = probe.split("-")[0] in together.PROBES or probe in SLIDING
+    restitution = (">0" if row["restitution"] else "0") if varied else ""
     return probe, restitution, f"{row['ratio']:g}" if probe.startswith("stack") else ""
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import simspec
-from simspec.engines.kit.coupled import in_force
+from simspec.engines.kit.coupled import SLIDING, in_force
 from simspec.engines.kit.registry import find_engine
 from simspec.proof.contact import (
     carried,
@@ -155,7 +155,11 @@ def test_what_slides_together_is_stopped_in_the_steps_of_the_probe(friction, tim
     assert speed == pytest.approx(0.0, abs=1e-9)
     expected = [figure.expected for figure in probe.wanted(wanted)]
     assert expected == [pytest.approx(way), pytest.approx(way), 0.0] * 2
-    assert way == pytest.approx(sliding_stacks.WAY, rel=0.6)
+    assert (
+        0.8 * sliding_stacks.WAY
+        < way
+        < (sliding_stacks.SLAB[0] - sliding_stacks.CUBE[0]) / 2.0 + sliding_stacks.WAY / 2.0
+    )
 
 
 def test_stacks_slide_on_a_plane_where_there_is_one_in_another_order():
@@ -458,6 +462,8 @@ def test_what_is_declared_off_by_default_must_be_accepted_by_name(engine, featur
         row
         for row in kind.CONTACT_DEVIATIONS
         if row.probe.startswith(probe)
+        and not row.probe.endswith("-plane")
+        and (row.probe not in SLIDING or (there.corners and engine != "mujoco"))  # its native friction has another name
         and row.counts_for(law(timestep=1e-3 * timestep).pair, "elliptic", 1e-3 * timestep, settings, there.ratio)
     ]
     if feature is Feature.EVEN_PRESSURE and engine in ("rapier", "physx"):

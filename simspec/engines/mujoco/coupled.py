@@ -93,7 +93,9 @@ def coupled_support(by_coulomb: Refinement, asked: Refine) -> Mapping[Feature, S
                 if row.setting != ("friction", "native") or not row.probe.startswith("stack-slides")
             ],
             in_force("mujoco"),
-            "heavy bodies sink into light ones: by 0.25 mm at a ratio of 1000 and 1 ms, with the square of the timestep",
+            "heavy bodies sink into light ones: by 0.25 mm at a ratio of 1000 and 1 ms, with the square of the timestep; what "
+            "stands under one that slides is taken along at 1000, from 2 ms on. By friction: coulomb what slides with 1000 "
+            "times its mass on it stops 10 % short at 1 ms, with 100 times 7 % at 4 ms",
             "1000 times the mass rests 0.25 mm deep at 1 ms, 50 mm at 16 ms",
         ),
     }

@@ -18,7 +18,8 @@ from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.mjcf.format import MODEL
 from simspec.proof.comparator import compare
-from simspec.support.declarations import combine
+from simspec.support.declarations import Level, combine
+from simspec.support.features import Feature
 from simspec.support.negotiation import negotiate
 from simspec.world import kinematics
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
@@ -489,6 +490,15 @@ def test_deeper_than_measured_is_an_engine_error(load):
     load(worlds.world(worlds.tree(["hinge"] * 496, 5)))
     with pytest.raises(EngineError, match="nesting"):
         load(worlds.world(worlds.tree(["hinge"] * 497, 5)))
+
+
+def test_what_is_accepted_says_that_pairs_are_not_listed_and_the_way_out():
+    support = MuJoCo.SUPPORT[Feature.IMPACT_FRICTION]
+    assert support.refine(frictional(0.0, 100)) is None
+    beyond = support.refine(frictional(0.0, 3))
+    assert (beyond.level, "{friction: coulomb}" in beyond.how) == (Level.APPROXIMATE, True)
+    by_coulomb = worlds.with_options(frictional(0.0, 3), "mujoco", settings=(("friction", "coulomb"),))
+    assert support.refine(by_coulomb).level is Level.OUTSIDE
 
 
 def test_the_log_says_that_pairs_were_left_out_and_what_went_wrong(load):
