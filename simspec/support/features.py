@@ -151,7 +151,7 @@ MEANING: Mapping[Feature, str] = {
     Feature.CARRIED_FRICTION: "friction that holds a body on a kinematic or driven one, or on a surface that moves",
     Feature.SELF_LOCKING: "friction that alone presses a clamp on: a body that may have another between two of its shapes",
     Feature.EVEN_PRESSURE: "even pressure of a face that a body on a joint presses, so that friction does not turn it",
-    Feature.MASS_RATIO: "bodies that may lie on others of a tenth of their mass or less",
+    Feature.MASS_RATIO: "bodies that may lie on others of a tenth of their mass or less, or slide with others on them",
     Feature.CONE_ELLIPTIC: "|f| ≤ μ N",
     Feature.CONE_PYRAMID_INSCRIBED: "|fx| + |fy| ≤ μ N",
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: "|fx| ≤ μ N and |fy| ≤ μ N",

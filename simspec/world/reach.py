@@ -45,7 +45,7 @@ class Reach:
     squeezes a body with faces may be pressed on one by a body on a joint, and touch another beside it
     jams     a body that moves may have another between two of its shapes, as a clamp that friction alone presses on; or may be
              between two walls, as a drawer in its slot
-    plane    a body that moves may touch a plane
+    plane    a body that moves may touch a plane, of any material
     """
 
     leans: bool = False
@@ -76,7 +76,7 @@ def reach(world: World, first: str, second: str) -> Reach:
     masses, groups = _masses(world), rigid_groups(world)
     kinematic, leaning = _kinematic(world), _leaning(world)
     ratio, leans, carries, crosses = 0.0, False, False, False
-    jams, squeezes, plane = ordered(first, second) in _slots(world), False, False
+    jams, squeezes = ordered(first, second) in _slots(world), False
     moved: set[str] = set()
     for one, other in _touching(world, frozenset((first, second))):
         moving = [body for body in (one, other) if _moves(world, body)]
@@ -85,7 +85,6 @@ def reach(world: World, first: str, second: str) -> Reach:
         crosses = crosses or _boxes_cross(one, other)
         jams = jams or _clamps(world, one, other) or _clamps(world, other, one)
         squeezes = squeezes or _squeezes(world, one, other) or _squeezes(world, other, one)
-        plane = plane or any(shape.kind == "plane" for body in (one, other) for shape in solid_shapes(body))
         free = [body for body in moving if body.name not in kinematic]
         driven = len(moving) == 2 and any(body.name in kinematic or not _is_lone(world, body) for body in moving)
         carries = carries or driven or any(_surface_moves(body) for body in (one, other))
@@ -93,6 +92,7 @@ def reach(world: World, first: str, second: str) -> Reach:
             low, high = sorted(masses[groups[body.name]] for body in free)
             ratio = max(ratio, high / low) if low > 0.0 else ratio
     together = _together(world, first, second) if ratio else 0
+    plane = not moved.isdisjoint(_on_planes(world))
     corners = any(_has_corners(body) for body in world.bodies if body.name in moved)
     kinds = {
         shape.kind
@@ -103,6 +103,17 @@ def reach(world: World, first: str, second: str) -> Reach:
     }
     return Reach(
         leans, together > 2, corners, carries, ratio, together, tuple(sorted(kinds)), crosses, jams, squeezes, plane
+    )
+
+
+@derived
+def _on_planes(world: World) -> frozenset[str]:
+    """Bodies that move and may touch a plane of any material, of each class some."""
+    return frozenset(
+        body.name
+        for pair in _touching(world)
+        for body, other in (pair, pair[::-1])
+        if _moves(world, body) and any(shape.kind == "plane" for shape in solid_shapes(other))
     )
 
 

@@ -13,6 +13,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from simspec.contact.reachability import HEAVY_ON_LIGHT
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import written_settings
@@ -128,11 +129,13 @@ def in_force(engine: str) -> Callable[[World], Mapping[str, Any]]:
     return settings
 
 
-def _slides(row: Deviation, law: PairContact, there: Reach) -> bool:
-    """Whether a row is of something else than sliding stacks, or two materials can do what it is of."""
+def _happens(row: Deviation, law: PairContact, there: Reach) -> bool:
+    """Whether two materials can do what a row is of; stacks at rest below ``HEAVY_ON_LIGHT`` are near enough to the law."""
     if row.probe not in SLIDING:
-        return True
-    return law.friction > 0.0 and there.corners and (there.plane or not row.probe.endswith("-plane"))
+        return not row.probe.startswith("stack") or there.ratio >= HEAVY_ON_LIGHT
+    return (
+        law.friction > 0.0 and there.ratio > 0.0 and there.corners and (there.plane or not row.probe.endswith("-plane"))
+    )
 
 
 def leans(world: World) -> bool:
@@ -170,7 +173,7 @@ def _where_rows_count(
     def exact(world: World) -> Refinement | None:
         ratio, timestep, cone = largest_ratio(world), world.physics.timestep, world.contact.friction_cone
         counting = any(
-            row.counts_for(law, cone, timestep, settings(world), ratio) and _slides(row, law, reach(world, *pair))
+            row.counts_for(law, cone, timestep, settings(world), ratio) and _happens(row, law, reach(world, *pair))
             for pair, law in meeting_laws(world).items()
             for row in rows
         )
