@@ -35,7 +35,10 @@ from simspec.world.types import (
 TENSOR = (0.021, 0.024, 0.013, 0.0021, -0.0017, 0.0013)
 FREE = (1.0, 0.0, 0.0, 0.0)
 STILL = (0.0,) * 6
-FRICTION = ("contact.friction.carried", "contact.friction.impact", "contact.friction.self-locking", "contact.pressure")
+FRICTION = (
+    *("contact.friction.carried", "contact.friction.impact", "contact.friction.self-locking", "contact.mass-ratio"),
+    "contact.pressure",
+)
 """To be accepted by name where engines have friction, by the name of each thing that they do not have of it."""
 PHYSICS = Physics((0.3, -0.2, -9.81), 0.001, 2000)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -123,8 +124,10 @@ def test_every_pair_is_measured_by_every_probe_that_applies(engine, tmp_path):
         assert {figure.subject for figure in found if figure.probe == probe} == subjects
     # bodies slide with spin wherever there is friction; what else is coupled depends on what the world can do
     coupled = {name for law in run.laws(world) for name, probe in COUPLED.items() if probe.applies(law)}
-    there = {figure.probe.removesuffix("-slips").removesuffix("-energy").removesuffix("-sideways") for figure in found}
-    assert there == {*PROBES, *coupled, "size"}
+    endings = ("-slips", "-energy", "-sideways", "-plane")
+    there = {functools.reduce(str.removesuffix, endings, figure.probe) for figure in found}
+    slid = {"stack-stays"} if sliding_stacks.SlidingStack.NAME in coupled else set()
+    assert there == {*PROBES, *coupled, *slid, "size"}
     for probe, drawn in (("push", 0), ("push-oblong", 24)):
         push = {figure.subject: figure for figure in found if figure.probe == probe}
         for (first, second), friction in PAIRS.items():

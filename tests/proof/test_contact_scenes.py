@@ -53,7 +53,11 @@ MISSES = {("tripod", "rapier"): 1, ("tripod", "physx"): 1, ("card-house", "physx
 cards that slide on their edges in PhysX."""
 
 WRONG = {
-    "slide-24, a circumscribed pyramid": ("slide-24", "dart", ("contact.friction_cone=pyramid-circumscribed",)),
+    "slide-24, a circumscribed pyramid": (
+        "slide-24",
+        "dart",
+        ("contact.friction_cone=pyramid-circumscribed", "engines.dart.accept=[contact.cone.pyramid-circumscribed]"),
+    ),
     "slide-24, an inscribed pyramid": (
         "slide-24",
         "mujoco",

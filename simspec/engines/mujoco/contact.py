@@ -52,7 +52,7 @@ UNLISTED = Refinement(
     "more pairs of shapes with friction may touch than explicit_pairs_limit allows to list (5,000: 100 bodies), and no "
     "pair has friction of its own: a body that slides is lifted, by 8 mm at 1 m/s (μ = 0.5, 1 ms), and clamps slip half as "
     "far as they should. Level L5 fails; engines.mujoco.settings: {friction: coulomb} needs no list and is right, at a price",
-    "friction of more than explicit_pairs_limit pairs fails in L5: what slides hops; use friction: coulomb",
+    "with more pairs than explicit_pairs_limit what slides hops, and L5 fails; use friction: coulomb",
 )
 
 
