@@ -19,7 +19,7 @@ from simspec.attribution.judge import Joint, Swap
 from simspec.attribution.verdict import verdict
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.recovery import COMMON, Recovery
-from tests.attribution.planted import SCENE, world
+from tests.attribution.planted import world
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
@@ -211,8 +211,7 @@ def test_a_deviation_accounts_for_no_more_than_the_swap_that_takes_it_away(close
 def test_a_declared_cone_is_measured_by_the_cone_that_the_engine_has():
     """What a swap says of a deviation follows from what is declared with it, and not from names; a swap that takes one
     deviation away and brings another of its kind measures neither."""
-    scene = world(SCENE, "engines.dart.accept=[contact.cone.pyramid-circumscribed]")
-    sides = (Configuration(scene, "dart"), Configuration(scene, "gazebo"))
+    sides = (Configuration(world(), "ode"), Configuration(world(), "gazebo"))
     tried = [
         (one, Swap(one.name, one.kind.value, one.group, one.values, share=shares[one.name]))
         for one in explaining.probes(sides)
