@@ -36,4 +36,4 @@ def test_what_only_mujoco_has_is_said_to_be_mujocos():
     for name in ("mjx", "mjwarp"):
         assert "coulomb" not in engines()[name].SETTINGS["friction"].choices
         assert len(list(advice(name))) == 3
-    assert len(list(advice("mujoco"))) == 2
+    assert len(list(advice("mujoco"))) == 3

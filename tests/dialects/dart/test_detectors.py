@@ -278,7 +278,7 @@ def test_what_the_detector_overlooks_is_said_where_a_world_has_such_pairs():
     assert said(cylinder) == {}
     assert said(box) == {}
     assert said(box, cylinder, excluded=(("box", "cylinder"),)) == {}
-    accepted = {"accept": ("shape.box", "shape.cylinder"), "collision_detector": "bullet"}
+    accepted = {"accept": ("contact.mass-ratio", "shape.box", "shape.cylinder"), "collision_detector": "bullet"}
     assert said(box, cylinder, **accepted) == {}, "what is accepted is said by itself"
 
 

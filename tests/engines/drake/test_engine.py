@@ -200,9 +200,8 @@ def test_boxes_whose_edges_may_cross_are_accepted_by_name():
 
 @pytest.mark.parametrize(("settings", "timestep"), [({"hydroelastic_faces": True}, 0.002), (SAP_FACES, 0.001)])
 def test_boxes_are_exact_by_pressure(settings, timestep):
-    compile_world(
-        several(2, timestep, accept=("contact.cone.elliptic", "contact.friction.impact"), **settings), ["drake"]
-    )
+    accept = ("contact.cone.elliptic", "contact.friction.impact", "contact.mass-ratio")
+    compile_world(several(2, timestep, accept=accept, **settings), ["drake"])
 
 
 def test_one_box_on_a_floor_is_exact():
