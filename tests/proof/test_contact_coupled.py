@@ -365,7 +365,10 @@ def test_engines_keep_to_the_coupled_law(engine, name, tmp_path):
     if not installed(engine):
         pytest.skip(f"{engine} is not installed")
     for restitution in (0.0, 0.5) if name in together.PROBES else (0.0,):
-        found_figures = figures(engine, PROBES[name], coupled(restitution=restitution), tmp_path / str(restitution))
+        wanted = coupled(restitution=restitution)
+        if engine == "pybullet":  # what slides on a plane with a heavier body on it stops short, as is declared
+            wanted = dataclasses.replace(wanted, reach=dataclasses.replace(ALL, plane=False))
+        found_figures = figures(engine, PROBES[name], wanted, tmp_path / str(restitution))
         assert [figure for figure in found_figures if not figure.passed] == []
 
 
