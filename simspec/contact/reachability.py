@@ -15,7 +15,7 @@ from simspec.world.types import World
 
 HEAVY_ON_LIGHT = 10.0
 """Ratio of two masses from which a world needs MASS_RATIO at rest: at 10 no engine's stacks sink or move by 0.01 mm (measured).
-What has faces and slides with another body on it needs it at every ratio: engines stop it up to 16 % short at 1 (4 ms)."""
+A body with faces that slides with another on it needs it at every ratio: engines stop it up to 16 % short at 1 (4 ms)."""
 _FEATURES = {
     "friction": Feature.FRICTION_PAIRS,
     "torsional_friction": Feature.FRICTION_PAIRS,

@@ -76,20 +76,8 @@ def _slides(world: World) -> str:
 
 
 SEVERAL = (
-    *(
-        "rod",
-        "rod-slips",
-        "clamp",
-        "clamp-slips",
-        "pile",
-        "pile-slips",
-        "strike",
-        "row",
-        "edge",
-        "stack",
-        "stack-slides",
-    ),
-    *("stack-stays", "stack-slides-plane", "stack-stays-plane", "cross"),
+    *("rod", "rod-slips", "clamp", "clamp-slips", "pile", "pile-slips", "strike", "row", "edge", "cross"),
+    *("stack", "stack-slides", "stack-stays", "stack-slides-plane", "stack-stays-plane"),
 )
 """Probes of several bodies, or of several contacts of one."""
 SQUEEZED = ("squeeze", "squeeze-slips", "squeeze-turns")
