@@ -12,6 +12,8 @@ from simspec.comparison.runs import INCONCLUSIVE, SHOWN_BODIES, BodyDiff, Diff, 
 from simspec.comparison.worlds import Change
 from simspec.report.kit import length, number, table, verdict
 
+WIDTHS = (33, 19)
+"""Characters of the columns of the largest differences and of what is out of tolerance, so that rows have 80."""
 SHOWN_PAIRS = 3
 """Pairs that touch in one run only that a comparison lists."""
 
@@ -33,23 +35,22 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
     if not diffs:
         return None
     pairs = table(
-        f"Differences between engines  (tolerance {tolerances(diffs[0])}, or {FLOOR_FACTOR:g} × the engines' noise)",
+        f"Differences between engines  (tolerance {tolerances(diffs[0])}, or {FLOOR_FACTOR:g} × noise)",
         "runs",
         "largest",
-        "of",
         "out of tolerance",
-        "noise, until",
-        right=(1, 4),
+        "noise,\nuntil",
+        right=(3,),
     )
+    for column, width in zip(pairs.columns[1:3], WIDTHS, strict=True):
+        column.max_width = width
     for diff in diffs:
         worst, out = diff.worst if told(diff) else None, diff.first_out
         noise = length(worst.floor) if worst else _noise(diff, diff.untold) if diff.untold else "–"
-        largest = list(_largest(diff)) if worst else [("–", "–")]
         pairs.add_row(
             f"{diff.first.split()[0]} –\n{diff.second.split()[0]}",
-            "\n".join(size for size, _ in largest),
-            "\n".join(where for _, where in largest),
-            Text(f"{out.body}\nat {out.first_out:.4g} s, {out.cause}:\n{out_words(out)}", style="yellow")
+            "\n".join(_largest(diff)) if worst else "–",
+            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}:\n{out_words(out)}", style="yellow")
             if out
             else _stays(diff),
             f"{noise}\n{diff.compared_until:.4g} s" + ("\n(chaos)" if diff.horizon is not None else ""),
@@ -69,22 +70,22 @@ def told(diff: Diff) -> bool:
     return not diff.not_compared or diff.first_out is not None
 
 
-def _largest(diff: Diff) -> Iterator[tuple[str, str]]:
+def _largest(diff: Diff) -> Iterator[str]:
     """The largest differences in position and angle of a body, and in the coordinate of a joint, and of what and when."""
     if (place := diff.worst) is not None:
-        yield length(place.position_largest), f"{place.body} at {place.time_of_largest:.4g} s"
+        yield f"{length(place.position_largest)}: {place.body} at {place.time_of_largest:.4g} s"
     if (turn := diff.worst_angle) is not None:
-        yield angle(turn.angle_largest), f"{turn.body} at {turn.time_of_largest_angle:.4g} s"
+        yield f"{angle(turn.angle_largest)}: {turn.body} at {turn.time_of_largest_angle:.4g} s"
     for unit in ("rad", "m"):
         joint = next((one for one in diff.joints if one.unit == unit), None)
         if joint is not None:
             size = angle(joint.largest) if unit == "rad" else length(joint.largest)
-            yield size, f"joint {joint.joint} at {joint.time:.4g} s"
+            yield f"{size}: joint {joint.joint} at {joint.time:.4g} s"
 
 
 def angle(value: float) -> str:
-    """An angle (rad) for reading: three digits, no angle as 0."""
-    return f"{value:.3g} rad" if value else "0 rad"
+    """An angle (rad) for reading: three digits, of very small ones two."""
+    return f"{value:.3g} rad" if not 0.0 < value < 1e-6 else f"{value:.1e} rad"
 
 
 def _stays(diff: Diff) -> Text:
