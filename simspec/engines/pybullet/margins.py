@@ -1,29 +1,18 @@
-"""What PyBullet's margin of 1 mm on links that are no bases costs the shapes there (see ``dialects/pybullet/hulls.py``), and
-how exactly it finds the distance to curved sides.
-
-Bullet's iteration for the distance of two convex shapes ends before it has reached the nearest point of a side that is curved,
-or has many small faces. Measured (3.2.7, a ball of 1 cm, 150 points at each of 6 gaps for each of 168 cylinders, and hulls of 8
-to 800 vertices): the side of a cylinder of 2 to 30 mm length is felt up to 0.25 mm inside of where it is, 0.07 mm with 50 mm,
-0.03 mm with 200 mm; with a radius up to 4 mm, or a length up to 1 mm, it is exact to 0.05 mm. Hulls whose shortest edge is 1 cm
-and more are exact to 0.03 mm, others to 0.25 mm; boxes, capsules, flat ends of cylinders and hulls of up to six faces to
-0.01 mm.
-"""
+"""What PyBullet's margin of 1 mm on links that are no bases costs the shapes there (see ``dialects/pybullet/hulls.py``)."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
-
-import numpy as np
 
 from simspec.contact.plan import contact_plan
 from simspec.dialects.pybullet.hulls import faces_meet, margins_of
+from simspec.engines.kit.blunt import BLUNT, blunted
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.pybullet.meshes import KEPT
 from simspec.support.declarations import Level, Refinement, not_here
-from simspec.world.hull import HullError, hull_of
+from simspec.world.hull import HullError
 from simspec.world.inset import THINNEST, outside
 from simspec.world.meeting import meeting_kinds
 from simspec.world.types import Shape, World
@@ -42,16 +31,6 @@ LANDING = Refinement(
     "tumbles (a cube of 10 cm that falls 10 cm by 1.2°; what is top-heavy falls over; measured: boxes do not)",
     short="a hull that lands on a face is stopped at one point first, and tumbles",
 )
-BLUNT: Final = 2.5e-4
-"""m by which the curved side of a short cylinder, and a face of a fine hull, are felt inside of where they are at most."""
-SHORT: Final = (1e-3, 30e-3)
-"""m between which a cylinder's length is, where its side is felt inside by more than a probe's tolerance (0.1 mm)."""
-SLENDER: Final = 4e-3
-"""m of a cylinder's radius, up to which its side is exact."""
-FINE: Final = 0.01
-"""m below which the shortest edge of a hull is, where its faces are felt inside."""
-FEW_FACES: Final = 6
-"""Up to so many plane faces hulls are exact, however small."""
 THICK = {
     kind: Refinement(
         Level.APPROXIMATE,
@@ -98,41 +77,18 @@ def thick_enough(engine: type[Engine], kind: str, world: World) -> Refinement | 
 
 def thicker(engine: type[Engine], world: World) -> dict[str, float]:
     """By name the shapes whose faces PyBullet holds elsewhere than they are, and how far (m) outside or inside they are."""
-    blunt = dict.fromkeys((shape.name for kind in DULL for shape in _blunted(kind, world)), BLUNT)
+    blunt = dict.fromkeys((shape.name for kind in DULL for shape in blunted(kind, world)), BLUNT)
     thick = {name: size for kind in ("mesh", *HALVES) for name, size in _outside(engine, world, kind).items()}
     return {name: max(blunt.get(name, 0.0), thick.get(name, 0.0)) for name in (blunt | thick)}
 
 
 def _blunt(kind: str, world: World) -> Refinement | None:
     """Approximate where shapes of a kind are felt inside of where they are."""
-    blunted = list(_blunted(kind, world))
-    if not blunted:
+    found = list(blunted(kind, world))
+    if not found:
         return None
     dull = DULL[kind]
-    return Refinement(Level.APPROXIMATE, f"{dull.how}: {blunted[0].name!r}", short=dull.short)
-
-
-def _blunted(kind: str, world: World) -> Iterator[Shape]:
-    """The colliding shapes of a kind whose sides or faces are felt inside of where they are."""
-    for body in world.bodies:
-        for shape in body.shapes:
-            if shape.collision and shape.kind == kind == "cylinder":
-                radius, length = shape.size
-                if radius > SLENDER and SHORT[0] < length < SHORT[1]:
-                    yield shape
-            elif shape.collision and shape.kind == kind == "mesh" and _is_fine(shape.size):
-                yield shape
-
-
-@functools.lru_cache(maxsize=1024)
-def _is_fine(size: tuple[float, ...]) -> bool:
-    """Whether a hull (flat vertices, m) has an edge shorter than ``FINE`` and more than ``FEW_FACES`` plane faces."""
-    solid = hull_of(size)
-    if len(np.unique(np.round(solid.normals, 6), axis=0)) <= FEW_FACES:
-        return False
-    corners = solid.vertices[solid.triangles]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    return bool(edges.min() < FINE)
+    return Refinement(Level.APPROXIMATE, f"{dull.how}: {found[0].name!r}", short=dull.short)
 
 
 def _together(*parts: Refinement | None) -> Refinement | None:
