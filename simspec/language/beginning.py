@@ -1,7 +1,7 @@
 """Where the joints of an imported model begin: within their limits, whatever the file says or leaves out.
 
-Files of URDF and SDF have no initial positions, and 0 may be beyond the limits of a joint, or of what follows it. Files of
-other languages have some that are beyond limits.
+Some languages have no initial positions, and 0 may be beyond the limits of a joint, or of what follows it. Files of other
+languages have some that are beyond limits.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""How exactly an iteration finds the distance to curved sides, in engines that use Bullet's detection.
+"""How exactly a detector of convex shapes finds the distance to curved sides; several engines have it.
 
 The iteration for the distance of two convex shapes ends before it has reached the nearest point of a side that is curved, or
-has many small faces. Measured (Bullet 3.27, a ball of 1 cm, 150 points at each of 6 gaps for each of 168 cylinders, and hulls
+has many small faces. Measured (a ball of 1 cm, 150 points at each of 6 gaps for each of 168 cylinders, and hulls
 of 8 to 800 vertices): the side of a cylinder of 2 to 30 mm length is felt up to 0.25 mm inside of where it is, 0.07 mm with
 50 mm, 0.03 mm with 200 mm; with a radius up to 4 mm, or a length up to 1 mm, it is exact to 0.05 mm. Hulls whose shortest edge
 is 1 cm and more are exact to 0.03 mm, others to 0.25 mm; boxes, capsules, flat ends of cylinders and hulls of up to six faces
