@@ -41,6 +41,7 @@ from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.rows import Row, depth_first
 from simspec.formats.mjcf.tendons import tendons
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     GATHERED,
     Level,
@@ -65,6 +66,8 @@ VISUAL: Final = "visual"
 MATERIAL: Final = "material/"
 
 COMPILER: Final[Attributes] = (("angle", "radian"), ("autolimits", False))
+UNLIMITED: Final = 1e9
+"""The range (rad, m) of a hinge or a slide without limits, which is not ``limited``."""
 MESH_FOLDER: Final[Attributes] = (("meshdir", "./"),)
 """Where a world has meshes: one reader finds no files without it."""
 WITHOUT_MASS: Final[Attributes] = (("mass", 0.0),)
@@ -309,7 +312,11 @@ def _body(row: Row, masks: Mapping[Kind, Attributes], sites: tuple[tree.Site, ..
 def _joint(joint: Joint, frame: Pose) -> tree.Joint:
     more = joint_attributes(joint, frame)
     if not any(name == "limited" for name, _ in more):
-        more.append(("limited", False))  # one reader takes a joint that does not say it for one that is locked
+        more += [("limited", False)]
+        if joint.kind in SCALAR_JOINTS:
+            more.append(
+                ("range", (-UNLIMITED, UNLIMITED))
+            )  # one reader takes a joint without a range for one that is locked
     if joint.effort_limit:
         more += [("actuatorfrclimited", True), ("actuatorfrcrange", (-joint.effort_limit, joint.effort_limit))]
     return tree.Joint(joint.name, joint.kind, tuple(more))
