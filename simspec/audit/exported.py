@@ -81,16 +81,21 @@ class Reader:
     engine: bool
 
     @property
+    def short(self) -> str:
+        """Title and version."""
+        return f"{self.title} {self.reads.version}"
+
+    @property
     def called(self) -> str:
         """As ``losses.json`` names it: title, version and call."""
-        return f"{self.title} {self.reads.version}: {self.reads.how}"
+        return f"{self.short}: {self.reads.how}"
 
 
 @dataclass(frozen=True, slots=True)
 class ReaderLoss:
     """One thing that a reader does to the files of a world, and to which bodies (empty: to the files as a whole)."""
 
-    reader: str
+    reader: Reader
     element: str
     what: str
     bodies: tuple[str, ...]
@@ -134,8 +139,7 @@ def reader_losses(world: World, language: str, profile: str, files: Mapping[str,
             for effect, names in foreseen(reader.reads.effects, part, profile):
                 rows.setdefault((effect.quantity, effect.what), []).extend(name for name in names if name != FILE)
         losses += [
-            ReaderLoss(reader.called, element, what, tuple(dict.fromkeys(names)))
-            for (element, what), names in rows.items()
+            ReaderLoss(reader, element, what, tuple(dict.fromkeys(names))) for (element, what), names in rows.items()
         ]
     return losses
 

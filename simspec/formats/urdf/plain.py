@@ -119,8 +119,10 @@ SUPPORT: Final[Table] = {
     ),
     Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
     Feature.FORCES: never("URDF has no forces on bodies"),
-    Feature.CONTROL: never("URDF has no control laws"),
-    Feature.CONTROL_NATIVE: never("URDF has no gains of controllers"),
+    Feature.CONTROL: never("URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"),
+    Feature.CONTROL_NATIVE: never(
+        "URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"
+    ),
     Feature.GRAVITY: never("URDF has no gravity"),
     Feature.TIMESTEP: never("URDF has no timestep"),
 }
