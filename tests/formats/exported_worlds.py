@@ -10,6 +10,16 @@ from simspec.world.types import World
 
 FOLDER = Path(__file__).parent / "exported"
 NAMES = ("chain", "arm", "quadruped", "scene", "claw")
+LAYOUTS = (
+    ("urdf", "fixed-base"),
+    ("urdf", "floating"),
+    ("mjcf", ""),
+    ("sdf", "1.9"),
+    ("sdf", "1.6"),
+    ("usd", "flat"),
+    ("usd", "nested"),
+)
+"""Formats with their profiles; "" where a format has one."""
 
 
 @functools.cache
