@@ -146,21 +146,19 @@ def reader_losses(world: World, language: str, profile: str, files: Mapping[str,
 
 @dataclass(frozen=True, slots=True)
 class Foreseen:
-    """The differences that rules foresee in a file: those that the comparison finds, and no others, and quantities of which it
-    finds any. ``elsewhere``: what it cannot see."""
+    """The differences that rules foresee in a file: those that the comparison finds, and no others, and those that it may find
+    (of ``FILE``: of any element). ``elsewhere``: what it cannot see."""
 
     exactly: frozenset[Difference]
-    some: frozenset[str]
+    may: frozenset[Difference]
     elsewhere: frozenset[Difference]
 
     def unlike(self, found: Collection[Difference]) -> tuple[set[Difference], set[Difference]]:
         """The differences that were found and not foreseen, and those that were foreseen and not found."""
-        seen = {one for one in found if one[0] not in self.some and one not in self.elsewhere}
-        exactly = {one for one in self.exactly if one[0] not in self.some}
-        missing = exactly - seen
-        if self.some and not {quantity for quantity, _ in found} & self.some:
-            missing |= {(quantity, FILE) for quantity in self.some}
-        return seen - exactly, missing
+        allowed = self.exactly | self.may | self.elsewhere
+        unforeseen = {one for one in found if one not in allowed and (one[0], FILE) not in self.may}
+        missing = {one for one in self.exactly if (one[0], FILE) not in self.may} - set(found)
+        return unforeseen, missing
 
 
 def foreseen_differences(reader: Reader, exported: Exported, profile: str, losses: Iterable[Loss]) -> Foreseen:
@@ -168,12 +166,12 @@ def foreseen_differences(reader: Reader, exported: Exported, profile: str, losse
     rows = foreseen(reader.reads.effects, exported, profile)
     pairs = {
         kind: {(effect.quantity, name) for effect, names in rows if effect.seen == kind for name in names}
-        for kind in ("exactly", "elsewhere")
+        for kind in ("exactly", "may", "elsewhere")
     }
     gone = {name for quantity, name in pairs["exactly"] if quantity == "body"}
     exactly = {(quantity, name) for quantity, name in pairs["exactly"] if quantity == "body" or name not in gone}
-    some = frozenset(effect.quantity for effect, _ in rows if effect.seen == "some")
-    return Foreseen(frozenset(exactly - _lost_by_format(losses)), some, frozenset(pairs["elsewhere"]))
+    lost = _lost_by_format(losses)
+    return Foreseen(frozenset(exactly - lost), frozenset(pairs["may"]), frozenset(pairs["elsewhere"]))
 
 
 # --- what is found ------------------------------------------------------------------------------------------------

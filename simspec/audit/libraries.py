@@ -25,6 +25,7 @@ FIXED: Final = Effect(
 )
 PINOCCHIO_MJCF: Final = (
     Effect(REFUSED, "several trees", "refuses files with several trees: it reads the first"),
+    Effect("gravity", "gravity other than 9.81 m/s² down", "reads no gravity: 9.81 m/s² along -z"),
     Effect("joint.origin.xyz", "on a fixed root that stands elsewhere", "puts a fixed root at the origin"),
     Effect("joint.damping", "damping of a ball joint", "drops the damping of ball joints"),
     Effect("joint.spring_stiffness", "spring of a hinge or a slide", "drops the springs of joints", seen="elsewhere"),
@@ -114,13 +115,12 @@ def _pinocchio_joint(model: Any, index: int, parent: str | None) -> Joint:
     if "Spherical" in short:
         return Joint(name, "ball", parent, place, damping=float(model.damping[v]), armature=float(model.armature[v]))
     rotates = "JointModelR" in short or "Revolute" in short
-    axis = joint.extract().axis if hasattr(joint, "extract") and "Unaligned" in short else None
     return Joint(
         name,
         "hinge" if rotates else "slide",
         parent,
         place,
-        _axis(model, joint, index) if axis is None else _vector(axis),
+        _axis(model, joint),
         _ends(model.lowerPositionLimit[q], model.upperPositionLimit[q]) if joint.nq == 1 else None,
         _finite(model.upperVelocityLimit[v]),
         _finite(model.upperEffortLimit[v]),
@@ -130,14 +130,13 @@ def _pinocchio_joint(model: Any, index: int, parent: str | None) -> Joint:
     )
 
 
-def _axis(model: Any, joint: Any, index: int) -> Vector3:
+def _axis(model: Any, joint: Any) -> Vector3:
     """The axis of a hinge or a slide, from the motion of its joint at unit speed."""
     data = joint.createData()
-    q, v = np.zeros(joint.nq), np.ones(1)
-    q[0] = 1.0 if joint.nq == 2 else 0.0  # an unbounded hinge has the cosine and the sine
-    full, rates = np.zeros(model.nq), np.zeros(model.nv)
-    full[joint.idx_q : joint.idx_q + joint.nq], rates[joint.idx_v] = q, v[0]
-    joint.calc(data, full, rates)
+    position, velocity = np.zeros(model.nq), np.zeros(model.nv)
+    position[joint.idx_q] = 1.0 if joint.nq == 2 else 0.0  # an unbounded hinge has the cosine and the sine
+    velocity[joint.idx_v] = 1.0
+    joint.calc(data, position, velocity)
     motion = np.asarray(data.S).ravel()
     return _vector(motion[3:] if np.any(motion[3:]) else motion[:3])
 

@@ -6,16 +6,17 @@ value is another. A case knows the world and the file's format, no reader.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 
 from simspec.control.native import Drive, drives
+from simspec.formats.sdf.constraints import loops_within
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.frames import IDENTITY
-from simspec.world.kinematics import rigid_groups
+from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Pose, Shape, World
 
@@ -37,15 +38,16 @@ class Effect:
     case      a name of ``CASES``: which bodies, or the file
     what      a sentence for users: subject, verb, object
     profiles  layouts of the format in which it happens; empty: all
-    seen      exactly: the comparison finds it for each body of the case, and for no other; some: the quantities of such rows
-              are found at least once in all, of any bodies; elsewhere: it is measured by other means (tests/audit)
+    seen      exactly: the comparison finds it for each body of the case, and for no other; may: for some or none of the case's
+              (of a file: of any body), since the reader's value may happen to be the world's; elsewhere: it is measured by
+              other means (tests/audit)
     """
 
     quantity: str
     case: str
     what: str
     profiles: tuple[str, ...] = ()
-    seen: Literal["exactly", "some", "elsewhere"] = "exactly"
+    seen: Literal["exactly", "may", "elsewhere"] = "exactly"
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,9 +107,8 @@ def _has_volume(body: Body) -> bool:
     return any(shape.kind != "plane" for shape in body.shapes)
 
 
-def _uniform(body: Body, kinds: tuple[str, ...]) -> bool:
+def _uniform(body: Body, solids: Sequence[Shape], kinds: tuple[str, ...]) -> bool:
     """Whether a body is one shape of these kinds, uniformly full, at its centre of mass and along its axes."""
-    solids = _solids(body)
     if len(solids) != 1 or solids[0].kind not in kinds:
         return False
     shape = solids[0]
@@ -129,14 +130,25 @@ def _several_links(exported: Exported) -> bool:
 
 
 def _several_bodies(exported: Exported) -> bool:
-    return any(body.joint.parent is not None for body in exported.bodies)
+    return any(body.joint.parent is not None or _as_hinges(exported, body) for body in exported.bodies)
+
+
+def _as_hinges(exported: Exported, body: Body) -> bool:
+    """Whether a body is on a ball joint, which URDF has as three hinges through two links."""
+    return exported.language == "urdf" and body.joint.kind == "ball"
+
+
+def _limited(exported: Exported, body: Body) -> bool:
+    """Whether a joint has position limits, or a format's stand-in for none."""
+    stand_in = {"urdf": ("slide",), "mjcf": SCALAR_JOINTS}.get(exported.language, ())
+    return body.joint.position_limits is not None or body.joint.kind in stand_in
 
 
 def _below_balls(exported: Exported) -> Iterator[str]:
-    """Bodies on ball joints, and what stands on them."""
+    """Bodies on ball joints, but roots, and what stands on them."""
     left: set[str] = set()
     for body in exported.bodies:
-        if body.joint.kind == "ball" or body.joint.parent in left:
+        if (body.joint.kind == "ball" and body.joint.parent is not None) or body.joint.parent in left:
             left.add(body.name)
             yield body.name
 
@@ -146,7 +158,8 @@ def _driven(exported: Exported, body: Body) -> Drive | None:
 
 
 def _loop(exported: Exported) -> bool:
-    return any(constraint.kind != "follow" for constraint in exported.world.constraints)
+    """Whether a file of SDF has a joint that closes a loop: of a loop that is open at zero it has none."""
+    return any(loops_within(exported.world, bodies) for bodies in trees(exported.world).values())
 
 
 def _static_tree(exported: Exported, body: Body) -> bool:
@@ -174,10 +187,12 @@ CASES: Final[Mapping[str, Case]] = {
     ),
     "tree that cannot move": _bodies(_static_tree),
     "hinge or slide": _bodies(lambda _, body: _scalar(body)),
-    "a hinge or a slide": _file(lambda exported: any(map(_scalar, exported.bodies))),
+    "a hinge or a slide": _file(
+        lambda exported: any(_scalar(body) or _as_hinges(exported, body) for body in exported.bodies)
+    ),
     "velocity limit": _bodies(lambda _, body: body.joint.velocity_limit is not None),
     "effort limit": _bodies(lambda _, body: body.joint.effort_limit is not None),
-    "a position limit": _file(lambda exported: any(body.joint.position_limits for body in exported.bodies)),
+    "a position limit": _file(lambda exported: any(_limited(exported, body) for body in exported.bodies)),
     "dry friction": _bodies(lambda _, body: bool(body.joint.dry_friction)),
     "spring of a hinge or a slide": _bodies(lambda _, body: _scalar(body) and bool(body.joint.spring_stiffness)),
     "damping of a ball joint": _bodies(lambda _, body: body.joint.kind == "ball" and bool(body.joint.damping)),
@@ -186,6 +201,11 @@ CASES: Final[Mapping[str, Case]] = {
     "several links": _file(_several_links),
     "several bodies in a tree": _file(_several_bodies),
     "a loop": _file(_loop),
+    "root on a ball joint": _bodies(lambda _, body: body.joint.kind == "ball" and body.joint.parent is None),
+    "several bodies in a tree, or a hinge or a slide": _file(
+        lambda exported: any(body.joint.parent is not None or _scalar(body) for body in exported.bodies)
+    ),
+    "gravity": _file(lambda exported: any(exported.world.physics.gravity)),
     "something joined to the world": _file(
         lambda exported: any(
             body.joint.parent is None and body.joint.kind != "free" and not _static_tree(exported, body)
@@ -204,10 +224,11 @@ CASES: Final[Mapping[str, Case]] = {
     ),
     "mass that moves": _bodies(_of_mass_that_moves),
     "mass that moves, other than a uniform sphere or box": _bodies(
-        lambda exported, body: _of_mass_that_moves(exported, body) and not _uniform(body, ("sphere", "box"))
+        lambda exported, body: _of_mass_that_moves(exported, body)
+        and not _uniform(body, _solids(body), ("sphere", "box"))
     ),
     "mass, other than a uniform sphere, box or cylinder": _bodies(
-        lambda _, body: bool(body.inertial.mass) and not _uniform(body, ("sphere", "box", "cylinder"))
+        lambda _, body: bool(body.inertial.mass) and not _uniform(body, body.shapes, ("sphere", "box", "cylinder"))
     ),
     "no shape": _bodies(
         lambda exported, body: not body.shapes and body.inertial.mass != 1.0 and body.name not in exported.still

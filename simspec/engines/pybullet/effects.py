@@ -21,7 +21,7 @@ MARGIN: Final = Effect(
 HULLS: Final = Effect("shapes", "cylinder", "replaces cylinders by hulls of points")
 TENSORS: Final = "computes inertia tensors from the shapes' boxes"
 SHAPES: Final = (
-    Effect("inertia", "mass that moves, other than a uniform sphere or box", TENSORS),
+    Effect("inertia", "mass that moves, other than a uniform sphere or box", TENSORS, seen="may"),
     HULLS,
     MARGIN,
 )
@@ -39,18 +39,22 @@ URDF: Final = (
     ),
 )
 SCENE: Final = (
-    Effect("gravity", "every file", "reads no gravity"),
+    Effect("gravity", "gravity", "reads no gravity"),
     Effect("timestep", "every file", "reads no timestep: 1/240 s"),
 )
 MJCF: Final = (
     *ALWAYS,
     *SCENE,
     Effect("linear_damping", "free root or fixed root with mass or volume", DAMPING),
-    Effect("self_collision", "several bodies in a tree", SELF),
+    Effect("self_collision", "several bodies in a tree, or a hinge or a slide", SELF),
+    *(
+        Effect(quantity, "root on a ball joint", "lets a root on a ball joint move freely", seen="may")
+        for quantity in ("joint.type", "joint.origin.xyz", "mass")
+    ),
     Effect("joint.type", "hinge or slide", "puts each joint on a further link, to which the body is fixed"),
     Effect("joint.type", "fixed root with mass or volume", "lets a body that is fixed to the world move freely"),
     Effect("mass", "fixed root with volume, without mass", "gives a body without mass that of its shapes as water"),
-    Effect("inertia", "mass, other than a uniform sphere, box or cylinder", TENSORS),
+    Effect("inertia", "mass, other than a uniform sphere, box or cylinder", TENSORS, seen="may"),
     Effect("body", "body on a ball joint, or on such a body", "drops bodies on ball joints, and all that they carry"),
 )
 NEW: Final = ("1.9",)
@@ -65,7 +69,7 @@ SDF: Final = (
     *SHAPES,
     Effect("self_collision", "several bodies in a tree", SELF),
     *(
-        Effect(quantity, "several bodies in a tree", ELSEWHERE, profiles=NEW, seen="some")
-        for quantity in ("joint.origin.xyz", "shapes", "pose", "inertia")
+        Effect(quantity, "every file", ELSEWHERE, profiles=NEW, seen="may")
+        for quantity in ("joint.origin.xyz", "joint.type", "shapes", "pose", "inertia", "mass", "centre_of_mass")
     ),
 )
