@@ -10,8 +10,9 @@ from typing import Any, Final
 
 from simspec.errors import Problem, SpecError
 from simspec.imports.elements import Element
-from simspec.imports.files import Files, MissingFileError
+from simspec.imports.files import Files
 from simspec.imports.meshes import NamedMesh, find_mesh
+from simspec.imports.packages import MissingFileError
 from simspec.imports.sdf.values import lost, vector_of
 from simspec.language.foreign import Fate, Repair, Severity
 from simspec.language.mesh import PIECES

@@ -10,8 +10,8 @@ from typing import Any, Final
 from simspec.errors import Problem, SpecError
 from simspec.imports.draft import Draft, names, numbers, plain, pose, renamed
 from simspec.imports.elements import Element
-from simspec.imports.files import MissingFileError
 from simspec.imports.meshes import NamedMesh, find_mesh, kept_vertices, read_meshes, reduced_meshes
+from simspec.imports.packages import MissingFileError
 from simspec.imports.urdf.planar import across
 from simspec.imports.urdf.table import APPEARANCE, INFORMATION, LOST
 from simspec.language.foreign import Fate

@@ -84,7 +84,7 @@ def test_defects_of_what_it_expands_to_are_told_at_the_macro(legs):
 
 def test_packages(tmp_path):
     (tmp_path / "legs/urdf").mkdir(parents=True)
-    (tmp_path / "legs/package.xml").write_text("<package/>")
+    (tmp_path / "legs/package.xml").write_text("<package><name>legs</name></package>")
     (tmp_path / "legs/urdf/leg.xacro").write_text(LEG)
     text = LEGS.replace("parts/leg.xacro", "$(find legs)/urdf/leg.xacro").replace(
         "load_yaml('parts/sizes.yaml')", "xacro.dotify(dict(leg=1))"
