@@ -92,6 +92,12 @@ class Element:
         outside, inside = around[: -first - 1 : -1], around[last - 1 :: -1]
         return "/".join((*(one.label for one in outside), "...", *(one.label for one in inside)))
 
+    def grow(self, tag: str, text: str) -> Element:
+        """A new child at this element's place: what an older form of the language says here by other means."""
+        child = Element(tag, {}, self.location, text.strip(), self)
+        self._children.append(child)
+        return child
+
     # --- taking -----------------------------------------------------------------------------------------------
 
     def take(self) -> Element:

@@ -109,7 +109,7 @@ class Files:
             raise MissingFileError([_of_another_system(text, element)])
         try:
             return self._find(text, element, beside)
-        except MissingFileError as error:
+        except MissingFileError:
             plain = unquote(text)
             if plain != text and not UNSEEN_CHARACTERS.search(plain) and (found := self._found(plain, element, beside)):
                 return found
@@ -121,7 +121,7 @@ class Files:
                     "a path with a placeholder that a build replaces", found=text[:200], hint=hint
                 )
                 raise MissingFileError([problem]) from None
-            raise error
+            raise
 
     def _found(self, text: str, element: Element, beside: Path | None) -> Path | None:
         """The same; None where there is none."""

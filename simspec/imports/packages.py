@@ -184,12 +184,12 @@ class Packages:
         return list((declared or called).values())
 
     def _declared(self, folder: Path, name: str) -> str | Problem | None:
-        """The name in the ``package.xml`` of a folder, where that can be ``name`` or its folder is called so; None where there is
-        none; what is wrong with it."""
+        """The name in the ``package.xml`` of a folder, where that can be ``name`` or its folder is called so; None where there
+        is none; what is wrong with it."""
         content = self._manifest(folder)
-        if content == b"" or (
-            isinstance(content, bytes) and name.encode(errors="replace") not in content and folder.name != name
-        ):
+        if content == b"":
+            return None
+        if isinstance(content, bytes) and name.encode(errors="replace") not in content and folder.name != name:
             return None
         file = folder / MANIFEST
         if isinstance(content, str):

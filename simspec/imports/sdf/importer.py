@@ -20,7 +20,7 @@ from simspec.imports.sdf.contact import excluded, silent
 from simspec.imports.sdf.graph import Graph
 from simspec.imports.sdf.meshes import RULES as RULES_OF_MESHES
 from simspec.imports.sdf.meshes import Meshes
-from simspec.imports.sdf.models import Reader, Scope, version_of
+from simspec.imports.sdf.models import Reader, Scope
 from simspec.imports.sdf.shapes import ShapeRead, judge_meshes
 from simspec.imports.sdf.trees import (
     MASSLESS,
@@ -34,6 +34,7 @@ from simspec.imports.sdf.trees import (
 )
 from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
+from simspec.imports.sdf.versions import version_of
 from simspec.imports.surfaces import Materials
 from simspec.imports.timestep import add_timestep
 from simspec.language.document import Path_
@@ -59,7 +60,7 @@ class Sdf:
 
     def recognises(self, content: bytes) -> bool:
         """Whether a file begins with an element of the language."""
-        return re.search(rb"<sdf[\s>]", content) is not None
+        return re.search(rb"<(sdf|gazebo)\s+version\b|<sdf[\s>]", content) is not None
 
     @staticmethod
     def rules() -> dict[str, str]:

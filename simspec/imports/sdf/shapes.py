@@ -51,6 +51,8 @@ class Around:
     density: float | None
     surface: Surface
     """Of collisions that say none."""
+    static: bool = False
+    """Whether the link is fixed to the world."""
 
 
 def read_shapes(link: Element, around: Around) -> list[ShapeRead]:
@@ -63,9 +65,15 @@ def read_shapes(link: Element, around: Around) -> list[ShapeRead]:
         try:
             shape = _collision(child, around) if child.tag == "collision" else _visual(child, around)
         except SpecError as error:
-            problems.extend(error.problems)
+            if child.tag == "visual":
+                _not_drawn(child, error.problems[0])
+            else:
+                problems.extend(error.problems)
             continue
         if shape is None:
+            continue
+        if "plane" in shape.data and child.tag == "visual" and not around.static:
+            lost(child, MOVING_PLANE, Severity.APPEARANCE)
             continue
         twin = _twin(shapes, shape)
         if twin is None:
@@ -75,6 +83,15 @@ def read_shapes(link: Element, around: Around) -> list[ShapeRead]:
     if problems:
         raise SpecError(problems)
     return shapes
+
+
+MOVING_PLANE: Final = "a plane is only drawn where it is fixed to the world"
+
+
+def _not_drawn(visual: Element, why: Problem) -> None:
+    """Say of a visual that something in it is wrong: nothing but its appearance is lost."""
+    found = f": {why.found}" if why.found else ""
+    lost(visual, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
 
 
 def _size(element: Element) -> dict[str, Any]:
