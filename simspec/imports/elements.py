@@ -39,6 +39,7 @@ holds them, and how an engine keeps them apart is chosen for all bodies of a sce
 HARDNESS_HINT: Final = "contact.hardness: {time_constant: T, damping_ratio: Z} says it, for the engines that have it"
 SOLVER: Final = "how hard a constraint is, in the numbers of one solver: those of the spec are rigid"
 _ROOT: Final = re.compile("<[A-Za-z_]")
+_FIRST_TAG: Final = re.compile(rb"<([A-Za-z_][\w:.-]*)")
 _ROOT_TAG: Final = re.compile(r"<[A-Za-z_][^\s/>]*")
 _PREFIX: Final = re.compile(r"Namespace prefix ([A-Za-z_][\w.-]{0,40}) ")
 MOST_PREFIXES: Final = 20
@@ -247,6 +248,25 @@ class Element:
 
 def _account(location: Location, what: str, said: _Set) -> Account:
     return Account(location, what, said.fate, said.severity, said.reason, said.hint)
+
+
+# --- before reading ---
+
+
+def without_comments(content: bytes) -> bytes:
+    """A text with no comments in it, its lines where they were; a search that goes on where it was, so that no text takes more
+    than its length."""
+    parts, position = [], 0
+    while (start := content.find(b"<!--", position)) >= 0 and (end := content.find(b"-->", start + 4)) >= 0:
+        parts += [content[position:start], b"\n" * content.count(b"\n", start, end)]
+        position = end + 3
+    return b"".join([*parts, content[position:]])
+
+
+def outermost(content: bytes) -> bytes:
+    """The tag of the outermost element of a text that may be XML; b"" where there is none."""
+    found = _FIRST_TAG.search(without_comments(content))
+    return found.group(1) if found is not None else b""
 
 
 # --- reading ----------------------------------------------------------------------------------------------------

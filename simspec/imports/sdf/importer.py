@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any, Final
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports import moments
 from simspec.imports.draft import plain
-from simspec.imports.elements import Element
+from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
 from simspec.imports.leading import begin_within
 from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
@@ -34,7 +33,7 @@ from simspec.imports.sdf.trees import (
 )
 from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
-from simspec.imports.sdf.versions import version_of
+from simspec.imports.sdf.versions import OLD_OUTERMOST, OUTERMOST, version_of
 from simspec.imports.surfaces import Materials
 from simspec.imports.timestep import add_timestep
 from simspec.language.document import Path_
@@ -56,11 +55,11 @@ class Sdf:
     """The importer of SDF."""
 
     NAME: Final = "sdf"
-    SUFFIXES: Final = (".sdf", ".world")
+    SUFFIXES: Final = (".sdf", ".world", ".xml")
 
     def recognises(self, content: bytes) -> bool:
-        """Whether a file begins with an element of the language."""
-        return re.search(rb"<(sdf|gazebo)\s+version\b|<sdf[\s>]", content) is not None
+        """Whether the outermost element of a file is one of the language."""
+        return outermost(content).decode(errors="replace") in (OUTERMOST, OLD_OUTERMOST)
 
     @staticmethod
     def rules() -> dict[str, str]:
