@@ -39,6 +39,9 @@ holds them, and how an engine keeps them apart is chosen for all bodies of a sce
 HARDNESS_HINT: Final = "contact.hardness: {time_constant: T, damping_ratio: Z} says it, for the engines that have it"
 SOLVER: Final = "how hard a constraint is, in the numbers of one solver: those of the spec are rigid"
 _ROOT: Final = re.compile("<[A-Za-z_]")
+_TAG: Final = re.compile(r"<[A-Za-z_][^<>]*>")
+_TOUCHING: Final = re.compile("""("[^"]*"|'[^']*')(?=[A-Za-z_])""")
+"""A value of an attribute that the name of the next one follows without a space."""
 _FIRST_TAG: Final = re.compile(rb"<([A-Za-z_][\w:.-]*)")
 _ROOT_TAG: Final = re.compile(r"<[A-Za-z_][^\s/>]*")
 _PREFIX: Final = re.compile(r"Namespace prefix ([A-Za-z_][\w.-]{0,40}) ")
@@ -298,15 +301,29 @@ def parse(content: bytes, file: str) -> Element:
         try:
             return _tree(etree.fromstring(text.encode(), parser), file)
         except etree.XMLSyntaxError as error:
-            unknown = _PREFIX.match(str(error.msg))
-            if unknown is None:
+            mended = _mended(text, str(error.msg))
+            if mended is None:
                 place = Location(file, error.lineno or 1, max(1, error.offset or 1))
                 raise SpecError([Problem(f"not XML: {str(error.msg)[:200]}", location=place)]) from None
-            text = _declared(text, unknown[1])
+            text = mended
     problem = Problem(
         "too many prefixes that are not declared", location=Location(file, 1, 1), allowed=str(MOST_PREFIXES)
     )
     raise SpecError([problem])
+
+
+def _mended(text: str, error: str) -> str | None:
+    """The text without what a strict reader refuses, and the readers of robots' languages do not, with its lines where they
+    were: prefixes that are not declared, ``--`` in comments, no space between two attributes. None for any other error."""
+    unknown = _PREFIX.match(error)
+    mended = text
+    if unknown is not None:
+        mended = _declared(text, unknown[1])
+    elif error.startswith(("Double hyphen within comment", "Comment must not contain '--'")):
+        mended = without_comments(text.encode()).decode()
+    elif error.startswith("attributes construct error"):
+        mended = _TAG.sub(lambda tag: _TOUCHING.sub(r"\1 ", tag.group()), text)
+    return mended if mended != text else None
 
 
 def _declared(text: str, prefix: str) -> str:
