@@ -204,6 +204,13 @@ class Element:
         elif name in self.attributes:
             self._fates[name] = said
 
+    def forget(self) -> None:
+        """Take back what was read of this element and of all that is in it: it is lost as a whole."""
+        for element in self.within():
+            element._own = False
+            element._taken.clear()
+            element._fates.clear()
+
     def error(
         self, message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None
     ) -> SpecError:

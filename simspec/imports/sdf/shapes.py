@@ -73,6 +73,7 @@ def read_shapes(link: Element, around: Around) -> list[ShapeRead]:
         if shape is None:
             continue
         if "plane" in shape.data and child.tag == "visual" and not around.static:
+            child.forget()
             lost(child, MOVING_PLANE, Severity.APPEARANCE)
             continue
         twin = _twin(shapes, shape)
@@ -91,6 +92,7 @@ MOVING_PLANE: Final = "a plane is only drawn where it is fixed to the world"
 def _not_drawn(visual: Element, why: Problem) -> None:
     """Say of a visual that something in it is wrong: nothing but its appearance is lost."""
     found = f": {why.found}" if why.found else ""
+    visual.forget()
     lost(visual, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
 
 

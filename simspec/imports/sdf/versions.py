@@ -72,9 +72,10 @@ def modernise(root: Element) -> None:
     version = version_of(root)
     if version >= STEP_SINCE:
         return
-    for element in list(root.within()):
-        if version < ELEMENTS_SINCE:
+    if version < ELEMENTS_SINCE:
+        for element in list(root.within()):
             _attributes_as_elements(element)
+    for element in list(root.within()):
         if element.tag == "filename" and element.parent is not None and element.parent.tag == "mesh":
             element.tag = "uri"
         if element.tag == "physics" and not element.look(STEP):
