@@ -218,6 +218,25 @@ def test_models_within_others_that_are_written_flat(tmp_path, version):
     assert (finger["parent"], finger["joint"]["name"]) == ("hand_palm", "hand_knuckle")
 
 
+POSED = {
+    "base": "<pose>0.1 0.2 0.3 0.4 0.5 0.6</pose>",
+    "palm": "<pose>1 0 0 0 0.3 0</pose>",
+    "finger": "<pose>1 0.5 0 0.2 0 0</pose>",
+}
+KNUCKLE = "<axis><xyz>0 0.6 0.8</xyz></axis>"
+
+
+@pytest.mark.parametrize("version", ["1.5", "1.6", "1.7"])
+def test_flat_and_nested_are_the_same_model(tmp_path, version):
+    palm, finger = link("palm", POSED["palm"]), link("finger", POSED["finger"])
+    inner = f"<model name='hand'>{palm}{finger}{joint('revolute', KNUCKLE, 'knuckle', 'palm', 'finger')}</model>"
+    wrist = joint("revolute", KNUCKLE, "wrist", "base", "hand::palm")
+    nested = model(link("base", POSED["base"]) + inner + wrist, version)
+    flat = link("base", POSED["base"]) + link("hand::palm", POSED["palm"]) + link("hand::finger", POSED["finger"])
+    flat += joint("revolute", KNUCKLE, "hand::knuckle", "hand::palm", "hand::finger") + wrist
+    assert imported(model(flat, version), tmp_path).data == imported(nested, tmp_path).data
+
+
 def test_since_names_are_reserved_flat_ones_are_refused(tmp_path):
     assert "not a name of a <link>" in refused(model(FLAT, "1.8"), tmp_path)
 
