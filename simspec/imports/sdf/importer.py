@@ -96,6 +96,7 @@ class Sdf:
             accounts,
             repairs,
             files=meshes.named,
+            made=frozenset(meshes.made),
             read=files.read,
             comments=spec.comments,
         )

@@ -323,3 +323,54 @@ def test_paths_of_the_environment_are_what_the_user_may_read(tmp_path, monkeypat
     assert "leaves the project folder" in refused(text, project, project=project)
     monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", str(tmp_path / "models"))
     assert bodies(imported(text, project, project=project))
+
+
+# --- extruded polygons -----------------------------------------------------------------------------------------------
+
+
+def polyline(*points, height=2.0, tag="collision"):
+    said = "".join(f"<point>{x} {y}</point>" for x, y in points)
+    geometry = f"<geometry><polyline>{said}<height>{height}</height></polyline></geometry>"
+    return f"<{tag} name='p'>{geometry}</{tag}>"
+
+
+TRIANGLE = ((0, 0), (3, 0), (0, 6))
+
+
+@pytest.mark.parametrize(
+    "points", [TRIANGLE, TRIANGLE[::-1], (*TRIANGLE, (0, 0)), ((0, 0), (1, 0), (3, 0), (0, 6), (0, 3))]
+)
+def test_a_convex_polygon_is_its_solid(tmp_path, points):
+    inertial = "<inertial auto='true'><density>10</density></inertial>"
+    result = imported(model(link("base", polyline(*points), inertial), "1.11"), tmp_path)
+    (body,) = load(tmp_path / "robot.sdf").resolve().bodies
+    assert body.inertial.mass == pytest.approx(10 * 9 * 2)
+    assert body.inertial.centre_of_mass == pytest.approx((1, 2, 1))
+    assert result.made == result.files.keys()
+    assert not lost(result)
+
+
+NOT_CONVEX = {
+    "a notch": ((0, 0), (4, 0), (1, 1), (0, 4)),
+    "a star": ((0, 3), (2, -3), (-3, 1), (3, 1), (-2, -3)),
+    "a bow": ((0, 0), (1, 1), (1, 0), (0, 1)),
+    "a line": ((0, 0), (1, 1), (2, 2)),
+    "a spike": ((0, 0), (2, 0), (1, 0), (1, 1)),
+}
+
+
+@pytest.mark.parametrize("name", NOT_CONVEX)
+def test_other_polygons_are_refused_where_they_collide(tmp_path, name):
+    assert "not convex" in refused(model(link("base", polyline(*NOT_CONVEX[name]))), tmp_path)
+    drawn = imported(model(link("base", polyline(*NOT_CONVEX[name], tag="visual"))), tmp_path)
+    assert {severity for severity, _ in lost(drawn).values()} == {"appearance"}
+
+
+def test_polygons_without_volume_are_refused(tmp_path):
+    for shape in (
+        polyline(),
+        polyline((0, 0), (1, 0)),
+        polyline(*TRIANGLE, height=0),
+        polyline(*TRIANGLE, height="nan"),
+    ):
+        assert "robot.sdf:4" in refused(model(link("base", shape)), tmp_path)
