@@ -33,7 +33,7 @@ NETWORK: Final = ("http", "https", "ftp")
 LIBRARY: Final = re.compile(
     r"https?://[^/]*fuel[^/]*/1\.0/[^/]+/models/([^/]+)(?:/(?:\d+|tip))?(?:/files)?/?(.*)", re.DOTALL | re.IGNORECASE
 )
-"""A model of Gazebo's library of models, and a file of it."""
+"""A model of the public library of models (Fuel), and a file of it."""
 DRIVE: Final = re.compile(r"(?:file:/*)?[A-Za-z]:[/\\]", re.IGNORECASE)
 """How a path of Windows begins."""
 PLACEHOLDER: Final = re.compile(r"@[A-Za-z_]\w*@|\$\{[^}]*\}|\{\{.*?\}\}|\$\((?!find\s)[^)]*\)")
@@ -180,7 +180,7 @@ class Files:
         return beside / text
 
     def _downloaded(self, text: str, element: Element) -> Path:
-        """The file of a model of Gazebo's library that the user has as a package. Raises MissingFileError for another."""
+        """The file of a model of the public library that the user has as a package. Raises MissingFileError for another."""
         match = LIBRARY.fullmatch(text)
         hint = "save the file, and name it by its path"
         if match is not None:

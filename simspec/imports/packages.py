@@ -1,7 +1,7 @@
 """Packages of robot files: folders that `package://NAME`, `model://NAME` and `$(find NAME)` mean.
 
 A package is known by the `<name>` in its ``package.xml``, whatever its folder is called, or by the name of its folder
-(``model.config`` of Gazebo says no name that paths use). :data:`ENVIRONMENT` lists the variables that name folders.
+(the ``model.config`` of a model says no name that paths use). :data:`ENVIRONMENT` lists the variables that name folders.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from simspec.reading import NotReadableError, read_bytes
 
 MANIFEST: Final = "package.xml"
 CONFIGURATIONS: Final = ("model.config", "manifest.xml")
-"""Files of a model of Gazebo, the second in models of before 2013; they say which of its SDF files is read."""
+"""Files of a folder of a model, the second in models of before 2013; they say which file of it is read."""
 MARKS: Final = (MANIFEST, *CONFIGURATIONS)
 """Files by which a folder is known as a package."""
 IGNORED: Final = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")

@@ -1,4 +1,4 @@
-"""The files of models that an `<include>` names, and the two models of Gazebo that are known without a file."""
+"""The files of models that an `<include>` names, and the two models that are known without a file."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from simspec.imports.elements import Element, parse
 from simspec.imports.files import LIBRARY, PACKAGE, SCHEME, Files
 from simspec.imports.packages import CONFIGURATIONS, MissingFileError
 from simspec.imports.sdf.versions import NEWEST, OLDEST, Version, parsed
+from simspec.language.foreign import suffixes
 from simspec.language.sources import shown_path
 
 ENDS: Final = (".sdf", ".world", ".xml")
 """Ends of names of files, where others are folders of models."""
-OTHERS: Final = (".urdf", ".xacro", ".usd", ".usda")
 MODELS: Final = "model://"
 SUN: Final = "sun"
 GROUND: Final = "ground_plane"
 WITHOUT_FILES: Final = (SUN, GROUND)
-"""Models of Gazebo's database that nearly every world includes, and that are known without it."""
+"""Models of the public database that nearly every world includes, and that are known without it."""
 GROUND_FRICTION: Final = 100.0
-"""Of Gazebo's model `ground_plane` (osrf/gazebo_models, `ground_plane/model.sdf`: `mu` 100 and `mu2` 50)."""
+"""Of the database's model `ground_plane` (osrf/gazebo_models, `ground_plane/model.sdf`: `mu` 100 and `mu2` 50)."""
 GROUND_TEXT: Final = f"""<sdf version="1.5"><model name="{GROUND}"><static>true</static><link name="link">
 <collision name="collision"><geometry><plane><normal>0 0 1</normal></plane></geometry>
 <surface><friction><ode><mu>{GROUND_FRICTION:g}</mu><mu2>{GROUND_FRICTION:g}</mu2></ode></friction></surface></collision>
 <visual name="visual"><geometry><plane><normal>0 0 1</normal></plane></geometry></visual>
 </link></model></sdf>"""
 GROUND_NOTE: Final = (
-    f"{MODELS}{GROUND} is not among the files: a fixed plane without an end, of friction {GROUND_FRICTION:g}, as Gazebo's "
-    "model has it in one direction; the 50 of the other exceed what nearly every surface has, and the smaller of two counts"
+    f"{MODELS}{GROUND} is not among the files: a fixed plane without an end, of friction {GROUND_FRICTION:g}, as the "
+    "database has it in one direction; the 50 of the other exceed what nearly every surface has, and the smaller of two counts"
 )
 SUN_NOTE: Final = "simspec has no lights, and this model is one"
 KNOWN: Final[Mapping[str, str]] = {GROUND: GROUND_TEXT}
@@ -42,7 +42,7 @@ def find_model(files: Files, uri: Element, folder: Path) -> Path | None:
     """The file of a URI: a file, or the folder of a model whose configuration names it; None for a model that is known without
     files and is not there. A path without a scheme starts from ``folder``, else is one in a package. Raises SpecError."""
     text = uri.text
-    if text.lower().endswith(OTHERS):
+    if text.lower().endswith(suffixes()) and not text.lower().endswith(ENDS):
         hint = f"use: {text} in a scenario, which places the robot"
         raise uri.error("only models in SDF can be included", found=text[:200], hint=hint)
     bare = text.removeprefix("./")
