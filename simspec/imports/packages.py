@@ -121,9 +121,13 @@ class Packages:
     # --- where they are looked for ----------------------------------------------------------------------------
 
     def _searches(self, name: str) -> Iterator[Levels]:
-        """Each place that is searched, in their order: above the file and beside each folder above; along the path; below the
-        project, or below the workspace that the file is in."""
+        """Each place that is searched, in their order: above the file and beside each folder above; below the package that the
+        file is in, which may have models; along the path; below the project, or below the workspace that the file is in."""
         yield self._above(name)
+        for folder in self._folders_above():
+            if _has(folder, MANIFEST):
+                yield self._tree(folder).levels()
+                break
         for folder in self.path:
             yield iter([[folder]] if _has(folder, *MARKS) else [])
             yield iter([self._beside(folder, name)])

@@ -133,6 +133,14 @@ def test_the_nearest_of_two_counts_and_two_as_near_are_an_error(tmp_path):
     assert named.find("robot", ASKING) == tmp_path / "two"
 
 
+def test_models_within_the_package_that_the_file_is_in(tmp_path):
+    package(tmp_path / "worlds-of-robots")
+    model = tmp_path / "worlds-of-robots/models/indoor/house"
+    model.mkdir(parents=True)
+    (model / "model.config").touch()
+    assert finder(tmp_path / "worlds-of-robots/worlds", tmp_path).find("house", ASKING) == model
+
+
 def test_links_are_not_followed(tmp_path):
     outside = package(tmp_path / "outside/robot")
     inside = tmp_path / "inside"

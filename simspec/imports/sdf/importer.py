@@ -119,8 +119,10 @@ def _outermost(reader: Reader, root: Element, path: Path) -> tuple[list[Scope], 
     if len(worlds) > 1:
         raise worlds[1].error("a file of several worlds is not supported", hint="save each world in a file of its own")
     if worlds:
-        if root.look("model"):
-            raise root.look("model")[0].error("a model beside a world is not supported", hint="put it into the world")
+        if root.look("model", "include"):
+            raise root.look("model", "include")[0].error(
+                "a model beside a world is not supported", hint="put it into the world"
+            )
         world = Scope(worlds[0].word("name") or "world", worlds[0].take(), version)
         reader.fill(world, folder, chain)
         if world.joints:
@@ -133,9 +135,13 @@ def _outermost(reader: Reader, root: Element, path: Path) -> tuple[list[Scope], 
         for child in root.look(tag):
             lost(child, "simspec has no lights and no actors", Severity.APPEARANCE)
     models = root.look("model")
-    if not models:
+    if not models and not root.look("include"):
         raise root.error("this file has no model and no world")
+    included = (reader.include(one.take(), version, folder, None, chain) for one in root.look("include"))
     scopes = [reader.model(model.take(), version, folder, None, chain) for model in models]
+    scopes += [scope for scope in included if scope is not None]
+    if not scopes:
+        raise root.error("this file has no model")
     for scope in scopes:
         if scope.placed.relative_to:
             raise scope.element.error("a model that is alone is not relative to another frame")

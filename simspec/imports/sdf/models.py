@@ -127,7 +127,7 @@ class Reader:
                 tables[child.tag][name] = child.take()
                 self._links += child.tag in ("link", "frame")
             else:
-                read: _Read = self._include if child.tag == "include" else self.model
+                read: _Read = self.include if child.tag == "include" else self.model
                 inner = read(child.take(), scope.version, folder, scope, chain)
                 if inner is None:
                     continue
@@ -156,7 +156,7 @@ class Reader:
         inner.static, inner.self_collide = scope.static, scope.self_collide
         scope.models[inner.name] = inner
 
-    def _include(
+    def include(
         self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...]
     ) -> Scope | None:
         """The model of an ``<include>``, with what the include says of it; None for one without bodies. Raises SpecError."""
@@ -182,10 +182,13 @@ class Reader:
             root = self.root(path, self.files.bytes_of(path, uri), shown_path(path))
         if root is None or _without_bodies(element, root):
             return None
-        models = root.look("model")
+        models = root.look("model", "include")
         if len(models) != 1 or root.look("world"):
             raise uri.error(f"{path.name} is not a file of one model", found=uri.text[:200])
-        scope = self.model(models[0].take(), version_of(root), path.parent, parent, (*chain, path))
+        read: _Read = self.include if models[0].tag == "include" else self.model
+        scope = read(models[0].take(), version_of(root), path.parent, parent, (*chain, path))
+        if scope is None:
+            return None
         scope.name, scope.merged = text_of(element, "name", scope.name), merges
         placed = pose_of(element)
         if placed.element is not None:

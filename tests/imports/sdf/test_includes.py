@@ -71,6 +71,18 @@ def test_a_model_within_models_is_found_as_the_first_is(tmp_path):
     assert {"robot_base", "robot_motor"} == result.data["bodies"].keys()
 
 
+def test_a_file_that_is_an_include_alone(tmp_path):
+    database(tmp_path, "inner", model(link("base", BOX)))
+    database(tmp_path, "outer", sdf("<include><uri>inner</uri><name>renamed</name></include>"))
+    alone = imported(sdf("<include><uri>outer</uri></include>"), tmp_path).data
+    assert (alone["name"], alone["model"]["bodies"].keys()) == ("renamed", {"base"})
+    placed = imported(world("<uri>outer</uri><pose>1 2 3 0 0 0</pose>"), tmp_path).data["models"]["renamed"]
+    assert placed["bodies"]["base"]["pose"] == {"xyz": [1, 2, 3]}
+    (tmp_path / "inner/model.sdf").write_text(sdf("<include><uri>outer</uri></include>"))
+    assert "include each other" in refused(sdf("<include><uri>outer</uri></include>"), tmp_path)
+    assert "has no model" in refused(sdf("<include><uri>model://sun</uri></include>"), tmp_path)
+
+
 def test_old_names_of_configurations(tmp_path):
     database(tmp_path, "old", configuration="manifest.xml")
     assert bodies(imported(world("<uri>model://old</uri>"), tmp_path))
