@@ -46,7 +46,7 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
             Rule(
                 "inertia-too-large",
                 "along some axis the second moment of the mass about its centre exceeds m·a·b by more than the factor 2.25; "
-                "a, b: how far the shapes reach from the centre of mass along both directions of the axis",
+                "a, b: how far the shapes, made larger by 5 % of their size, reach from it along both directions",
                 "no distribution of mass within the shapes has such an inertia; the link turns too slowly for a given torque",
                 "compute the inertia from the shapes (leave it out beside a mass), or check its unit: kg m²",
             ),
@@ -170,8 +170,8 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
             ),
             Rule(
                 "limits-wide",
-                "a hinge turns by more than two full turns and is no whole number of half turns, or a slide moves by more "
-                "than 5 m and 1.5 times the model's size",
+                "a hinge turns by more than two full turns, and not a whole number of half turns (a warning where a limit is "
+                "more than two turns from zero), or a slide moves by more than 5 m and 1.5 times the model's size",
                 "a range in degrees was taken for radians, or one in millimetres for metres",
                 "deg or rad, mm or m behind the numbers; the unit of the file",
             ),

@@ -42,8 +42,10 @@ def joint_findings(spec: Spec, world: World) -> Iterator[Finding]:
 
 
 def _axes(spec: Spec) -> Iterator[Finding]:
-    """Axes as they are written, in all trees of the spec."""
+    """Axes as robot files have them; in a spec they may have any length."""
     for bodies in trees.every(spec.source):
+        if bodies.source.imported is None:
+            continue
         for name, body in bodies.typed.items():
             if body is None:
                 continue
@@ -86,7 +88,8 @@ def _limits(world: World) -> Iterator[Finding]:
                 half_turns = span / math.pi
                 if abs(half_turns - round(half_turns)) > WHOLE * half_turns:
                     message = f"a range of {span:.5g} rad, {span / 2.0 / math.pi:.3g} turns"
-                    yield Finding("limits-wide", Grade.WARNING, joint.name, message, span, "rad", span / WIDE, path)
+                    grade = Grade.WARNING if max(-lower, upper) > WIDE else Grade.NOTE
+                    yield Finding("limits-wide", grade, joint.name, message, span, "rad", span / WIDE, path)
             elif joint.kind == "slide" and span > longest:
                 message = f"a travel of {span:.4g} m"
                 yield Finding("limits-wide", Grade.WARNING, joint.name, message, span, "m", span / longest, path)
@@ -104,9 +107,7 @@ def _ratings(spec: Spec) -> Iterator[Finding]:
             named = re.findall(r"joint\[([^\]]*)\]", account.what)
             element = named[-1] if named else account.what
             message = f"a rating of 0 for its {quantity}"
-            yield Finding(
-                "rating-zero", Grade.WARNING, element, message, 0.0, "", 1.0, account.what, account.location
-            )
+            yield Finding("rating-zero", Grade.WARNING, element, message, 0.0, "", 1.0, account.what, account.location)
 
 
 def mesh_findings(spec: Spec) -> Iterator[Finding]:

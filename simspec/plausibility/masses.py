@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from simspec.plausibility.findings import Finding, Grade
 from simspec.plausibility.parts import (
     DIRECTIONS,
     Floats,
+    Lump,
     Part,
     carrying,
     judged_parts,
@@ -50,17 +51,20 @@ ALIKE: Final = 1e-6
 """Relative difference of three principal moments that are one number, as placeholders have."""
 
 
-def mass_findings(world: World) -> Iterator[Finding]:
-    """All findings about masses."""
+def mass_findings(world: World, foreign: Callable[[str], bool]) -> Iterator[Finding]:
+    """All findings about masses. ``foreign``: whether a body comes from a robot file; of others those that cannot be touched
+    are left out, and what does not fit the shapes is a note."""
     for part in judged_parts(world):
-        off_centre = yield from _centre(part)
-        yield from _inertia(part, off_centre)
-    yield from _densities(world)
+        grade = Grade.WARNING if foreign(part.name) else Grade.NOTE
+        if foreign(part.name) or part.some(True):
+            off_centre = yield from _centre(part, grade)
+            yield from _inertia(part, off_centre, grade)
+    yield from _densities(world, foreign)
     yield from _light(world)
     yield from _ratios(world)
 
 
-def _centre(part: Part) -> Generator[Finding, None, bool]:
+def _centre(part: Part, grade: Grade) -> Generator[Finding, None, bool]:
     """Yields a finding where the centre of mass is outside; gives whether it is."""
     away = outside(part.solids, np.array(part.inertial.centre_of_mass))
     limit = max(OUTSIDE * part.size, LEAST_OUTSIDE)
@@ -68,38 +72,38 @@ def _centre(part: Part) -> Generator[Finding, None, bool]:
         return False
     message = f"centre of mass {1e3 * away:.3g} mm outside its shapes, {100.0 * away / part.size:.3g} % of their size"
     path = f"bodies.{part.name}.centre_of_mass"
-    yield Finding("mass-outside", Grade.WARNING, part.name, message, away, "m", away / limit, path)
+    yield Finding("mass-outside", grade, part.name, message, away, "m", away / limit, path)
     return True
 
 
-def _inertia(part: Part, off_centre: bool) -> Iterator[Finding]:
+def _inertia(part: Part, off_centre: bool, grade: Grade) -> Iterator[Finding]:
     inertial = part.inertial
     moments = principal_moments(inertial.inertia)
     if min(moments) <= 0.0:
         return  # a point or a rod: a rigid group makes up for it, or resolving refuses it
     same = max(moments) - min(moments) <= ALIKE * max(moments)
-    placeholder = "; equal about all axes, as a placeholder is" if same else ""
+    placeholder = "; equal about all axes" if same else ""
     path = f"bodies.{part.name}.inertia"
-    share = 0.0 if off_centre else largest_share(inertial, part.solids)
+    share = 0.0 if off_centre else largest_share(inertial, part.solids, max(OUTSIDE * part.size, LEAST_OUTSIDE))
     if share > SPREAD_OUT:
         further = math.sqrt(share)
-        message = f"inertia too large: the mass would be {further:.3g} times as far out as its shapes{placeholder}"
-        yield Finding("inertia-too-large", Grade.WARNING, part.name, message, further, "", share / SPREAD_OUT, path)
+        message = f"its mass would lie {further:.3g} times as far out as its shapes reach{placeholder}"
+        yield Finding("inertia-too-large", grade, part.name, message, further, "", share / SPREAD_OUT, path)
         return
     solid = solid_of(part, inertial.mass)
     if solid is None:
         return
     expected = principal_moments(solid.inertia)
-    ratio, shape, given = max((b / a, b, a) for a, b in zip(moments, expected, strict=True))
+    ratio, given = max((b / a, a) for a, b in zip(moments, expected, strict=True))
     if ratio > SMALLER:
         message = f"a moment of {given:.3g} kg m², {ratio:.3g} times below a solid's of its mass{placeholder}"
-        yield Finding("inertia-too-small", Grade.WARNING, part.name, message, ratio, "", ratio / SMALLER, path)
+        yield Finding("inertia-too-small", grade, part.name, message, ratio, "", ratio / SMALLER, path)
 
 
-def largest_share(inertial: Inertial, solids: tuple[Lump, ...]) -> float:
+def largest_share(inertial: Inertial, solids: tuple[Lump, ...], margin: float = 0.0) -> float:
     """The largest ratio, over directions u, of the second moment of the mass along u about its centre to the most that mass
     within the shapes can have: m·a·b with a, b the reaches from the centre of mass along u and −u (the Bhatia–Davis
-    inequality); above 1 nothing within the convex hull of the shapes has this inertia. The centre of mass is inside."""
+    inequality); above 1 nothing within the convex hull of the shapes has this inertia. ``margin`` (m): added to a and b."""
     xx, yy, zz, xy, xz, yz = inertial.inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     second = 0.5 * np.trace(tensor) * np.eye(3) - tensor
@@ -108,7 +112,7 @@ def largest_share(inertial: Inertial, solids: tuple[Lump, ...]) -> float:
     middle = directions @ centre
     ahead = reach(solids, directions) - middle
     behind = reach(solids, -directions) + middle
-    most = inertial.mass * np.maximum(ahead, 0.0) * np.maximum(behind, 0.0)
+    most = inertial.mass * np.maximum(ahead + margin, 0.0) * np.maximum(behind + margin, 0.0)
     given = np.einsum("ni,ij,nj->n", directions, second, directions)
     inside = most > 0.0
     return float((given[inside] / most[inside]).max(initial=0.0))
@@ -134,9 +138,11 @@ def _volume(solids: tuple[Lump, ...]) -> float:
     return math.fsum(solid.volume for solid in solids)
 
 
-def _densities(world: World) -> Iterator[Finding]:
+def _densities(world: World, foreign: Callable[[str], bool]) -> Iterator[Finding]:
     for name, part in moving_groups(world).items():
-        kilograms, solid, seen = part.inertial.mass, _volume(part.some(True)), _volume(part.some(False))
+        kilograms, solid = part.inertial.mass, _volume(part.some(True))
+        seen = _volume(part.some(False)) if foreign(name) else 0.0
+        grade = Grade.WARNING if foreign(name) else Grade.NOTE
         if not kilograms or not (solid or seen):
             continue
         path = f"bodies.{name}.mass"
@@ -144,16 +150,16 @@ def _densities(world: World) -> Iterator[Finding]:
         densest = kilograms / (solid + seen)
         if densest > OSMIUM:
             message = f"{kilograms:.3g} kg in {1e6 * (solid + seen):.3g} cm³: {densest:.3g} kg/m³, denser than osmium"
-            yield Finding(
-                "density-high", Grade.WARNING, name, message, densest, "kg/m³", densest / OSMIUM, path
-            )
+            yield Finding("density-high", grade, name, message, densest, "kg/m³", densest / OSMIUM, path)
         volume = min(value for value in (solid, seen) if value)
         density = kilograms / volume
         # no closed surface around a volume is smaller than the sphere's, (36 π V²)^(1/3)
         wall = kilograms / PLASTIC / (36.0 * math.pi * volume * volume) ** (1.0 / 3.0)
         if density < AIR or (density < FOAM and wall < THINNEST_WALL):
-            message = f"{kilograms:.3g} kg in {1e6 * volume:.3g} cm³: {density:.3g} kg/m³, a shell of {1e3 * wall:.2g} mm"
-            yield Finding("density-low", Grade.WARNING, name, message, density, "kg/m³", FOAM / density, path)
+            message = (
+                f"{kilograms:.3g} kg in {1e6 * volume:.3g} cm³: {density:.3g} kg/m³, a shell of {1e3 * wall:.2g} mm"
+            )
+            yield Finding("density-low", grade, name, message, density, "kg/m³", FOAM / density, path)
 
 
 def _light(world: World) -> Iterator[Finding]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import numpy as np
@@ -38,11 +38,11 @@ MOST_PAIRS: Final = 400
 
 
 class Places:
-    """The rigid groups of a world at the initial positions; ``imported``: whether the model comes from a robot file, which
-    is meant to be touched."""
+    """The rigid groups of a world at the initial positions; ``foreign``: whether a body comes from a robot file. Of others it
+    is no mistake if they cannot be touched, are drawn otherwise than they collide, or hang in the air."""
 
-    def __init__(self, world: World, imported: bool):
-        self.world, self.imported = world, imported
+    def __init__(self, world: World, foreign: Callable[[str], bool]):
+        self.world, self.foreign = world, foreign
         self.at = poses(world)
         self.groups = rigid_groups(world)
         self.kinematic = {motion.body for motion in world.motions}
@@ -51,7 +51,8 @@ class Places:
             members.setdefault(self.groups[body.name], []).append(body)
         self.members = members
         self.parts = {
-            name: part_of(name, [(body, self.at[body.name]) for body in bodies], lumps_of(world)) for name, bodies in members.items()
+            name: part_of(name, [(body, self.at[body.name]) for body in bodies], lumps_of(world))
+            for name, bodies in members.items()
         }
         self.moving = {name for name in members if name != "world" and name not in self.kinematic}
 
@@ -91,12 +92,15 @@ class Places:
         bare = [
             name
             for name in sorted(self.moving)
-            if self.parts[name].inertial.mass and self.parts[name].solids and not self.parts[name].some(True)
+            if self.foreign(name)
+            and self.parts[name].inertial.mass
+            and self.parts[name].solids
+            and not self.parts[name].some(True)
         ]
         if not bare:
             return
         none_at_all = not any(part.some(True) for name, part in self.parts.items() if name in self.moving)
-        grade = Grade.WARNING if none_at_all and self.imported else Grade.NOTE
+        grade = Grade.WARNING if none_at_all else Grade.NOTE
         for name in bare:
             message = "moves and has mass and visual shapes, and no collision shape"
             if none_at_all:
@@ -107,7 +111,7 @@ class Places:
     def _apart(self) -> Iterator[Finding]:
         for name, part in sorted(self.parts.items()):
             hard, seen = part.some(True), part.some(False)
-            if name == "world" or not hard or not seen:
+            if name == "world" or not self.foreign(name) or not hard or not seen:
                 continue
             one, other = _boxed(hard), _boxed(seen)
             shared = np.clip(np.minimum(one[1], other[1]) - np.maximum(one[0], other[0]), 0.0, None).prod()
@@ -171,7 +175,8 @@ class Places:
             above = carrier if carrier != "world" else str(body.joint.parent)
             message = f"{1e3 * apart:.4g} mm away from {above}, {100.0 * apart / size:.2g} % of the model's size"
             path = f"bodies.{body.name}.joint.origin"
-            yield Finding("detached", Grade.WARNING, body.name, message, apart, "m", apart / limit, path)
+            grade = Grade.WARNING if self.foreign(body.name) else Grade.NOTE
+            yield Finding("detached", grade, body.name, message, apart, "m", apart / limit, path)
 
     def _axis(self, body: Body, part: Part, parent: tuple[Lump, ...]) -> Iterator[Finding]:
         joint = body.joint
@@ -182,7 +187,7 @@ class Places:
         if away <= limit:
             return
         other = axis_distance(parent, point, axis) if parent else away
-        grade = Grade.WARNING if other > limit else Grade.NOTE
+        grade = Grade.WARNING if other > limit and self.foreign(body.name) else Grade.NOTE
         message = f"the axis passes what it turns at {1e3 * away:.4g} mm, {100.0 * away / part.size:.3g} % of its size"
         path = f"bodies.{body.name}.joint.origin"
         yield Finding("axis-apart", grade, joint.name, message, away, "m", away / limit, path)

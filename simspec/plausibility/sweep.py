@@ -206,7 +206,7 @@ class Tree:
 
     def __init__(self, world: World, bodies: Sequence[Body], leaders: Mapping[str, Follow]):
         self.bodies = bodies
-        self.work = 0
+        self.work: int = 0
         self._leaders = leaders
         groups = rigid_groups(world)
         allowed = CollisionFilter(world)
@@ -219,9 +219,7 @@ class Tree:
         self._neighbours = self._adjacent(world, groups)
         names = list(self._solids)
         self._pairs = [
-            pair
-            for pair in itertools.combinations(names, 2)
-            if pair in self._neighbours or allowed.may_touch(*pair)
+            pair for pair in itertools.combinations(names, 2) if pair in self._neighbours or allowed.may_touch(*pair)
         ]
         self._compared: set[tuple[str, str]] = set()
         self._met: dict[tuple[str, str], Met] = {}
@@ -268,11 +266,10 @@ class Tree:
     def look(self, samples: Samples, budget: int) -> int:
         """Compare all pairs at the positions in their order, in blocks, until the work is done or ``budget`` products are
         spent; gives the number of positions that were looked at."""
-        starts = [0, *range(1, len(samples), BLOCK)]
-        for start, end in itertools.pairwise([*starts, len(samples)]):
+        for start in (0, *range(1, len(samples), BLOCK)):
             if self.work >= budget:
                 return start
-            block = samples.part(start, end)
+            block = samples.part(start, start + BLOCK if start else 1)
             origin, turn = self.places(block)
             for pair in self._pairs:
                 rows = self._concerned(pair, block) if start else np.arange(1)
@@ -472,4 +469,5 @@ def _about(axis: Floats, angles: Floats) -> Floats:
     x, y, z = axis
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    return np.eye(3) + sine * skew + (1.0 - cosine) * (skew @ skew)
+    turns: Floats = np.eye(3) + sine * skew + (1.0 - cosine) * (skew @ skew)
+    return turns
