@@ -175,20 +175,19 @@ def moving_groups(world: World) -> dict[str, Part]:
 
 
 def judged_parts(world: World) -> list[Part]:
-    """The parts whose mass can be compared with their shapes: each body of a moving rigid group that has both, where every
-    body of the group with more than a token mass has shapes; else the group as a whole, if it has shapes."""
+    """The parts whose mass can be compared with their shapes: each body with both, of a moving rigid group, that has more
+    than a token share of the group's mass; and the group as a whole where another such body has no shapes."""
     kinematic = {motion.body for motion in world.motions}
+    lumps = lumps_of(world)
     parts: list[Part] = []
     for top, members in rigid_members(world.bodies).items():
         if top in kinematic:
             continue
         total = math.fsum(body.inertial.mass for body, _ in members)
         heavy = [body for body, _ in members if body.inertial.mass > LIGHT * total]
-        alone = [part_of(body.name, [(body, Pose())], lumps_of(world)) for body in heavy]
-        if heavy and all(part.solids for part in alone):
-            parts += alone
-        elif heavy:
-            whole = part_of(top if len(heavy) > 1 else heavy[0].name, members, lumps_of(world))
+        parts += [part_of(body.name, [(body, Pose())], lumps) for body in heavy if lumps[body.name]]
+        if any(not lumps[body.name] for body in heavy):
+            whole = part_of(top, members, lumps)
             parts += [whole] if whole.solids else []
     return parts
 

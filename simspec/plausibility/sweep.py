@@ -266,7 +266,8 @@ class Tree:
     def look(self, samples: Samples, budget: int) -> int:
         """Compare all pairs at the positions in their order, in blocks, until the work is done or ``budget`` products are
         spent; gives the number of positions that were looked at."""
-        for start in (0, *range(1, len(samples), BLOCK)):
+        starts: list[int] = [0, *range(1, len(samples), BLOCK)]
+        for start in starts:
             if self.work >= budget:
                 return start
             block = samples.part(start, start + BLOCK if start else 1)
