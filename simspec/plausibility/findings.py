@@ -84,7 +84,7 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
             ),
             Rule(
                 "size",
-                "the shapes of a moving link span more than 10 m, or those of a whole model less than 1 cm",
+                "the shapes of a moving link span more than 10 m, or those of a whole model less than 1 cm or more than 20 m",
                 "a mesh in millimetres is taken for metres, or scaled twice",
                 "the scale or unit of the mesh",
             ),

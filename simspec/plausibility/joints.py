@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from simspec.imports.elements import NO_RATING
+from simspec.imports.elements import LOCKED, NO_RATING
 from simspec.language import trees
 from simspec.language.foreign import Fate
 from simspec.language.load import Spec
@@ -24,8 +24,8 @@ NARROW: Final = math.radians(4.0)
 """rad, of the range of a hinge: half a turn in radians, taken for degrees, is 3.1°."""
 WIDE: Final = 4.0 * math.pi
 """rad, of the range of a hinge: cables end sooner."""
-WHOLE: Final = 1e-3
-"""Half turns by which a range may miss a whole number of them."""
+WHOLE: Final = 2e-3
+"""Half turns by which a range may miss a whole number of them: limits are printed with some digits."""
 TRAVEL: Final = (5.0, 1.5)
 """m, and times the size of the model, of the range of a slide."""
 CONCAVE: Final = 1.5
@@ -38,7 +38,7 @@ def joint_findings(spec: Spec, world: World) -> Iterator[Finding]:
     """All findings about joints."""
     yield from _axes(spec)
     yield from _limits(world)
-    yield from _ratings(spec)
+    yield from _accounts(spec)
 
 
 def _axes(spec: Spec) -> Iterator[Finding]:
@@ -86,7 +86,7 @@ def _limits(world: World) -> Iterator[Finding]:
                 yield Finding("limits-narrow", Grade.WARNING, joint.name, message, span, "rad", NARROW / span, path)
             elif joint.kind == "hinge" and span > WIDE * (1.0 + UNIT):
                 half_turns = span / math.pi
-                if abs(half_turns - round(half_turns)) > WHOLE * half_turns:
+                if abs(half_turns - round(half_turns)) > WHOLE:
                     message = f"a range of {span:.5g} rad, {span / 2.0 / math.pi:.3g} turns"
                     grade = Grade.WARNING if max(-lower, upper) > WIDE else Grade.NOTE
                     yield Finding("limits-wide", grade, joint.name, message, span, "rad", span / WIDE, path)
@@ -95,19 +95,24 @@ def _limits(world: World) -> Iterator[Finding]:
                 yield Finding("limits-wide", Grade.WARNING, joint.name, message, span, "m", span / longest, path)
 
 
-def _ratings(spec: Spec) -> Iterator[Finding]:
-    """Ratings of 0, which importers take for unknown."""
+def _accounts(spec: Spec) -> Iterator[Finding]:
+    """What importers do not carry as the file says it: ratings of 0, which they take for unknown, and joints whose limits leave
+    them one position, which they fix."""
+    fixed: set[str] = set()
     for source in spec.source.all():
-        if source.imported is None:
-            continue
-        for account in source.imported.accounts:
-            if account.fate is not Fate.LOST or account.reason != NO_RATING:
-                continue
-            quantity = "velocity" if account.what.endswith("velocity") else "effort"
+        for account in source.imported.accounts if source.imported is not None else ():
             named = re.findall(r"joint\[([^\]]*)\]", account.what)
             element = named[-1] if named else account.what
-            message = f"a rating of 0 for its {quantity}"
-            yield Finding("rating-zero", Grade.WARNING, element, message, 0.0, "", 1.0, account.what, account.location)
+            if account.fate is Fate.LOST and account.reason == NO_RATING:
+                quantity = "velocity" if account.what.endswith("velocity") else "effort"
+                message = f"a rating of 0 for its {quantity}"
+                rule = "rating-zero"
+            elif account.reason.endswith(LOCKED) and element not in fixed:
+                fixed.add(element)
+                message, rule = account.reason, "limits-equal"
+            else:
+                continue
+            yield Finding(rule, Grade.WARNING, element, message, 0.0, "", 1.0, account.what, account.location)
 
 
 def mesh_findings(spec: Spec) -> Iterator[Finding]:

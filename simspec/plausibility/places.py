@@ -17,7 +17,7 @@ from simspec.world.types import Body, World
 
 LARGEST_LINK: Final = 10.0
 """m, of the shapes of a moving rigid part: the boom of a large crane."""
-SMALLEST_MODEL: Final = 0.01
+MODEL: Final = (0.01, 20.0)
 """m, of all shapes of a model that moves."""
 SHARED: Final = 0.25
 """Share of the smaller bounding box that collision and visual shapes have in common."""
@@ -75,10 +75,12 @@ class Places:
         for root, bodies in trees(self.world).items():
             moves = any(self.groups[body.name] in self.moving for body in bodies)
             size = extent(self._solids(bodies)) if moves else 0.0
-            if 0.0 < size < SMALLEST_MODEL:
-                message = f"the whole model spans {1e3 * size:.3g} mm"
+            severity = max(MODEL[0] / size, size / MODEL[1]) if size else 0.0
+            if severity > 1.0:
+                message = f"the whole model spans {size:.3g} m"
                 path = f"bodies.{root}.shapes"
-                yield Finding("size", Grade.WARNING, root, message, size, "m", SMALLEST_MODEL / size, path)
+                grade = Grade.WARNING if self.foreign(root) else Grade.NOTE
+                yield Finding("size", grade, root, message, size, "m", severity, path)
 
     def _solids(self, bodies: tuple[Body, ...] | list[Body]) -> tuple[Lump, ...]:
         return tuple(lump for body in bodies for lump in self._lumps(body))

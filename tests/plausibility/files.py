@@ -149,7 +149,7 @@ def sdf(**slips: str) -> str:
     base = _sdf_link("base", "0 0 0", "5", "0 0 0", "0.05 0.05 0.05", "0.2 0.2 0.19", "0 0 0.095", "collision")
     shoulder = _sdf_joint("shoulder", "base", "arm", values["axis"], values["lower"], values["upper"])
     elbow = _sdf_joint("elbow", "arm", "tip", "0 1 0", values["tip_lower"], values["tip_upper"])
-    return f"""<sdf version="1.9"><model name="arm">
+    return f"""<sdf version="1.9"><model name="arm"><self_collide>true</self_collide>
     <joint name="stand" type="fixed"><parent>world</parent><child>base</child></joint>
     {base}{arm}{end}{shoulder}{elbow}
   </model></sdf>
@@ -164,7 +164,7 @@ def yaml(**slips: str) -> str:
         return f"[{', '.join(values[name].split())}]"
 
     def tensor(name: str) -> str:
-        return f"{{xx: {values[name].split()[0]}, yy: {values[name].split()[1]}, zz: {values[name].split()[2]}}}"
+        return f"{{principal: [{', '.join(values[name].split())}]}}"
 
     return f"""simspec: 1
 name: arm
@@ -173,7 +173,7 @@ contact: {{materials: {{steel: {{friction: 0.5}}}}}}
 bodies:
   base:
     fixed: true
-    shapes: [{{box: [0.2, 0.2, 0.19], pose: {{xyz: [0, 0, 0.095]}}}}]
+    shapes: [{{box: {{size: [0.2, 0.2, 0.19]}}, pose: {{xyz: [0, 0, 0.095]}}}}]
   arm:
     parent: base
     mass: {values["mass"]}
@@ -182,7 +182,7 @@ bodies:
     joint:
       {{name: shoulder, type: hinge, axis: {row("axis")}, origin: {{xyz: {row("origin")}}},
        limits: {{position: [{values["lower"]} rad, {values["upper"]} rad]}}}}
-    shapes: [{{box: {row("box")}, pose: {{xyz: {row("place")}}}}}]
+    shapes: [{{box: {{size: {row("box")}}}, pose: {{xyz: {row("place")}}}}}]
   tip:
     parent: arm
     mass: {values["tip_mass"]}
@@ -191,7 +191,7 @@ bodies:
     joint:
       {{name: elbow, type: hinge, axis: [0, 1, 0], origin: {{xyz: {row("tip_origin")}}},
        limits: {{position: [{values["tip_lower"]} rad, {values["tip_upper"]} rad]}}}}
-    shapes: [{{box: {row("tip_box")}, pose: {{xyz: {row("tip_place")}}}}}]
+    shapes: [{{box: {{size: {row("tip_box")}}}, pose: {{xyz: {row("tip_place")}}}}}]
 """
 
 
