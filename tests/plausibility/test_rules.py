@@ -204,6 +204,12 @@ def test_every_rule_is_tried():
     assert [code for code in RULES if f'"{code}"' not in text] == []
 
 
+def test_the_page_has_every_rule():
+    page = (Path(__file__).resolve().parents[2] / "docs" / "audit.md").read_text(encoding="utf-8")
+    for rule in RULES.values():
+        assert f"| `{rule.code}` | {rule.limit} | {rule.why} | {rule.hint} |" in page
+
+
 def test_rules_are_whole_sentences_with_a_way_out():
     for code, rule in RULES.items():
         assert rule.code == code
