@@ -37,6 +37,7 @@ ORDER = (
     "contact",
     "formats",
     "imports",
+    "plausibility",
     "dialects",
     "engines",
     "project",
