@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.confinement import ANY_LOCALE
 from simspec.meshes.files import MeshError, MeshFile
 from simspec.world.solid import Points, Triangles
 
@@ -63,19 +64,22 @@ def _next_batch(files: Sequence[MeshFile]) -> Sequence[MeshFile]:
 
 def _read(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
     """The answers that one process gives; at least one, the last of which may be that it ended."""
-    output, why = _process(b"".join(_request(file) for file in files), START_SECONDS + FILE_SECONDS * len(files))
+    needed = ("collada",) if any(file.suffix == ".dae" for file in files) else ()
+    output, why = _process(b"".join(_request(file) for file in files), needed, START_SECONDS + FILE_SECONDS * len(files))
     answers = _answers(output, len(files))
     if len(answers) < len(files):
         answers.append(MeshError(f"reading it {why}"))
     return answers
 
 
-def _process(asked: bytes, seconds: float) -> tuple[bytes, str]:
-    """What a process answers within a deadline, and how it ended, as a message says it of what it was busy with."""
-    environment = {name: value for name, value in os.environ.items() if name in ("PATH", "LANG", "HOME", "SYSTEMROOT")}
+def _process(asked: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes, str]:
+    """What a process answers within a deadline, and how it ended, as a message says it of what it was busy with. ``needed``:
+    packages that it imports before it reads anything."""
+    environment = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME", "SYSTEMROOT")}
+    environment |= ANY_LOCALE
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     process = subprocess.Popen(
-        [sys.executable, "-m", "simspec.meshes.child"],
+        [sys.executable, "-m", "simspec.meshes.child", *needed],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -102,7 +106,7 @@ def split(vertices: Points, triangles: Triangles, seconds: float) -> list[Points
     """The corners (n, 3) of convex pieces that are nearly the solid within triangles, by CoACD. Raises MeshError."""
     head = {"pieces": seconds, "vertices": len(vertices), "faces": len(triangles)}
     asked = json.dumps(head).encode() + b"\n" + _bytes(vertices, "<f8") + _bytes(triangles, "<i8")
-    output, why = _process(asked, START_SECONDS + BUSY * seconds)
+    output, why = _process(asked, ("coacd",) if find_spec("coacd") else (), START_SECONDS + BUSY * seconds)
     stream = io.BytesIO(output)
     line = stream.readline()
     if not line.endswith(b"\n"):

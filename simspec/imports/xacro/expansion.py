@@ -21,6 +21,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from simspec.confinement import walls
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element
 from simspec.imports.files import Files, is_missing
@@ -60,6 +61,7 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
         memory.flush()
         with mmap.mmap(memory.fileno(), PLACE_NOW.size) as now, _process(memory.fileno()) as process:
             request = {"files": expansion.names, "text": text, "arguments": dict(arguments), "seconds": CPU_SECONDS}
+            request["walls"] = None if walls().calls else walls().why
             expansion.send(process, request)
             return expansion.answer(process, now)
 
