@@ -5,8 +5,8 @@ the first byte of them. What a process then may do is data: :data:`PROFILES`. Th
 which.
 
 The kernel's interfaces are used directly, by ctypes: of the packages that offer them, ``pyseccomp`` needs a C library and
-``landlock`` is a development release; the filter here is a list of numbers, which a test runs call by call. The module needs the
-standard library alone: engines' processes use it, in whatever interpreter they have.
+``landlock`` is a development release; the filter here is a list of numbers, which a test runs call by call. The module needs
+the standard library alone: engines' processes use it, in whatever interpreter they have.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ THREADS: Final[Mapping[str, Conditions]] = {
     "fcntl": (Where(1, FCNTL),),
     "ioctl": (Where(1, IOCTL),),
 }
-"""Threads, copies of descriptors, signals to the process itself (abort), and the limit of its processor time for the next file."""
+"""Threads, copies of descriptors, signals to the process itself (abort), and its limit of processor time for the next file."""
 READING: Final[Mapping[str, Conditions]] = {
     **_calls("stat lstat newfstatat statx access faccessat faccessat2 readlink readlinkat getdents64 getcwd"),
     **_calls("statfs fstatfs fadvise64 pread64 getppid"),
@@ -352,5 +352,11 @@ SYSTEM: Final = (
 def of_python() -> list[str]:
     """Folders and files that this interpreter and its packages are in, and the system's libraries."""
     simspec = os.path.dirname(os.path.abspath(__file__))  # an engine's interpreter need not have it
-    folders = [sys.prefix, sys.base_prefix, simspec, *sys.path, *os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)]
+    folders = [
+        sys.prefix,
+        sys.base_prefix,
+        simspec,
+        *sys.path,
+        *os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep),
+    ]
     return [*dict.fromkeys(os.path.realpath(folder) for folder in folders if folder), *SYSTEM]

@@ -203,8 +203,8 @@ RELATIVE = re.compile(rb"^[ \t]*f[ \t](?:[^\n]*[ \t\v/])?(?:-|0+(?![\d.]))", re.
 
 
 def _counted(text: bytes) -> bytes:
-    """An OBJ file whose corners are counted from the beginning: trimesh counts relative ones from the end of the file, and takes
-    0 for the last. Raises RefusedError at a corner that is before the first."""
+    """An OBJ file whose corners are counted from the beginning: trimesh counts relative ones from the end of the file, and
+    takes 0 for the last. Raises RefusedError at a corner that is before the first."""
     counts = {b"v": 0, b"vt": 0, b"vn": 0}
     lines = []
     place = 1
@@ -229,7 +229,9 @@ def _corner(word: bytes, counts: tuple[int, ...], line: int) -> bytes:
         if number == 0:
             raise RefusedError(f"line {line}: the corner {word.decode('ascii', 'replace')[:40]}: numbers begin with 1")
         if number < -count:
-            raise RefusedError(f"line {line}: the corner {word.decode('ascii', 'replace')[:40]} is before the first one")
+            raise RefusedError(
+                f"line {line}: the corner {word.decode('ascii', 'replace')[:40]} is before the first one"
+            )
         parts[place] = b"%d" % (number if number > 0 else count + 1 + number)
     return b"/".join(parts)
 
@@ -285,12 +287,17 @@ def _demand_trees(nodes: Any) -> None:
             if child in above:
                 raise RefusedError(f"nodes/{number}: its child {child} is a child of node {above[child]} too")
             above[child] = number
+    rooted: set[int] = set()
     for number in above:
-        seen, node = 0, number
-        while node in above and seen <= len(nodes):
-            node, seen = above[node], seen + 1
+        path, node = [number], number
+        while node in above and node not in rooted:
+            node = above[node]
             if node == number:
                 raise RefusedError(f"nodes/{number}: a node within itself")
+            if len(path) > len(nodes):
+                raise RefusedError(f"nodes/{node}: a node within itself")
+            path.append(node)
+        rooted.update(path)
 
 
 HARMLESS = frozenset({"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization", "KHR_texture_basisu"})

@@ -65,7 +65,9 @@ def _next_batch(files: Sequence[MeshFile]) -> Sequence[MeshFile]:
 def _read(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
     """The answers that one process gives; at least one, the last of which may be that it ended."""
     needed = ("collada",) if any(file.suffix == ".dae" for file in files) else ()
-    output, why = _process(b"".join(_request(file) for file in files), needed, START_SECONDS + FILE_SECONDS * len(files))
+    output, why = _process(
+        b"".join(_request(file) for file in files), needed, START_SECONDS + FILE_SECONDS * len(files)
+    )
     answers = _answers(output, len(files))
     if len(answers) < len(files):
         answers.append(MeshError(f"reading it {why}"))

@@ -1,8 +1,9 @@
 """A stage of USD as JSON: a program of its own, which simspec runs in a process of bounded time and memory.
 
-Its arguments are seconds of processor time and bytes of addresses. It is told ``{"path", "roots", "forgive"}`` as JSON on standard input and answers on standard output:
-``{"error"}``, or the composed stage as a list of prims with what is authored on each. Layers are opened one by one before they
-are composed, so that no file is read that is not in a folder of ``roots`` (none: any). Nothing of physics is judged here.
+Its arguments are seconds of processor time and bytes of addresses. It is told ``{"path", "roots", "forgive"}`` as JSON on
+standard input and answers on standard output: ``{"error"}``, or the composed stage as a list of prims with what is authored on
+each. Layers are opened one by one before they are composed, so that no file is read that is not in a folder of ``roots`` (none:
+any). Nothing of physics is judged here.
 """
 
 from __future__ import annotations

@@ -5,8 +5,9 @@ the descriptors that it has, and nothing else (:mod:`simspec.confinement`), and 
 attributes (:mod:`simspec.imports.xacro.expressions`). Where the kernel has no such wall, expressions are arithmetic. Texts of
 files come from simspec, which reads only what the user allows.
 
-Lines of JSON on standard input and output. From simspec first ``{"files", "text", "arguments", "seconds", "walls"}`` (``walls``:
-why the kernel has none, or null), then an answer to each question. From here ``{"ask": path, "place": [file, line]}``, at last ``{"text": ...}`` or ``{"failed": ...}``.
+Lines of JSON on standard input and output. From simspec first ``{"files", "text", "arguments", "seconds",
+"walls"}`` (``walls``: why the kernel has none, or null), then an answer to each question. From here ``{"ask": path, "place": [file, line]}``, at last
+``{"text": ...}`` or ``{"failed": ...}``.
 """
 
 from __future__ import annotations

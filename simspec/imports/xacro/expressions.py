@@ -23,35 +23,40 @@ class Refused(Exception):
     """What the program requests and does not get."""
 
 
-ARITHMETIC: Final = frozenset(
-    "Expression Constant Name Load BinOp UnaryOp BoolOp Compare IfExp Call Attribute "
-    "Add Sub Mult Div FloorDiv Mod Pow UAdd USub Not And Or Eq NotEq Lt LtE Gt GtE Is IsNot".split()
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+ARITHMETIC: Final = _words(
+    "Expression Constant Name Load BinOp UnaryOp BoolOp Compare IfExp Call Attribute Add Sub Mult Div FloorDiv "
+    "Mod Pow UAdd USub Not And Or Eq NotEq Lt LtE Gt GtE Is IsNot"
 )
 """Nodes of the syntax tree (``ast``) of an expression of numbers, texts and names."""
-SYNTAX: Final = ARITHMETIC | frozenset(
+SYNTAX: Final = ARITHMETIC | _words(
     "BitAnd BitOr BitXor LShift RShift Invert In NotIn Subscript Slice List Tuple Dict Set Starred keyword "
-    "ListComp SetComp DictComp GeneratorExp comprehension Store JoinedStr FormattedValue Lambda arguments arg".split()
+    "ListComp SetComp DictComp GeneratorExp comprehension Store JoinedStr FormattedValue Lambda arguments arg"
 )
 """Those of any expression."""
 CONSTANTS: Final = (str, int, float, complex, bool, type(None))
-FUNCTIONS: Final = frozenset(
-    "abs acos acosh asin asinh atan atan2 atanh bool ceil copysign cos cosh degrees exp fabs float floor fmod hypot int "
-    "isfinite isnan len log log10 log2 max min pow radians round sin sinh sqrt str tan tanh trunc".split()
+FUNCTIONS: Final = _words(
+    "abs acos acosh asin asinh atan atan2 atanh bool ceil copysign cos cosh degrees exp fabs float floor fmod "
+    "hypot int isfinite isnan len log log10 log2 max min pow radians round sin sinh sqrt str tan tanh trunc"
 )
 """Functions of an arithmetic expression, by themselves or in ``math`` and ``python``; also ``xacro.arg``."""
 NUMBERS: Final = frozenset({"pi", "e", "tau", "inf"})
 NAMESPACES: Final = ("math", "python")
 
 METHODS: Final[Mapping[type, frozenset[str]]] = {
-    str: frozenset(
-        "capitalize casefold center count endswith find format index isalnum isalpha isascii isdecimal isdigit isidentifier "
-        "islower isnumeric isspace istitle isupper join ljust lower lstrip partition removeprefix removesuffix replace rfind "
-        "rindex rjust rpartition rsplit rstrip split splitlines startswith strip swapcase title upper zfill".split()
+    str: _words(
+        "capitalize casefold center count endswith find format index isalnum isalpha isascii isdecimal isdigit "
+        "isidentifier islower isnumeric isspace istitle isupper join ljust lower lstrip partition removeprefix "
+        "removesuffix replace rfind rindex rjust rpartition rsplit rstrip split splitlines startswith strip swapcase "
+        "title upper zfill"
     ),
-    list: frozenset("append clear copy count extend index insert pop remove reverse sort".split()),
+    list: _words("append clear copy count extend index insert pop remove reverse sort"),
     tuple: frozenset({"count", "index"}),
-    dict: frozenset("clear copy get items keys pop popitem setdefault update values".split()),
-    set: frozenset("add copy difference discard intersection issubset issuperset pop remove symmetric_difference union".split()),
+    dict: _words("clear copy get items keys pop popitem setdefault update values"),
+    set: _words("add copy difference discard intersection issubset issuperset pop remove symmetric_difference union"),
     float: frozenset({"is_integer"}),
     int: frozenset({"bit_length"}),
     complex: frozenset({"conjugate", "imag", "real"}),
