@@ -1,6 +1,6 @@
 """The compiler of model files as a program of its own: a file in, the compiled model out, as plain data.
 
-Started by ``imports/child.py``, it reads a request from standard input (:func:`read_request`) and writes a JSON text to standard
+Started by ``imports/child.py``, it reads a request from standard input (:func:`read_request`) and writes JSON to standard
 output: ``{"version": ..., "model": ...}``, or ``{"error": ...}`` where the file is refused. It imports nothing of simspec,
 and the engine only when it runs: importers find it by an entry point and start it in a process of bounded time and memory.
 """

@@ -5,8 +5,8 @@ the descriptors that it has, and nothing else (:mod:`simspec.confinement`), and 
 attributes (:mod:`simspec.imports.xacro.expressions`). Where the kernel has no such wall, expressions are arithmetic. Texts of
 files come from simspec, which reads only what the user allows.
 
-Lines of JSON on standard input and output. From simspec first ``{"files", "text", "arguments", "seconds",
-"walls"}`` (``walls``: why the kernel has none, or null), then an answer to each question. From here ``{"ask": path, "place": [file, line]}``, at last
+Lines of JSON on standard input and output. From simspec first ``{"files", "text", "arguments", "seconds", "walls"}`` (the last:
+why the kernel has none, or null), then an answer to each question. From here ``{"ask": path, "place": [file, line]}``, at last
 ``{"text": ...}`` or ``{"failed": ...}``.
 """
 

@@ -69,7 +69,7 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
 @contextlib.contextmanager
 def _process(memory: int) -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(
-        [sys.executable, "-I", "-B", "-m", "simspec.imports.xacro.child", str(memory)],
+        [sys.executable, "-I", "-m", "simspec.imports.xacro.child", str(memory)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
