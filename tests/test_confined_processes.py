@@ -22,8 +22,8 @@ from simspec.language.foreign import ImportOptions
 from simspec.meshes.files import open_mesh
 from simspec.meshes.reading import _request
 from tests import attempts
+from tests.attempts import DONE
 from tests.meshes.solids import box, stl
-from tests.test_confinement import DONE
 
 pytestmark = pytest.mark.skipif(not (walls().calls and walls().landlock), reason=f"this kernel: {walls().why}")
 
@@ -60,6 +60,27 @@ def project(tmp_path):
     (folder / "known").write_text("known")
     (folder / "program.py").write_text(f"READ = {str(folder)!r}\n{PLANTED}")
     return folder
+
+
+def test_the_process_that_expands_xacro(project):
+    """The kernel's wall in it, with the expansion replaced and the audit hook taken away."""
+    program = f"""{PLANTED}
+import xacro
+from simspec.imports.xacro import child
+child.sys = type("Without", (), {{"addaudithook": lambda hook: None, "stdin": sys.stdin, "stdout": sys.stdout,
+    "argv": sys.argv, "setrecursionlimit": lambda most: None}})
+child.Program.run = lambda self, text, beyond: told({str(project)!r}, {str(project)!r}) + f";{{beyond}}"
+with open("now", "w+b") as now:
+    now.write(bytes(16))
+    now.flush()
+    sys.argv[1:] = [str(now.fileno())]
+    child.main()
+"""
+    request = {"files": ["a.xacro"], "text": "", "arguments": {}, "seconds": 5, "walls": None}
+    asked = json.dumps(request).encode() + b"\n"
+    words = [sys.executable, "-c", program]
+    answer = subprocess.run(words, input=asked, capture_output=True, check=False, cwd=project)
+    assert json.loads(answer.stdout)["text"] == ";None", answer.stderr.decode()
 
 
 def test_the_reader_of_meshes(project):

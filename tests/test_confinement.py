@@ -13,18 +13,12 @@ import pytest
 from simspec import confinement
 from simspec.confinement import MACHINES, NUMBERS, PROFILES, Walls, filter_program, walls
 from tests import attempts
+from tests.attempts import DONE
 
 pytestmark = pytest.mark.skipif(not (walls().calls and walls().landlock), reason=f"this kernel: {walls().why}")
 
 NOT_BY_ITSELF = {"ENOENT", "EFAULT", "EINVAL", "EBADF", "ENOSYS"}
 """How an attempt that is not confined may end: it reached the kernel's own code, which looked at its arguments."""
-DONE = {
-    "expressions": set(),
-    "data": {"sleep", "thread"},
-    "files": {"sleep", "thread", "open", "stat", "lstat", "access", "readlink", "statvfs", "mapped file"},
-}
-DONE["scratch"] = DONE["files"] | {"create", "create without a name", "folder", "unlink"}
-"""What a profile is for; all other attempts fail."""
 REFUSED = {"EPERM", "EACCES", "ValueError"}
 """By the filter of calls, by Landlock, and what Python's setrlimit makes of the first."""
 

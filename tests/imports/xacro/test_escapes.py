@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("xacro")
 
 from simspec.imports.xacro import expansion
-from tests.imports.xacro.test_xacro import MASS, imported, refused, robot
+from tests.imports.xacro.texts import MASS, imported, refused, robot
 
 IN_A_FRAME = "[c.append((x.gi_frame.f_back.f_back for x in c)) or [one for one in c[0]][0] for c in [[]]][0]"
 """A generator that looks at the frame from which it is read."""
