@@ -352,11 +352,8 @@ SYSTEM: Final = (
 def of_python() -> list[str]:
     """Folders and files that this interpreter and its packages are in, and the system's libraries."""
     simspec = os.path.dirname(os.path.abspath(__file__))  # an engine's interpreter need not have it
-    folders = [
-        sys.prefix,
-        sys.base_prefix,
-        simspec,
-        *sys.path,
-        *os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep),
-    ]
+    finders = [sys.modules.get(getattr(one, "__module__", "")) for one in sys.meta_path]
+    linked = [place for one in finders for place in getattr(one, "MAPPING", {}).values()]  # packages in development
+    libraries = os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
+    folders = [sys.prefix, sys.base_prefix, simspec, *linked, *sys.path, *libraries]
     return [*dict.fromkeys(os.path.realpath(folder) for folder in folders if folder), *SYSTEM]

@@ -17,6 +17,7 @@ PACKAGE = Path(__file__).resolve().parent.parent / "simspec"
 ORDER = (
     "ending",
     "confinement",
+    "exchange",
     "errors",
     "markup",
     "reading",

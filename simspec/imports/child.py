@@ -18,14 +18,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from simspec.confinement import ANY_LOCALE, PROFILES, confine, of_python
+from simspec.confinement import ANY_LOCALE, PROFILES, confine_calls, confine_files, of_python
 from simspec.ending import end_if_told
+from simspec.exchange import exchange
 from simspec.scratch import scratch_folder
 
 ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Threads take memory that counts."""
 KEPT: Final = ("PATH", "HOME", "LD_LIBRARY_PATH", "PYTHONPATH", "TMPDIR", "VIRTUAL_ENV")
 """What a child has of the environment: nothing that a file could ask it for."""
+
+LARGEST_ANSWER: Final = 2**30
+"""Bytes of an answer; those of the largest files that are read have a tenth of it."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +63,13 @@ def run(program: Path, arguments: Sequence[str], told: bytes, seconds: float, po
             start_new_session=True,
         )
         try:
-            answered, _ = process.communicate(told, timeout=seconds)
-        except subprocess.TimeoutExpired:
-            raise ChildError(f"no answer within {seconds:g} s") from None
+            answered, why = exchange(process, told, seconds, LARGEST_ANSWER)
         finally:
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+    if why:
+        raise ChildError(f"no answer within {seconds:g} s" if why == "late" else f"more than {LARGEST_ANSWER:,} bytes")
     if process.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
         raise ChildError("it takes more time than is allowed")
     if process.returncode:
@@ -84,10 +88,14 @@ def main() -> None:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
-    module.prepare()
     profile = PROFILES[policy["profile"]]
-    opens = (*of_python(), *policy["read"]) if "openat" in profile.calls else ()
-    confine(profile, opens, (os.getcwd(),) if policy["writes"] else ())
+    opens = "openat" in profile.calls
+    if opens:  # before anything starts a thread: threads that are there stay as free as they are
+        confine_files((*of_python(), *policy["read"]), (os.getcwd(),) if policy["writes"] else ())
+    module.prepare()
+    if not opens:
+        confine_files()
+    confine_calls(profile)
     module.main()
 
 

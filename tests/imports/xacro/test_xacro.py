@@ -278,3 +278,21 @@ def test_meshes_beside_the_text_that_is_made_are_found_above_the_program(tmp_pat
     assert "no such file" in refused(
         f'<link name="base">{MASS}{shape.format("box")}</link>', tmp_path / "xacro", project=tmp_path / "xacro"
     )
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"[" * 100_000,
+        b"1",
+        b"{}",
+        b'{"text": ""}',
+        b'{"text": "", "warnings": [1], "declared": []}',
+        b"\xff",
+        b"no JSON",
+    ],
+)
+def test_a_process_that_says_anything_is_refused(line):
+    """A process that a file has taken over."""
+    with pytest.raises(ValueError):  # noqa: PT011
+        expansion._message(line)
