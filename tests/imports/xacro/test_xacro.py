@@ -9,9 +9,9 @@ import sys
 import pytest
 
 from simspec.imports.xacro import expansion
-from simspec.language.foreign import Fate
+from simspec.language.foreign import Fate, ImportOptions, import_file
 from simspec.language.load import load
-from tests.imports.xacro.texts import MASS, NAMESPACE, imported, refused
+from tests.imports.xacro.texts import MASS, NAMESPACE, imported, refused, robot
 from tests.meshes.solids import box, stl
 
 LEGS = f"""<xacro:arg name="count" default="2"/>
