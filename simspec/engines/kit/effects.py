@@ -26,6 +26,8 @@ REFUSED: Final = "file"
 """The quantity of a file that a reader refuses: nothing else of it is foreseen."""
 EARTH: Final = (0.0, 0.0, -9.81)
 """Gravity (m/s²) that readers take where they read none."""
+MANY: Final = 14
+"""Moving shapes."""
 UNIFORM: Final = 1e-9
 """Relative: how far a tensor may be from that of a uniform shape and be the same."""
 
@@ -169,6 +171,14 @@ def _static_tree(exported: Exported, body: Body) -> bool:
     return _fixed_root(body) and tree <= exported.still and joint.name == f"{body.name}_joint"
 
 
+def _plane_and_many(exported: Exported) -> bool:
+    """Whether a file has a plane, and ``MANY`` shapes or more of bodies that move."""
+    still = exported.still
+    moving = sum(len(_solids(body)) for body in exported.bodies if body.name not in still)
+    planes = any(shape.kind == "plane" for body in exported.bodies for shape in _solids(body))
+    return planes and moving >= MANY
+
+
 CASES: Final[Mapping[str, Case]] = {
     "every file": _file(lambda _: True),
     "free root": _bodies(lambda _, body: body.joint.kind == "free"),
@@ -217,6 +227,7 @@ CASES: Final[Mapping[str, Case]] = {
     ),
     "cylinder": _bodies(lambda _, body: any(shape.kind in ("cylinder", "capsule") for shape in _solids(body))),
     "plane": _bodies(lambda _, body: any(shape.kind == "plane" for shape in _solids(body))),
+    "a plane and 14 or more moving shapes": _file(_plane_and_many),
     "a shape that is no sphere": _file(
         lambda exported: any(
             shape.kind not in ("sphere", "ellipsoid") for body in exported.bodies for shape in _solids(body)
