@@ -14,7 +14,6 @@ from simspec.audit.audit import loaded
 from simspec.audit.exported import (
     Reader,
     differences,
-    files_of,
     foreseen_differences,
     freedoms,
     reader_losses,
@@ -52,7 +51,7 @@ def plain_of(name, language, profile):
 def parts(name, language, profile):
     """The files of a world, each with what it has."""
     world = exported_world(name)
-    files = files_of(world, language, plain_of(name, language, profile).files)
+    files = formats()[language].parts(world, plain_of(name, language, profile).files)
     return {file: Exported(world, bodies, language) for file, bodies in files.items()}
 
 

@@ -13,10 +13,12 @@ from typing import Final, Literal
 import numpy as np
 
 from simspec.control.native import Drive, drives
-from simspec.formats.sdf.constraints import loops_within
+from simspec.formats.kit.contract import Format, formats
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 from simspec.world.frames import IDENTITY
-from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Pose, Shape, World
 
@@ -59,6 +61,16 @@ class Exported:
     world: World
     bodies: tuple[Body, ...]
     language: str
+
+    @property
+    def written(self) -> Format:
+        """The format."""
+        return formats()[self.language]
+
+    @property
+    def balls_are_hinges(self) -> bool:
+        """Whether the format has three hinges, through two links, in place of a ball joint."""
+        return self.written.SUPPORT[Feature.JOINT_BALL].level is not Level.EXACT
 
     @property
     def still(self) -> set[str]:
@@ -136,14 +148,13 @@ def _several_bodies(exported: Exported) -> bool:
 
 
 def _as_hinges(exported: Exported, body: Body) -> bool:
-    """Whether a body is on a ball joint, which URDF has as three hinges through two links."""
-    return exported.language == "urdf" and body.joint.kind == "ball"
+    """Whether a body is on a ball joint, of which the file has three hinges."""
+    return body.joint.kind == "ball" and exported.balls_are_hinges
 
 
 def _limited(exported: Exported, body: Body) -> bool:
     """Whether a joint has position limits, or a format's stand-in for none."""
-    stand_in = {"urdf": ("slide",), "mjcf": SCALAR_JOINTS}.get(exported.language, ())
-    return body.joint.position_limits is not None or body.joint.kind in stand_in
+    return body.joint.position_limits is not None or body.joint.kind in exported.written.RANGED
 
 
 def _below_balls(exported: Exported) -> Iterator[str]:
@@ -157,11 +168,6 @@ def _below_balls(exported: Exported) -> Iterator[str]:
 
 def _driven(exported: Exported, body: Body) -> Drive | None:
     return next((drive for drive in drives(exported.world) if drive.joint == body.joint.name), None)
-
-
-def _loop(exported: Exported) -> bool:
-    """Whether a file of SDF has a joint that closes a loop: of a loop that is open at zero it has none."""
-    return any(loops_within(exported.world, bodies) for bodies in trees(exported.world).values())
 
 
 def _static_tree(exported: Exported, body: Body) -> bool:
@@ -210,7 +216,7 @@ CASES: Final[Mapping[str, Case]] = {
     "a ball joint": _file(lambda exported: any(body.joint.kind == "ball" for body in exported.bodies)),
     "several links": _file(_several_links),
     "several bodies in a tree": _file(_several_bodies),
-    "a loop": _file(_loop),
+    "a loop": _file(lambda exported: exported.written.closes_loops(exported.world)),
     "root on a ball joint": _bodies(lambda _, body: body.joint.kind == "ball" and body.joint.parent is None),
     "several bodies in a tree, or a hinge or a slide": _file(
         lambda exported: any(body.joint.parent is not None or _scalar(body) for body in exported.bodies)
