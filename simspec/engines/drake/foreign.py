@@ -76,12 +76,18 @@ MOVES: Final = {**JOINT_KINDS, "planar": "planar", "universal": "universal", "rp
 FLOATING: Final = ("quaternion_floating", "rpy_floating")
 
 
-def load(file: Path, packages: Mapping[str, str], log: list[str]) -> ReadBack:
-    """What Drake holds of a file. Raises EngineError where it refuses it."""
+def parser_parts() -> tuple[Any, Any, Any]:
+    """Drake's parser, the function that makes a plant, and the builder of diagrams."""
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
     from pydrake.systems.framework import DiagramBuilder
 
+    return Parser, AddMultibodyPlantSceneGraph, DiagramBuilder
+
+
+def load(file: Path, packages: Mapping[str, str], log: list[str]) -> ReadBack:
+    """What Drake holds of a file. Raises EngineError where it refuses it."""
+    Parser, AddMultibodyPlantSceneGraph, DiagramBuilder = parser_parts()
     with warnings_into(log):
         try:
             builder = DiagramBuilder()

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.confinement import PROFILES, confine_calls
 from simspec.engines.kit.effects import Effect
 from simspec.world import frames
 from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Vector3
@@ -104,9 +105,11 @@ class ForeignSession:
         self.load_seconds = 0.0
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str]) -> ReadBack:
-        """What the engine holds of a file, which it loads in bounded memory: whoever wrote it may have meant it to take all
-        that there is."""
+        """What the engine holds of a file, which it loads in bounded memory and confined by the kernel: whoever wrote it may
+        have meant it to take all that there is, or to lead elsewhere."""
+        self._engine.prepare_foreign()
         _bound_memory()
+        confine_calls(PROFILES["scratch"])  # files were confined before the engine was imported (``worker.py``)
         return self._engine.load_foreign(file, language, packages, self._log)
 
     def log(self) -> list[str]:
