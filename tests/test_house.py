@@ -16,6 +16,8 @@ from tests.conftest import LONGEST as FIRST
 PACKAGE = Path(__file__).resolve().parent.parent / "simspec"
 ORDER = (
     "ending",
+    "confinement",
+    "exchange",
     "errors",
     "markup",
     "reading",
@@ -37,6 +39,7 @@ ORDER = (
     "contact",
     "formats",
     "imports",
+    "plausibility",
     "dialects",
     "engines",
     "project",

@@ -30,7 +30,8 @@ FIND: Final = re.compile(rb"\$\(find\s+([^)\s]+)\)")
 @dataclass(frozen=True)
 class Meaning:
     """A file as simspec reads it. ``bodies`` are empty where simspec does not read it at all; ``source`` says in words
-    where they come from. ``unsure``: paths of values that were repaired, which are no values of the file."""
+    where they come from. ``unsure``: paths of values that were repaired, which are no values of the file. ``world``: None where
+    there are such; ``read``: the world also then."""
 
     path: Path
     language: str
@@ -38,6 +39,7 @@ class Meaning:
     bodies: tuple[Body, ...] = ()
     gravity: Vector3 | None = None
     world: World | None = None
+    read: World | None = None
     spec: Spec | None = None
     imported: Imported | None = None
     defects: tuple[Problem, ...] = ()
@@ -125,6 +127,7 @@ def _read(bare: Meaning, options: ImportOptions, allow_outside: bool) -> Meaning
         bodies=world.bodies,
         gravity=world.physics.gravity if said else None,
         world=world if not bare.defects else None,
+        read=world,
         spec=spec,
         imported=imported,
         unsure=frozenset(repair.path.rpartition("bodies.")[2] for repair in repairs if bare.defects),

@@ -32,6 +32,8 @@ MOST_LABELS: Final = (3, 9)
 """Labels of a path that are said where it is longer: those from the outside, and those from the inside. A path is told of every
 attribute, and in a tree of 200 bodies it would have 12,000 characters."""
 NOT_READ: Final = "simspec does not read it"
+LOCKED: Final = "its lower limit is its upper one"
+"""Why a joint became a fixed one."""
 NO_RATING: Final = "a rating of 0 lets nothing move: files say so where none is known"
 HOW_HARD: Final = "how hard contact is: the spec's is rigid, by the law that all engines follow"
 """Of the softness of contact in the numbers of one solver, in every language: information, since a model states bodies and what

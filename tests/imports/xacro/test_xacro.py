@@ -8,32 +8,11 @@ import sys
 
 import pytest
 
-from simspec.errors import SpecError
 from simspec.imports.xacro import expansion
 from simspec.language.foreign import Fate, ImportOptions, import_file
 from simspec.language.load import load
+from tests.imports.xacro.texts import MASS, NAMESPACE, imported, refused, robot
 from tests.meshes.solids import box, stl
-
-NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
-MASS = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-
-
-def robot(content):
-    return f'<?xml version="1.0"?>\n<robot name="r" {NAMESPACE}>\n{content}\n</robot>\n'
-
-
-def imported(content, folder, **options):
-    path = folder / "r.xacro"
-    path.write_text(content if content.startswith("<?xml") else robot(content))
-    options.setdefault("project", folder.resolve())
-    return import_file(path, "r.xacro", ImportOptions(**options))
-
-
-def refused(content, folder, **options):
-    with pytest.raises(SpecError) as error:
-        imported(content, folder, **options)
-    return "\n".join(map(str, error.value.problems))
-
 
 LEGS = f"""<xacro:arg name="count" default="2"/>
 <xacro:include filename="parts/leg.xacro"/>
@@ -187,43 +166,72 @@ def test_doubling_macros_end(tmp_path, monkeypatch):
 
 
 TRIES = """
-import ctypes, os, socket, subprocess, sys
+import json, os, socket, subprocess, sys
 from simspec.imports.xacro import child
-hook = sys.argv[1] == "hook"
-if not hook:
-    child.sys = type("S", (), {"addaudithook": staticmethod(lambda hook: None)})
-child.close_doors(5)
+child.close_doors(5, kernel=False)
 def attempt(function):
     try:
         function()
     except BaseException as error:
         return type(error).__name__
     return "done"
-library = ctypes.CDLL(None) if not hook else None
 tries = {
     "open": lambda: open("/etc/passwd"),
     "os.open": lambda: os.open("/etc/passwd", os.O_RDONLY),
     "socket": lambda: socket.socket(),
     "subprocess": lambda: subprocess.run(["/bin/cat", "/etc/passwd"], check=True),
     "listdir": lambda: os.listdir("/etc"),
+    "system": lambda: os.system("true"),
+    "remove": lambda: os.remove("/nothing"),
+    "fork": lambda: os.fork(),
 }
-if hook:
-    tries["system"] = lambda: os.system("true")
-    tries["remove"] = lambda: os.remove("/nothing")
-    tries["fork"] = lambda: os.fork()
-import json
 sys.stdout.write(json.dumps({name: attempt(function) for name, function in tries.items()}))
 """
 
 
-@pytest.mark.parametrize("wall", ["hook", "kernel"])
-def test_either_wall_alone_keeps_the_process_from_opening_anything(wall):
-    done = subprocess.run([sys.executable, "-c", TRIES, wall], capture_output=True, text=True, check=True)
+def test_where_the_kernel_has_no_wall_an_audit_hook_is_left():
+    """The kernel's, and the list of expressions: tests/test_confinement.py, test_escapes.py."""
+    done = subprocess.run([sys.executable, "-c", TRIES], capture_output=True, text=True, check=True)
     answers = json.loads(done.stdout)
-    assert len(answers) >= 5
-    assert "done" not in answers.values()
-    if wall == "hook":
-        assert set(answers.values()) == {"Refused"}
+    assert len(answers) == 8
+    assert set(answers.values()) == {"Refused"}
+
+
+LIMITS = """
+import sys
+from simspec.imports.xacro import child
+child.close_doors(1)
+if sys.argv[1] == "time":
+    while True:
+        pass
+if sys.argv[1] == "memory":
+    try:
+        bytearray(2 * child.MEMORY)
+    except MemoryError:
+        print("refused")
+if sys.argv[1] == "call":
+    sys.stdin.buffer.readline()
+    print("answered")
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "code", "said"), [("time", -24, b""), ("memory", 0, b"refused\n"), ("call", 0, b"answered\n")]
+)
+def test_time_and_memory_end(what, code, said):
+    """Processor time by a signal (SIGXCPU), memory by an error; what the process is for goes on."""
+    done = subprocess.run([sys.executable, "-c", LIMITS, what], input=b"\n", capture_output=True, check=False)
+    assert (done.returncode, done.stdout) == (code, said)
+
+
+def test_an_answer_has_a_largest_size(tmp_path, monkeypatch):
+    monkeypatch.setattr(expansion, "LARGEST_ANSWER", 1000)
+    assert "expands to too much" in refused(f"<link name=\"${{'a' * 2000}}\">{MASS}</link>", tmp_path)
+
+
+def test_a_busy_machine_is_no_reason():
+    """Processor time is the limit: a process that waits has all the time that it may need."""
+    assert expansion.SECONDS >= 20 * expansion.CPU_SECONDS
 
 
 def test_the_process_has_no_environment(tmp_path, monkeypatch):
@@ -319,3 +327,21 @@ def test_an_argument_that_is_used_needs_no_declaration(tmp_path):
     assert "--arg z=VALUE" in refused(text, tmp_path)
     assert imported(text, tmp_path, arguments={"z": "2"}).data["model"]["bodies"]["a"]["centre_of_mass"] == [0, 0, 2]
     assert "allowed: z" in " ".join(refused(text, tmp_path, arguments={"z": "2", "y": "1"}).split())
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"[" * 100_000,
+        b"1",
+        b"{}",
+        b'{"text": ""}',
+        b'{"text": "", "warnings": [1], "declared": []}',
+        b"\xff",
+        b"no JSON",
+    ],
+)
+def test_a_process_that_says_anything_is_refused(line):
+    """A process that a file has taken over."""
+    with pytest.raises(ValueError):  # noqa: PT011
+        expansion._message(line)
