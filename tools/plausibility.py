@@ -35,7 +35,10 @@ from tests.plausibility.files import moments, urdf  # noqa: E402
 
 RECORD = ROOT / "docs" / "records" / "plausibility.md"
 PAGE = ROOT / "docs" / "audit.md"
-BEGIN, END = "<!-- rules of plausibility: made by tools/plausibility.py --rules -->", "<!-- end of rules of plausibility -->"
+BEGIN, END = (
+    "<!-- rules of plausibility: made by tools/plausibility.py --rules -->",
+    "<!-- end of rules of plausibility -->",
+)
 DATA = "cmeel.prefix/share/example-robot-data/robots"
 FILES = [
     ("airo-models", "airo_models/arms/ur5e/ur5e.urdf"),
@@ -131,7 +134,13 @@ CORRESPOND: Mapping[str, tuple[str, ...]] = {
     "kinematics.hinge": ("axis-apart",),
 }
 """The rules of simspec that say the same as a check of simcheck."""
-BY_MESH = ("geometry.mesh_quality", "geometry.convexity", "engine.collision_shape", "files.mesh_names", "geometry.scale")
+BY_MESH = (
+    "geometry.mesh_quality",
+    "geometry.convexity",
+    "engine.collision_shape",
+    "files.mesh_names",
+    "geometry.scale",
+)
 """Checks whose findings are about a mesh, or the whole model, which simspec names otherwise than by the link."""
 PAIR = {"engine.sweep": (0, 2), "kinematics.pass_through": (1, 3)}
 """Which of the quoted names of a sentence are the links of a pair."""
@@ -222,7 +231,9 @@ def main() -> int:
     parser.add_argument("--packages", type=Path, required=True, help="the folder of tools/corpora --fetch")
     parser.add_argument("--answers", type=Path, required=True, help="a folder in which simcheck's answers are kept")
     parser.add_argument("--only", default="", help="files whose title contains this alone")
-    parser.add_argument("--list", action="store_true", help="print what simcheck found and simspec did not, and write nothing")
+    parser.add_argument(
+        "--list", action="store_true", help="print what simcheck found and simspec did not, and write nothing"
+    )
     arguments = parser.parse_args()
     arguments.answers.mkdir(parents=True, exist_ok=True)
     rows: list[tuple[str, Mapping[str, Any], Plausibility | None, str]] = []
@@ -247,7 +258,11 @@ def _files(packages: Path, scratch: Path) -> Iterator[tuple[str, Path, list[str]
     for package, path in FILES:
         shared = packages / package / "cmeel.prefix" / "share"
         own = packages / package / Path(path).parts[0]
-        folders = [str(folder) for folder in (shared, own) if folder.is_dir() and (shared == folder or (own / "package.xml").exists())]
+        folders = [
+            str(folder)
+            for folder in (shared, own)
+            if folder.is_dir() and (shared == folder or (own / "package.xml").exists())
+        ]
         yield f"{package} {path.removeprefix(DATA + '/')}", place(package, path, packages), folders
     for name, slip in PLANTED.items():
         file = scratch / f"{name.replace(' ', '_')}.urdf"

@@ -289,6 +289,8 @@ class _Spec:
                 place = ".".join((*own, "inertia"))
                 self.repairs.append(Repair(moments.RULE, element.location, body.content.repaired, place))
             bodies[body.name] = data
+        for note in (scope.note for scope in model.scope.within() if scope.note):
+            self.comments[".".join((*path, model.bodies[0].name))] = note
         for body, what in model.repairs:
             place = ".".join((*path, body.name, "fixed"))
             self.repairs.append(Repair(MASSLESS, body.element.location, what, place))
