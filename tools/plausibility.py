@@ -151,6 +151,11 @@ REASONS: Sequence[tuple[str, str, str]] = (
     ("n", r"files\.mesh_names", r"\(visual and collision\)"),
     ("r", r"joints\.limits", "range is|has no lower/upper"),
     ("p", r"structure\.parse", "unbound prefix"),
+    ("w", r"engine\.(sweep|rest_contacts)", "'world'"),
+    ("m", r"engine\.rest_contacts", "at rest in pybullet; both parts are primitives"),
+    ("g", r"inertia\.tensor", "'finger_lower_link'"),
+    ("h", r"inertia\.density", "hollow plastic shell"),
+    ("c", r"engine\.collision_shape", "'link1'"),
 )
 """Letters of the legend by check and words: why simspec does not report the same."""
 LEGEND = """\
@@ -161,6 +166,11 @@ LEGEND = """\
 | v | measured on shapes that are only seen: in simspec's worlds they touch nothing |
 | n | a visual and a collision mesh of one name, as most packages have them; the rule `mesh-names` is about collision meshes |
 | r | a range of whole half turns is meant; a limit without numbers is refused, or repaired by `missing-limits` |
+| w | the floor of the scene, another tree: its overlaps at the start are found, and positions that reach it are no self-collision |
+| m | an overlap of less than a tenth of the inner radius, to which the engine adds margins of 1 mm on both sides |
+| g | a rod: with what is fixed to it, it has a regular tensor; engines that refuse it alone are found by `simspec audit` |
+| h | the wall is 0.3 mm thick or more if it has the least surface that its volume can have |
+| c | the hull has less than 1.5 times the volume of the mesh |
 | p | simspec reads XML with prefixes that are not declared; the other checker refuses it |
 """
 
