@@ -166,7 +166,7 @@ LEGEND = """\
 | v | measured on shapes that are only seen: in simspec's worlds they touch nothing |
 | n | a visual and a collision mesh of one name, as most packages have them; the rule `mesh-names` is about collision meshes |
 | r | a range of whole half turns is meant; a limit without numbers is refused, or repaired by `missing-limits` |
-| w | the floor of the scene, another tree: its overlaps at the start are found, and positions that reach it are no self-collision |
+| w | the floor of the scene: overlaps at the start are found, and positions that reach it are no self-collision |
 | m | an overlap of less than a tenth of the inner radius, to which the engine adds margins of 1 mm on both sides |
 | g | a rod: with what is fixed to it, it has a regular tensor; engines that refuse it alone are found by `simspec audit` |
 | h | the wall is 0.3 mm thick or more if it has the least surface that its volume can have |
