@@ -16,6 +16,8 @@ from tests.conftest import LONGEST as FIRST
 PACKAGE = Path(__file__).resolve().parent.parent / "simspec"
 ORDER = (
     "ending",
+    "confinement",
+    "exchange",
     "errors",
     "markup",
     "reading",
@@ -86,6 +88,13 @@ NAMED_ELSEWHERE = {
     ("dialects/dart", "ode"): "a collision detector of that engine's",
     ("engines/dart", "ode"): "the same",
     ("imports/sdf/surfaces.py", "ode"): "an element of the language",
+    **{("imports/sdf/versions.py", part): "elements of old files" for part in ("ode", "bullet", "gazebo")},
+    ("imports/sdf/library.py", "<friction><ode>"): "an element of the language",
+    ("imports/sdf/library.py", "</ode></friction>"): "the same",
+    ("imports/sdf/library.py", "osrf/gazebo_models"): "the source of a figure",
+    ("imports/packages.py", "IGN_GAZEBO_RESOURCE_PATH"): "a variable of the environment that names folders of models",
+    ("imports/packages.py", "GAZEBO_MODEL_PATH"): "the same",
+    ("imports/packages.py", "SDF_PATH"): "the same",
     ("dialects/pybullet/mutations.py", "gazebo"): "an element of the language",
     **{("imports/urdf", part): "the same" for part in ("gazebo", "Gazebo", "GAZEBO")},
     ("dialects/gazebo", "DART"): "the library that is that engine's own engine",
