@@ -15,12 +15,10 @@ import ctypes
 import errno
 import functools
 import os
-import platform
 import struct
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 WRITE_FLAGS: Final = os.O_RDWR | os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | 0o20000000
 """Flags of open(2) that make or change a file; the last is O_TMPFILE."""
@@ -36,8 +34,7 @@ OWN_PID: Final = -1
 """In a condition: the number of the confined process."""
 
 
-@dataclass(frozen=True, slots=True)
-class Where:
+class Where(NamedTuple):
     """A condition on an argument of a system call: its bits of ``mask`` have one of the ``values``."""
 
     argument: int
@@ -86,13 +83,12 @@ WRITING: Final[Mapping[str, Conditions]] = {
 """Files and folders where Landlock allows them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Profile:
+class Profile(NamedTuple):
     """What a kind of process may do. ``loads``: whether it may map code from files; ``keeps``: capabilities that it keeps
     where it is the superuser's (1, 2: to open what another user owns)."""
 
     name: str
-    calls: Mapping[str, Conditions] = field(repr=False)
+    calls: Mapping[str, Conditions]
     keeps: tuple[int, ...] = ()
 
 
@@ -138,8 +134,7 @@ MACHINES: Final = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
 # --- what the kernel offers -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Walls:
+class Walls(NamedTuple):
     """What the kernel offers, or what a process has: the version of Landlock (0: none), and whether calls are filtered.
     ``why``: what is missing, in words, where something is."""
 
@@ -156,9 +151,9 @@ class ConfinementError(RuntimeError):
 def walls() -> Walls:
     """What the kernel offers to this process. Nothing is confined."""
     if not sys.platform.startswith("linux"):
-        return Walls(why=f"{platform.system() or sys.platform} has neither Landlock nor seccomp")
-    if platform.machine() not in MACHINES or struct.calcsize("P") != 8:
-        return Walls(why=f"no system calls are known of the machine {platform.machine()}")
+        return Walls(why=f"{sys.platform} has neither Landlock nor seccomp")
+    if machine() not in MACHINES or struct.calcsize("P") != 8:
+        return Walls(why=f"no system calls are known of the machine {machine()}")
     try:
         version = max(0, _call("landlock_create_ruleset", 0, 0, 1))
         action = ctypes.c_uint32(_ERRNO)
@@ -170,13 +165,19 @@ def walls() -> Walls:
 
 
 @functools.cache
+def machine() -> str:
+    """The machine's name, as the kernel calls it; a confined process may not ask for it."""
+    return os.uname().machine
+
+
+@functools.cache
 def _library() -> ctypes.CDLL:
     return ctypes.CDLL(None, use_errno=True)
 
 
 def _call(name: str, *arguments: object) -> int:
     """A system call; -1 where it fails, as ctypes.get_errno() says."""
-    column, _ = MACHINES[platform.machine()]
+    column, _ = MACHINES[machine()]
     number = NUMBERS[name][column]
     words = [ctypes.c_long(one) if isinstance(one, int) else one for one in arguments]
     return int(_library().syscall(ctypes.c_long(number or 0), *words))
@@ -260,7 +261,7 @@ def confine_calls(profile: Profile) -> Walls:
     if not offered.calls:
         return offered
     _drop_capabilities(profile.keeps)
-    code = b"".join(struct.pack("=HBBI", *line) for line in filter_program(profile, platform.machine(), os.getpid()))
+    code = b"".join(struct.pack("=HBBI", *line) for line in filter_program(profile, machine(), os.getpid()))
     lines = ctypes.create_string_buffer(code, len(code))
     program = struct.pack("@HxxxxxxP", len(code) // 8, ctypes.addressof(lines))
     try:
@@ -302,9 +303,9 @@ Line = tuple[int, int, int, int]
 """Code, lines to skip where it is true and where it is false, and a number."""
 
 
-def filter_program(profile: Profile, machine: str, pid: int) -> list[Line]:
-    """The filter of a profile, in the kernel's form of BPF. Calls of another machine's interface end the process."""
-    column, architecture = MACHINES[machine]
+def filter_program(profile: Profile, kind: str, pid: int) -> list[Line]:
+    """The filter of a profile on a machine, in the kernel's form of BPF. Calls of another interface end the process."""
+    column, architecture = MACHINES[kind]
     lines: list[Line] = [
         (_LOAD, 0, 0, _MACHINE),
         (_IF_EQUAL, 1, 0, architecture),
