@@ -131,12 +131,12 @@ NUMBERS: Final[Mapping[str, tuple[int | None, int | None]]] = {
 MACHINES: Final = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
 """The column of :data:`NUMBERS`, and AUDIT_ARCH."""
 
-# --- what the kernel offers -----------------------------------------------------------------------------------
+# --- offers of the kernel -------------------------------------------------------------------------------------
 
 
 class Walls(NamedTuple):
-    """What the kernel offers, or what a process has: the version of Landlock (0: none), and whether calls are filtered.
-    ``why``: what is missing, in words, where something is."""
+    """The confinement that the kernel offers, or that a process has: the version of Landlock (0: none), and whether system
+    calls are filtered. ``why``: the reason where either is missing."""
 
     landlock: int = 0
     calls: bool = False
@@ -149,7 +149,7 @@ class ConfinementError(RuntimeError):
 
 @functools.cache
 def walls() -> Walls:
-    """What the kernel offers to this process. Nothing is confined."""
+    """The confinement that the kernel offers to this process. Nothing is confined."""
     if not sys.platform.startswith("linux"):
         return Walls(why=f"{sys.platform} has neither Landlock nor seccomp")
     if machine() not in MACHINES or struct.calcsize("P") != 8:
@@ -244,7 +244,7 @@ def _allow(rules: int, path: str, rights: int) -> None:
     try:
         place = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
-        return  # what is not there, or cannot be reached, stays closed
+        return  # a path that does not exist, or cannot be reached, stays closed
     try:
         if not os.path.isdir(path):
             rights &= _OF_A_FILE
@@ -341,13 +341,13 @@ ANY_LOCALE: Final = {"LC_ALL": "C.UTF-8", "PYTHONUTF8": "1"}
 """Environment of a process that reads files: texts and numbers mean the same whatever the user's language, and packages whose
 sources are not ASCII can be imported."""
 
-# --- what a Python reads of itself ------------------------------------------------------------------------------
+# --- files of the interpreter -----------------------------------------------------------------------------------
 
 SYSTEM: Final = (
     *("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/etc/ld.so.cache", "/dev/null", "/dev/urandom"),
     *("/proc/cpuinfo", "/proc/meminfo", "/sys/devices/system/cpu"),
 )
-"""Libraries, and what numerical libraries ask of processors and memory."""
+"""Shared libraries, and the files in which numerical libraries look up processors and memory."""
 
 
 def of_python() -> list[str]:
