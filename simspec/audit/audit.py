@@ -21,6 +21,8 @@ from simspec.imports.files import Files
 from simspec.language.foreign import ImportOptions
 from simspec.language.foreign import Severity as LossSeverity
 from simspec.language.sources import project_folder
+from simspec.plausibility.examine import examine
+from simspec.plausibility.findings import Plausibility
 from simspec.scratch import scratch_folder
 from simspec.support.features import Feature
 from simspec.world.types import ReadBack, World
@@ -76,7 +78,22 @@ def audit(
         sum(loss.severity is LossSeverity.PHYSICS for loss in losses),
         skipped,
         len(meaning.bodies),
+        plausibility_of(meaning),
     )
+
+
+def plausibility_of(meaning: Meaning) -> Plausibility:
+    """What is implausible about a file's model; of a file that simspec does not import nothing is known. Findings about values
+    that were repaired are left out: they are no values of the file."""
+    if meaning.spec is None or meaning.read is None:
+        return Plausibility(skipped={"all": "simspec does not import the file"})
+    found = examine(meaning.spec, meaning.read)
+    kept = [
+        finding
+        for finding in found.findings
+        if not any(f"{finding.path}.".startswith(f"bodies.{path}.") for path in meaning.unsure)
+    ]
+    return dataclasses.replace(found, findings=tuple(kept))
 
 
 def readers_of(language: str, engines: Iterable[str]) -> tuple[dict[str, Reads], dict[str, str]]:

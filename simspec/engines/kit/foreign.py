@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.confinement import PROFILES, confine_calls
+from simspec.engines.kit.effects import Effect
 from simspec.world import frames
 from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Vector3
 
@@ -37,15 +38,16 @@ UNNAMED = "body_{}"
 
 @dataclass(frozen=True, slots=True)
 class Reads:
-    """That an engine reads a language: ``how``, as a user calls it; ``suffixes`` of its files, and the ``root`` element
-    by which
-    they are told from others. ``defines``: what the engine makes of a file is what the language means, where nobody else
-    says it."""
+    """That an engine reads a language: ``how``, as a user calls it; ``suffixes`` of its files, and the ``root`` element by
+    which they are told from others. ``defines``: what the engine makes of a file is what the language means, where nobody else
+    says it. ``effects``: what it does to simspec's plain files, measured with the version ``version``."""
 
     how: str
     suffixes: tuple[str, ...]
     root: str
     defines: bool = False
+    version: str = ""
+    effects: tuple[Effect, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ import sys
 import pytest
 
 from simspec.imports.xacro import expansion
-from simspec.language.foreign import Fate
+from simspec.language.foreign import Fate, ImportOptions, import_file
 from simspec.language.load import load
-from tests.imports.xacro.texts import MASS, NAMESPACE, imported, refused
+from tests.imports.xacro.texts import MASS, NAMESPACE, imported, refused, robot
 from tests.meshes.solids import box, stl
 
 LEGS = f"""<xacro:arg name="count" default="2"/>
@@ -63,7 +63,7 @@ def test_defects_of_what_it_expands_to_are_told_at_the_macro(legs):
 
 def test_packages(tmp_path):
     (tmp_path / "legs/urdf").mkdir(parents=True)
-    (tmp_path / "legs/package.xml").write_text("<package/>")
+    (tmp_path / "legs/package.xml").write_text("<package><name>legs</name></package>")
     (tmp_path / "legs/urdf/leg.xacro").write_text(LEG)
     text = LEGS.replace("parts/leg.xacro", "$(find legs)/urdf/leg.xacro").replace(
         "load_yaml('parts/sizes.yaml')", "xacro.dotify(dict(leg=1))"
@@ -278,6 +278,48 @@ def test_meshes_beside_the_text_that_is_made_are_found_above_the_program(tmp_pat
     assert "no such file" in refused(
         f'<link name="base">{MASS}{shape.format("box")}</link>', tmp_path / "xacro", project=tmp_path / "xacro"
     )
+
+
+# --- programs under other names, and what is said of arguments ------------------------------------------------------
+
+
+def by_name(text, folder, name, **options):
+    (folder / name).write_text(text)
+    return import_file(folder / name, name, ImportOptions(project=folder.resolve(), **options))
+
+
+@pytest.mark.parametrize("name", ["r.urdf", "r.xml", "r.URDF"])
+def test_a_file_that_uses_xacro_is_expanded_whatever_its_name_ends_in(legs, name):
+    assert by_name(robot(LEGS), legs, name).data == imported(LEGS, legs).data
+    assert len(load(legs / name).resolve().bodies) == 3
+
+
+@pytest.mark.parametrize(
+    ("written", "length"),
+    [("${2 * 0.25}", 0.5), ("$(optenv NOT_SET_HERE 0.5)", 0.5), ("$(arg z)", 0.5)],
+)
+def test_an_expression_in_an_attribute_of_plain_urdf_is_expanded(tmp_path, written, length):
+    arg = '<xacro:arg name="z" default="0.5"/>' if "arg" in written else ""
+    inertial = MASS.replace("<mass", f'<origin xyz="0 0 {written}"/><mass')
+    text = robot(f'{arg}<link name="a">{inertial}</link>')
+    text = text if arg else text.replace(NAMESPACE, "")
+    assert by_name(text, tmp_path, "r.urdf").data["model"]["bodies"]["a"]["centre_of_mass"] == [0, 0, length]
+
+
+def test_a_namespace_that_nothing_uses_is_no_program(tmp_path, monkeypatch):
+    monkeypatch.setattr(expansion, "_process", None)  # no process is started
+    text = robot(f'<!-- <xacro:macro/> ${{x}} --><link name="a">{MASS}</link>')
+    assert by_name(text, tmp_path, "r.urdf").data["model"]["bodies"].keys() == {"a"}
+
+
+def test_a_missing_argument_says_how_it_is_given_and_which_there_are(legs):
+    (legs / "parts/more.xacro").write_text(f'<robot {NAMESPACE}><xacro:arg name="side" default="left"/></robot>')
+    more = '<xacro:include filename="parts/more.xacro"/><xacro:arg name="tall" default=""/>'
+    text = refused(more + LEGS.replace('<xacro:arg name="count" default="2"/>', ""), legs)
+    assert "the argument 'count' has no value" in text
+    assert "--arg count=VALUE" in text
+    assert "side=left" in text
+    assert "tall=" in text
 
 
 @pytest.mark.parametrize(
