@@ -221,7 +221,7 @@ def _difference(finding: Finding) -> Difference | None:
     """What a finding of the comparison is here; None for what is another form of the same model, or left open by files."""
     quantity = finding.quantity
     if finding.what is What.MERGED:
-        return ("joint.type", finding.element) if finding.severity is Severity.DEFAULT else None
+        return ("joint.type", finding.element) if finding.severity is not Severity.INFORMATION else None  # a free root
     if quantity == "body" and finding.what is What.ADDED:
         mass = finding.engine_value.split()[0]
         return ("mass", finding.element) if mass[0].isdigit() and float(mass) > SMALLEST_MASS else None
