@@ -139,7 +139,7 @@ def packages_of(content: bytes, path: Path, options: ImportOptions) -> dict[str,
         places: list[Path] = [options.base / told] if told is not None else []
         places += [Path(folder) / name for folder in options.package_path]
         folder = path.resolve().parent
-        project = project_folder(path)
+        project = options.package.root if options.package is not None else project_folder(path)
         while True:
             places += [folder] if folder.name == name else []
             places.append(folder / name)
@@ -150,6 +150,11 @@ def packages_of(content: bytes, path: Path, options: ImportOptions) -> dict[str,
         if place is not None:
             found[name] = str(place.resolve())
     return found
+
+
+def file_name(path: Path, options: ImportOptions) -> str:
+    """What reports call a file: as it was given, or its name in its package."""
+    return str(path) if options.package is None else options.shown(path)
 
 
 def plain_text(value: Any) -> str:

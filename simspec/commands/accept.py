@@ -142,6 +142,9 @@ def _own(spec: Spec) -> Path:
     if spec.source.imported is not None:
         hint = f"simspec import {path} -o {path.stem}.yaml; then simspec accept {path.stem}.yaml"
         raise SpecError([Problem(f"{path} is no spec, and is not changed", hint=hint)])
+    if spec.source.package is not None:
+        message = f"{path.name} belongs to {spec.source.package.name} and is not changed"
+        raise SpecError([Problem(message, hint="use it in a spec of your own")])
     if path.resolve().is_relative_to(resource_folder("specs").resolve()):
         hint = "copy it to a file of your own"
         raise SpecError([Problem(f"{path} belongs to simspec's library and is not changed", hint=hint)])

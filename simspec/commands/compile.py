@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec import generated
-from simspec.arguments import chosen_engines, engines_for_files, load_spec
+from simspec.arguments import chosen_engines, engines_for_files, load_spec, spec_file
 from simspec.commands.accept import accepted_sets
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
@@ -16,7 +16,6 @@ from simspec.outputs.marker import COMPILED
 from simspec.outputs.targets import check_folder, demand, folder_problem
 from simspec.report.plain import text
 from simspec.report.screen import console, say
-from simspec.resources import find_spec
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.canonical import sha256
@@ -99,14 +98,14 @@ def compile_all(
     """Compile specs into their folders, or see whether these are current. The problems of all specs come together."""
     alone = out is not None and len(names) == 1
     if alone and out is not None and not check:
-        check_folder(out, COMPILED, [find_spec(names[0])])
+        check_folder(out, COMPILED, [spec_file(names[0])])
     problems: list[Problem] = []
     loaded: list[tuple[Spec, World]] = []
     holds: list[Path] = []
     for name in names:
         try:
             loaded.append(load(name))
-            holds.append(find_spec(name))
+            holds.append(spec_file(name))
         except SpecError as error:
             problems.extend(error.problems)
     worlds = [world.name for _, world in loaded]

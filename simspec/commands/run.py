@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, source_of
+from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, source_of, spec_file
 from simspec.commands.baseline import NO_BASELINES, Baselines, with_baseline
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.commands.diff import diff_code
@@ -23,7 +23,6 @@ from simspec.report.screen import console, say
 from simspec.report.session import show_run
 from simspec.report.terminal import show_not_taken
 from simspec.report.tested import skipped_suites, study_suites
-from simspec.resources import find_spec
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.types import World
@@ -73,7 +72,7 @@ def run(
             world,
             engines_at_work(words, pythons, demand=False),
             out / world.name,
-            spec=find_spec(spec),
+            spec=spec_file(spec),
             locate=loaded.locate,
             prove=prove,
             repeats=repeats,
@@ -82,7 +81,7 @@ def run(
             fail_on_diff=fail_on_diff is not None,
             pythons=pythons,
             deadline=deadline,
-            source={**source_of(spec, sets, robot_files), **_shown(loaded.data.record.show)},
+            source={**source_of(spec, sets, loaded, robot_files), **_shown(loaded.data.record.show)},
             page=page,
             as_json=as_json,
             warnings=warned,

@@ -105,7 +105,9 @@ class Files:
         if not is_file and beside is None and (other := self._above(text)) is not None:
             return other
         if not is_file:
-            raise MissingFileError([element.problem(NO_FILE[0], found=text, hint=f"looked for {_short(target)}")])
+            raise MissingFileError(
+                [element.problem(NO_FILE[0], found=text, hint=f"looked for {self.options.shown(target)}")]
+            )
         return resolved
 
     def _above(self, text: str) -> Path | None:
@@ -205,10 +207,3 @@ def _below(folder: Path, name: str) -> Iterator[Path]:
                 if not is_package and not path.name.startswith("."):
                     following.append(path)
         waiting = following
-
-
-def _short(path: Path) -> str:
-    try:
-        return str(path.relative_to(Path.cwd()))
-    except ValueError:
-        return str(path)

@@ -13,7 +13,6 @@ from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse
 from simspec.imports.files import Files
 from simspec.imports.sdf.values import Placed, flag, flag_of, lost, pose_of, text_of, unused
 from simspec.language.foreign import Fate, Severity
-from simspec.language.sources import shown_path
 
 OLDEST: Final = (1, 4)
 NEWEST: Final = (1, 12)
@@ -179,7 +178,7 @@ class Reader:
             raise uri.error("files that include each other", found=uri.text[:200])
         if len(chain) > DEEPEST:
             raise uri.error(f"more than {DEEPEST} files include one another in a chain", found=uri.text[:200])
-        root = self.root(path, self.files.bytes_of(path, uri), shown_path(path))
+        root = self.root(path, self.files.bytes_of(path, uri), self.files.options.shown(path))
         models = root.look("model")
         if len(models) != 1 or root.look("world"):
             raise uri.error(f"{path.name} is not a file of one model", found=uri.text[:200])
@@ -207,7 +206,7 @@ class Reader:
         if text.lower().endswith(ENDS):
             return self.files.find(text, uri, folder)
         configuration = self.files.find(f"{text.rstrip('/')}/{CONFIGURATION}", uri, folder)
-        shown = shown_path(configuration)
+        shown = self.files.options.shown(configuration)
         choices: list[tuple[Version, str]] = []
         for child in parse(self.files.bytes_of(configuration, uri), shown).look("sdf"):
             version = _version(child.attributes.get("version", "1.4"))
