@@ -136,6 +136,13 @@ def of_package(options: ImportOptions, found: PackagedFile) -> ImportOptions:
     return replace(options, project=found.package.root, package=found.package, arguments=arguments)
 
 
+def _installed_name(path: Path) -> str | None:
+    """The name of a file in a folder of installed packages."""
+    parts = path.parts
+    at = next((index for index, part in enumerate(parts) if part in ("site-packages", "dist-packages")), None)
+    return f"{PACKAGE}{'/'.join(parts[at + 1 :])}" if at is not None and len(parts) > at + 2 else None
+
+
 def _noted(source: Source, place: _Place) -> Path:
     """The path of a file that ``source`` names; that it is of a package is remembered for the record of what was read."""
     if place.package is not None:
@@ -229,7 +236,9 @@ class Collector:
             return self._packaged(source, path, text)
         if project is not None and not target.is_relative_to(project):
             allowed = f"files in {shown_path(project)}"
-            hint = f"--allow-outside allows it; {PACKAGE}NAME/PATH names a file of an installed package"
+            hint = "--allow-outside allows it"
+            if (name := _installed_name(target)) is not None:
+                hint = f"{name} names this file of an installed package"
             if source.package is not None:
                 allowed, hint = f"files of {source.package.name}", "--allow-outside allows it"
             self._problem(source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint)
