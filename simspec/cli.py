@@ -87,9 +87,13 @@ def check_command(
     specs: Annotated[list[str], typer.Argument(metavar="SPEC...", help="YAML files, or library scenarios.")],
     engine: Engines = None,
     sets: Sets = None,
+    accept: Accepts = None,
     robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Strict = False,
+    verbose: Annotated[
+        bool, typer.Option("-v", "--verbose", help="Print what engines refuse in full, not one line for each feature.")
+    ] = False,
     as_json: AsJson = False,
 ) -> int:
     """Load and resolve specs; with --engine, also check that these engines support them. Writes nothing.
@@ -97,10 +101,11 @@ def check_command(
     \b
     simspec check specs/*.yaml
     simspec check arm.yaml --engine ENGINE
+    simspec check arm.yaml --engine ENGINE --accept all
     """
     from simspec.commands.check import check
 
-    return check(specs, engine, sets, allow_outside, strict, as_json, robot_files)
+    return check(specs, engine, sets, allow_outside, strict, as_json, robot_files, accept, verbose)
 
 
 add_imports(app)

@@ -21,6 +21,7 @@ from simspec.language.strict import near
 from simspec.outputs.writing import write_file
 from simspec.report.plain import text
 from simspec.report.reasons import link
+from simspec.report.refusals import EVERY
 from simspec.report.screen import say
 from simspec.resources import resource_folder
 from simspec.robot_files import NO_WORDS, RobotFiles
@@ -38,10 +39,6 @@ def accept(
     # by label: what is accepted may depend on the version
     selection = named(engine_names(words), pythons) if words else engines_at_work(None, pythons)
     return accept_world(loaded, world, selection, as_json)
-
-
-EVERY = "all"
-"""Stands for every feature with ``--accept``."""
 
 
 def accepted_sets(
@@ -132,6 +129,15 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
                 say(f"    {link(name, feature)}")
     say(f"{path}: {'written' if wanted else 'no entries missing'}")
     return EXIT_OK
+
+
+def is_writable(spec: Spec) -> bool:
+    """Whether entries can be written into the file of a spec."""
+    try:
+        _own(spec)
+    except SpecError:
+        return False
+    return True
 
 
 def _own(spec: Spec) -> Path:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from simspec import generated
 from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, spec_file
+from simspec.commands.accept import is_writable
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.commands.self_test import complete_self_test, self_test
 from simspec.engines.kit.identity import engine_version
@@ -19,6 +20,7 @@ from simspec.outputs.writing import add_file
 from simspec.report import terminal
 from simspec.report.plain import certificate_data, text
 from simspec.report.progress import progress
+from simspec.report.refusals import with_ways_out
 from simspec.report.screen import console
 from simspec.report.tested import certificate_suites, skipped_suites
 from simspec.robot_files import NO_WORDS, RobotFiles
@@ -72,19 +74,20 @@ def verify(
             spec, sets, allow_outside, robot_files=robot_files, strict=strict, as_json=as_json
         )
         check_targets(world, spec, out, contact)
-        return verify_world(
-            world,
-            selection,
-            loaded.locate,
-            pythons,
-            deadline,
-            out,
-            as_json,
-            contact,
-            cache,
-            warnings=warned,
-            reports=reports,
-        )
+        with with_ways_out(spec, selection.engines, world, pythons, is_writable(loaded)):
+            return verify_world(
+                world,
+                selection,
+                loaded.locate,
+                pythons,
+                deadline,
+                out,
+                as_json,
+                contact,
+                cache,
+                warnings=warned,
+                reports=reports,
+            )
 
 
 def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> None:
