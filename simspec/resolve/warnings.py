@@ -24,6 +24,7 @@ from simspec.language.sources import Source
 from simspec.language.trajectory import TrajectoryPoint
 from simspec.resolve.meshes import fills, mesh_shapes, read_meshes
 from simspec.resolve.timestep_warnings import timestep_warnings
+from simspec.resolve.trajectory import dwell_overshoots
 from simspec.world.kinematics import rigid_groups
 from simspec.world.overlap import deep_overlaps
 from simspec.world.shapes import SHAPES
@@ -60,6 +61,7 @@ def warnings(spec: Spec, world: World) -> list[Problem]:
         *_time(spec, world),
         *_sizes(spec, world),
         *_squeeze(spec, world),
+        *(("dwell", problem) for problem in dwell_overshoots(spec, world)),
         *_meshes(spec),
         *_overlaps(spec, world),
         *timestep_warnings(spec, world),
