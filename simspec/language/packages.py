@@ -186,16 +186,22 @@ def _near_file(package: Package, inside: PurePosixPath) -> str | None:
 def _of_package(name: str, inside: PurePosixPath, text: str) -> PackagedFile:
     if not _NAME.fullmatch(name):
         raise _error("not the name of a package", text[:200], allowed=FORMS)
-    folders = package_folders(name)
-    version = _version(name)
-    packages = [Package(f"{PACKAGE}{name}", folder, version) for folder in folders]
     error: SpecError | None = None
-    for package in packages:
+    for package in _packages(name, tuple(sys.path), Path.cwd()):
         try:
             return PackagedFile(_file(package, inside, text), package)
         except SpecError as refused:
             error = error or refused
     raise error or _error(f"no folder of the package {name!r}", text[:200])
+
+
+@functools.lru_cache(maxsize=64)
+def _packages(name: str, places: tuple[str, ...], working_folder: Path) -> tuple[Package, ...]:
+    """The folders of a package, each once for all files that are named in it. ``places`` and ``working_folder``: what they
+    depend on. Raises SpecError."""
+    folders = package_folders(name)
+    version = _version(name)
+    return tuple(Package(f"{PACKAGE}{name}", folder, version) for folder in folders)
 
 
 def package_folders(name: str) -> list[Path]:

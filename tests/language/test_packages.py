@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from simspec import cli
 from simspec.errors import SpecError
+from simspec.language import packages
 from simspec.language.foreign import suffixes
 from simspec.language.load import Spec, load
 from simspec.language.packages import NotCachedError, is_robot, packaged
@@ -231,6 +232,16 @@ def test_what_names_no_file_of_a_package_is_an_error_at_its_place(site, text, wo
     told = refused(text)
     assert words in told
     assert "models.crane.use" in told
+
+
+def test_a_package_is_looked_for_once_for_all_its_files(site, monkeypatch):
+    names = [f"arm_{k}.urdf" for k in range(20)]
+    put(site / "yard_robots", dict.fromkeys(names, "x"))
+    looked_for = []
+    find = packages.package_folders
+    monkeypatch.setattr(packages, "package_folders", lambda name: looked_for.append(name) or find(name))
+    assert len({packaged(f"package://yard_robots/{name}", suffixes()).path for name in names}) == 20
+    assert looked_for == ["yard_robots"]
 
 
 def test_links_out_of_the_package_are_not_followed(site, tmp_path):
