@@ -92,7 +92,10 @@ def check_command(
     allow_outside: Outside = False,
     strict: Strict = False,
     verbose: Annotated[
-        bool, typer.Option("-v", "--verbose", help="Print what engines refuse in full, not one line for each feature.")
+        bool,
+        typer.Option(
+            "-v", "--verbose", help="List all that is implausible about a model, and all that engines refuse, in full."
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> int:
@@ -102,6 +105,7 @@ def check_command(
     simspec check specs/*.yaml
     simspec check arm.yaml --engine ENGINE
     simspec check arm.yaml --engine ENGINE --accept all
+    simspec check robot.xml -v
     """
     from simspec.commands.check import check
 

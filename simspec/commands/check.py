@@ -9,6 +9,9 @@ from simspec.arguments import chosen_engines, load_spec, names_alone, print_json
 from simspec.commands.accept import accepted_sets, is_writable
 from simspec.compiler import check_options, compile_world
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
+from simspec.plausibility.examine import examine
+from simspec.plausibility.findings import Plausibility
+from simspec.report.plausibility import as_problems, plausibility_data, plausibility_lines
 from simspec.report.refusals import WaysOut, brief, ways_out, with_endings
 from simspec.report.screen import say
 from simspec.robot_files import NO_WORDS, RobotFiles
@@ -23,6 +26,7 @@ class Row(NamedTuple):
     bodies: int
     world_sha256: str
     warnings: list[Problem]
+    plausibility: Plausibility
 
 
 def check(
@@ -36,9 +40,10 @@ def check(
     accept: list[str] | None = None,
     verbose: bool = False,
 ) -> int:
-    """Check ``specs``; with ``engine``, or default engines of the project, compile them for these too. Raises SpecError
-    with the problems of all specs: what engines refuse in one line for each feature, unless ``verbose``, and with the ways
-    out at the end."""
+    """Check ``specs``; with ``engine``, or default engines of the project, compile them for these too. What is implausible
+    about a model is printed after its verdict, with ``verbose`` whole. Raises SpecError with the problems of all specs, with
+    ``strict`` also with what is most likely a mistake of the model. What engines refuse is one line for each feature, unless
+    ``verbose``, with the ways out at the end."""
     engine = chosen_engines(engine)
     names = names_alone(engine)
     problems: list[Problem] = []
@@ -66,20 +71,25 @@ def check(
         except UnsupportedError as error:
             problems.extend(error.problems)
             short += brief(error.problems)
-            found = ways_out(error.problems, name, names, world, writable=is_writable(spec))
-            if found is not None:
-                ways[name] = found
+            ways_here = ways_out(error.problems, name, names, world, writable=is_writable(spec))
+            if ways_here is not None:
+                ways[name] = ways_here
             continue
-        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings))
+        found = examine(spec, world)
+        if strict:
+            problems.extend(as_problems(found.warnings))
+        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings, found))
     if problems:
         if not ways:
             raise SpecError(problems)
         raise with_endings(problems, ways, () if verbose else (*short, "-v prints each in full"))
     if as_json:
-        print_json({"specs": [row._asdict() for row in rows]})
+        print_json({"specs": [{**row._asdict(), "plausibility": plausibility_data(row.plausibility)} for row in rows]})
     else:
         for row in rows:
             count = len(row.warnings)
             warned = f", {count} warning{'s' if count > 1 else ''}" if count else ""
             say(f"{row.spec}: ok, {row.bodies} bodies, world {row.world_sha256[:12]}{warned}")
+            for line in plausibility_lines(row.plausibility, verbose, warned=True):
+                say(line)
     return EXIT_OK
