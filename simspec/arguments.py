@@ -155,10 +155,10 @@ def load_spec(
     ``sets``, and told on standard error."""
     from simspec.compiler import check_at_timestep, deep_contact, pairs_without_effect
     from simspec.language.load import load
-    from simspec.resources import find_spec
 
     sets, options = list(sets or ()), robot_files.options()
-    spec = load(find_spec(name), sets=tuple(sets), allow_outside=allow_outside, options=options)
+    file = spec_name(name)
+    spec = load(file, sets=tuple(sets), allow_outside=allow_outside, options=options)
     if check_effect:
         robot_files.check_effect(spec)
     if duration_of_model and spec.is_model_without_duration(sets):
@@ -166,7 +166,7 @@ def load_spec(
         from simspec.report.screen import say
 
         say(f"{name} is a model without a duration: --set {sets[-1]}", error=True)
-        spec = load(find_spec(name), sets=tuple(sets), allow_outside=allow_outside, options=options)
+        spec = load(file, sets=tuple(sets), allow_outside=allow_outside, options=options)
     world = spec.resolve()
     if problems := check_at_timestep(spec):
         raise SpecError(problems)
@@ -178,6 +178,32 @@ def load_spec(
 
         show_warnings(found)
     return Loaded(spec, world, found, sets)
+
+
+def spec_name(name: str) -> str:
+    """The name of the file that an argument of the command line means, as :func:`simspec.language.load.load` takes it. The
+    argument is a path, a scenario of the library, ``package://NAME/PATH``, ``robot_descriptions://ROBOT``, or the bare name of
+    such a robot where no file has it. Raises SpecError."""
+    from simspec.language.packages import ROBOT, is_packaged, is_robot
+    from simspec.resources import find_spec
+
+    if is_packaged(name):
+        return name
+    try:
+        return str(find_spec(name))
+    except SpecError:
+        if is_robot(name):
+            return f"{ROBOT}{name}"
+        raise
+
+
+def spec_file(name: str) -> Path:
+    """The same as a path. Raises SpecError."""
+    from simspec.language.foreign import suffixes
+    from simspec.language.packages import is_packaged, packaged
+
+    text = spec_name(name)
+    return packaged(text, suffixes()).path if is_packaged(text) else Path(text)
 
 
 def interpreters(words: list[str] | None, engine_words: list[str] | None = None) -> dict[str, str]:
@@ -270,13 +296,14 @@ def demand_installed(names: list[str], pythons: Mapping[str, str]) -> None:
         raise EngineError(name, why)
 
 
-def source_of(name: str, sets: list[str] | None, robot_files: RobotFiles = NO_WORDS) -> dict[str, Any]:
-    """Where a run's world came from, for its provenance."""
+def source_of(name: str, sets: list[str] | None, spec: Spec, robot_files: RobotFiles = NO_WORDS) -> dict[str, Any]:
+    """Where a run's world came from, for its provenance: the file ``name``, from which ``spec`` was read, and what was said of
+    it; of files of installed packages their versions and digests."""
     import hashlib
 
-    from simspec.resources import find_spec
-
-    path = find_spec(name)
+    path = spec_file(name)
     read = {"robot_files": asdict(robot_files)} if robot_files != NO_WORDS else {}
+    if packages := spec.packages():
+        read["packages"] = packages
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     return {"file": path.name, "sha256": digest, "sets": list(sets or ()), **read}

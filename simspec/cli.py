@@ -87,11 +87,15 @@ def check_command(
     specs: Annotated[list[str], typer.Argument(metavar="SPEC...", help="YAML files, or library scenarios.")],
     engine: Engines = None,
     sets: Sets = None,
+    accept: Accepts = None,
     robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Strict = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="List all that is implausible about a model, with the reasons.")
+        bool,
+        typer.Option(
+            "-v", "--verbose", help="List all that is implausible about a model, and all that engines refuse, in full."
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> int:
@@ -100,11 +104,12 @@ def check_command(
     \b
     simspec check specs/*.yaml
     simspec check arm.yaml --engine ENGINE
+    simspec check arm.yaml --engine ENGINE --accept all
     simspec check robot.xml -v
     """
     from simspec.commands.check import check
 
-    return check(specs, engine, sets, allow_outside, strict, as_json, robot_files, verbose)
+    return check(specs, engine, sets, allow_outside, strict, as_json, robot_files, accept, verbose)
 
 
 add_imports(app)

@@ -133,7 +133,7 @@ def export_command(
 
 def audit_command(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="Robot files, of any language an engine reads.")
+        list[str], typer.Argument(metavar="FILE...", help="Robot files, of any language an engine reads.")
     ],
     engine: Engines = None,
     pair: Annotated[

@@ -26,7 +26,7 @@ from simspec.engines.kit.settings import (
     pair_settings,
     written_settings,
 )
-from simspec.errors import Location, Problem, UnsupportedError
+from simspec.errors import Location, Problem, Refusal, UnsupportedError
 from simspec.language.engine_options import EngineOptions as SpecOptions
 from simspec.language.engine_options import SettingsAtTimestep, merged_pairs
 from simspec.language.load import Spec
@@ -95,14 +95,14 @@ def compile_world(
         try:
             decisions[name] = _negotiate(world, name, locate, (plans or {}).get(name), pythons)
         except UnsupportedError as error:
-            problems.extend(_located(error, locate))
+            problems.extend(_located(error, name, locate))
     for name in names:
         # files are written from the options: from wrong ones, anything could come
         if name in decisions and not any(_of_options(problem, name) for problem in problems):
             try:
                 compiled[name] = _emit(world, name, (plans or {}).get(name), decisions[name])
             except UnsupportedError as error:
-                problems.extend(_located(error, locate))
+                problems.extend(_located(error, name, locate))
     if problems:
         raise UnsupportedError(problems)
     return compiled
@@ -112,11 +112,25 @@ def _of_options(problem: Problem, engine: str) -> bool:
     return f"{problem.path}.".startswith((f"engines.{engine_name(engine)}.", "control."))
 
 
-def _located(error: UnsupportedError, locate: Callable[[str], Location | None]) -> list[Problem]:
-    """Formats do not know the spec: what they refuse is given its place here."""
-    return [
+def _located(error: UnsupportedError, label: str, locate: Callable[[str], Location | None]) -> list[Problem]:
+    """Formats know neither the spec nor the engine: what they refuse is given its place here, and the engine."""
+    located = [
         problem if problem.location else dataclasses.replace(problem, location=locate(problem.path))
         for problem in error.problems
+    ]
+    return [
+        problem
+        if isinstance(problem, Refusal)
+        else Refusal(
+            problem.message,
+            problem.path,
+            problem.location,
+            problem.found,
+            problem.allowed,
+            problem.hint,
+            engine_name(label),
+        )
+        for problem in located
     ]
 
 

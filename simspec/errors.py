@@ -7,8 +7,9 @@ problems of one step at once, so that a user repairs a file in one go.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -93,6 +94,19 @@ def _words(text: str) -> str:
     return visible(clipped(text, MOST_WORDS))
 
 
+@dataclass(frozen=True, slots=True)
+class Refusal(Problem):
+    """A problem of one engine alone: what it does not support, or not unless it is accepted.
+
+    ``feature`` is the name that the support matrix has for it, empty where the problem is of none; ``option`` is where the spec
+    accepts it by name (``accept``, ``outside``), empty where nothing that is accepted helps.
+    """
+
+    engine: str = ""
+    feature: str = ""
+    option: str = ""
+
+
 class SimspecError(Exception):
     """Base of every error that simspec raises on purpose; ``exit_code`` is what the command line ends with."""
 
@@ -118,7 +132,15 @@ class SpecError(SimspecError):
 
 
 class UnsupportedError(SpecError):
-    """A format or an engine cannot say something that the spec says, and the spec did not accept that."""
+    """A format or an engine cannot say something that the spec says, and the spec did not accept that.
+
+    ``brief``: lines that stand in the terminal for those problems that are of single engines; empty: each is told in full.
+    ``ending``: the last lines, the ways out of all problems together; ``ways_out``: the same as data.
+    """
+
+    brief: tuple[str, ...] = ()
+    ending: tuple[str, ...] = ()
+    ways_out: Mapping[str, Any] | None = None
 
 
 class EngineError(SimspecError):

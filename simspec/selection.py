@@ -85,11 +85,11 @@ def supporting(
         try:
             compiled |= compile_world(world, [name], locate, pythons=pythons)
         except UnsupportedError as error:
-            left[name] = dataclasses.replace(refusal(error.problems), acceptable=_acceptable(world, name, pythons))
+            left[name] = dataclasses.replace(refusal(error.problems), acceptable=acceptable(world, name, pythons))
     return compiled, left
 
 
-def _acceptable(world: World, name: str, pythons: Mapping[str, str] | None) -> bool:
+def acceptable(world: World, name: str, pythons: Mapping[str, str] | None) -> bool:
     """Whether an engine supports ``world`` where everything is accepted that can be."""
     words = tuple(feature.value for feature in Feature)
     options = dataclasses.replace(world.options(name), accept=words, outside=words)

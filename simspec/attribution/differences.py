@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from simspec.comparison.worlds import Change, tree
+from simspec.comparison.worlds import Change, leaves, tree
 from simspec.errors import Problem, SpecError
 from simspec.world.canonical import from_plain
 from simspec.world.types import World
@@ -95,8 +95,11 @@ class Difference:
     @property
     def values(self) -> tuple[str, str]:
         """Its value in A and in B, in short."""
-        first = self.changes[0]
-        more = f" (and {len(self.changes) - 1} more)" if len(self.changes) > 1 else ""
+        change = self.changes[0]
+        # of a long list or a mapping what differs first
+        first, *others = [*leaves(change.path, change.before, change.after)] or [change]  # none: another order
+        count = len(self.changes) - 1 + len(others)
+        more = f" (and {count} more)" if count else ""
         return _short(first.before), f"{_short(first.after)}{more}"
 
 

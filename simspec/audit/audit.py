@@ -9,7 +9,7 @@ from pathlib import Path
 
 from simspec.audit.compare import compare
 from simspec.audit.findings import Compiled, EngineAudit, FileAudit, Finding, Severity, What
-from simspec.audit.meaning import Meaning, meaning_of
+from simspec.audit.meaning import Meaning, file_name, meaning_of
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.foreign import Reads
 from simspec.engines.kit.identity import engine_name
@@ -68,7 +68,7 @@ def audit(
         results = proven(meaning.world, list(engines), meaning.locate, pythons, deadline, warm)
     losses = meaning.imported.losses() if meaning.imported is not None else []
     return FileAudit(
-        str(path),
+        file_name(path, options),
         meaning.language,
         meaning.source,
         audits,

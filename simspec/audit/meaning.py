@@ -148,6 +148,11 @@ def packages_of(content: bytes, path: Path, options: ImportOptions) -> dict[str,
     return found
 
 
+def file_name(path: Path, options: ImportOptions) -> str:
+    """What reports call a file: as it was given, or its name in its package."""
+    return str(path) if options.package is None else options.shown(path)
+
+
 def plain_text(value: Any) -> str:
     """A value of a file as a table shows it."""
     if value is None:

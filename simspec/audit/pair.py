@@ -8,7 +8,7 @@ from pathlib import Path
 
 from simspec.audit.compare import Comparison
 from simspec.audit.findings import Finding, Severity, What
-from simspec.audit.meaning import Meaning, meaning_of
+from simspec.audit.meaning import Meaning, file_name, meaning_of
 from simspec.audit.placed import match
 from simspec.engines.kit.foreign import MESH
 from simspec.errors import Problem, SpecError
@@ -38,9 +38,13 @@ class PairAudit:
         return not any(one.silent for one in self.findings) and not self.only_first and not self.only_second
 
 
-def pair(first: Path, second: Path, options: ImportOptions, allow_outside: bool = False) -> PairAudit:
-    """Compare two files. Raises SpecError where simspec does not read one of them, or they have no body in common."""
-    meanings = [meaning_of(path, options, allow_outside) for path in (first, second)]
+def pair(
+    first: tuple[Path, ImportOptions], second: tuple[Path, ImportOptions], allow_outside: bool = False
+) -> PairAudit:
+    """Compare two files, each with what is said to its importer. Raises SpecError where simspec does not read one of them, or
+    they have no body in common."""
+    meanings = [meaning_of(path, options, allow_outside) for path, options in (first, second)]
+    names = file_name(*first), file_name(*second)
     for meaning in meanings:
         if not meaning.bodies:
             problems = meaning.defects or (Problem(f"{meaning.path}: simspec does not import files of this language"),)
@@ -48,7 +52,7 @@ def pair(first: Path, second: Path, options: ImportOptions, allow_outside: bool 
     one, other = meanings
     matched = match(one.bodies, other.bodies)
     if not matched.own:
-        raise SpecError([Problem(f"{first} and {second} have no body of the same name")])
+        raise SpecError([Problem(f"{names[0]} and {names[1]} have no body of the same name")])
     shared = frozenset(matched.own)
     partners = frozenset(body.name for body in matched.own.values())
     held = ReadBack(tuple(map(_told, other.bodies)), other.gravity or (0.0, 0.0, 0.0), 0.0)
@@ -60,8 +64,7 @@ def pair(first: Path, second: Path, options: ImportOptions, allow_outside: bool 
         and finding.severity is not Severity.DEFAULT
     )
     return PairAudit(
-        str(first),
-        str(second),
+        *names,
         len(shared),
         compared.compared,
         findings,

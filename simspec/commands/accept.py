@@ -21,6 +21,7 @@ from simspec.language.strict import near
 from simspec.outputs.writing import write_file
 from simspec.report.plain import text
 from simspec.report.reasons import link
+from simspec.report.refusals import EVERY
 from simspec.report.screen import say
 from simspec.resources import resource_folder
 from simspec.robot_files import NO_WORDS, RobotFiles
@@ -38,10 +39,6 @@ def accept(
     # by label: what is accepted may depend on the version
     selection = named(engine_names(words), pythons) if words else engines_at_work(None, pythons)
     return accept_world(loaded, world, selection, as_json)
-
-
-EVERY = "all"
-"""Stands for every feature with ``--accept``."""
 
 
 def accepted_sets(
@@ -134,6 +131,15 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
     return EXIT_OK
 
 
+def is_writable(spec: Spec) -> bool:
+    """Whether entries can be written into the file of a spec."""
+    try:
+        _own(spec)
+    except SpecError:
+        return False
+    return True
+
+
 def _own(spec: Spec) -> Path:
     """The file of a spec that is the user's own."""
     path = spec.path
@@ -142,6 +148,9 @@ def _own(spec: Spec) -> Path:
     if spec.source.imported is not None:
         hint = f"simspec import {path} -o {path.stem}.yaml; then simspec accept {path.stem}.yaml"
         raise SpecError([Problem(f"{path} is no spec, and is not changed", hint=hint)])
+    if spec.source.package is not None:
+        message = f"{path.name} belongs to {spec.source.package.name} and is not changed"
+        raise SpecError([Problem(message, hint="use it in a spec of your own")])
     if path.resolve().is_relative_to(resource_folder("specs").resolve()):
         hint = "copy it to a file of your own"
         raise SpecError([Problem(f"{path} belongs to simspec's library and is not changed", hint=hint)])

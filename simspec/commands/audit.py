@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from simspec.arguments import chosen_engines, engines_at_work, interpreters, print_json
+from simspec.arguments import chosen_engines, engines_at_work, interpreters, print_json, spec_name
 from simspec.audit.audit import audit as audit_file
 from simspec.audit.findings import FileAudit
 from simspec.audit.pair import pair as compare_pair
@@ -13,7 +13,9 @@ from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.confinement import walls
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
-from simspec.language.foreign import ImportOptions
+from simspec.language.foreign import ImportOptions, suffixes
+from simspec.language.packages import is_packaged, is_robot, packaged
+from simspec.language.sources import of_package
 from simspec.outputs.targets import demand, file_problem
 from simspec.outputs.writing import write_file
 from simspec.report.audit import audit_data, audit_sections, audit_suites, pair_data, show_audit, show_pair
@@ -24,7 +26,7 @@ from simspec.robot_files import NO_WORDS, RobotFiles
 
 
 def audit(
-    files: Sequence[Path],
+    files: Sequence[str],
     engine: list[str] | None,
     *,
     pair: bool,
@@ -47,15 +49,16 @@ def audit(
     selection = engines_at_work(chosen_engines(engine), pythons)
     if page_file is not None:
         demand([file_problem(page_file, is_page)])
-    with reporting(reports, ", ".join(str(path) for path in files[:3]), as_json):
+    with reporting(reports, ", ".join(files[:3]), as_json):
         audits: list[FileAudit] = []
         with progress(not as_json) as tell, WarmProcesses() as warm:
-            for path in files:
+            for file in files:
+                path, said = _robot(file, options)
                 audits.append(
                     audit_file(
                         path,
                         selection.engines,
-                        options,
+                        said,
                         pythons=pythons,
                         deadline=deadline,
                         prove=verify,
@@ -81,10 +84,18 @@ def audit(
     return EXIT_OK if all(one.clean for one in audits) else EXIT_FAILED
 
 
-def _pair(files: Sequence[Path], options: ImportOptions, allow_outside: bool, as_json: bool) -> int:
+def _robot(name: str, options: ImportOptions) -> tuple[Path, ImportOptions]:
+    """The file that an argument means, a path or a name of one of an installed package, and what is said to its importer."""
+    if not is_packaged(name) and (Path(name).exists() or not is_robot(name)):
+        return Path(name), options
+    found = packaged(spec_name(name), suffixes())
+    return found.path, of_package(options, found)
+
+
+def _pair(files: Sequence[str], options: ImportOptions, allow_outside: bool, as_json: bool) -> int:
     if len(files) != 2:
         raise SpecError([Problem("--pair compares two files", found=str(len(files)))])
-    found = compare_pair(files[0], files[1], options, allow_outside)
+    found = compare_pair(_robot(files[0], options), _robot(files[1], options), allow_outside)
     if as_json:
         print_json(pair_data(found))
     else:

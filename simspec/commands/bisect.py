@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from simspec.analysis.run_figures import find_figure
-from simspec.arguments import interpreters, load_spec, print_json
+from simspec.arguments import interpreters, load_spec, print_json, spec_file
 from simspec.attribution.configuration import Configuration
 from simspec.attribution.models import model_lines, prove
 from simspec.commands.accept import accepted_sets
@@ -31,7 +31,6 @@ from simspec.outputs.writing import open_folder
 from simspec.report.bisect import bisect_data, bisect_lines
 from simspec.report.progress import progress
 from simspec.report.screen import say
-from simspec.resources import find_spec
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.world.types import World
 
@@ -79,9 +78,9 @@ def bisect(
         chosen = _between(kind, every, first, last, versions is not None)
         unsupported = _unsupported(world, name, chosen, loaded.spec.locate)
         folder = store or RUNS / world.name / SWEEP_FOLDER
-        problems = [folder_problem(folder, STORE, [find_spec(spec)])]
+        problems = [folder_problem(folder, STORE, [spec_file(spec)])]
         if store is None:
-            problems.append(folder_problem(folder.parent, STUDY, [find_spec(spec)]))
+            problems.append(folder_problem(folder.parent, STUDY, [spec_file(spec)]))
         demand(problems)
         provide = functools.partial(_provided, kind, pythons, yes, tell)
         for end in (chosen[0], chosen[-1]):

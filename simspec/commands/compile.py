@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec import generated
-from simspec.arguments import chosen_engines, engines_for_files, load_spec
-from simspec.commands.accept import accepted_sets
+from simspec.arguments import chosen_engines, engines_for_files, load_spec, spec_file
+from simspec.commands.accept import accepted_sets, is_writable
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
 from simspec.outputs.targets import check_folder, demand, folder_problem
 from simspec.report.plain import text
+from simspec.report.refusals import WaysOut, ways_out, with_endings
 from simspec.report.screen import console, say
-from simspec.resources import find_spec
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.canonical import sha256
@@ -99,14 +99,14 @@ def compile_all(
     """Compile specs into their folders, or see whether these are current. The problems of all specs come together."""
     alone = out is not None and len(names) == 1
     if alone and out is not None and not check:
-        check_folder(out, COMPILED, [find_spec(names[0])])
+        check_folder(out, COMPILED, [spec_file(names[0])])
     problems: list[Problem] = []
     loaded: list[tuple[Spec, World]] = []
     holds: list[Path] = []
     for name in names:
         try:
             loaded.append(load(name))
-            holds.append(find_spec(name))
+            holds.append(spec_file(name))
         except SpecError as error:
             problems.extend(error.problems)
     worlds = [world.name for _, world in loaded]
@@ -117,15 +117,7 @@ def compile_all(
     refused = [] if check else [folder_problem(folder, COMPILED, holds) for folder in folders]
     if any(refused):
         demand([*problems, *refused])
-    built: list[Built] = []
-    chosen: list[Selection] = []
-    for spec, world in loaded:
-        try:
-            chosen.append(selection.for_world(world, spec.locate))
-            built.append(generated.build(world, chosen[-1], spec.locate))
-        except SpecError as error:
-            problems.extend(error.problems)
-    demand(problems)
+    built, chosen = _built(loaded, selection, problems)
     if check:
         return _check(built, folders, as_json, selection.named)
     written = [generated.write(scenario, folder) for scenario, folder in zip(built, folders, strict=True)]
@@ -154,6 +146,29 @@ def compile_all(
                 for shown in tables(scenario.world, compiled):
                     console().print(shown)
     return EXIT_OK
+
+
+def _built(
+    loaded: Sequence[tuple[Spec, World]], selection: Selection, problems: Sequence[Problem]
+) -> tuple[list[Built], list[Selection]]:
+    """What each spec is compiled to, and for which engines. Raises SpecError with ``problems`` and those of all specs."""
+    built: list[Built] = []
+    chosen: list[Selection] = []
+    ways: dict[str, WaysOut] = {}
+    every = list(problems)
+    for spec, world in loaded:
+        try:
+            chosen.append(selection.for_world(world, spec.locate))
+            built.append(generated.build(world, chosen[-1], spec.locate))
+        except SpecError as error:
+            every.extend(error.problems)
+            name = spec.source.document.file
+            found = ways_out(error.problems, name, selection.engines, world, selection.pythons, is_writable(spec))
+            ways |= {name: found} if found is not None else {}
+    if ways:
+        raise with_endings(every, ways)
+    demand(every)
+    return built, chosen
 
 
 def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool, named: bool) -> int:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
-import re
 import sys
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from simspec.arguments import print_json
 from simspec.errors import EXIT_OK, Problem, SpecError
@@ -16,6 +14,7 @@ from simspec.language.beginning import AT_LIMITS, listed
 from simspec.language.foreign import Imported, is_foreign, suffixes
 from simspec.language.load import Spec, load
 from simspec.language.losses import counts, grouped, of_physics, problems
+from simspec.language.packages import PACKAGE, ROBOT, ROBOTS, NotCachedError, Package, is_packaged, is_robot, packaged
 from simspec.language.sources import project_folder
 from simspec.meshes.files import LARGEST_FILE as LARGEST_MESH
 from simspec.outputs.marker import MESHES
@@ -26,9 +25,6 @@ from simspec.report.imported import losses_table, repairs_table
 from simspec.report.screen import console, say
 from simspec.report.terminal import show_warnings
 from simspec.robot_files import RobotFiles
-
-DESCRIPTION: Final = re.compile(r"[a-z0-9_]+_description")
-"""Names of modules of the package robot_descriptions."""
 
 
 def import_file(
@@ -42,13 +38,14 @@ def import_file(
     as_json: bool,
 ) -> int:
     """Import ``file``, and print or write the spec. Raises SpecError with every problem."""
-    path, more_packages = find_robot(file)
-    options = robot_files.options(*more_packages)
+    named = find_robot(file)
+    path = packaged(named, suffixes()).path if is_packaged(named) else Path(named)
+    options = robot_files.options()
     if out is not None:
         demand([_not_over_the_source(out, path), file_problem(out, is_unchanged)])
     if meshes is not None:
         demand([folder_problem(meshes, MESHES, [path])])
-    spec = load(path, allow_outside=allow_outside, options=options)
+    spec = load(named, allow_outside=allow_outside, options=options)
     imported = imported_of(spec)
     if (problem := too_long(imported, str(path))) is not None:
         raise SpecError([problem])
@@ -60,7 +57,7 @@ def import_file(
         raise SpecError([Problem(f"{path.name} has meshes within itself, which a spec names as files", hint=hint)])
     folder = out.parent if out is not None else Path()
     if meshes is None:
-        called = from_folder(imported, folder)
+        called = from_folder(imported, folder, spec.source.package)
     else:
         sources, called = copies(imported, meshes, folder)
     text = spec_text(imported, path.name, called)
@@ -70,11 +67,11 @@ def import_file(
     if out is not None:
         write_file(out, text, is_unchanged)
     if as_json:
-        print_json(_data(imported, path, out, text))
+        print_json(_data(imported, path, out, text, spec.source.package))
         return EXIT_OK
     if out is None:
         sys.stdout.write(text)
-    _show(imported, path, out)
+    _show(imported, path, out, spec.source.package)
     return EXIT_OK
 
 
@@ -86,42 +83,34 @@ def imported_of(spec: Spec) -> Imported:
     return imported
 
 
-def find_robot(name: str) -> tuple[Path, tuple[str, ...]]:
-    """The file that is meant, and folders of packages that belong to it: a path, or the name of a module of the package
-    robot_descriptions. Raises SpecError where there is neither."""
+def find_robot(name: str) -> str:
+    """The robot file that is meant, as ``load`` takes it: a path, a file of an installed package, or a robot of
+    robot_descriptions, which is fetched where it is not in the cache. Raises SpecError where there is none."""
     path = Path(name)
-    if path.is_file():
-        if not is_foreign(path.name):
+    if path.is_file() or is_packaged(name):
+        if not is_foreign(name) and not name.startswith(ROBOT):
             allowed = ", ".join(suffixes())
             raise SpecError([Problem(f"{name}: not a file of a language that simspec imports", allowed=allowed)])
-        return path, ()
-    if not DESCRIPTION.fullmatch(name):
+    elif not is_robot(name):
         hint = "is a folder" if path.is_dir() else "no such file"
-        raise SpecError(
-            [Problem(f"{name}: {hint}", allowed="a file, or a name of robot_descriptions (panda_description)")]
-        )
-    return described(name)
+        allowed = f"a file, {PACKAGE}NAME/PATH, or a name of {ROBOTS} (panda_description)"
+        raise SpecError([Problem(f"{name}: {hint}", allowed=allowed)])
+    else:
+        name = f"{ROBOT}{name}"
+    if name.startswith(ROBOT):
+        try:
+            packaged(name, suffixes())
+        except NotCachedError:
+            _fetch(name.removeprefix(ROBOT).partition("/")[0])
+    return name
 
 
-def described(name: str) -> tuple[Path, tuple[str, ...]]:
-    """The file of a robot of robot_descriptions, and the folder that its package is in."""
-    if importlib.util.find_spec("robot_descriptions") is None:
-        hint = "pip install robot_descriptions"
-        raise SpecError([Problem(f"{name}: no such file, and robot_descriptions is not installed", hint=hint)])
+def _fetch(name: str) -> None:
+    """Let robot_descriptions fetch a robot into its cache, which runs its code and git. Raises SpecError."""
     try:
-        module = importlib.import_module(f"robot_descriptions.{name}")
-    except ModuleNotFoundError as error:
-        if error.name != f"robot_descriptions.{name}":
-            raise
-        raise SpecError([Problem(f"{name}: robot_descriptions has no such robot")]) from None
+        importlib.import_module(f"{ROBOTS}.{name}")
     except Exception as error:  # it fetches by git, which fails in ways of its own
-        raise SpecError([Problem(f"{name}: robot_descriptions cannot fetch it: {error}")]) from None
-    # its files are called LANGUAGE_PATH, its folders PACKAGE_PATH and REPOSITORY_PATH
-    known = [str(path) for word, path in sorted(vars(module).items()) if word.endswith("_PATH")]
-    fitting = [Path(text) for text in known if is_foreign(Path(text).name)]
-    if not fitting:
-        raise SpecError([Problem(f"{name}: in no language that simspec imports", found=", ".join(known))])
-    return fitting[0], (str(Path(module.PACKAGE_PATH).parent),)
+        raise SpecError([Problem(f"{name}: {ROBOTS} cannot fetch it: {error}")]) from None
 
 
 def _not_over_the_source(out: Path, path: Path) -> Problem | None:
@@ -129,9 +118,10 @@ def _not_over_the_source(out: Path, path: Path) -> Problem | None:
     return Problem(f"{out}: is the file that is imported", hint="use a new file name") if same else None
 
 
-def _data(imported: Imported, path: Path, out: Path | None, text: str) -> dict[str, Any]:
+def _data(imported: Imported, path: Path, out: Path | None, text: str, package: Package | None) -> dict[str, Any]:
     return {
-        "source": path,
+        "source": path if package is None else package.named(path),
+        "version": package.version if package is not None else None,
         "spec": out,
         "name": imported.data["name"],
         "text": text,
@@ -162,11 +152,11 @@ def _data(imported: Imported, path: Path, out: Path | None, text: str) -> dict[s
             }
             for repair in imported.repairs
         ],
-        "read": {str(file): digest for file, digest in imported.read.items()},
+        "read": {(package and package.named(file)) or str(file): digest for file, digest in imported.read.items()},
     }
 
 
-def _show(imported: Imported, path: Path, out: Path | None) -> None:
+def _show(imported: Imported, path: Path, out: Path | None, package: Package | None) -> None:
     """What became of the file; on standard error where the spec is on standard output."""
     screen = console(error=out is None)
     if imported.suspicious:
@@ -177,9 +167,9 @@ def _show(imported: Imported, path: Path, out: Path | None) -> None:
         screen.print(losses_table(path.name, grouped(lost)))
     if out is not None:
         project = project_folder(out)
-        here = (
-            "" if all(file.is_relative_to(project) for file in imported.files.values()) else " (with --allow-outside)"
-        )
+        folders = [project] if package is None else [project, package.root]
+        inside = all(any(file.is_relative_to(folder) for folder in folders) for file in imported.files.values())
+        here = "" if inside else " (with --allow-outside)"
         say(f"wrote {out}; now: simspec check {out}{here}")
     if imported.starts:
         say(f"{AT_LIMITS}: {listed(imported.starts)}", error=out is None)

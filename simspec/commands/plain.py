@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from simspec import generated
+from simspec.arguments import spec_file
 from simspec.audit.exported import ReaderLoss, reader_losses
 from simspec.commands.single import only_one, write_single
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
@@ -23,7 +24,6 @@ from simspec.outputs.writing import update_folder
 from simspec.report.losses import losses_table, reader_lines
 from simspec.report.plain import text
 from simspec.report.screen import console, say
-from simspec.resources import find_spec
 from simspec.world.canonical import sha256
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def write_plain(
             else:
                 folder = out if len(names) == 1 else out / world.name
             layout = profile or next(iter(language.PROFILES), "")
-            exports.append(Export(spec, world, format_name, language.plain(world), find_spec(name), folder, layout))
+            exports.append(Export(spec, world, format_name, language.plain(world), spec_file(name), folder, layout))
         except SpecError as error:
             problems.extend(error.problems)
     folders = [export.folder for export in exports]
@@ -138,7 +138,7 @@ def write_plain(
     refused = (
         []
         if check or single
-        else [folder_problem(folder, PLAIN, [find_spec(name) for name in names]) for folder in folders]
+        else [folder_problem(folder, PLAIN, [spec_file(name) for name in names]) for folder in folders]
     )
     demand([*problems, *refused])
     if single and out is not None:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, source_of
+from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, source_of, spec_file
+from simspec.commands.accept import is_writable
 from simspec.commands.baseline import NO_BASELINES, Baselines, with_baseline
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.commands.diff import diff_code
@@ -18,12 +19,12 @@ from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.report.final import ends
 from simspec.report.plain import study_data, text
 from simspec.report.progress import progress
+from simspec.report.refusals import with_ways_out
 from simspec.report.regressions import comparison_lines, comparison_suite
 from simspec.report.screen import console, say
 from simspec.report.session import show_run
 from simspec.report.terminal import show_not_taken
 from simspec.report.tested import skipped_suites, study_suites
-from simspec.resources import find_spec
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.types import World
@@ -69,27 +70,29 @@ def run(
             duration_of_model=OF_A_MODEL,
         )
         pythons = interpreters(python, engine)
-        return run_world(
-            world,
-            engines_at_work(words, pythons, demand=False),
-            out / world.name,
-            spec=find_spec(spec),
-            locate=loaded.locate,
-            prove=prove,
-            repeats=repeats,
-            keep_going=keep_going,
-            tolerance=tolerance if fail_on_diff is None else fail_on_diff,
-            fail_on_diff=fail_on_diff is not None,
-            pythons=pythons,
-            deadline=deadline,
-            source={**source_of(spec, sets, robot_files), **_shown(loaded.data.record.show)},
-            page=page,
-            as_json=as_json,
-            warnings=warned,
-            show=loaded.data.record.show,
-            reports=reports,
-            baselines=baselines,
-        )
+        selection = engines_at_work(words, pythons, demand=False)
+        with with_ways_out(spec, selection.engines, world, pythons, is_writable(loaded)):
+            return run_world(
+                world,
+                selection,
+                out / world.name,
+                spec=spec_file(spec),
+                locate=loaded.locate,
+                prove=prove,
+                repeats=repeats,
+                keep_going=keep_going,
+                tolerance=tolerance if fail_on_diff is None else fail_on_diff,
+                fail_on_diff=fail_on_diff is not None,
+                pythons=pythons,
+                deadline=deadline,
+                source={**source_of(spec, sets, loaded, robot_files), **_shown(loaded.data.record.show)},
+                page=page,
+                as_json=as_json,
+                warnings=warned,
+                show=loaded.data.record.show,
+                reports=reports,
+                baselines=baselines,
+            )
 
 
 OF_A_MODEL = "1s"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import engines_at_work, interpreters, load_spec, print_json, source_of
+from simspec.arguments import engines_at_work, interpreters, load_spec, print_json, source_of, spec_file
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_OK, Location, Problem, SpecError
@@ -36,7 +36,6 @@ from simspec.report.sweep import CSV_FIRST, csv_text, groups, outcome_data, show
 from simspec.report.swept import sweep_suites
 from simspec.report.terminal import show_error, show_not_taken
 from simspec.report.tested import skipped_suites
-from simspec.resources import find_spec
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 
@@ -86,7 +85,7 @@ def sweep(
         if scheduler is not None:
             demand_cluster(scheduler, jobs, plan)
         at_once = side_by_side(jobs, plan) if scheduler is None else 1
-        _demand_targets(store, folder, csv, find_spec(spec))
+        _demand_targets(store, folder, csv, spec_file(spec))
         if dry_run:
             return _dry_run(plan, folder, at_once, selection, not no_verify, as_json)
         if store is None:
@@ -103,7 +102,7 @@ def sweep(
                 retry_failed=retry_failed,
                 pythons=pythons,
                 deadline=deadline,
-                source={**source_of(spec, sets, robot_files), "show": list(loaded.data.record.show)},
+                source={**source_of(spec, sets, loaded, robot_files), "show": list(loaded.data.record.show)},
                 progress=tell,
                 wait=wait,
             )

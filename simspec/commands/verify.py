@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simspec import generated
-from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec
+from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, spec_file
+from simspec.commands.accept import is_writable
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
 from simspec.commands.self_test import complete_self_test, self_test
 from simspec.engines.kit.identity import engine_version
@@ -19,9 +20,9 @@ from simspec.outputs.writing import add_file
 from simspec.report import terminal
 from simspec.report.plain import certificate_data, text
 from simspec.report.progress import progress
+from simspec.report.refusals import with_ways_out
 from simspec.report.screen import console
 from simspec.report.tested import certificate_suites, skipped_suites
-from simspec.resources import find_spec
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.types import World
@@ -73,19 +74,20 @@ def verify(
             spec, sets, allow_outside, robot_files=robot_files, strict=strict, as_json=as_json
         )
         check_targets(world, spec, out, contact)
-        return verify_world(
-            world,
-            selection,
-            loaded.locate,
-            pythons,
-            deadline,
-            out,
-            as_json,
-            contact,
-            cache,
-            warnings=warned,
-            reports=reports,
-        )
+        with with_ways_out(spec, selection.engines, world, pythons, is_writable(loaded)):
+            return verify_world(
+                world,
+                selection,
+                loaded.locate,
+                pythons,
+                deadline,
+                out,
+                as_json,
+                contact,
+                cache,
+                warnings=warned,
+                reports=reports,
+            )
 
 
 def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> None:
@@ -94,7 +96,7 @@ def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> N
     ``contact``: whether plots are written too.
     """
     folder = out or generated.GENERATED / world.name
-    problems = [folder_problem(folder, COMPILED, [find_spec(spec)])]
+    problems = [folder_problem(folder, COMPILED, [spec_file(spec)])]
     problems += [] if any(problems) else [own_name_problem(folder, generated.CERTIFICATE_FILE)]
     if contact:
         problems.append(folder_problem(PLOTS / world.name, STUDY))

@@ -144,7 +144,9 @@ class Files:
         if not is_file and beside is None and (other := self._above(text)) is not None:
             return other
         if not is_file:
-            raise MissingFileError([element.problem(NO_FILE[0], found=text, hint=f"looked for {_short(target)}")])
+            raise MissingFileError(
+                [element.problem(NO_FILE[0], found=text, hint=f"looked for {self.options.shown(target)}")]
+            )
         return resolved
 
     def _above(self, text: str) -> Path | None:
@@ -208,10 +210,3 @@ def _of_another_system(text: str, element: Element) -> Problem:
 def is_missing(error: SpecError) -> bool:
     """Whether :meth:`Files.find` found nothing there, where reading would be allowed."""
     return all(problem.message in NO_FILE for problem in error.problems)
-
-
-def _short(path: Path) -> str:
-    try:
-        return str(path.relative_to(Path.cwd()))
-    except ValueError:
-        return str(path)

@@ -15,6 +15,7 @@ from simspec.language.document import MOST_EVENTS, build, event_count, events
 from simspec.language.foreign import Imported
 from simspec.language.layout import WIDTH, Entry, Node, lines, node_of
 from simspec.language.mesh import named_files
+from simspec.language.packages import Package
 
 MARK: Final = "# Written by simspec import"
 """How a file begins that simspec may write again; then the file that it comes from, and :data:`SUM` of what follows."""
@@ -108,10 +109,14 @@ def _renamed(data: dict[str, Any], files: Mapping[str, str]) -> dict[str, Any]:
     return changed
 
 
-def from_folder(imported: Imported, folder: Path) -> dict[str, str]:
-    """What a spec in ``folder`` calls the files that the data names: their paths from there."""
+def from_folder(imported: Imported, folder: Path, package: Package | None = None) -> dict[str, str]:
+    """What a spec in ``folder`` calls the files that the data names: their names in the ``package`` that they are in, else
+    their paths from there."""
     here = folder.resolve()
-    return {text: Path(os.path.relpath(path, here)).as_posix() for text, path in imported.files.items()}
+    return {
+        text: (package and package.named(path)) or Path(os.path.relpath(path, here)).as_posix()
+        for text, path in imported.files.items()
+    }
 
 
 def copies(imported: Imported, into: Path, folder: Path) -> tuple[dict[str, Path], dict[str, str]]:

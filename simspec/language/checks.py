@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from simspec.errors import Problem
 from simspec.language import trees
 from simspec.language.document import INVALID, Document, Key
+from simspec.language.joint_names import (
+    CLASH_HINT,
+    chosen,
+    clash_words,
+    entry_of,
+    initial_entries,
+    initial_meant,
+    is_name_or_pattern,
+    too_many,
+)
 from simspec.language.joints import beyond_cone, outside, outside_cone, read_position, read_velocity, within
 from simspec.language.models import Body
 from simspec.language.sources import Source
 from simspec.language.strict import Fault, Faults, near, required
 from simspec.language.trees import Bodies
+from simspec.language.units import article
 from simspec.language.vocabulary import JOINT_KINDS
 
 DEFAULT_GROUP = "default"
@@ -178,7 +189,7 @@ def mass_faults(body: Body) -> Iterator[Fault]:
 def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
     document, path = source.document, bodies.placed
     raw: Any = document.data["models"][path[1]]
-    yield from _starts(document, path, raw, bodies)
+    yield from _starts(source, document, path, raw, bodies)
     roots = bodies.roots()
     if len(roots) != 1:
         return
@@ -203,13 +214,10 @@ def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
     kind = bodies.joint_type(roots[0]) if len(roots) == 1 else "free"
     actuators = trees.actuator_names(source, bodies)
     for state in named.values():
-        yield from _starts(state.source.document, state.path, state.raw, bodies)
+        yield from _starts(source, state.source.document, state.path, state.raw, bodies)
         commands = state.raw.get("commands")
-        for name in commands if isinstance(commands, Mapping) else ():
-            if name not in actuators:
-                message, allowed = f"the model has no actuator {name!r}", ", ".join(list(actuators)[:20]) or None
-                place, near_one = (*state.path, "commands", name), near(str(name), actuators)
-                yield state.source.document.problem(place, message, key=True, allowed=allowed, hint=near_one)
+        if isinstance(commands, Mapping):
+            yield from _commands(state.source.document, (*state.path, "commands"), commands, actuators)
         if "pose" in state.raw and kind not in ("free", "fixed"):
             hint = "write positions"
             message = f"the root {roots[0]!r} has a joint to the world, so it has no pose of its own"
@@ -227,49 +235,103 @@ def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
         yield file.document.problem(path, message, found=f"a {kind} joint")
 
 
-def _starts(document: Document, path: tuple[Key, ...], raw: Mapping[str, Any], bodies: Bodies) -> Iterator[Problem]:
-    """What is wrong with initial positions and velocities by joint."""
+def _commands(
+    document: Document, path: tuple[Key, ...], commands: Mapping[str, Any], actuators: Sequence[str]
+) -> Iterator[Problem]:
+    """What is wrong with the names of commands by actuator."""
+    if (many := too_many(commands)) is not None:
+        yield document.problem(path, many.faults[0].message, found=many.faults[0].found, allowed=many.faults[0].allowed)
+        return
+    named = {name: value for name, value in commands.items() if is_name_or_pattern(name)}
+    for name in named:
+        if not chosen(name, actuators):
+            message, allowed = f"the model has no actuator {name!r}", ", ".join(list(actuators)[:20]) or None
+            yield document.problem((*path, name), message, key=True, allowed=allowed, hint=near(name, actuators))
+    for clash in entry_of(named, lambda entry: chosen(entry, actuators))[1]:
+        yield document.problem((*path, clash.other), clash_words(clash), key=True, hint=CLASH_HINT)
+
+
+def _starts(
+    source: Source, document: Document, path: tuple[Key, ...], raw: Mapping[str, Any], bodies: Bodies
+) -> Iterator[Problem]:
+    """What is wrong with initial positions and velocities by joint, which ``document`` says at ``path``."""
     joints = {joint: (name, k) for name in bodies.raw for k, joint in enumerate(bodies.joint_names(name))}
+    kinds = {joint: str(bodies.joint_types(owner)[index]) for joint, (owner, index) in joints.items()}
+    following = trees.followers(source, bodies)
     for key, reader in (("positions", read_position), ("velocities", read_velocity)):
-        values = raw.get(key)
-        for joint, value in values.items() if isinstance(values, Mapping) else ():
-            place = (*path, key, joint)
-            if joint not in joints:
+        written = raw.get(key)
+        if not isinstance(written, Mapping):
+            continue
+        values = {entry: value for entry, value in written.items() if is_name_or_pattern(entry)}
+        if (many := too_many(values)) is not None:
+            fault = many.faults[0]
+            yield document.problem((*path, key), fault.message, found=fault.found, allowed=fault.allowed)
+            continue
+        for entry, value in values.items():
+            place = (*path, key, entry)
+            meant = initial_meant(entry, values, kinds, following)
+            if not meant:
                 allowed = ", ".join(list(joints)[:20])
-                hint = near(joint, joints)
-                yield document.problem(place, f"the model has no joint {joint!r}", key=True, allowed=allowed, hint=hint)
+                message = f"no joint of the model that {entry!r} could mean" if "*" in entry else ""
+                message = message or f"the model has no joint {entry!r}"
+                yield document.problem(place, message, key=True, allowed=allowed, hint=near(entry, joints))
                 continue
-            owner, index = joints[joint]
-            kind = bodies.joint_types(owner)[index]
-            if value is INVALID or kind not in JOINT_KINDS:
+            types = {kinds[joint]: joint for joint in meant}
+            if len(types) > 1:
+                found = ", ".join(f"{joint}: {article(kind)}" for kind, joint in types.items())
+                message = "one number for hinges and slides would have two units"
+                yield document.problem(place, message, key=True, found=found, hint="separate patterns, or names")
                 continue
-            if kind in ("fixed", "free"):
-                word = "position" if key == "positions" else "velocity"
-                hint = "write pose and velocity of the model" if kind == "free" else "remove it"
-                yield document.problem(place, f"{joint} is a {kind} joint, which has no {word}", hint=hint)
-                continue
-            try:
-                read = reader(kind, value)
-            except Faults as error:
-                for wrong in error.faults:
-                    yield document.problem(
-                        (*place, *wrong.loc), wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint
-                    )
-                continue
-            body = bodies.typed.get(owner)
-            written = None if body is None else body.joints[index] if body.joints else body.joint
-            limits = None if written is None else written.limits
-            if key != "positions" or limits is None:
-                continue
-            beyond: Fault | None = None
-            if limits.position is not None and within(read, limits.position) is None:
-                beyond = outside(read, limits.position, ())
-            elif limits.angle is not None and beyond_cone(read, limits.angle):
-                beyond = outside_cone(read, limits.angle, ())
-            if beyond is not None:
-                yield document.problem(
-                    place, beyond.message, found=beyond.found, allowed=beyond.allowed, hint=beyond.hint
-                )
+            for joint in meant:
+                wrong = list(_start(document, place, joint, kinds[joint], key, value, reader, joints[joint], bodies))
+                yield from wrong
+                if wrong:
+                    break  # of a pattern the first
+        for clash in initial_entries(values, kinds, following)[1]:
+            yield document.problem((*path, key, clash.other), clash_words(clash), key=True, hint=CLASH_HINT)
+
+
+def _start(
+    document: Document,
+    place: tuple[Key, ...],
+    joint: str,
+    kind: str,
+    key: str,
+    value: Any,
+    reader: Callable[[str, Any], Any],
+    where: tuple[str, int],
+    bodies: Bodies,
+) -> Iterator[Problem]:
+    """What is wrong with the initial position or velocity (``key``) of one joint; ``where``: its body, and its index there."""
+    if value is INVALID or kind not in JOINT_KINDS:
+        return
+    if kind in ("fixed", "free"):
+        word = "position" if key == "positions" else "velocity"
+        hint = "write pose and velocity of the model" if kind == "free" else "remove it"
+        yield document.problem(place, f"{joint} is a {kind} joint, which has no {word}", hint=hint)
+        return
+    try:
+        read = reader(kind, value)
+    except Faults as error:
+        for wrong in error.faults:
+            yield document.problem(
+                (*place, *wrong.loc), wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint
+            )
+        return
+    owner, index = where
+    body = bodies.typed.get(owner)
+    written = None if body is None else body.joints[index] if body.joints else body.joint
+    limits = None if written is None else written.limits
+    if key != "positions" or limits is None:
+        return
+    beyond: Fault | None = None
+    if limits.position is not None and within(read, limits.position) is None:
+        beyond = outside(read, limits.position, ())
+    elif limits.angle is not None and beyond_cone(read, limits.angle):
+        beyond = outside_cone(read, limits.angle, ())
+    if beyond is not None:
+        of = f" of {joint}" if place[-1] != joint else ""
+        yield document.problem(place, beyond.message + of, found=beyond.found, allowed=beyond.allowed, hint=beyond.hint)
 
 
 def _part(source: Source, name: str) -> Mapping[str, Any]:

@@ -9,13 +9,13 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from simspec.language.actuators import COMMAND
-from simspec.language.joint_names import PATTERN, JointNames, read_pattern, too_many
+from simspec.language.joint_names import PATTERN, JointNames, NamePattern, read_pattern, too_many
 from simspec.language.joints import DIMENSION, check_suits_driven, read_by_joint
 from simspec.language.quantities import Number
 from simspec.language.reader import Reader
-from simspec.language.strict import ABSENT, Fault, Maybe, Strict, fault, misspelt, show
+from simspec.language.strict import ABSENT, Fault, Maybe, Strict, fault, misspelt, replace_loc, show
 from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, SCALAR_JOINTS
-from simspec.language.words import Flag, Name, Word
+from simspec.language.words import Flag, Word
 
 MOST_CONTROLLERS = 100
 LARGEST_GEAR = 1e6
@@ -116,8 +116,8 @@ class Controller(Strict):
     actuators: Maybe[Annotated[tuple[str, ...], JointNames("actuator")]] = Field(
         ABSENT, description="Instead of `joints`: the models' actuators that act, by full names (MODEL/ACTUATOR)"
     )
-    commands: dict[Annotated[str, Name(path=True)], Annotated[Any, COMMAND]] = Field(
-        {}, description="Commands of the actuators by full names, instead of their own"
+    commands: dict[Annotated[str, NamePattern("actuator", path=True)], Annotated[Any, COMMAND]] = Field(
+        {}, description="Commands of the actuators by full names, instead of their own; `*` matches any text"
     )
     discretisation: Annotated[str, Word(DISCRETISATIONS)] = Field(
         "explicit", description="explicit: the law at the beginning of a step; implicit: at its end; not with `native`"
@@ -188,6 +188,9 @@ class Controller(Strict):
 
     @classmethod
     def _of_actuators(cls, data: Mapping[str, Any]) -> Iterator[Fault]:
+        commands = data.get("commands")
+        if isinstance(commands, Mapping) and (many := too_many(commands)) is not None:
+            yield from replace_loc(many.faults, ("commands",))
         for key in cls.model_fields:
             if key in data and key not in ("actuators", "commands", "discretisation", "every"):
                 why = "one or the other" if key == "joints" else "the actuators say it"

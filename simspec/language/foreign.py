@@ -18,6 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 from simspec.errors import Location, Problem, SpecError
 from simspec.language.beginning import Start, begin_within
 from simspec.language.document import Document, Key, Mark, Path_
+from simspec.language.packages import Package, shown_path
 from simspec.plugins import Offered, offered
 from simspec.reading import NotReadableError, open_regular
 
@@ -87,6 +88,12 @@ class ImportOptions:
     """The folder that relative ``packages`` start from."""
     self_collision: bool = True
     """Whether bodies of the file's model may touch each other; False is said by the spec (``contact.self_collision``)."""
+    package: Package | None = None
+    """The package that the file is in; files of it have its name in messages. Then ``project`` is the package's folder."""
+
+    def shown(self, path: Path) -> str:
+        """What messages call a file."""
+        return shown_path(path, self.package)
 
     def together(self, more: ImportOptions) -> ImportOptions:
         """What a placement says of its file, and what is said of all files (``more``, whose folders are absolute): rules of

@@ -11,11 +11,12 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.language.amounts import too_much
 from simspec.language.checks import check
 from simspec.language.document import Document
-from simspec.language.foreign import Imported, ImportOptions
+from simspec.language.foreign import Imported, ImportOptions, suffixes
 from simspec.language.models import VERSION, File
 from simspec.language.overrides import Override, apply, overridden, without_effect
+from simspec.language.packages import Package, digests, is_packaged, packaged
 from simspec.language.problems import in_order
-from simspec.language.sources import Collector, Source, open_document, project_folder, validate
+from simspec.language.sources import Collector, Source, of_package, open_document, project_folder, validate
 from simspec.language.strict import ABSENT, bounded_suggestions
 from simspec.language.swept import check_sweep
 
@@ -64,6 +65,22 @@ class Spec:
         folder = Path(folder)
         return _checked(Document("<data>", plain), folder, None, folder / "<data>", allow_outside)
 
+    def packages(self) -> dict[str, dict[str, Any]]:
+        """The files of installed packages that the spec was read from, by the package's name (``package://NAME``): its version
+        or commit, and the SHA-256 of each file by its path in the package. Empty where there are none."""
+        files: dict[Path, Package] = {}
+        known: dict[Path, str] = {}
+        for source in self.source.all():
+            files.update(source.packaged)
+            if source.package is None:
+                continue
+            read = {source.path} if source.path is not None else set()
+            if source.imported is not None:
+                known.update(source.imported.read)
+                read.update(source.imported.read, source.imported.files.values())
+            files.update((path, source.package) for path in read if path.is_relative_to(source.package.root))
+        return digests(files, known)
+
     def locate(self, path: str) -> Location | None:
         """The place of a dotted path of the spec or of its world (``bodies.ball_017.mass``), or of the nearest thing
         around it; None for a spec that was made in Python."""
@@ -85,13 +102,14 @@ class Spec:
             problems,
             changed,
             self.source.imported,
+            self.source.package,
         )
 
     def sources_with(self, overrides: Sequence[Override]) -> tuple[Source, list[Problem]]:
         """The files that the spec would use with values put into it, and the problems of finding and reading them. Nothing is
         validated."""
         document, problems = overridden(self.source.document, overrides)
-        source = Source(document, self.source.folder, imported=self.source.imported)
+        source = Source(document, self.source.folder, imported=self.source.imported, package=self.source.package)
         collector = self._collector.again()
         collector.collect(source, (self._place.resolve(),))
         return source, [*problems, *collector.problems]
@@ -125,9 +143,16 @@ def load(
     ``use`` may leave the project folder (the nearest one above with .git or pyproject.toml, else the file's own) only
     with ``allow_outside``. Raises SpecError with every problem, located.
     """
+    options, shown = options or ImportOptions(), str(path)
+    if is_packaged(shown):
+        options = of_package(options, found := packaged(shown, suffixes()))
+        path = found.path
     path = Path(path)
-    options = replace(options or ImportOptions(), project=None if allow_outside else project_folder(path))
-    document, imported = open_document(path, str(path), options)
+    if options.package is not None:
+        shown = options.shown(path)
+    project = options.package.root if options.package is not None else project_folder(path)
+    options = replace(options, project=None if allow_outside else project)
+    document, imported = open_document(path, shown, options)
     return _checked(document, path.parent, path, path, allow_outside, sets, imported, options)
 
 
@@ -143,9 +168,13 @@ def _checked(
 ) -> Spec:
     with bounded_suggestions():
         problems = apply(document, sets) if isinstance(document.data, dict) else []
-    collector = Collector(None if allow_outside else project_folder(place), options)
+    package = options.package if options is not None else None
+    project = package.root if package is not None else project_folder(place)
+    # what is said of one file's package is not said of the files that it uses
+    others = replace(options, package=None) if options is not None else None
+    collector = Collector(None if allow_outside else project, others)
     changed = {text.partition("=")[0].strip() for text in sets}
-    return _validated(document, folder, path, place, collector, problems, changed, imported)
+    return _validated(document, folder, path, place, collector, problems, changed, imported, package)
 
 
 def _validated(
@@ -157,13 +186,14 @@ def _validated(
     problems: Sequence[Problem],
     changed: Set[str],
     imported: Imported | None = None,
+    package: Package | None = None,
 ) -> Spec:
     """The spec of a document. ``place``: the file that it stands for; ``problems``: those of putting values at the paths
     ``changed``."""
     with bounded_suggestions():
         file, more = validate(document)
         problems = [*problems, *document.problems, *more]
-        source = Source(document, folder, file, imported=imported)
+        source = Source(document, folder, file, imported=imported, package=package, path=path)
         collector.collect(source, (place.resolve(),))
         # what is looked at for each model that holds it is looked at only where that has an end
         problems += [*collector.problems, *(too_much(source) or check(source))]

@@ -10,7 +10,7 @@ from simspec.errors import Location
 from simspec.language import trees
 from simspec.language.document import Document, Key
 from simspec.language.engine_options import PairSettings
-from simspec.language.joint_names import matches
+from simspec.language.joint_names import initial_entries, matches
 from simspec.language.sources import Source
 
 _ELEMENT = re.compile(r"(.+)_\d+")
@@ -133,18 +133,35 @@ def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candi
     index, of_joint = _own_joint(bodies, short, rest)
     if of_joint[:1] in (("position",), ("velocity",)) and short in bodies.raw:
         part = {"position": "positions", "velocity": "velocities"}[of_joint[0]]
-        yield from _whole(source.document, ("models", model, part, bodies.joint_names(short)[index]))
+        joint = bodies.joint_names(short)[index]
+        yield from _of_start(source, bodies, source.document, ("models", model, part), joint)
         chosen = trees.chosen_state(source, bodies)
         state = trees.states(source, bodies).get(chosen[2]) if chosen is not None else None
         if state is not None:
-            place = (*map(str, state.path), part, bodies.joint_names(short)[index])
-            yield from _whole(state.source.document, place)
+            yield from _of_start(source, bodies, state.source.document, (*map(str, state.path), part), joint)
     if short in bodies.roots() and rest and rest[0] in ("pose", "velocity"):
         yield from _whole(source.document, ("models", model, rest[0]))
     if short in bodies.raw:
         yield from _in_tree(bodies, short, rest)
     else:
         yield source.document, ("models", model)
+
+
+def _of_start(
+    source: Source, bodies: trees.Bodies, document: Document, path: tuple[str, ...], joint: str
+) -> Iterator[Candidate]:
+    """The entry of initial positions or velocities that a joint has its value from."""
+    values: Any = document.data
+    for step in path:
+        values = values.get(step) if isinstance(values, Mapping) else None
+    if isinstance(values, Mapping):
+        kinds = {
+            name: kind
+            for body in bodies.raw
+            for name, kind in zip(bodies.joint_names(body), bodies.joint_types(body), strict=True)
+        }
+        entries, _ = initial_entries(values, kinds, trees.followers(source, bodies))
+        yield from _whole(document, (*path, entries.get(joint, joint)))
 
 
 def _of_named(source: Source, word: str, name: str, rest: tuple[str, ...]) -> Iterator[Candidate]:

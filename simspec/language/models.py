@@ -21,6 +21,7 @@ from simspec.language.engine_options import WHOLE, EngineOptions
 from simspec.language.expectations import Expectation
 from simspec.language.forces import MOST_FORCES, Force
 from simspec.language.import_options import Import
+from simspec.language.joint_names import NamePattern
 from simspec.language.joints import Joint
 from simspec.language.motions import Motion
 from simspec.language.named_frames import Frame
@@ -247,8 +248,12 @@ class Use(_WithImport):
     velocity: Maybe[Velocity] = Field(
         ABSENT, description="Initial velocity of a free root, in world axes, instead of the model's own"
     )
-    positions: dict[NameOf, Any] = Field({}, description="Initial joint positions by the joint's name in the model")
-    velocities: dict[NameOf, Any] = Field({}, description="Initial joint velocities by the joint's name in the model")
+    positions: dict[Annotated[str, NamePattern()], Any] = Field(
+        {}, description="Initial joint positions by the joint's name in the model; `*` matches any text"
+    )
+    velocities: dict[Annotated[str, NamePattern()], Any] = Field(
+        {}, description="Initial joint velocities by the joint's name in the model; `*` matches any text"
+    )
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.language import walk
+from simspec.language.control import PerJoint
 from simspec.language.document import Document, Key, Mark, parse
 from simspec.language.engine_options import EngineOptions, SettingsAtTimestep
 from simspec.language.hints import hint_for_key
@@ -231,7 +232,8 @@ def _put(holder: Any, mark: Mark | None, kind: Any, step: str, override: Overrid
     elif not isinstance(holder, dict):
         return Problem("this value has no elements", path, place, found=show(holder))
     elif step not in holder:
-        plain_values = isinstance(kind, walk.Free) and not walk.is_model(kind.item)  # settings, joint positions
+        # settings, joint positions, gains by joint
+        plain_values = isinstance(kind, PerJoint) or (isinstance(kind, walk.Free) and not walk.is_model(kind.item))
         unknown = None if plain_values else _unknown(holder, kind, step, path, place)
         if unknown is not None:
             return unknown

@@ -8,6 +8,7 @@ from typing import Any
 
 from simspec.language import walk
 from simspec.language.expectations import KINDS, Expectation
+from simspec.language.joint_names import NamePattern
 from simspec.language.models import File
 from simspec.language.reader import Reader
 from simspec.language.schema import beside
@@ -91,7 +92,7 @@ def _what(kind: Any) -> str:
     if isinstance(kind, Reader):
         return kind.describe()
     if isinstance(kind, walk.Free):
-        key = "name" if isinstance(kind.key, Name) else kind.key.describe()
+        key = "name" if isinstance(kind.key, (Name, NamePattern)) else kind.key.describe()
         return f"{_what(kind.item)} by {key}" if kind.item is not Any else "by joint name"
     if isinstance(kind, list):
         return f"list of {_what(kind[0])}"

@@ -19,6 +19,7 @@ from simspec.language.import_options import Import
 from simspec.language.mesh import SUFFIXES as MESHES
 from simspec.language.mesh import named_files
 from simspec.language.models import File
+from simspec.language.packages import PACKAGE, Package, PackagedFile, is_packaged, is_robot, packaged, shown_path
 from simspec.language.problems import of_validation
 from simspec.language.strict import show
 from simspec.language.words import LONGEST_TEXT
@@ -46,6 +47,12 @@ class Source:
     """The files of shapes (`mesh.file`, `heightfield.file`), found and allowed, by the texts that name them."""
     imported: Imported | None = None
     """What an importer made of a file of another language; None for a spec."""
+    package: Package | None = None
+    """The installed package that the file is in; None for a file that a path names."""
+    path: Path | None = None
+    """The file; None for a document made in Python."""
+    packaged: dict[Path, Package] = field(default_factory=dict)
+    """Files of packages that this file names itself (meshes, tables), with their packages."""
 
     @property
     def content(self) -> File:
@@ -109,6 +116,44 @@ def use_key(placed: Mapping[str, Any]) -> str:
     return text if said is None else f"{text} {json.dumps(said, sort_keys=True, default=str)}"
 
 
+@dataclass(frozen=True)
+class _Place:
+    """A file that a spec names, found and allowed; ``arguments``: those that its package gives it (xacro)."""
+
+    path: Path
+    package: Package | None = None
+    arguments: Mapping[str, str] = field(default_factory=dict)
+
+    def options(self, options: ImportOptions) -> ImportOptions:
+        """What is said to the importer of the file: ``options``, and what its package says."""
+        return of_package(options, PackagedFile(self.path, self.package, self.arguments)) if self.package else options
+
+
+def of_package(options: ImportOptions, found: PackagedFile) -> ImportOptions:
+    """What is said to the importer of a file of a package: only the package's folder may be read, and the package's arguments
+    come after those of ``options``."""
+    arguments = {**found.arguments, **options.arguments}
+    return replace(options, project=found.package.root, package=found.package, arguments=arguments)
+
+
+def _installed_name(path: Path) -> str | None:
+    """The name of a file in a folder of installed packages."""
+    parts = path.parts
+    at = next((index for index, part in enumerate(parts) if part in ("site-packages", "dist-packages")), None)
+    return f"{PACKAGE}{'/'.join(parts[at + 1 :])}" if at is not None and len(parts) > at + 2 else None
+
+
+def _noted(source: Source, place: _Place) -> Path:
+    """The path of a file that ``source`` names; that it is of a package is remembered for the record of what was read."""
+    if place.package is not None:
+        source.packaged[place.path] = place.package
+    return place.path
+
+
+def _is_in(package: Package | None, path: Path) -> bool:
+    return package is not None and path.is_relative_to(package.root)
+
+
 class Collector:
     """Reads the files that a file uses, and theirs; collects every problem."""
 
@@ -138,8 +183,8 @@ class Collector:
         data = source.document.data
         trajectory = data.get("trajectory") if isinstance(data, Mapping) else None
         table = trajectory.get("file") if isinstance(trajectory, Mapping) else None
-        if isinstance(table, str):
-            source.table = self._place(source, ("trajectory", "file"), table)
+        if isinstance(table, str) and (found := self._place(source, ("trajectory", "file"), table)) is not None:
+            source.table = _noted(source, found)
         self._meshes(source)
 
     def _meshes(self, source: Source) -> None:
@@ -154,41 +199,63 @@ class Collector:
             if place is None:
                 missing.add(text)
             else:
-                source.meshes[text] = place
+                source.meshes[text] = _noted(source, place)
 
     def _problem(self, source: Source, path: tuple[Key, ...], message: str, **more: Any) -> None:
         self.problems.append(source.document.problem(path, message, **more))
 
-    def _place(self, source: Source, path: tuple[Key, ...], text: str) -> Path | None:
+    def _packaged(self, source: Source, path: tuple[Key, ...], text: str) -> _Place | None:
+        """The file of a package that a text names, or the robot of that name."""
+        try:
+            found = packaged(text, suffixes())
+        except SpecError as error:
+            here = source.document.locate(path)
+            self.problems.extend(replace(one, location=here, path=dotted(path)) for one in error.problems)
+            return None
+        return _Place(found.path, found.package, found.arguments)
+
+    def _place(self, source: Source, path: tuple[Key, ...], text: str) -> _Place | None:
         """The file that a path of a spec means, where it may be read."""
         if len(text) > LONGEST_TEXT or UNSEEN_CHARACTERS.search(text):
             return None  # reported where it is read
         if not text.strip():
             self._problem(source, path, "not a file path", found=show(text))
             return None
+        if is_packaged(text):
+            return self._packaged(source, path, text)
+        project = self.project
+        if project is not None and source.package is not None:
+            project = source.package.root
         try:
             target = (source.folder / text).resolve()
             is_file = target.is_file()
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
             self._problem(source, path, "this path does not exist", found=show(text))
             return None
-        if self.project is not None and not target.is_relative_to(self.project):
-            allowed = f"files in {shown_path(self.project)}"
+        if not is_file and path[-1] == "use" and is_robot(text):
+            return self._packaged(source, path, text)
+        if project is not None and not target.is_relative_to(project):
+            allowed = f"files in {shown_path(project)}"
             hint = "--allow-outside allows it"
+            if (name := _installed_name(target)) is not None:
+                hint = f"{name} names this file of an installed package"
+            if source.package is not None:
+                allowed, hint = f"files of {source.package.name}", "--allow-outside allows it"
             self._problem(source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint)
             return None
         if not is_file:
             self._problem(source, path, "no such file", found=text, hint=_near_file(target))
             return None
-        return target
+        return _Place(target, source.package if _is_in(source.package, target) else None)
 
     def _find(
         self, source: Source, place: tuple[str, ...], placed: Mapping[str, Any], chain: tuple[Path, ...]
     ) -> Source | None:
         path, text = (*place, "use"), placed["use"]
-        target = self._place(source, path, text)
-        if target is None:
+        found = self._place(source, path, text)
+        if found is None:
             return None
+        target = found.path
         if target in chain:
             loop = " -> ".join(file.name for file in (*chain[chain.index(target) :], target))
             self._problem(source, path, f"circular use of files: {loop}", found=text)
@@ -204,7 +271,7 @@ class Collector:
         own = ImportOptions() if said is None else _options(said, source.folder, self.project)
         if own is None:
             return None  # reported where it is read
-        options = own.together(self.options)
+        options = found.options(own.together(self.options))
         key = (target, options.key())
         if key not in self._read:
             self._read[key] = None
@@ -224,7 +291,9 @@ class Collector:
     ) -> Source | None:
         """A file that ``user`` uses; ``where``: the place of what is wrong, but not with the file."""
         try:
-            document, imported = open_document(target, shown_path(target), replace(options, project=self.project))
+            if self.project is None or options.package is None:
+                options = replace(options, project=self.project)
+            document, imported = open_document(target, options.shown(target), options)
         except SpecError as error:
             here, path = user.locate(where), dotted(where)
             self.problems.extend(
@@ -234,7 +303,7 @@ class Collector:
             return None
         file, problems = validate(document)
         self.problems.extend((*document.problems, *problems))
-        source = Source(document, target.parent, file, imported=imported)
+        source = Source(document, target.parent, file, imported=imported, package=options.package, path=target)
         self.collect(source, (*chain, target))
         return source
 
@@ -253,14 +322,6 @@ def _options(said: Any, folder: Path, project: Path | None) -> ImportOptions | N
         return (said if isinstance(said, Import) else Import.model_validate(said)).options(folder, project)
     except ValidationError:
         return None
-
-
-def shown_path(path: Path) -> str:
-    """A path as messages show it: relative to the working folder where it is below it."""
-    try:
-        return str(path.relative_to(Path.cwd().resolve()))
-    except ValueError:
-        return str(path)
 
 
 def _near_file(target: Path) -> str | None:

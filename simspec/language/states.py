@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
-from simspec.language.shapes import NameOf, Pose, Velocity
+from simspec.language.joint_names import NamePattern
+from simspec.language.shapes import Pose, Velocity
 from simspec.language.strict import ABSENT, Maybe, Strict
 
 
@@ -17,8 +18,13 @@ class State(Strict):
     velocity: Maybe[Velocity] = Field(
         ABSENT, description="Velocity of a free root in the model's axes, instead of its own"
     )
-    positions: dict[NameOf, Any] = Field({}, description="Joint positions by the joint's name in the model")
-    velocities: dict[NameOf, Any] = Field({}, description="Joint velocities by the joint's name in the model")
-    commands: dict[NameOf, Any] = Field(
-        {}, description="Commands by the actuator's name in the model, instead of the actuators' own"
+    positions: dict[Annotated[str, NamePattern()], Any] = Field(
+        {}, description="Joint positions by the joint's name in the model; `*` matches any text"
+    )
+    velocities: dict[Annotated[str, NamePattern()], Any] = Field(
+        {}, description="Joint velocities by the joint's name in the model; `*` matches any text"
+    )
+    commands: dict[Annotated[str, NamePattern("actuator")], Any] = Field(
+        {},
+        description="Commands by the actuator's name in the model, instead of the actuators' own; `*` matches any text",
     )

@@ -286,6 +286,24 @@ def states(source: Source, bodies: Bodies) -> dict[str, WrittenState]:
     return named
 
 
+def followers(source: Source, bodies: Bodies) -> set[str]:
+    """The joints of a model that follow others, by constraints of its files, of its placement in ``source`` and of the
+    scenario."""
+    places: list[tuple[Source, tuple[Key, ...], str]] = [(file, ("model", "constraints"), "") for file in bodies.files]
+    if bodies.placed:
+        places.append((source, (*bodies.placed, "constraints"), ""))
+        places.append((source, ("constraints",), f"{bodies.placed[1]}/"))
+    found: set[str] = set()
+    for file, path, prefix in places:
+        raw = _at(file, path)
+        for constraint in raw.values() if isinstance(raw, Mapping) else ():
+            follow = constraint.get("follow") if isinstance(constraint, Mapping) else None
+            joint = follow.get("joint") if isinstance(follow, Mapping) else None
+            if isinstance(joint, str) and joint.startswith(prefix):
+                found.add(joint.removeprefix(prefix))
+    return found
+
+
 def actuator_names(source: Source, bodies: Bodies) -> list[str]:
     """The names of a model's actuators: of its files', and of its placement's in ``source``."""
     places: list[tuple[Source, tuple[Key, ...]]] = [(file, ("model", "actuators")) for file in reversed(bodies.files)]

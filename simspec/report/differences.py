@@ -14,6 +14,10 @@ from simspec.report.kit import length, number, table, verdict
 
 WIDTHS = (33, 17)
 """Characters of the columns of the largest differences and of what is out of tolerance, so that rows have 80."""
+SHOWN_OF_ONE = 8
+"""Changes of one list or mapping that are listed; a row counts the others."""
+SHOWN_CHANGES = 60
+"""Rows of the table of changes."""
 SHOWN_PAIRS = 3
 """Pairs that touch in one run only that a comparison lists."""
 
@@ -188,13 +192,27 @@ def _pairs(pairs: Sequence[tuple[str, str]]) -> str:
 
 
 def changes(changed: Sequence[Change]) -> Table:
-    """What changed between two worlds."""
+    """What changed between two worlds: of each list or mapping the first changes, and how many more there are. How many there
+    are in all is the caption; the JSON of the command lists every change."""
     result = table("Changes of the world", "", "path", "before", "after")
     signs = {"added": Text("+", style="green"), "removed": Text("-", style="red"), "changed": Text("~", style="yellow")}
+    groups: dict[str, list[Change]] = {}
     for change in changed:
-        is_entry = isinstance(change.before if change.after is None else change.after, dict)
-        cells = ("", "") if is_entry else (_value(change.before), _value(change.after))
-        result.add_row(signs[change.kind], change.path, *cells)
+        groups.setdefault(change.path.rpartition(".")[0], []).append(change)
+    rows = 0
+    for place, group in groups.items():
+        shown = group if len(group) <= SHOWN_OF_ONE + 1 else group[:SHOWN_OF_ONE]
+        for change in shown[: max(0, SHOWN_CHANGES - rows)]:
+            values = change.before if change.after is None else change.after
+            is_entry = isinstance(values, dict) or (values is True and change.kind != "changed")
+            cells = ("", "") if is_entry else (_value(change.before), _value(change.after))
+            result.add_row(signs[change.kind], f"{change.path}{f' ({change.joint})' if change.joint else ''}", *cells)
+            rows += 1
+        if len(shown) < len(group) and rows < SHOWN_CHANGES:
+            result.add_row("", f"{place}: {len(group) - len(shown):,} more", "", "")
+            rows += 1
+    if any(len(group) > SHOWN_OF_ONE + 1 for group in groups.values()) or rows < len(changed):
+        result.caption = f"{len(changed):,} changes in all; --json lists every one"
     return result
 
 

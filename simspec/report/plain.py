@@ -15,7 +15,16 @@ import numpy as np
 from simspec.comparison.floor import Floor
 from simspec.comparison.runs import Diff, summary
 from simspec.comparison.study import Study
-from simspec.errors import MOST_PROBLEMS, MOST_WORDS, UNSEEN_CHARACTERS, EngineError, SimspecError, SpecError, clipped
+from simspec.errors import (
+    MOST_PROBLEMS,
+    MOST_WORDS,
+    UNSEEN_CHARACTERS,
+    EngineError,
+    SimspecError,
+    SpecError,
+    UnsupportedError,
+    clipped,
+)
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 
@@ -71,6 +80,8 @@ def error_data(error: SimspecError) -> dict[str, Any]:
         ]
         if error.more:
             data["problem_count"] = len(error.problems)
+    if isinstance(error, UnsupportedError) and error.ways_out is not None:
+        data["ways_out"] = plain(error.ways_out)
     if isinstance(error, EngineError):
         data["engine"] = error.engine
     return {"error": data}

@@ -16,7 +16,7 @@ from simspec.comparison.study import Study
 from simspec.compiler import Compiled
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.precision import DOUBLE
-from simspec.errors import MOST_PROBLEMS, Problem, SimspecError, SpecError
+from simspec.errors import MOST_PROBLEMS, Problem, Refusal, SimspecError, SpecError, UnsupportedError
 from simspec.report.differences import differences, repeatability
 from simspec.report.final import final_table
 from simspec.report.kit import length, number, table, verdict
@@ -50,12 +50,18 @@ def show_error(error: SimspecError) -> None:
     if not isinstance(error, SpecError):
         screen.print(Text("error: ", style="bold red") + Text(str(error)), soft_wrap=True)
         return
+    brief = error.brief if isinstance(error, UnsupportedError) else ()
     for problem in error.problems[:MOST_PROBLEMS]:
-        screen.print(_problem(problem, Text("error: ", style="bold red")), soft_wrap=True)
-    for line in error.more:
+        if not (brief and isinstance(problem, Refusal)):
+            screen.print(_problem(problem, Text("error: ", style="bold red")), soft_wrap=True)
+    for line in brief:
+        screen.print(line, soft_wrap=True)
+    for line in error.more if not brief else ():
         screen.print(line)
     count = len(error.problems)
     screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red"))
+    for line in error.ending if isinstance(error, UnsupportedError) else ():
+        screen.print(line, soft_wrap=True)
 
 
 def show_warnings(warnings: Sequence[Problem]) -> None:

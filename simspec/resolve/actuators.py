@@ -14,7 +14,7 @@ from simspec.errors import Problem
 from simspec.language.actuators import COMMAND, COMMANDS, OF_JOINT, Actuator
 from simspec.language.control import Controller as SpecController
 from simspec.language.document import Key
-from simspec.language.joint_names import chosen
+from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.models import whole_steps
 from simspec.language.quantities import Number
 from simspec.language.sources import Source
@@ -55,14 +55,15 @@ def written_actuators(source: Source) -> dict[str, Written]:
     found: dict[str, Written] = {}
 
     def begin(prefix: str, bodies: Bodies) -> None:
-        chosen = chosen_state(source, bodies)
-        state = states(source, bodies).get(chosen[2]) if chosen is not None else None
+        begins = chosen_state(source, bodies)
+        state = states(source, bodies).get(begins[2]) if begins is not None else None
         if state is None or state.typed is None:
             return
-        for name, value in state.typed.commands.items():
-            if prefix + name in found:
-                said = (state.source, (*state.path, "commands", name), value)
-                found[prefix + name] = replace(found[prefix + name], started=said)
+        commands = state.typed.commands
+        own = [name.removeprefix(prefix) for name in found if name.startswith(prefix)]
+        for name, entry in entry_of(commands, lambda entry: chosen(entry, own))[0].items():
+            said = (state.source, (*state.path, "commands", entry), commands[entry])
+            found[prefix + name] = replace(found[prefix + name], started=said)
 
     def take(prefix: str, files: Sequence[Source]) -> None:
         for file in reversed(files):
@@ -162,14 +163,16 @@ class ActuatorsDraft:
         return list(names)
 
     def _commands(self, names: Sequence[str]) -> dict[str, tuple[tuple[Key, ...], Any]]:
-        commands: dict[str, tuple[tuple[Key, ...], Any]] = {}
-        for name, value in self._written.commands.items():
-            if name not in names:
-                message = f"{name!r} is not an actuator of this controller"
+        written = self._written.commands
+        for entry in written:
+            if not chosen(entry, names):
+                message = f"{entry!r} is not an actuator of this controller"
                 allowed = ", ".join(names[:8]) or None
-                self._problem(("commands", name), message, key=True, allowed=allowed, hint=near(name, names))
-            commands[name] = (("commands", name), value)
-        return commands
+                self._problem(("commands", entry), message, key=True, allowed=allowed, hint=near(entry, names))
+        said, clashes = entry_of(written, lambda entry: chosen(entry, names))
+        for clash in clashes:
+            self._problem(("commands", clash.other), clash_words(clash), key=True, hint=CLASH_HINT)
+        return {name: (("commands", entry), written[entry]) for name, entry in said.items()}
 
     def _joint(
         self,

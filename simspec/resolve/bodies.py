@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from simspec.errors import Problem
 from simspec.language import trees
 from simspec.language.document import Key
+from simspec.language.joint_names import initial_entries
 from simspec.language.joints import read_position, read_velocity
 from simspec.language.models import Use
 from simspec.language.sources import Source
@@ -201,7 +202,9 @@ def _models(source: Source, only: str | None, expansion: Expansion) -> Iterator[
         if use is None:
             raise ValueError(f"{name} has errors, so it is not resolved")
         tree = _positioned(
-            _begun(next(resolved_trees(bodies, only, expansion.files, expansion.boxes)), source, bodies), use
+            _begun(next(resolved_trees(bodies, only, expansion.files, expansion.boxes)), source, bodies),
+            use,
+            trees.followers(source, bodies),
         )
         frame = pose(use.pose)
         for suffix, element in elements(use.array):
@@ -269,28 +272,32 @@ def _begun(tree: Tree, source: Source, bodies: trees.Bodies) -> Tree:
         tree = replace(tree, placement=pose(state.pose))
     if state.velocity is not None:
         tree = replace(tree, velocity=(state.velocity.linear, state.velocity.angular))
-    return _positioned(tree, state)
+    return _positioned(tree, state, trees.followers(source, bodies))
 
 
-def _positioned(tree: Tree, use: Use | State) -> Tree:
-    """The tree with the initial positions and velocities that its placement, or a state, gives."""
+def _positioned(tree: Tree, use: Use | State, left_out: Container[str]) -> Tree:
+    """The tree with the initial positions and velocities that its placement, or a state, gives; ``left_out``: joints that no
+    pattern means."""
     if not use.positions and not use.velocities:
         return tree
+    kinds = {body.joint.name: body.joint.kind for body in tree.bodies}
+    positions, _ = initial_entries(use.positions, kinds, left_out)
+    velocities, _ = initial_entries(use.velocities, kinds, left_out)
     changed = []
     for body in tree.bodies:
         joint = body.joint
-        if joint.name in use.positions:
-            value = read_position(joint.kind, use.positions[joint.name])
+        if joint.name in positions:
+            value = read_position(joint.kind, use.positions[positions[joint.name]])
             joint = replace(joint, position=orientation(value) if joint.kind == "ball" else (value,))
-        if joint.name in use.velocities:
-            value = read_velocity(joint.kind, use.velocities[joint.name])
+        if joint.name in velocities:
+            value = read_velocity(joint.kind, use.velocities[velocities[joint.name]])
             joint = replace(joint, velocity=value if joint.kind == "ball" else (value,))
         changed.append(replace(body, joint=joint))
     return replace(
         tree,
         bodies=tuple(changed),
-        positions=tree.positions | use.positions.keys(),
-        velocities=tree.velocities | use.velocities.keys(),
+        positions=tree.positions | positions.keys(),
+        velocities=tree.velocities | velocities.keys(),
     )
 
 

@@ -12,7 +12,7 @@ from simspec.errors import Problem
 from simspec.language.control import PER_JOINT
 from simspec.language.control import Controller as SpecController
 from simspec.language.document import Key
-from simspec.language.joint_names import chosen
+from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.models import whole_steps
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
@@ -249,19 +249,16 @@ class _ControllerDraft:
         return {**dict.fromkeys(self.joints, default), **dict(self._same(key, value, self.joints, ()))}
 
     def _mapped(self, key: str, value: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-        said: dict[str, str] = {}
+        said, clashes = entry_of(value, lambda entry: chosen(entry, self.joints))
         for entry, number in value.items():
             place = (*self._path, key, entry)
             meant = chosen(entry, self.joints)
-            twice = next((name for name in meant if name in said), None)
             if not meant:
                 message = f"{entry!r} is not a joint of this controller"
                 self._problem(place, message, key=True, allowed=_some(self.joints), hint=near(entry, self.joints))
-            elif twice is not None:
-                message = f"{twice} has two values: from {entry!r} and from {said[twice]!r}"
-                self._problem(place, message, key=True, allowed="one entry per joint")
-            said.update((name, entry) for name in meant if name not in said)
-            yield from self._same(key, number, meant, (entry,))
+            yield from self._same(key, number, [name for name in meant if said[name] == entry], (entry,))
+        for clash in clashes:
+            self._problem((*self._path, key, clash.other), clash_words(clash), key=True, hint=CLASH_HINT)
         lacking = [name for name in self.joints if name not in said]
         if lacking:
             allowed = "one entry per joint, or one number for all"

@@ -10,6 +10,7 @@ import numpy as np
 
 from simspec.errors import Problem
 from simspec.language.document import Details, Key
+from simspec.language.load import Spec
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
 from simspec.language.trajectory import BY_JOINT
@@ -272,7 +273,15 @@ class _Check:
             f"{joint.name} exceeds its limits at {time:.4g} s{self._draft.label(row)}",
             found=f"{value:.6g} {_UNITS[joint.kind][0]}",
             allowed=allowed,
+            hint=self._straight(row, column),
         )
+
+    def _straight(self, row: int, column: int) -> str | None:
+        """The way out where the spline leaves the limits between points that are within them."""
+        ends = self._values[max(0, row - 1) : row + 1, column]
+        within = bool(np.all((ends >= self._low[column]) & (ends <= self._high[column])))
+        smooth = self._made.interpolation in ("cubic", "quintic")
+        return "interpolation: linear does not overshoot the points" if within and smooth else None
 
     def _too_fast(self, column: int, time: float, speed: float, limit: float) -> Problem:
         joint, row = self._joints[column], self._row(time)
@@ -288,6 +297,50 @@ class _Check:
 
     def _problem(self, row: int, column: int, message: str, **more: Unpack[Details]) -> Problem:
         return self._source.document.problem(self._draft.place(row, self._made.joints[column]), message, **more)
+
+
+DWELL = 0.01
+"""Share of a joint's whole way from which an overshoot between equal points is warned of. Right after a move of equal duration
+a cubic spline passes them by 9 to 25 % of the move, two segments later by 1 %."""
+
+
+def dwell_overshoots(spec: Spec, world: World) -> Iterator[Problem]:
+    """Warnings of points that follow each other with equal positions, between which the spline leaves these, one for each
+    joint: the largest deviation, measured from the spline (rad, m)."""
+    path, written = world.trajectory, spec.data.trajectory
+    if path is None or written is None or written.program or path.velocities or len(path.times) < 3:
+        return
+    if path.interpolation not in ("cubic", "quintic"):
+        return
+    from simspec.control.reference import positions
+
+    values, times = np.array(path.positions), np.array(path.times)
+    equal, way = values[1:] == values[:-1], np.ptp(values, axis=0)
+    columns = np.flatnonzero(equal.any(axis=0) & (way > 0.0))
+    if not len(columns):
+        return
+    course = positions(path)
+    worst = _Worst(len(path.joints))
+    together = max(1, AT_ONCE // (len(BETWEEN) * len(path.joints)))
+    for first in range(0, len(times) - 1, together):
+        part = slice(first, first + together)
+        at = (times[:-1][part, None] + BETWEEN * np.diff(times)[part, None]).ravel()
+        begins, rests = (np.repeat(rows[part], len(BETWEEN), axis=0) for rows in (values[:-1], equal))
+        away = np.where(rests, np.abs(course.at(at)[0] - begins), 0.0)
+        worst.look(away, at, away)
+    kinds = {body.joint.name: body.joint.kind for body in world.bodies}
+    for column in columns:
+        away, time = worst.excess[column], worst.times[column]
+        if away <= DWELL * way[column]:
+            continue
+        joint, row = path.joints[column], int(np.searchsorted(times, time, side="right"))
+        place = ("trajectory", "file") if written.points is None else ("trajectory", "points", row, "positions", joint)
+        yield spec.source.document.problem(
+            place,
+            f"{joint} leaves two equal points by {away:.3g} {_UNITS[kinds[joint]][0]} at {time:.4g} s: between them the "
+            f"{path.interpolation} spline overshoots",
+            hint="interpolation: linear goes straight from point to point; or velocities in every point, 0 in these",
+        )
 
 
 _UNITS = {"hinge": ("rad", "rad/s"), "slide": ("m", "m/s")}

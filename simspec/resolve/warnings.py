@@ -12,6 +12,7 @@ from simspec.errors import Location, Problem
 from simspec.language import trees, walk
 from simspec.language.beginning import AT_LIMITS, Start, listed
 from simspec.language.document import Key
+from simspec.language.joint_names import initial_meant
 from simspec.language.joints import Joint as SpecJoint
 from simspec.language.load import Spec
 from simspec.language.losses import of_physics, problems
@@ -24,6 +25,7 @@ from simspec.language.sources import Source
 from simspec.language.trajectory import TrajectoryPoint
 from simspec.resolve.meshes import fills, mesh_shapes, read_meshes
 from simspec.resolve.timestep_warnings import timestep_warnings
+from simspec.resolve.trajectory import dwell_overshoots
 from simspec.world.kinematics import rigid_groups
 from simspec.world.overlap import deep_overlaps
 from simspec.world.shapes import SHAPES
@@ -61,6 +63,7 @@ def warnings(spec: Spec, world: World) -> list[Problem]:
         *_time(spec, world),
         *_sizes(spec, world),
         *_squeeze(spec, world),
+        *(("dwell", problem) for problem in dwell_overshoots(spec, world)),
         *_meshes(spec),
         *_overlaps(spec, world),
         *timestep_warnings(spec, world),
@@ -141,16 +144,17 @@ def _angles(spec: Spec) -> Warned:
             for name in bodies.raw
             for joint, kind in zip(bodies.joint_names(name), bodies.joint_types(name), strict=True)
         }
-        for joint in use.positions if use is not None else ():
-            value = spec.source.document.data["models"][bodies.placed[1]]["positions"][joint]
-            for path, bare in _of_joint(kinds[joint], value, (*bodies.placed, "positions", joint)):
-                yield _angle(spec.source, path, bare)
-        for state in trees.states(spec.source, bodies).values():
-            for joint in state.typed.positions if state.typed is not None else ():
-                for path, bare in _of_joint(
-                    kinds[joint], state.raw["positions"][joint], (*state.path, "positions", joint)
-                ):
-                    yield _angle(state.source, path, bare)
+        following = trees.followers(spec.source, bodies)
+        places = [(state.source, state.path, state.raw) for state in trees.states(spec.source, bodies).values()]
+        if use is not None:
+            raw = spec.source.document.data["models"][bodies.placed[1]]
+            places.insert(0, (spec.source, bodies.placed, raw))
+        for source, place, raw in places:
+            values = raw.get("positions", {})
+            for entry, value in values.items():
+                meant = initial_meant(entry, values, kinds, following)
+                for path, bare in _of_joint(kinds[meant[0]], value, (*place, "positions", entry)) if meant else ():
+                    yield _angle(source, path, bare)
 
 
 def _angle(source: Source, path: tuple[Key, ...], value: float) -> tuple[str, Problem]:

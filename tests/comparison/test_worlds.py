@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from simspec.comparison.worlds import diff_worlds
+from simspec.attribution.differences import differences
+from simspec.commands.diff import diff_specs
+from simspec.comparison.worlds import diff_worlds, leaves
+from simspec.language.load import load
+from simspec.world.control import Trajectory
 from simspec.world.types import Contact, Expectation, PairContact, Physics
 from tests import worlds
 
@@ -74,3 +81,93 @@ def test_an_empty_contact_law():
     one = worlds.spheres(2)
     found = changed(one, dataclasses.replace(one, contact=Contact()))
     assert found["contact.materials.slick"][0] == "removed"
+
+
+LEGS = """\
+simspec: 1
+name: legs
+physics: {duration: 0.1}
+bodies:
+  base: {fixed: true}
+  a: {parent: base, mass: 1, inertia: {principal: [1, 1, 1]}, joint: {type: hinge, axis: [0, 0, 1]}}
+  b: {parent: a, mass: 1, inertia: {principal: [1, 1, 1]}, joint: {type: hinge, axis: [0, 0, 1]}}
+  c: {parent: b, mass: 1, inertia: {principal: [1, 1, 1]}, joint: {type: hinge, axis: [0, 0, 1]}}
+control:
+  legs: {joints: ["*"], kp: 40, kd: {a_joint: 1, b_joint: 2, c_joint: 3}}
+trajectory:
+  points:
+    - {at: 0, positions: {a_joint: 0, b_joint: 0, c_joint: 0}}
+    - {at: 0.05, positions: {a_joint: 0.1, b_joint: 0.2, c_joint: 0.3}}
+forces:
+  - {body: a, force: [1, 0, 0], from: 0, until: 0.1}
+"""
+
+
+def legs(tmp_path, *sets):
+    (tmp_path / "legs.yaml").write_text(LEGS)
+    return load(tmp_path / "legs.yaml", sets=sets).resolve()
+
+
+def test_a_gain_is_named_and_so_is_its_joint(tmp_path):
+    (change,) = diff_worlds(legs(tmp_path), legs(tmp_path, "control.legs.kd.b_joint=2.5"))
+    assert (change.path, change.before, change.after) == ("controllers.legs.kd.1", 2.0, 2.5)
+    assert change.joint == "b_joint"
+    every = diff_worlds(legs(tmp_path), legs(tmp_path, "control.legs.kp=45"))
+    assert [one.path for one in every] == [f"controllers.legs.kp.{index}" for index in range(3)]
+
+
+def test_another_set_of_joints_names_those_that_came_and_went(tmp_path):
+    alone = [f"trajectory.points.{k}.positions={{c_joint: {0.3 * k}}}" for k in (0, 1)]
+    found = changed(legs(tmp_path), legs(tmp_path, "control.legs={joints: [c_joint], kp: 40, kd: 7}", *alone))
+    assert found["controllers.legs.joints.a_joint"] == ("removed", True, None)
+    assert found["controllers.legs.kp.b_joint"] == ("removed", 40.0, None)
+    assert found["controllers.legs.kd.c_joint"] == ("changed", 3.0, 7.0)
+    assert "controllers.legs.kp.c_joint" not in found
+    assert found["trajectory.positions.1.b_joint"] == ("removed", 0.2, None)
+    assert "trajectory.positions.1.c_joint" not in found
+
+
+def test_a_point_of_a_trajectory_and_a_force(tmp_path):
+    sets = ("trajectory.points.1.positions.c_joint=0.4", "forces.0.force=[1,0,2]")
+    found = changed(legs(tmp_path), legs(tmp_path, *sets))
+    assert found["trajectory.positions.1.2"] == ("changed", 0.3, 0.4)
+    assert found["forces.0.force"] == ("changed", [1.0, 0.0, 0.0], [1.0, 0.0, 2.0])
+
+
+def test_explain_names_the_element_of_a_long_list(tmp_path):
+    (difference,) = differences(legs(tmp_path), legs(tmp_path, "control.legs.kp=45"))
+    assert difference.values == ("40", "45 (and 2 more)")
+
+
+def test_many_changes_are_counted_and_all_in_the_json(tmp_path, capsys):
+    world = legs(tmp_path)
+    rows = [tuple((value, 0.0, 0.0) for _ in range(10_000)) for value in (0.0, 1.0)]
+    times = tuple(k / 1e4 for k in range(10_000))
+    few, many = (dataclasses.replace(world, trajectory=Trajectory(world.trajectory.joints, times, row)) for row in rows)
+    assert diff_specs(few, many, as_json=False) == 1
+    told = capsys.readouterr().out
+    assert len(told.splitlines()) < 80
+    assert "10,000 changes in all; --json lists every one" in told
+    diff_specs(few, many, as_json=True)
+    listed = json.loads(capsys.readouterr().out)["changes"]
+    assert [one["path"] for one in listed] == [f"trajectory.positions.{k}.0" for k in range(10_000)]
+    assert {one["joint"] for one in listed} == {"a_joint"}
+
+
+PLAIN = st.recursive(
+    st.one_of(st.none(), st.integers(0, 3), st.sampled_from(["x", "y"]), st.booleans()),
+    lambda inner: st.one_of(st.lists(inner, max_size=9), st.dictionaries(st.sampled_from("abc"), inner)),
+    max_leaves=20,
+)
+
+
+@given(PLAIN, PLAIN)
+def test_nothing_changed_exactly_where_the_values_are_equal(before, after):
+    found = list(leaves("it", before, after))
+    assert bool(found) == (before != after)
+    assert all(one.before != one.after or one.kind != "changed" for one in found)
+    assert len({one.path for one in found}) == len(found)
+    back = list(leaves("it", after, before))
+    assert {(one.path, repr(one.before), repr(one.after)) for one in found} == {
+        (one.path, repr(one.after), repr(one.before)) for one in back
+    }

@@ -96,7 +96,7 @@ BAD = {
     "one entry for a mix": ("joints: [elbow, lift], kp: {'*': 3}, kd: {elbow: 1, lift: 1}", "kp.*", "hinges and slides", None, None, None),
     "one limit for a mix": ("joints: [elbow, lift], kp: {elbow: 1, lift: 1}, kd: {elbow: 1, lift: 1}, effort_limit: 3", "effort_limit", r"would have two units \(N m or N\)", None, None, None),
     "no gain for a joint": ("joints: [elbow, wrist], kp: {elbow: 3}, kd: 1", "kp", "no value for wrist", None, "one entry per joint", None),
-    "two gains for a joint": ("joints: [elbow, wrist], kp: {elbow: 3, '*': 4}, kd: 1", "kp.*", r"elbow has two values: from '\*' and from 'elbow'", None, None, None),
+    "two gains for a joint": ("joints: [elbow, wrist], kp: {'e*': 3, '*': 4}, kd: 1", "kp.*", r"elbow has two values: from '\*' and from 'e\*'", None, None, "an entry by name has precedence"),
     "gain for a joint that is not driven": ("joints: [elbow], kp: {elbow: 3, wrist: 4}, kd: 1", "kp.wrist", "'wrist' is not a joint of this controller", None, "elbow", None),
     "gain for a misspelt joint": ("joints: [elbow, wrist], kp: {elbow: 3, wrist: 3, wirst: 4}, kd: 1", "kp.wirst", "not a joint of this controller", None, "wrist", "'wrist'"),
     "gains for nothing": ("joints: [elbow], kp: {}, kd: 1", "kp", "no joint given", "{}", None, None),

@@ -66,6 +66,12 @@ def test_use_may_not_leave_the_files_folder(tmp_path):
     assert load(path, allow_outside=True).resolve().bodies
 
 
+def test_a_path_into_an_installed_package_is_answered_with_its_name(tmp_path):
+    spec(tmp_path, "venv/site-packages/cranes/arm.yaml", MODEL)
+    (problem,) = refused(spec(tmp_path, "in/top.yaml", using("../venv/site-packages/cranes/arm.yaml")))
+    assert problem.hint == "package://cranes/arm.yaml names this file of an installed package"
+
+
 @pytest.mark.parametrize("mark", [".git", "pyproject.toml"])
 def test_the_project_is_the_nearest_folder_with_its_mark(tmp_path, mark):
     spec(tmp_path, "project/models/m.yaml", MODEL)

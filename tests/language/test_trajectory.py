@@ -387,3 +387,70 @@ def test_a_trajectory_made_in_python_reads_back():
     written = read.data.model_dump(exclude_unset=True)
     assert File.model_validate(written) == read.data
     assert isinstance(read.data.trajectory, Trajectory)
+
+
+ARM = """\
+simspec: 1
+name: arm
+physics: {{timestep: 1 ms, duration: 2 s}}
+bodies:
+  base: {{fixed: true}}
+  link: {{parent: base, mass: 1, inertia: {{principal: [1, 1, 1]}}, joint: {{name: elbow, type: {kind}, axis: [0, 0, 1]{more}}}}}
+control: {{drive: {{joints: [elbow], kp: 10, kd: 1}}}}
+trajectory: {{{trajectory}}}
+"""
+
+
+def dwelling(tmp_path, trajectory, kind="hinge", more=""):
+    path = tmp_path / "arm.yaml"
+    path.write_text(ARM.format(kind=kind, trajectory=trajectory, more=more))
+    spec = load(path)
+    return spec, [one for one in spec.warnings() if "equal points" in one.message]
+
+
+def points(*places, more=""):
+    rows = (f"{{at: {0.5 * k}, positions: {{elbow: {place}}}{more}}}" for k, place in enumerate(places))
+    return f"points: [{', '.join(rows)}]"
+
+
+def test_an_overshoot_between_equal_points_is_warned_of_with_its_size(tmp_path):
+    spec, (warning,) = dwelling(tmp_path, points(0, 1, 1, 0))
+    assert warning.path == "trajectory.points.2.positions.elbow"
+    assert "elbow leaves two equal points by 0.25 rad at 0.75 s" in warning.message
+    assert "interpolation: linear" in warning.hint
+    from simspec.control.reference import positions
+
+    place = positions(spec.resolve().trajectory).at(np.array([0.75]))[0][0, 0]
+    assert abs(place - 1.0) == pytest.approx(0.25, rel=1e-3)
+    assert "by 0.25 m" in dwelling(tmp_path, points(0, 1, 1, 0), kind="slide")[1][0].message
+
+
+@pytest.mark.parametrize(
+    "trajectory",
+    [
+        points(0, 1, 1, 0) + ", interpolation: linear",
+        points(0, 1, 1, 0) + ", interpolation: hold",
+        points(0, 1, 1, 0, more=", velocities: {elbow: 0}"),
+        points(0, 1, 2, 3),
+        points(1, 1, 1, 1),
+        points(0, 0),
+    ],
+)
+def test_what_stays_at_equal_points_or_has_none_is_not_warned_of(tmp_path, trajectory):
+    assert dwelling(tmp_path, trajectory)[1] == []
+
+
+def test_a_quintic_and_a_table_are_looked_at_too(tmp_path):
+    assert dwelling(tmp_path, points(0, 1, 1, 0) + ", interpolation: quintic")[1]
+    (tmp_path / "way.csv").write_text("time,elbow\n0,0\n0.5,1\n1,1\n1.5,0\n")
+    ((warning,),) = [dwelling(tmp_path, "file: way.csv")[1]]
+    assert warning.path == "trajectory.file"
+
+
+def test_a_spline_that_leaves_the_limits_between_points_within_them_names_linear(tmp_path):
+    with pytest.raises(SpecError) as error:
+        dwelling(tmp_path, points(0, 1, 1, 0), more=", limits: {position: [-0.1, 1.05]}")[0].resolve()
+    assert "interpolation: linear does not overshoot" in error.value.problems[0].hint
+    with pytest.raises(SpecError) as error:
+        dwelling(tmp_path, points(0, 2, 1, 0), more=", limits: {position: [-0.1, 1.05]}")[0].resolve()
+    assert error.value.problems[0].hint is None

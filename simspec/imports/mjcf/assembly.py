@@ -317,9 +317,10 @@ def left_out(element: Element) -> bool:
 def _shown(files: Files, path: Path) -> str:
     """How messages call a file: beside the main one as that is called."""
     try:
-        return str(Path(files.shown).parent / path.relative_to(files.path.resolve().parent))
+        inside = path.relative_to(files.path.resolve().parent)
+        return files.options.shown(path) if files.options.package else str(Path(files.shown).parent / inside)
     except ValueError:
-        return str(path)
+        return files.options.shown(path)
 
 
 def _in_folder(text: str, folder: str, strip: bool) -> str:

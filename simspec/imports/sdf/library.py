@@ -14,7 +14,6 @@ from simspec.imports.files import LIBRARY, PACKAGE, SCHEME, Files
 from simspec.imports.packages import CONFIGURATIONS, MissingFileError
 from simspec.imports.sdf.versions import NEWEST, OLDEST, Version, parsed
 from simspec.language.foreign import suffixes
-from simspec.language.sources import shown_path
 
 ENDS: Final = (".sdf", ".world", ".xml")
 """Ends of names of files, where others are folders of models."""
@@ -77,7 +76,7 @@ def _file(files: Files, text: str, uri: Element, folder: Path) -> Path:
         if PACKAGE.fullmatch(place) is None and SCHEME.fullmatch(place) is not None:
             raise
         configuration = _older(files, place, uri, folder)
-    shown = shown_path(configuration)
+    shown = files.options.shown(configuration)
     choices: list[tuple[Version, str]] = []
     for child in parse(files.bytes_of(configuration, uri), shown).look("sdf"):
         version = parsed(child.attributes.get("version", "1.4"))

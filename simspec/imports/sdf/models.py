@@ -14,7 +14,6 @@ from simspec.imports.sdf.library import GROUND_NOTE, KNOWN, MODELS, SUN_NOTE, ca
 from simspec.imports.sdf.values import Placed, flag, flag_of, lost, pose_of, text_of, unused
 from simspec.imports.sdf.versions import FLAT_BEFORE, UNIQUE_SINCE, Version, check_outermost, modernise, version_of
 from simspec.language.foreign import Fate, Severity
-from simspec.language.sources import shown_path
 
 MOST_INCLUDES: Final = 1_000
 """Includes of one file, those of included files counted: each is a copy of a model."""
@@ -182,7 +181,7 @@ class Reader:
                 raise uri.error("files that include each other", found=uri.text[:200])
             if len(chain) > DEEPEST:
                 raise uri.error(f"more than {DEEPEST} files include one another in a chain", found=uri.text[:200])
-            root = self.root(path, self.files.bytes_of(path, uri), shown_path(path))
+            root = self.root(path, self.files.bytes_of(path, uri), self.files.options.shown(path))
         if root is None or _without_bodies(element, root):
             return None
         models = root.look("model", "include")

@@ -26,7 +26,6 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element
 from simspec.imports.files import Files, is_missing
 from simspec.imports.xacro.limits import CPU_SECONDS, LARGEST_TEXT, PLACE_NOW, SECONDS
-from simspec.language.sources import shown_path
 
 LARGEST_ANSWER: Final = 4 * LARGEST_TEXT
 """Bytes from the process: a text of the largest size, each character escaped."""
@@ -158,7 +157,7 @@ class _Expansion:
             self.send(process, {"missing": error.problems[0].message + f": {name}"})
             return
         text = _decoded(self.files.bytes_of(path, element), path.name, place)
-        self.names.append(shown_path(path))
+        self.names.append(self.files.options.shown(path))
         self.send(process, {"text": text})
 
     def _place(self, place: Any) -> Location:

@@ -1,0 +1,156 @@
+"""What engines refuse of a spec, in few lines: one for each feature, and two at the end with the ways out of all together."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from simspec.compiler import OPTION_OF
+from simspec.engines.kit.identity import engine_name
+from simspec.errors import Problem, Refusal, UnsupportedError
+from simspec.selection import acceptable
+from simspec.support.declarations import Level
+from simspec.world.types import World
+
+EVERY = "all"
+"""Stands for every feature with ``--accept``."""
+MOST_NAMED = 6
+"""Features that the last line names; it counts the others."""
+MOST_WORDS = 3
+"""Features that are named as words of ``--accept``; more stand as ``all``."""
+_LEVELS = {option: level for level, option in OPTION_OF.items()}
+_WORDS = {
+    Level.APPROXIMATE: "approximate in",
+    Level.OUTSIDE: "computed outside of",
+    Level.UNSUPPORTED: "not supported by",
+}
+
+
+@dataclass(frozen=True)
+class WaysOut:
+    """The ways out of what engines refuse of one spec.
+
+    accepted     by engine that supports the spec once these are accepted: the features by option (``accept``, ``outside``)
+    unsupported  by engine that nothing accepted helps: the features that it does not support, or the messages of problems
+                 that are of no feature
+    by_none      features that none of the engines supports
+    command      writes what is missing into the spec; empty where there is nothing to accept, or no file to write
+    words        the same for one command, without writing: words of the command line
+    """
+
+    accepted: Mapping[str, Mapping[str, Sequence[str]]]
+    unsupported: Mapping[str, Sequence[str]]
+    by_none: Sequence[str]
+    command: str
+    words: str
+
+    def lines(self) -> tuple[str, str]:
+        """The two last lines of a command that fails for refusals."""
+        if not self.accepted:
+            first = "Accepting by name does not help any of these engines"
+        else:
+            how = " or ".join(filter(None, (self.command, self.words)))
+            first = f"To accept what differs in {', '.join(self.accepted)}: {how}"
+        if self.by_none:
+            return first, f"Supported by none of these engines: {', '.join(self.by_none)}"
+        if not self.unsupported:
+            return first, "Every feature is supported by each of these engines once it is accepted"
+        lacked = list(dict.fromkeys(feature for features in self.unsupported.values() for feature in features))
+        return first, f"Not supported by {', '.join(self.unsupported)}, whatever is accepted: {_some(lacked)}"
+
+
+def ways_out(
+    problems: Iterable[Problem],
+    spec: str,
+    engines: Sequence[str],
+    world: World | None = None,
+    pythons: Mapping[str, str] | None = None,
+    writable: bool = True,
+) -> WaysOut | None:
+    """The ways out of what ``engines`` (names or labels) refuse of the file ``spec``; None where no problem is of one engine.
+
+    ``world``: engines that seem to need acceptances alone are compiled for with everything accepted, since a format may
+    refuse more. ``writable``: whether ``simspec accept`` can write the file."""
+    by_engine: dict[str, list[Refusal]] = {}
+    for problem in problems:
+        if isinstance(problem, Refusal):
+            by_engine.setdefault(problem.engine, []).append(problem)
+    if not by_engine:
+        return None
+    accepted: dict[str, dict[str, list[str]]] = {}
+    unsupported: dict[str, list[str]] = {}
+    labels = {engine_name(label): label for label in engines}
+    for engine, refusals in by_engine.items():
+        lacking = [one.feature or one.message for one in refusals if not one.option]
+        if not lacking and world is not None and not acceptable(world, labels.get(engine, engine), pythons):
+            lacking = ["its files, whatever is accepted"]
+        if lacking:
+            unsupported[engine] = list(dict.fromkeys(lacking))
+            continue
+        for one in refusals:
+            features = accepted.setdefault(engine, {}).setdefault(one.option, [])
+            features += [one.feature] if one.feature not in features else []
+    names = list(dict.fromkeys(map(engine_name, engines))) or list(by_engine)
+    lacked = dict.fromkeys(feature for of_engine in unsupported.values() for feature in of_engine)
+    by_none = [feature for feature in lacked if all(feature in unsupported.get(name, ()) for name in names)]
+    command = ""
+    if accepted and writable:
+        command = " ".join(["simspec accept", shlex.quote(spec), *(f"-e {labels.get(one, one)}" for one in accepted)])
+    words = dict.fromkeys(word for options in accepted.values() for named in options.values() for word in named)
+    few = [f"--accept {word}" for word in words] if len(words) <= MOST_WORDS else [f"--accept {EVERY}"]
+    return WaysOut(accepted, unsupported, by_none, command, " ".join(few) if words else "")
+
+
+def with_endings(
+    problems: Iterable[Problem], ways: Mapping[str, WaysOut], lines: Sequence[str] = ()
+) -> UnsupportedError:
+    """The error of several specs, whose last lines are the ways out by spec; ``lines``: see ``UnsupportedError.brief``."""
+    error = UnsupportedError(problems)
+    error.brief = tuple(lines)
+    error.ending = tuple(
+        f"{name}: {line}" if len(ways) > 1 else line for name, found in ways.items() for line in found.lines()
+    )
+    error.ways_out = {name: vars(found) for name, found in ways.items()}
+    return error
+
+
+def brief(problems: Iterable[Problem]) -> list[str]:
+    """One line for each feature that engines refuse, with the engines, and for each problem of an engine that is of none."""
+    groups: dict[str, list[Refusal]] = {}
+    for problem in problems:
+        if isinstance(problem, Refusal):
+            groups.setdefault(problem.feature or f"{problem.engine}: {problem.message}", []).append(problem)
+    lines = []
+    for what, refusals in groups.items():
+        levels: dict[Level, dict[str, None]] = {}
+        for one in refusals:
+            levels.setdefault(_LEVELS.get(one.option, Level.UNSUPPORTED), {})[one.engine] = None
+        place = f"{refusals[0].location}: " if refusals[0].location else ""
+        told = "; ".join(f"{_WORDS[level]} {', '.join(levels[level])}" for level in _WORDS if level in levels)
+        lines.append(f"{place}{what}: {told}" if refusals[0].feature else f"{place}{what}")
+    return lines
+
+
+@contextmanager
+def with_ways_out(
+    spec: str,
+    engines: Sequence[str],
+    world: World,
+    pythons: Mapping[str, str] | None = None,
+    writable: bool = True,
+) -> Iterator[None]:
+    """What raises UnsupportedError within gets the ways out (see :func:`ways_out`) as its last lines."""
+    try:
+        yield
+    except UnsupportedError as error:
+        found = ways_out(error.problems, spec, engines, world, pythons, writable)
+        if found is not None and not error.ending:
+            error.ending, error.ways_out = found.lines(), {spec: vars(found)}
+        raise
+
+
+def _some(features: Sequence[str]) -> str:
+    more = f", {len(features) - MOST_NAMED} more" if len(features) > MOST_NAMED else ""
+    return ", ".join(features[:MOST_NAMED]) + more
