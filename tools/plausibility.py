@@ -134,14 +134,16 @@ CORRESPOND: Mapping[str, tuple[str, ...]] = {
     "kinematics.hinge": ("axis-apart",),
 }
 """The rules of simspec that say the same as a check of simcheck."""
-BY_MESH = (
+BY_FILE = (
     "geometry.mesh_quality",
     "geometry.convexity",
     "engine.collision_shape",
     "files.mesh_names",
     "geometry.scale",
+    "kinematics.attached",
+    "inertia.ratios",
 )
-"""Checks whose findings are about a mesh, or the whole model, which simspec names otherwise than by the link."""
+"""Checks whose findings are about a mesh, a joint or the whole model, where simspec names the link: any in the file counts."""
 PAIR = {"engine.sweep": (0, 2), "kinematics.pass_through": (1, 3)}
 """Which of the quoted names of a sentence are the links of a pair."""
 REASONS: Sequence[tuple[str, str, str]] = (
@@ -152,6 +154,8 @@ REASONS: Sequence[tuple[str, str, str]] = (
     ("r", r"joints\.limits", "range is|has no lower/upper"),
     ("p", r"structure\.parse", "unbound prefix"),
     ("w", r"engine\.(sweep|rest_contacts)", "'world'"),
+    ("l", r"engine\.sweep", r"'arm' and 'base' collide \(15 mm"),
+    ("a", r"engine\.sweep", r"'arm' and 'base' collide \(130 mm"),
     ("m", r"engine\.rest_contacts", "at rest in pybullet; both parts are primitives"),
     ("g", r"inertia\.tensor", "'finger_lower_link'"),
     ("h", r"inertia\.density", "hollow plastic shell"),
@@ -167,6 +171,7 @@ LEGEND = """\
 | n | a visual and a collision mesh of one name, as most packages have them; the rule `mesh-names` is about collision meshes |
 | r | a range of whole half turns is meant; a limit without numbers is refused, or repaired by `missing-limits` |
 | w | the floor of the scene: overlaps at the start are found, and positions that reach it are no self-collision |
+| l | neighbours, whose contact simspec excludes, that go into each other by less than a tenth of the body's size |
 | m | an overlap of less than a tenth of the inner radius, to which the engine adds margins of 1 mm on both sides |
 | g | a rod: with what is fixed to it, it has a regular tensor; engines that refuse it alone are found by `simspec audit` |
 | h | the wall is 0.3 mm thick or more if it has the least surface that its volume can have |
@@ -228,7 +233,7 @@ def missed(data: Mapping[str, Any], found: Plausibility | None, refusal: str) ->
             if check in ("engine.sweep", "kinematics.pass_through"):  # the two links are named in the sentence alone
                 wanted = {key(word) for word in re.findall(r"'([^']+)'", finding["message"])[slice(*PAIR[check])]}
             there = set().union(*(elements[rule] for rule in rules)) if rules else set()
-            if rules and (check in BY_MESH or not wanted) and there:
+            if rules and (check in BY_FILE or not wanted) and there:
                 continue
             if wanted and wanted <= there:
                 continue
@@ -331,7 +336,7 @@ def page(rows: Sequence[tuple[str, Mapping[str, Any], Plausibility | None, str]]
         ours = found or Plausibility()
         totals.update(f"{one.rule} {one.grade}" for one in ours.findings)
         warnings = _counted(Counter(one.rule for one in ours.warnings))
-        refused = f"refused: {refusal[:60]}" if refusal else ""
+        refused = f"refused: {refusal.rpartition('/')[2][:60]}" if refusal else ""
         cells = (title, _counted(theirs), f"{same} of {sum(theirs.values())}", _counted(left))
         more = "; ".join(part for part in (refused, warnings) if part) or "–"
         lines.append(f"| {' | '.join(cells)} | {more} | {_counted(Counter(one.rule for one in ours.notes))} |")

@@ -66,7 +66,7 @@ EVERYWHERE = [
     ("detached", "tip", {"tip_origin": "0 0 0.46"}, {"tip_origin": "0 0 0.44"}),
     ("axis-apart", "elbow", {"tip_place": "0.12 0 0.15"}, {"tip_place": "0.09 0 0.15"}),
     ("overlap-neighbours", "arm and tip", {"tip_origin": "0 0 0.39"}, {"tip_origin": "0 0 0.396"}),
-    ("limits-equal", "elbow", {"tip_lower": "0.5", "tip_upper": "0.5"}, {"tip_lower": "0.4", "tip_upper": "0.5"}),
+    ("limits-equal", "elbow", {"tip_lower": "0", "tip_upper": "0"}, {"tip_lower": "-0.1", "tip_upper": "0"}),
     ("limits-narrow", "elbow", {"tip_lower": "0", "tip_upper": "0.069"}, {"tip_lower": "0", "tip_upper": "0.071"}),
     ("limits-wide", "elbow", {"tip_lower": "-90", "tip_upper": "45"}, {"tip_lower": "-6.28", "tip_upper": "6.28"}),
     ("limits-wide", "elbow", {"tip_lower": "-7", "tip_upper": "7"}, {"tip_lower": "-62.8319", "tip_upper": "62.8319"}),
