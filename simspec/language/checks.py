@@ -18,7 +18,7 @@ from simspec.language.joint_names import (
     is_name_or_pattern,
     too_many,
 )
-from simspec.language.joints import angle_of, beyond_cone, outside, read_position, read_velocity
+from simspec.language.joints import beyond_cone, outside, outside_cone, read_position, read_velocity, within
 from simspec.language.models import Body
 from simspec.language.sources import Source
 from simspec.language.strict import Fault, Faults, near, required
@@ -325,13 +325,13 @@ def _start(
     if key != "positions" or limits is None:
         return
     beyond: Fault | None = None
-    if limits.position is not None and not limits.position[0] <= read <= limits.position[1]:
+    if limits.position is not None and within(read, limits.position) is None:
         beyond = outside(read, limits.position, ())
     elif limits.angle is not None and beyond_cone(read, limits.angle):
-        beyond = outside(angle_of(read), (0.0, limits.angle), ())
+        beyond = outside_cone(read, limits.angle, ())
     if beyond is not None:
         of = f" of {joint}" if place[-1] != joint else ""
-        yield document.problem(place, beyond.message + of, found=beyond.found, allowed=beyond.allowed)
+        yield document.problem(place, beyond.message + of, found=beyond.found, allowed=beyond.allowed, hint=beyond.hint)
 
 
 def _part(source: Source, name: str) -> Mapping[str, Any]:
