@@ -12,12 +12,12 @@ from simspec.comparison.runs import INCONCLUSIVE, SHOWN_BODIES, BodyDiff, Diff, 
 from simspec.comparison.worlds import Change
 from simspec.report.kit import length, number, table, verdict
 
-WIDTHS = (33, 17)
-"""Characters of the columns of the largest differences and of what is out of tolerance, so that rows have 80."""
 SHOWN_OF_ONE = 8
 """Changes of one list or mapping that are listed; a row counts the others."""
 SHOWN_CHANGES = 60
 """Rows of the table of changes."""
+WIDTHS = (33, 17)
+"""Characters of the columns of the largest differences and of what is out of tolerance, so that rows have 80."""
 SHOWN_PAIRS = 3
 """Pairs that touch in one run only that a comparison lists."""
 

@@ -12,7 +12,7 @@ from simspec.errors import Location, Problem
 from simspec.language import trees, walk
 from simspec.language.beginning import AT_LIMITS, Start, listed
 from simspec.language.document import Key
-from simspec.language.joint_names import initial_meant
+from simspec.language.joint_names import initial_meant, matches
 from simspec.language.joints import Joint as SpecJoint
 from simspec.language.load import Spec
 from simspec.language.losses import of_physics, problems
@@ -120,9 +120,14 @@ def _starts(spec: Spec) -> Warned:
         for file in bodies.files:
             if file.imported is not None:
                 of_state = [start for start in file.imported.starts if chosen is not None and start.state == chosen[2]]
-                own_starts = [one for one in file.imported.starts if not one.state and one.joint not in stated]
-                moved = [one for one in of_state if one.joint not in positions and state is not None]
+                own_starts = [one for one in file.imported.starts if not one.state and not _names(stated, one.joint)]
+                moved = [one for one in of_state if state is not None and not _names(positions, one.joint)]
                 yield from _at_limits(file, [*own_starts, *moved])
+
+
+def _names(entries: Iterable[str], joint: str) -> bool:
+    """Whether one of some names and patterns means a joint."""
+    return any(matches(entry, joint) for entry in entries)
 
 
 def _at_limits(source: Source, starts: Sequence[Start]) -> Warned:
