@@ -270,13 +270,16 @@ def demand_installed(names: list[str], pythons: Mapping[str, str]) -> None:
         raise EngineError(name, why)
 
 
-def source_of(name: str, sets: list[str] | None, robot_files: RobotFiles = NO_WORDS) -> dict[str, Any]:
-    """Where a run's world came from, for its provenance."""
+def source_of(name: str, sets: list[str] | None, robot_files: RobotFiles, spec: Spec) -> dict[str, Any]:
+    """Where a run's world came from, for its provenance, with what was repaired of robot files."""
     import hashlib
 
+    from simspec.language.losses import repaired, repairs_data
     from simspec.resources import find_spec
 
     path = find_spec(name)
-    read = {"robot_files": asdict(robot_files)} if robot_files != NO_WORDS else {}
+    read: dict[str, Any] = {"robot_files": asdict(robot_files)} if robot_files != NO_WORDS else {}
+    if repairs := repaired(spec.source.all()):
+        read["repairs"] = repairs_data(repairs)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     return {"file": path.name, "sha256": digest, "sets": list(sets or ()), **read}

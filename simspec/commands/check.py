@@ -8,7 +8,10 @@ from typing import NamedTuple
 from simspec.arguments import chosen_engines, load_spec, names_alone, print_json
 from simspec.compiler import check_options, compile_world
 from simspec.errors import EXIT_OK, Problem, SpecError
-from simspec.report.screen import say
+from simspec.language.foreign import Repair
+from simspec.language.losses import repaired, repairs_data
+from simspec.report.imported import repairs_table
+from simspec.report.screen import console, say
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.world.canonical import sha256
 
@@ -21,6 +24,7 @@ class Row(NamedTuple):
     bodies: int
     world_sha256: str
     warnings: list[Problem]
+    repairs: list[Repair]
 
 
 def check(
@@ -49,14 +53,16 @@ def check(
         except SpecError as error:
             problems.extend(error.problems)
             continue
-        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings))
+        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings, repaired(spec.source.all())))
     if problems:
         raise SpecError(problems)
     if as_json:
-        print_json({"specs": [row._asdict() for row in rows]})
+        print_json({"specs": [{**row._asdict(), "repairs": repairs_data(row.repairs)} for row in rows]})
     else:
         for row in rows:
             count = len(row.warnings)
             warned = f", {count} warning{'s' if count > 1 else ''}" if count else ""
             say(f"{row.spec}: ok, {row.bodies} bodies, world {row.world_sha256[:12]}{warned}")
+            if row.repairs:
+                console().print(repairs_table(row.repairs))
     return EXIT_OK

@@ -14,7 +14,7 @@ from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text, too_long
 from simspec.language.foreign import Imported, is_foreign, suffixes
 from simspec.language.load import Spec, load
-from simspec.language.losses import counts, grouped, of_physics, problems
+from simspec.language.losses import counts, grouped, of_physics, problems, repairs_data
 from simspec.language.sources import project_folder
 from simspec.meshes.files import LARGEST_FILE as LARGEST_MESH
 from simspec.outputs.marker import MESHES
@@ -147,16 +147,7 @@ def _data(imported: Imported, path: Path, out: Path | None, text: str) -> dict[s
             for account in imported.losses()
         ],
         "suspicious": imported.suspicious,
-        "repairs": [
-            {
-                "rule": repair.rule,
-                "file": repair.location.file,
-                "line": repair.location.line,
-                "what": repair.what,
-                "path": repair.path,
-            }
-            for repair in imported.repairs
-        ],
+        "repairs": repairs_data(imported.repairs),
         "read": {str(file): digest for file, digest in imported.read.items()},
     }
 

@@ -82,7 +82,7 @@ def run(
             fail_on_diff=fail_on_diff is not None,
             pythons=pythons,
             deadline=deadline,
-            source={**source_of(spec, sets, robot_files), **_shown(loaded.data.record.show)},
+            source={**source_of(spec, sets, robot_files, loaded), **_shown(loaded.data.record.show)},
             page=page,
             as_json=as_json,
             warnings=warned,

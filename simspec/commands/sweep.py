@@ -103,7 +103,7 @@ def sweep(
                 retry_failed=retry_failed,
                 pythons=pythons,
                 deadline=deadline,
-                source={**source_of(spec, sets, robot_files), "show": list(loaded.data.record.show)},
+                source={**source_of(spec, sets, robot_files, loaded), "show": list(loaded.data.record.show)},
                 progress=tell,
                 wait=wait,
             )

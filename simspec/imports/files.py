@@ -41,6 +41,10 @@ class MissingFileError(SpecError):
     """A file or a package that is not there."""
 
 
+class MissingPackageError(MissingFileError):
+    """A package that is not found: the file may be whole, and the search path incomplete."""
+
+
 @dataclass
 class Files:
     """What one import reads: the file itself first. ``read`` remembers the SHA-256 of all that was read."""
@@ -150,7 +154,7 @@ class Files:
             if candidate.is_dir():
                 return candidate
         hint = f"--package-path FOLDER (a folder that holds {name}), or --package {name}=FOLDER"
-        raise MissingFileError([element.problem(f"the package {name!r} is not found", found=name, hint=hint)])
+        raise MissingPackageError([element.problem(f"the package {name!r} is not found", found=name, hint=hint)])
 
     def _named(self) -> dict[str, Path]:
         return {name: self.options.base / folder for name, folder in self.options.packages.items()}

@@ -1,15 +1,41 @@
-"""Tensors of inertia that no body has: the rule of repair that all languages share."""
+"""Mass properties that no body has, or that are missing: the rules of repair that several languages share."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Final
 
+from simspec.errors import Problem
+from simspec.language.foreign import RequestedRepairs
+from simspec.language.quantities import Number
+from simspec.language.strict import Faults
+
 Six = tuple[float, float, float, float, float, float]
 """A symmetric tensor: xx, yy, zz, xy, xz, yz."""
 
 RULE: Final = "triangle-inequality"
 MEANING: Final = "a tensor that no body has becomes the nearest one that a body can have"
+FROM_SHAPES: Final = "masses-from-shapes"
+DENSITY: Final = 1000.0
+"""kg/m³ of :data:`FROM_SHAPES` unless a value is given with it; that of water, and the default of SDF and USD."""
+OF_SHAPES: Final = (
+    "what moves and has no mass, or one below 0, has that of its shapes of 1000 kg/m³, or of another density: "
+    "`masses-from-shapes=7850 kg/m^3`"
+)
+
+
+def density_of(requested: RequestedRepairs, shown: str) -> tuple[float, list[Problem]]:
+    """kg/m³ of the rule :data:`FROM_SHAPES`, and the problems of the value that is given with it. ``shown``: what messages call
+    the file."""
+    text = requested.value(FROM_SHAPES)
+    if text is None:
+        return DENSITY, []
+    try:
+        return Number("density", 0.0, above=True).read(text), []
+    except Faults as error:
+        form = f"{FROM_SHAPES}=1000, {FROM_SHAPES}=7850 kg/m^3"
+        message = f"{shown}: the density of {FROM_SHAPES}: "
+        return DENSITY, [Problem(message + one.message, found=text[:80], allowed=form) for one in error.faults]
 
 
 def nearest(tensor: Sequence[float]) -> Six:

@@ -116,7 +116,7 @@ def test_a_scenario_repairs_and_warns_as_well(folder):
         (("good.urdf", "--package", "a"), "expected NAME=DIR"),
         (("good.urdf", "--package", "a=b", "--package", "a=c"), "given twice"),
         (("good.urdf", "--arg", "=x"), "expected NAME=VALUE"),
-        (("good.urdf", "--repair", "all"), "no rule of repair is called 'all'"),
+        (("good.urdf", "--repair", "everything"), "no rule of repair is called 'everything'"),
     ],
 )
 def test_wrong_words_are_named(folder, words, message):

@@ -72,8 +72,8 @@ class Sdf:
         reader = Reader(files)
         root = reader.root(path.resolve(), files.content(), shown)
         scopes, world = _outermost(reader, root, path)
-        graph, meshes = Graph(), Meshes(files, options.repair)
-        problems = _unknown_rules(options, shown)
+        graph, meshes = Graph(), Meshes(files, options.repairs)
+        problems = options.repairs.problems(shown, RULES)
         models: list[ModelRead] = []
         for scope in scopes:
             try:
@@ -101,14 +101,6 @@ class Sdf:
         )
         add_timestep(imported)
         return imported
-
-
-def _unknown_rules(options: ImportOptions, shown: str) -> list[Problem]:
-    return [
-        Problem(f"{shown}: no rule of repair is called {rule!r}", allowed=", ".join(RULES))
-        for rule in options.repair
-        if rule not in RULES
-    ]
 
 
 def _outermost(reader: Reader, root: Element, path: Path) -> tuple[list[Scope], Scope | None]:

@@ -13,7 +13,7 @@ from simspec.imports.elements import Element
 from simspec.imports.files import Files, MissingFileError
 from simspec.imports.meshes import NamedMesh, find_mesh
 from simspec.imports.sdf.values import lost, vector_of
-from simspec.language.foreign import Fate, Repair, Severity
+from simspec.language.foreign import Fate, Repair, RequestedRepairs, Severity
 from simspec.language.mesh import PIECES
 from simspec.language.mesh import SUFFIXES as MESHES
 from simspec.world.types import Vector3
@@ -29,10 +29,10 @@ OPTIMIZATIONS: Final = ("", "convex_hull", DECOMPOSED)
 
 @dataclass
 class Meshes:
-    """The meshes of one import. ``repair``: rules that are applied."""
+    """The meshes of one import. ``repair``: the rules that may be applied."""
 
     files: Files
-    repair: tuple[str, ...]
+    repair: RequestedRepairs
     named: dict[str, Path] = field(default_factory=dict)
     """Every file, by the text that the spec names it by."""
     repairs: list[Repair] = field(default_factory=list)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -35,6 +35,8 @@ class Joint:
     element: Element
     name: str
     """As the spec calls it."""
+    body: str
+    """The child's body, as the spec calls it."""
     kind: str
     """Of the language."""
     parent: str
@@ -62,15 +64,16 @@ class Joint:
         return {**name, "type": self.kind, **self.data}
 
 
-def read_joint(element: Element, given: str, parts: Sequence[str], draft: Draft) -> Joint:
-    """A joint, called ``given`` in the spec, and if it is planar ``parts``. Raises SpecError for what is none;
-    defects that rules repair are collected."""
+def read_joint(element: Element, given: str, parts: Sequence[str], bodies: Mapping[str, str], draft: Draft) -> Joint:
+    """A joint, called ``given`` in the spec, and if it is planar ``parts``; ``bodies``: what the spec calls the links. Raises
+    SpecError for what is none; defects that rules repair are collected."""
     element.need("name")
     renamed(element, "name", given)
     word = element.need("type")
     if word not in TYPES:
         raise element.error("not a type of joint", word, ", ".join(TYPES))
-    joint = Joint(element, given, TYPES[word], _link(element, "parent"), _link(element, "child"))
+    parent, child = _link(element, "parent"), _link(element, "child")
+    joint = Joint(element, given, bodies.get(child, child), TYPES[word], parent, child)
     origin = element.child("origin")
     if origin is not None:
         xyz, rpy = origin.vector("xyz"), origin.vector("rpy")
@@ -150,7 +153,7 @@ def _without_limits(joint: Joint, word: str, draft: Draft) -> None:
         draft.defect(joint.element, f"a {word} joint needs a <limit> with lower and upper", rule, RULES[rule])
         return
     what = f"a {word} joint without lower and upper of <limit> has no limits"
-    draft.repaired(rule, joint.element, what, ("model", "bodies", joint.child, "joint"))
+    draft.repaired(rule, joint.element, what, ("model", "bodies", joint.body, "joint"))
 
 
 def _turned(limit: Element, lower: float, upper: float, draft: Draft, joint: Joint) -> tuple[float, float]:
@@ -159,7 +162,7 @@ def _turned(limit: Element, lower: float, upper: float, draft: Draft, joint: Joi
         draft.defect(limit, "the lower limit is above the upper", rule, RULES[rule], found=f"{lower:g} > {upper:g}")
     else:
         what = f"limits {lower:g}, {upper:g} became {upper:g}, {lower:g}"
-        draft.repaired(rule, limit, what, ("model", "bodies", joint.child, "joint", "limits"))
+        draft.repaired(rule, limit, what, ("model", "bodies", joint.body, "joint", "limits"))
     return upper, lower
 
 

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from simspec.imports.draft import Draft, names, renamed
+from simspec.imports.draft import Draft, names, plain, renamed
 from simspec.imports.elements import MOST_BODIES, SPLIT, Element
 from simspec.imports.files import Files
 from simspec.imports.leading import begin_within
+from simspec.imports.moments import FROM_SHAPES, density_of
 from simspec.imports.timestep import add_timestep
 from simspec.imports.urdf import chains as chain_rules
 from simspec.imports.urdf import joints as joint_rules
@@ -23,7 +24,16 @@ from simspec.imports.urdf.chains import Chain
 from simspec.imports.urdf.contact import add_materials
 from simspec.imports.urdf.joints import Joint, read_joint
 from simspec.imports.urdf.locked import lock
-from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
+from simspec.imports.urdf.masses import (
+    Mass,
+    check_mass,
+    give_mass,
+    leave_out,
+    not_positive,
+    read_mass,
+    solids_of,
+    total,
+)
 from simspec.imports.urdf.mimic import constraints
 from simspec.imports.urdf.numerals import RULES as NUMERAL_RULES
 from simspec.imports.urdf.numerals import mend
@@ -87,7 +97,9 @@ class Robot:
 
     def __init__(self, root: Element, files: Files, options: ImportOptions):
         self.root = root
-        self.draft = Draft(files, options, tuple(RULES))
+        self.draft = Draft(files, options, tuple(RULES), (FROM_SHAPES,))
+        self.density, wrong = density_of(options.repairs, files.shown)
+        self.draft.problems += wrong
         self.links: dict[str, Link] = {}
         self.joints: list[Joint] = []
         self.fixed = False
@@ -147,11 +159,12 @@ class Robot:
             with self.draft.collecting():
                 self._link(element, known, given)
         seen: dict[str, Joint] = {}
+        bodies = {name: link.name for name, link in self.links.items()}
         elements = self.root.children("joint")
         called, parts = _given_to_joints(elements)
         for index, element in enumerate(elements):
             with self.draft.collecting():
-                joint = read_joint(element, called[index], parts.get(index, ()), self.draft)
+                joint = read_joint(element, called[index], parts.get(index, ()), bodies, self.draft)
                 name = element.attributes["name"].strip()
                 if name in seen:
                     first = seen[name].element.location
@@ -215,10 +228,25 @@ class Robot:
         self._compare_moments(tree, top)
         for head, group in members.items():
             still = head == tree.root and self.fixed
+            if not still and self.draft.repairing(FROM_SHAPES):
+                self._give_masses(head, group)
             for name in group:
                 self._check_link(self.links[name], still)
             if not still:
                 self._check_group(tree, head, group)
+
+    def _give_masses(self, head: str, group: list[str]) -> None:
+        """The rule that gives masses by a density: to links whose mass is missing or below 0, and where nothing that moves as
+        one has a mass, to each of it that has a shape with a volume."""
+        links = [self.links[name] for name in group]
+        has_none = head not in self.between and not any(
+            link.mass is not None and link.mass.mass > 0.0 for link in links
+        )
+        for link in links:
+            solids = solids_of(link.shapes)
+            if solids and (has_none or (link.mass is not None and link.mass.lacks_mass)):
+                link.mass = link.mass or Mass(link.element, 0.0)
+                give_mass(link.mass, solids, self.density, self.draft, link.path)
 
     def _compare_moments(self, tree: Tree, top: Mapping[str, str]) -> None:
         """Moments of inertia with the sizes of the links that may move."""
@@ -237,7 +265,7 @@ class Robot:
 
     def _check_link(self, link: Link, still: bool) -> None:
         mass = link.mass
-        if mass is None:
+        if mass is None or mass.density:
             return
         if not still:
             check_mass(mass, bool(link.shapes), self.draft, link.path)
@@ -250,6 +278,8 @@ class Robot:
         masses = {name: mass for name in group if (mass := self.links[name].mass) is not None}
         if any(mass.missing or mass.mass < 0.0 or _negative(mass) for mass in masses.values()):
             return  # reported
+        if any(mass.density for mass in masses.values()):
+            return
         if not any(mass.mass for mass in masses.values()):
             if head in self.between:
                 return  # a joint of the body that moves with the last of the chain
@@ -275,13 +305,13 @@ class Robot:
         link = self.links[head]
         shown = ", ".join(group[:6]) + (", ..." if len(group) > 6 else "")
         if not self.draft.repairing(MASSLESS):
-            self.draft.defect(
-                joint.element, "what this joint moves has no mass", MASSLESS, RULES[MASSLESS], found=shown[:300]
-            )
+            rule = FROM_SHAPES if any(solids_of(self.links[name].shapes) for name in group) else MASSLESS
+            self.draft.defect(joint.element, "what this joint moves has no mass", rule, RULES[rule], found=shown[:300])
             return
         what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {shown[:300]}"
         joint.kind, joint.parts, kept = "fixed", (), joint.data.get("origin")
         joint.data = {} if kept is None else {"origin": kept}
+        self.draft.take_back((*link.path, "joint"))
         self.draft.repaired(MASSLESS, joint.element, what, (*link.path, "joint"))
 
     # --- writing ----------------------------------------------------------------------------------------------
@@ -381,10 +411,12 @@ class Robot:
             if link.element.attributes["name"].strip() in self.weightless:
                 body["gravity_scale"] = 0.0
         body |= joined
-        if link.mass is not None and link.mass.from_shapes:
-            for shape in link.shapes:
+        if link.mass is not None and (link.mass.from_shapes or link.mass.density):
+            for shape in solids_of(link.shapes):
                 if shape.is_open:  # only the hull has a volume
                     shape.data["mesh"] = {**shape.data["mesh"], "mass_from": "hull"}
+                if link.mass.density:
+                    shape.data["density"] = plain(link.mass.density)
         if link.shapes:
             body["shapes"] = [shape.written() for shape in link.shapes]
             for index, shape in enumerate(link.shapes):

@@ -118,7 +118,8 @@ def large_meshes(shapes: Sequence[Shape], joints: Sequence[Joint], draft: Draft)
     apart = max((math.hypot(*joint.origin.position) for joint in joints), default=0.0)
     least = max(LARGEST_MESH, MESH_SHARE * apart) if apart > 0.0 else FURTHEST_JOINT
     far = [shape for shape in shapes if shape.mesh is not None and shape.radius > least]
-    if not far or (apart == 0.0 and not draft.repairing(MILLIMETRES)):  # a ground is as large as it likes to be
+    # without joints the rule has to be named, since a ground may be of any size
+    if not far or (apart == 0.0 and not draft.options.repairs.is_named(MILLIMETRES)):
         return []
     shown = f"{far[0].radius:.3g} m from its origin"
     if not draft.repairing(MILLIMETRES):
