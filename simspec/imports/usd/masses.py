@@ -28,6 +28,15 @@ DENSITY: Final = 1000.0
 """kg/m³ where nothing says a density."""
 STANDS_FOR_NONE: Final = float(np.float32(1e-9))
 """kg, which simspec writes for a body without mass."""
+OF_FILLING: Final = (
+    "physics:density",
+    "physics:mass",
+    "newton:massModel",
+    "newton:shellThickness",
+    "mjc:shellinertia",
+    "mjc:inertia",
+)
+"""Attributes of shapes that say how the body's mass follows from them."""
 INCOMPLETE: Final = "incomplete-inertial"
 TRIANGLE: Final = "triangle-inequality"
 NAMES: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -68,6 +77,9 @@ class MassReader:
         if mass and moments is not None:
             if prim.has("physics:density"):
                 prim.set_aside("physics:density", Fate.UNUSED, "the file gives the mass", Severity.INFORMATION)
+            for shape in shapes:
+                for name in OF_FILLING:
+                    shape.prim.set_aside(name, Fate.UNUSED, "the body has its own mass", Severity.INFORMATION)
             if centre is None:
                 centre = self._middle(prim, solid)
             data: dict[str, Any] = {"mass": plain(mass)}
@@ -91,6 +103,10 @@ class MassReader:
         """The tensor (xx, yy, zz, xy, xz, yz) in the prim's axes (kg m²); None where it is not said."""
         said = prim.reals("physics:diagonalInertia", 3)
         axes = prim.reals("physics:principalAxes", 4)
+        whole = prim.value("newton:inertia")
+        if isinstance(whole, list) and whole:  # the schema: it is in force in place of the others
+            six = prim.reals("newton:inertia", 6) or ()
+            return tuple(value * self.of_inertia for value in six)
         if said is None or not any(said):
             return None
         turn = frames.IDENTITY

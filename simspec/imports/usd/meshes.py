@@ -45,7 +45,7 @@ def name_meshes(shapes: Sequence[Shape], draft: Draft) -> set[int]:
         paths.append(path)
         text = f"meshes/{clean_name(shape.prim.called())[:60]}_{digest[:8]}.obj"
         draft.meshes[text] = path
-        shape.data = {"mesh": {"file": text}}
+        shape.data = {**shape.data, "mesh": {"file": text, **shape.data["mesh"]}}
     made = load([(path, MeshOptions()) for path in paths], MOST_VERTICES)
     usable = {id(shape) for shape in shapes if shape.data}
     for shape, path in zip(meshes, paths, strict=True):
