@@ -177,6 +177,39 @@ class Element:
             yield element
             waiting += element._children
 
+    def same_as(self, other: Element) -> bool:
+        """Whether another element says the same: tag, attributes, text and all that is in it."""
+        waiting = [(self, other)]
+        while waiting:
+            one, two = waiting.pop()
+            if (one.tag, one.attributes, one.text, len(one._children)) != (
+                two.tag,
+                two.attributes,
+                two.text,
+                len(two._children),
+            ):
+                return False
+            waiting += zip(one._children, two._children, strict=True)
+        return True
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the element is taken or set aside."""
+        return self._own is not False
+
+    def leave(self, reason: str, severity: Severity) -> None:
+        """Say of what was neither taken nor set aside, of this element or in it, that it is lost."""
+        waiting = [self]
+        while waiting:
+            element = waiting.pop()
+            if element._own is False:
+                element.set_aside(None, Fate.LOST, reason, severity)
+            elif element._own is True:
+                for name in element.attributes:
+                    if name not in element._taken and name not in element._fates:
+                        element.set_aside(name, Fate.LOST, reason, severity)
+                waiting += element._children
+
     # --- setting aside ----------------------------------------------------------------------------------------
 
     def set_aside(

@@ -179,6 +179,32 @@ def _dynamics(joint: Joint) -> None:
             joint.data[word] = plain(value)
 
 
+def reflect(root: Element, joints: Sequence[Joint]) -> None:
+    """Give joints the inertia of their rotors, of Drake's words for actuators: at the joint it is I r², of a rotor of I
+    (kg m²) and a gear of ratio r. Raises SpecError for what are no numbers."""
+    known = {joint.element.attributes["name"].strip(): joint for joint in joints}
+    for transmission in root.look("transmission"):
+        names = [one.attributes.get("name", "").strip() for one in transmission.look("joint")]
+        for actuator in transmission.look("actuator"):
+            for inertia in actuator.look(ROTOR):
+                gears = actuator.look(GEAR)[:1]
+                rotor = inertia.number("value", 0.0) or 0.0
+                ratio = gears[0].number("value", 1.0) or 0.0 if gears else 1.0
+                if rotor < 0.0:
+                    raise inertia.error("an inertia of a rotor below 0", f"{rotor:g}")
+                joint = known.get(names[0]) if len(names) == 1 else None
+                if joint is None or joint.kind not in SCALAR_JOINTS:
+                    inertia.set_aside(None, LOST, "it is of no single hinge or slide")
+                    continue
+                actuator.set_aside(None, LOST, "describes actuators", INFORMATION)
+                for part in (inertia, *gears):
+                    part.take()
+                if rotor and ratio:
+                    joint.data["armature"] = plain(rotor * ratio * ratio)
+
+
+ROTOR: Final = "drake:rotor_inertia"
+GEAR: Final = "drake:gear_ratio"
 RULES: Final = {
     "missing-limits": "a revolute or prismatic joint without <limit>, or with neither lower nor upper in it, has no limits",
     "turned-limits": "a lower limit above the upper is the upper, and the upper the lower",

@@ -21,8 +21,8 @@ from simspec.imports.urdf import shapes as shape_rules
 from simspec.imports.urdf import tree as tree_rules
 from simspec.imports.urdf import units as unit_rules
 from simspec.imports.urdf.chains import Chain
-from simspec.imports.urdf.contact import add_materials
-from simspec.imports.urdf.joints import Joint, read_joint
+from simspec.imports.urdf.contact import add_materials, excluded
+from simspec.imports.urdf.joints import Joint, read_joint, reflect
 from simspec.imports.urdf.locked import lock
 from simspec.imports.urdf.masses import (
     Mass,
@@ -38,7 +38,7 @@ from simspec.imports.urdf.mimic import constraints
 from simspec.imports.urdf.numerals import RULES as NUMERAL_RULES
 from simspec.imports.urdf.numerals import mend
 from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes
-from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
+from simspec.imports.urdf.table import INFORMATION, LOST, set_aside, settle
 from simspec.imports.urdf.tree import WORLD, Tree, missing_rule, tree_of
 from simspec.imports.urdf.weights import weightless
 from simspec.language.document import Path_
@@ -133,6 +133,7 @@ class Robot:
                 if link.mass is not None:
                     check_mass(link.mass, bool(link.shapes), self.draft, link.path)
         self.draft.finish()
+        settle(self.root)
         draft = self.draft
         imported = Imported(
             data,
@@ -171,6 +172,8 @@ class Robot:
                     self.draft.defect(element, f"two joints are called {name[:80]!r}", found=f"first at {first}")
                 seen.setdefault(name, joint)
                 self.joints.append(joint)
+        with self.draft.collecting():
+            reflect(self.root, self.joints)
         lock(self.joints)
         self._judge_meshes()
         name_shapes([shape for link in self.links.values() for shape in link.shapes])
@@ -361,7 +364,12 @@ class Robot:
         for constraint, what in begin_within(bodies, coupled).items():
             self.draft.note(("model", "constraints", constraint), what)
         more = {"constraints": coupled} if coupled else {}
-        contact = {"contact": {"materials": self.materials}} if self.materials else {}
+        said: dict[str, Any] = {"materials": self.materials} if self.materials else {}
+        with self.draft.collecting():
+            moving = {name: self.links[name].name for name in order if name not in self.between}
+            if pairs := excluded(self.root, self.links, moving):
+                said["exclude"] = pairs
+        contact = {"contact": said} if said else {}
         return {"simspec": VERSION, "name": name, **contact, "model": {"bodies": bodies, **more}}
 
     def _write_chain(self, link: Link, body: dict[str, Any], chain: Chain, from_world: bool) -> None:

@@ -17,7 +17,7 @@ SOLID = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="
 
 SPECIMEN = """\
 <?xml version="1.0"?>
-<robot name="arm two" version="1.0">
+<robot name="arm two" version="1.0" xmlns:drake="http://drake.mit.edu">
   <material name="blue"><color rgba="0 0 0.5 1"/><texture filename="wood.png"/></material>
   <link name="base" type="old" concave="yes">
     <inertial>
@@ -76,7 +76,7 @@ SPECIMEN = """\
     <mimic joint="wrist" multiplier="2" offset="0.5"/>
     <safety_controller soft_lower_limit="-2" k_velocity="1"/>
     <calibration rising="0"/>
-    <joint_properties damping="1"/>
+    <joint_properties damping="1"/><hardwareInterface>EffortJointInterface</hardwareInterface>
   </joint>
   <joint name="wrist" type="continuous">
     <parent link="upper.arm"/>
@@ -84,10 +84,15 @@ SPECIMEN = """\
     <origin xyz="0 0 0.5"/>
     <axis xyz="0 0 1"/>
   </joint>
-  <transmission name="t"><type>simple</type></transmission>
+  <transmission name="t"><type>simple</type><joint name="wrist"/>
+    <actuator name="a"><drake:rotor_inertia value="1e-5"/><drake:gear_ratio value="10"/></actuator></transmission>
+  <drake:collision_filter_group name="g"><drake:member link="base"/><drake:member link="tip"/>
+    <drake:ignored_collision_filter_group name="g"/></drake:collision_filter_group>
+  <inertial/>
   <ros2_control name="r"/>
   <sensor name="s"/>
-  <mujoco><compiler balanceinertia="true"/></mujoco>
+  <mujoco><compiler balanceinertia="true" settotalmass="3" inertiafromgeom="true"/>
+    <option gravity="0 0 0" wind="1 0 0" density="1" viscosity="1"/></mujoco>
   <frame name="f"/>
   <gazebo reference="tip"><mu1>0.2</mu1><mu2>0.2</mu2><material>Gazebo/Blue</material><plugin name="p"/>
     <gravity>0</gravity><turnGravityOff>1</turnGravityOff>
