@@ -9,7 +9,20 @@ from typing import Any, Final
 
 from simspec.imports.draft import Draft, angle, numbers, plain
 from simspec.imports.elements import Element
-from simspec.imports.moments import DENSITY, FROM_SHAPES, MEANING, OF_SHAPES, Six, became, nearest, shown
+from simspec.imports.moments import (
+    DENSITY,
+    FROM_SHAPES,
+    MEANING,
+    NOT_POSITIVE,
+    OF_SHAPES,
+    OF_SHAPES_OR_BALL,
+    Six,
+    ball,
+    became,
+    given,
+    nearest,
+    shown,
+)
 from simspec.imports.moments import RULE as TRIANGLE
 from simspec.imports.urdf.shapes import Shape
 from simspec.imports.urdf.table import INFORMATION, LOST, UNUSED
@@ -164,29 +177,12 @@ def _incomplete(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None
 def give_mass(mass: Mass, solids: Sequence[Shape], density: float, draft: Draft, path: Path_) -> None:
     """Let the mass properties of a link follow from ``solids``, shapes of it with a volume, of ``density`` (kg/m³)."""
     element = mass.element
-    before = f"{mass.mass:g} kg became " if mass.mass else ""
+    what = given(path[-1] if isinstance(path[-1], str) else "", mass.mass, solids, density)
     for part in element.look("origin", "mass", "inertia") if element.tag == "inertial" else ():
         for name in part.attributes:
             part.set_aside(name, LOST, f"replaced by the rule {FROM_SHAPES}")
     mass.mass, mass.tensor, mass.missing, mass.density = 0.0, None, "", density
-    filled = _counted(len(solids), "collision shape" if solids[0].collision else "visual shape")
-    aside = [] if solids[0].collision else ["no collision shape has a volume"]
-    if hulls := sum(shape.is_open for shape in solids):
-        aside.append(f"{_counted(hulls, 'mesh is' if hulls == 1 else 'meshes are', '')} not closed: the hull is filled")
-    kilograms = density * math.fsum(shape.volume for shape in solids)
-    why = f" ({'; '.join(aside)})" if aside else ""
-    what = f"{path[-1]}: {before}{kilograms:.6g} kg, of {filled} of {density:g} kg/m³{why}"
     draft.repaired(FROM_SHAPES, element, what, (*path, "shapes"))
-
-
-def _counted(count: int, what: str, plural: str = "s") -> str:
-    return f"{count} {what}" + (plural if count != 1 else "")
-
-
-def solids_of(shapes: Sequence[Shape]) -> list[Shape]:
-    """The shapes of a link that can be filled: those that collide, or where none of these has a volume, those that are seen."""
-    filled = [shape for shape in shapes if shape.volume > 0.0]
-    return [shape for shape in filled if shape.collision] or filled
 
 
 def _left_out(element: Element, fate: Any, reason: str) -> None:
@@ -203,7 +199,7 @@ def leave_out(mass: Mass) -> None:
 
 def not_positive(mass: Mass, has_shapes: bool, why: str, draft: Draft, path: Path_) -> None:
     """Repair moments of inertia that are not above 0, or report them."""
-    rule = "not-positive"
+    rule = NOT_POSITIVE
     if not draft.repairing(rule):
         draft.defect(mass.element, why, rule, RULES[rule])
     elif mass.mass <= 0.0:
@@ -224,8 +220,7 @@ def _without_moments(mass: Mass, has_shapes: bool, rule: str, draft: Draft, path
         what = f"the centre of mass and the moments follow from the shapes, of even density, of {mass.mass:g} kg"
         draft.repaired(rule, inertial, what, (*path, "mass"))
         return
-    radius = (3.0 * mass.mass / (4.0 * math.pi * DENSITY)) ** (1.0 / 3.0)
-    moment = 0.4 * mass.mass * radius * radius
+    moment = ball(mass.mass)
     mass.tensor = (moment, moment, moment, 0.0, 0.0, 0.0)
     what = f"the moments are those of a ball of {mass.mass:g} kg and {DENSITY:g} kg/m³: {moment:.6g} kg m²"
     draft.repaired(rule, inertial, what, (*path, "inertia"))
@@ -256,7 +251,7 @@ def total(members: Iterable[tuple[Mass, Pose]]) -> tuple[float, Six]:
 RULES: Final = {
     FROM_SHAPES: OF_SHAPES,
     TRIANGLE: MEANING,
-    "not-positive": "moments that are not above 0 follow from the mass and the shapes, or are those of a ball",
+    NOT_POSITIVE: OF_SHAPES_OR_BALL,
     "massless-moments": "moments of inertia of a link whose mass is 0 are left out",
     "incomplete-inertial": "moments that are missing follow from the shapes; an inertial without mass is left out",
 }

@@ -10,7 +10,7 @@ from simspec.imports.draft import Draft, names, plain, renamed
 from simspec.imports.elements import MOST_BODIES, SPLIT, Element
 from simspec.imports.files import Files
 from simspec.imports.leading import begin_within
-from simspec.imports.moments import FROM_SHAPES, density_of
+from simspec.imports.moments import FROM_SHAPES, density_of, solids_of
 from simspec.imports.timestep import add_timestep
 from simspec.imports.urdf import chains as chain_rules
 from simspec.imports.urdf import joints as joint_rules
@@ -31,7 +31,6 @@ from simspec.imports.urdf.masses import (
     leave_out,
     not_positive,
     read_mass,
-    solids_of,
     total,
 )
 from simspec.imports.urdf.mimic import constraints

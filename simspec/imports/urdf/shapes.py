@@ -63,6 +63,11 @@ class Shape:
     material: str = ""
     """Of `contact.materials`; "" for the only one."""
 
+    @property
+    def collides(self) -> bool:
+        """Whether it takes part in contact."""
+        return self.collision
+
     def written(self) -> dict[str, Any]:
         """The shape as the spec says it."""
         data = {"name": self.name, **self.data} if self.name else dict(self.data)

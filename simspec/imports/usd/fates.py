@@ -108,6 +108,8 @@ DEFAULTS: Final[Mapping[str, object]] = {
     "physxRigidBody:enableGyroscopicForces": True,
 }
 """Attributes with the value that is as if they were not there."""
+OF_SENSORS: Final = re.compile(r"(sensor|transmission|ros2_control|hardwareInterface|plugin)(_\d+)?")
+"""Names of prims that a converter makes of elements of URDF without a place in USD: their attributes begin with ``urdf:``."""
 AS_DEFAULT: Final = _rule(".*", "", Fate.UNUSED, INFORMATION, "its default: as without it")
 """Of :data:`DEFAULTS`."""
 ATTRIBUTES: Final = (
@@ -227,7 +229,10 @@ def settle(stage: Stage) -> None:
                 prim.set_aside(None, rule.fate, rule.reason, rule.severity, rule.hint)
             else:
                 prim.take()
+        foreign = any(OF_SENSORS.fullmatch(around.name) for around in prim.ancestors())
         for name in prim.attributes:
+            if foreign and name.startswith("urdf:"):
+                prim.set_aside(name, Fate.LOST, "of sensors and actuators, as a URDF describes them", INFORMATION)
             if name in prim._taken or name in prim._fates:
                 continue
             said = (
