@@ -33,20 +33,36 @@ class Units:
     turns: bool
 
 
-def armature(prim: Prim, units: Units) -> float:
-    """The armature (kg m² or kg), 0 where none is said."""
-    said = [prim.real(name, 0.0) * units.inertia for name in ARMATURES if prim.has(name)]
-    return said[0] if said else 0.0
+AXIS: Final = "PhysxJointAxisAPI"
+"""A schema of words for one axis of a joint, which go before those of the joint."""
 
 
-def passive(prim: Prim, data: dict[str, Any], units: Units, degrees: bool) -> None:
+def armature(prim: Prim, units: Units, instance: str = "") -> float:
+    """The armature (kg m² or kg), 0 where none is said. ``instance``: what the words of the axis are called."""
+    return _first(prim, dict.fromkeys((f"physxJointAxis:{instance}:armature", *ARMATURES), units.inertia))
+
+
+def _axis_friction(prim: Prim, instance: str) -> str:
+    """The attribute of an axis for dry friction, where one number is that of rest and of motion; "" where none is said. Two
+    numbers are lost."""
+    prim.instances(AXIS)
+    rest, motion = (f"physxJointAxis:{instance}:{word}FrictionEffort" for word in ("static", "dynamic"))
+    if prim.real(rest, 0.0) == prim.real(motion, 0.0):
+        return motion if prim.has(motion) else ""
+    for name in (rest, motion):
+        prim.set_aside(name, Fate.LOST, "dry friction is one number")
+    return ""
+
+
+def passive(prim: Prim, data: dict[str, Any], units: Units, degrees: bool, instance: str) -> None:
     """Add to a joint's words the damper, the spring and the dry friction that act in addition to its drive. ``degrees``: the
     unit of the rest position of ``mjc:springref``."""
     speed = units.effort if units.turns else units.effort / units.position
     damping = _first(prim, {"newton:damping": units.effort / units.position, "mjc:damping": speed})
     if damping > 0.0:
         data["damping"] = plain(float(data.get("damping", 0.0)) + damping)
-    friction = _first(prim, {"newton:friction": units.effort, "mjc:frictionloss": units.effort})
+    names = (_axis_friction(prim, instance), "newton:friction", "mjc:frictionloss")
+    friction = _first(prim, dict.fromkeys(names, units.effort))
     if friction > 0.0 and "dry_friction" not in data:
         data["dry_friction"] = plain(friction)
     stiffness = prim.real("mjc:stiffness", 0.0) * speed
@@ -80,10 +96,11 @@ def of_ball(prim: Prim, data: dict[str, Any], units: Units) -> None:
             prim.set_aside(name, Fate.LOST, "only hinges and slides have it in the language")
 
 
-def ratings(prim: Prim, limits: dict[str, Any], units: Units, si: bool) -> None:
+def ratings(prim: Prim, limits: dict[str, Any], units: Units, si: bool, instance: str) -> None:
     """Add to a joint's limits the largest velocity (rad/s or m/s) and effort (N m or N), where they have none. ``si``: whether
     the stage is in metres and kilograms, as the text of a URDF is."""
-    for name in ("newton:velocityLimit", "physxJoint:maxJointVelocity"):
+    axis = f"physxJointAxis:{instance}:maxJointVelocity"
+    for name in (axis, "newton:velocityLimit", "physxJoint:maxJointVelocity"):
         most = prim.real(name, math.inf, infinite=True) if prim.has(name) else math.inf
         if "velocity" not in limits and 0.0 < most < UNBOUNDED:
             limits["velocity"] = plain(most * units.position)

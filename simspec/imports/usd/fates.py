@@ -87,7 +87,7 @@ NEUTRAL: Final = (
         "physics:linearVelocity|physxRigidBody:(linear|angular)Damping|physxRigidBody:disableGravity"
         "|physxMaterial:compliantContact.*|newton:.*|mjc:option:(density|viscosity|wind)|mjc:flag:override"
         "|mjc:(margin|gap|priority|ref|springdamper|springref|stiffness|damping|frictionloss|armature|shellinertia)"
-        "|mjc:(actuator.*|coef[0-4]|body:gravcomp)|mjc:compiler:(balanceInertia|boundMass|boundInertia)|physxJoint:.*",
+        "|mjc:(actuator.*|coef[0-4]|body:gravcomp)|mjc:compiler:(balanceInertia|boundMass|boundInertia)|physxJoint:.*|physxJointAxis:.*",
         "damping, velocities, margins and switches of zero",
         Fate.UNUSED,
         INFORMATION,

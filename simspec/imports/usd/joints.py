@@ -258,7 +258,7 @@ class JointReader:
             if own is not None:
                 limits[word] = plain(own[0])
         units = self._units(turns)
-        beyond.ratings(prim, limits, units, self.stage.metres == self.stage.kilograms == 1.0)
+        beyond.ratings(prim, limits, units, self.stage.metres == self.stage.kilograms == 1.0, drive)
         if limits:
             data["limits"] = limits
         for name, word in (("dry_friction", "dry_friction"), ("armature", "armature")):
@@ -266,9 +266,9 @@ class JointReader:
             if own is not None and own[0]:
                 data[word] = plain(own[0])
         freedom.instance, freedom.units = drive, units
-        if (armature := beyond.armature(prim, units)) and "armature" not in data:
+        if (armature := beyond.armature(prim, units, drive)) and "armature" not in data:
             data["armature"] = plain(armature)
-        beyond.passive(prim, data, units, self.degrees)
+        beyond.passive(prim, data, units, self.degrees, drive)
         if not own_word:
             freedom.mimic = beyond.mimic(prim, units)
         if speed := beyond.velocity(prim, drive, units):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from simspec.errors import SpecError
 from simspec.language.foreign import ImportOptions, Severity
 from simspec.language.load import load
 from tests.imports.usd.test_beyond import BALL, hinge, lost, stage
@@ -249,3 +250,40 @@ def test_a_ball_has_a_damper_and_an_armature_and_loses_its_friction(tmp_path):
     assert all(
         loss.severity is not Severity.PHYSICS for loss in spec.source.imported.losses() if "armature" in loss.what
     )
+
+
+@pytest.mark.parametrize(
+    ("said", "moment"),
+    [
+        ("float physics:mass = -2", 0.4 * 4 / 3 * math.pi * 1000),
+        ("float physics:mass = 2\nfloat3 physics:diagonalInertia = (-1, 1, 1)", 0.4 * 2),
+    ],
+)
+def test_masses_and_moments_below_0_follow_from_the_shapes_by_the_rule(tmp_path, said, moment):
+    path = tmp_path / "stage.usda"
+    path.write_text(f"#usda 1.0\n(metersPerUnit = 1)\n{BALL % ('a', said)}")
+    with pytest.raises(SpecError, match="--repair not-positive"):
+        load(path)
+    spec = load(path, options=ImportOptions(repair=("all",)))
+    (repair,) = spec.source.imported.repairs
+    assert repair.rule == "not-positive"
+    assert spec.resolve().bodies[0].inertial.inertia[0] == pytest.approx(moment)
+
+
+def test_words_of_one_axis_go_before_those_of_the_joint(tmp_path):
+    axis = "float physxJointAxis:angular:"
+    spec, joint = hinge(
+        tmp_path,
+        f"{axis}armature = 0.25",
+        "float physxJoint:armature = 9",
+        f"{axis}maxJointVelocity = 180",
+        f"{axis}staticFrictionEffort = 0.5",
+        f"{axis}dynamicFrictionEffort = 0.5",
+        f"{axis}viscousFrictionCoefficient = 0",
+    )
+    assert (joint.armature, joint.dry_friction) == (0.25, 0.5)
+    assert joint.velocity_limit == pytest.approx(math.pi)
+    assert lost(spec) == []
+    spec, joint = hinge(tmp_path, f"{axis}staticFrictionEffort = 0.5", f"{axis}dynamicFrictionEffort = 0.25")
+    assert joint.dry_friction == 0.0
+    assert len(lost(spec)) == 2
