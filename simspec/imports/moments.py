@@ -19,7 +19,7 @@ RULE: Final = "triangle-inequality"
 MEANING: Final = "a tensor that no body has becomes the nearest one that a body can have"
 FROM_SHAPES: Final = "masses-from-shapes"
 DENSITY: Final = 1000.0
-"""kg/m³ of :data:`FROM_SHAPES` unless a value is given with it; that of water, and the default of SDF and USD."""
+"""kg/m³ of :data:`FROM_SHAPES` unless a value is given with it: that of water."""
 OF_SHAPES: Final = (
     "what moves and has no mass, or one below 0, has that of its shapes of 1000 kg/m³, or of another density: "
     "`masses-from-shapes=7850 kg/m^3`"

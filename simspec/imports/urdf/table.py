@@ -14,8 +14,10 @@ CARRIED, UNUSED, LOST = Fate.CARRIED, Fate.UNUSED, Fate.LOST
 PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
 
 
-FOR_MUJOCO: Final = "instructions to MuJoCo's own reader of URDF"
-OF_MUJOCO: Final = "changes masses, or what acts on them, in MuJoCo alone"
+READER: Final = "mujoco"
+"""The element of one reader's own."""
+FOR_READER: Final = "instructions to MuJoCo's own reader of URDF"
+OF_READER: Final = "changes masses, or what acts on them, in that reader alone"
 NO_MEANING: Final = "URDF gives it no meaning"
 NOT_OF_URDF: Final = "not of URDF: no reader of it acts on this"
 OF_OTHERS: Final = "a word of another language, which no reader of URDF reads"
@@ -204,13 +206,13 @@ TABLE: Final = (
     ),
     Row("ros2_control", "", LOST, INFORMATION, "describes actuators and their interfaces", CONTROL),
     Row("sensor", "", LOST, INFORMATION, "simspec has no sensors"),
-    Row("mujoco", "", LOST, INFORMATION, FOR_MUJOCO),
-    *(Row(f"mujoco/{tag}", "", LOST, INFORMATION, FOR_MUJOCO) for tag in ("compiler", "option")),
+    Row("mujoco", "", LOST, INFORMATION, FOR_READER),
+    *(Row(f"{READER}/{tag}", "", LOST, INFORMATION, FOR_READER) for tag in ("compiler", "option")),
     *(
-        Row(f"mujoco/{where}", "", LOST, PHYSICS, OF_MUJOCO)
+        Row(f"{READER}/{where}", "", LOST, PHYSICS, OF_READER)
         for where in ("compiler/@settotalmass", "compiler/@inertiafromgeom", "option/@gravity", "option/@wind")
     ),
-    *(Row(f"mujoco/option/@{name}", "", LOST, PHYSICS, OF_MUJOCO) for name in ("density", "viscosity")),
+    *(Row(f"{READER}/option/@{name}", "", LOST, PHYSICS, OF_READER) for name in ("density", "viscosity")),
     Row("inertial", "", LOST, INFORMATION, NO_MEANING),
     Row("frame", "", LOST, INFORMATION, "a named place without mass"),
     Row("gazebo", "what is in it is told item by item"),
@@ -274,26 +276,26 @@ def set_aside(root: Element) -> None:
             if row is not None:
                 child.set_aside(None, row.fate, row.reason, row.severity, row.hint)
                 if below == "mujoco":
-                    _mujoco(child)
+                    _reader(child)
             elif below == "gazebo":
                 _gazebo(child)
             else:
                 waiting.append((child, below))
 
 
-def _mujoco(element: Element) -> None:
+def _reader(element: Element) -> None:
     """Say of what MuJoCo's own reader of URDF changes in a model that it is lost as physics."""
     for tag in ("compiler", "option"):
         for child in element.look(tag):
             for name in child.attributes:
-                row = _ALWAYS.get(f"mujoco/{tag}/@{name}")
+                row = _ALWAYS.get(f"{READER}/{tag}/@{name}")
                 value = child.attributes[name].strip().lower()
-                if row is not None and value not in MUJOCO_DEFAULTS.get(name, ()):
-                    child.set_aside(None, LOST, FOR_MUJOCO, INFORMATION)
+                if row is not None and value not in READER_DEFAULTS.get(name, ()):
+                    child.set_aside(None, LOST, FOR_READER, INFORMATION)
                     child.set_aside(name, row.fate, row.reason, row.severity, row.hint)
 
 
-MUJOCO_DEFAULTS: Final[Mapping[str, tuple[str, ...]]] = {
+READER_DEFAULTS: Final[Mapping[str, tuple[str, ...]]] = {
     "settotalmass": ("-1",),
     "inertiafromgeom": ("auto", "false"),
     "gravity": ("0 0 -9.81",),
@@ -331,7 +333,7 @@ def _does_not_bounce(element: Element) -> bool:
 
 CONTAINERS: Final = frozenset(
     (
-        *("contact", "gazebo", "transmission", "extension", "surface", "friction", "ode", "bounce", "dynamics"),
+        *("contact", "gazebo", "transmission", "extension", "surface", "friction", "bounce", "dynamics"),
         *("visual", "material", "sensor", "plugin", "mujoco"),
     )
 )

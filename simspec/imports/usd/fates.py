@@ -75,7 +75,7 @@ TYPES: Final = (
         Fate.LOST,
         PHYSICS,
         "tendons of a stage are not read",
-        "import the MJCF that it is made from",
+        "import the file that it is made from",
     ),
     _rule("MjcKeyframe", "MjcKeyframe", Fate.LOST, INFORMATION, "a named state of one engine"),
     _rule("OmniGraph.*|ComputeGraph.*", "graphs of programs", Fate.LOST, INFORMATION, "of other programs"),

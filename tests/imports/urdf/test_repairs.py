@@ -14,8 +14,7 @@ from simspec.imports.moments import FROM_SHAPES
 from simspec.imports.writing import spec_text
 from simspec.language.foreign import ImportOptions, RequestedRepairs
 from simspec.language.load import load
-from tests.imports.urdf.robots import SOLID, read, refused, two_links
-from tests.imports.urdf.test_defects import BALL, DEFECTS, OTHERS, inertial
+from tests.imports.urdf.robots import BALL, DEFECTS, OTHERS, SOLID, inertial, read, refused, two_links
 from tests.meshes.solids import box, stl
 
 SIZES = {

@@ -10,7 +10,7 @@ import pytest
 from simspec.errors import SpecError
 from simspec.language.foreign import ImportOptions, Severity
 from simspec.language.load import load
-from tests.imports.usd.test_beyond import BALL, hinge, lost, stage
+from tests.imports.usd.stages import BALL, hinge, lost, stage
 
 pytest.importorskip("pxr")
 DEGREE = math.pi / 180.0
