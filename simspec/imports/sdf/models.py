@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse
+from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse, plugin_loss
 from simspec.imports.files import Files
 from simspec.imports.sdf.values import Placed, flag, flag_of, lost, pose_of, text_of, unused
 from simspec.language.foreign import Fate, Severity
@@ -196,7 +196,8 @@ class Reader:
             for inner in scope.within():
                 inner.static = static
         for child in element.look("plugin"):
-            lost(child, "a plugin is a program of another simulator, which may do anything")
+            severity, reason = plugin_loss(child)
+            lost(child, reason, severity)
         return scope
 
     def _find(self, uri: Element, folder: Path) -> Path:

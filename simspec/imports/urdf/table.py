@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, SOLVER, Element
+from simspec.imports.elements import ACTS, HARDNESS_HINT, HOW_HARD, SOLVER, Element, plugin_loss
 from simspec.imports.table import Row
 from simspec.language.foreign import Fate, Severity
 
@@ -310,6 +310,8 @@ def _gazebo(element: Element) -> None:
     element.take().word("reference")
     for child in element.look():
         severity, reason, hint = GAZEBO.get(child.tag, (PHYSICS, _NOT_READ, ""))
+        if child.tag == "plugin" and ACTS.search(" ".join(child.attributes.values())):
+            severity, reason = plugin_loss(child)
         said = child.attributes.get("value", child.text).strip().lower()
         if _is_empty(child):
             child.set_aside(None, UNUSED, "it is empty: it says nothing", INFORMATION)

@@ -112,7 +112,7 @@ class Assembly:
                 start_of(joint, first, second)
                 joints.append(joint)
         adding = [prim for prim in self.stage.used() if prim.has(STACKED) and prim.flag(STACKED, False)]
-        return stacked(joints) if adding else joints
+        return stacked(joints, bool(adding))
 
     def _shapes(self) -> dict[str, list[Shape]]:
         """Shapes by the path of their body; those of the world by the path of what they are fixed on."""

@@ -102,7 +102,7 @@ class Materials:
                 data[word] = plain(said[0])
         for one in shapes:
             if one.prim.has(CONDIM) and one.prim.real(CONDIM, 3.0) < 3.0:
-                one.prim.set_aside(CONDIM, Fate.LOST, "contact without friction is a material of its own: friction: 0")
+                one.prim.set_aside(CONDIM, Fate.LOST, "two such shapes touch without friction")
         return data
 
 

@@ -34,6 +34,8 @@ UNBREAKABLE: Final = 1e30
 """Units of force beyond which a joint does not break: files write the largest number of single precision."""
 STACKED: Final = "newton:jointsAddMobility"
 """Of an articulation: several joints of the same two bodies move one after the other."""
+ADDING: Final = "MjcJointAPI"
+"""The schema of joints that are of a tree of bodies, where each joint lets its body move."""
 START: Final = 1e-5
 """rad and m below which a joint stands at zero: places of bodies and frames have single precision."""
 
@@ -346,9 +348,10 @@ FAR: Final = 1e12
 """rad or m that stand for no limit at one end, where the other has one."""
 
 
-def stacked(joints: list[Joint]) -> list[Joint]:
-    """The joints, where several of the same two bodies move these one after the other (:data:`STACKED`): then the last of them,
-    with the others as its outer ones. All of them have to stand at zero where the bodies are."""
+def stacked(joints: list[Joint], adding: bool) -> list[Joint]:
+    """The joints; of several that move the same two bodies one after the other the last, with the others as its outer ones.
+    They do so where joints add mobility (:data:`STACKED`), or where all of them are of the schema :data:`ADDING`, and have to
+    stand at zero where the bodies are."""
     of_pair: dict[tuple[int, int], list[Joint]] = {}
     for joint in joints:
         if not joint.outside and joint.second is not None and len(joint.freedoms) == 1:
@@ -357,7 +360,8 @@ def stacked(joints: list[Joint]) -> list[Joint]:
     for row in of_pair.values():
         still = all(joint.apart < START and not any(_turn(joint)) for joint in row)
         balls = any(joint.freedoms[0].kind == "ball" for joint in row[:-1])
-        if len(row) > 1 and still and not balls:
+        adds = adding or all(ADDING in joint.prim.schemas for joint in row)
+        if adds and len(row) > 1 and still and not balls:
             row[-1].outer = row[:-1]
             taken |= {id(joint) for joint in row[:-1]}
     return [joint for joint in joints if id(joint) not in taken]

@@ -93,3 +93,22 @@ def test_what_has_no_shapes_stays_refused_and_a_massless_root_is_fixed(tmp_path)
     assert "no shapes that it could follow from" in refused(tmp_path, inertial(0), "all")
     repairs, _ = imported(tmp_path, UNIT, "all", base=inertial(0) + BALL)
     assert [repair.rule for repair in repairs] == ["massless"]
+
+
+@pytest.mark.parametrize(
+    ("name", "severity"),
+    [
+        ("gz-sim-yarp-forcetorque-system", "information"),
+        ("gazebo_ros_control", "information"),
+        ("gz-sim-imu-system", "information"),
+        ("mimic_gripper_left_motor", "physics"),
+        ("gz-sim-buoyancy-system", "physics"),
+        ("gazebo_ros_force", "physics"),
+        ("RobotPlugin", "physics"),
+    ],
+)
+def test_plugins_are_told_apart_by_what_they_do(tmp_path, name, severity):
+    plugin = f'<plugin name="p" filename="{name}"/>'
+    imported(tmp_path, UNIT, more=plugin)
+    losses = load(tmp_path / "m.sdf").source.imported.losses()
+    assert [loss.severity.value for loss in losses if "plugin" in loss.what] == [severity]

@@ -271,6 +271,7 @@ def test_good_files_lose_no_physics(tmp_path):
     [
         ('<axis xyz="0 0 1"/><axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><axis xyz="0 1 0"/>', "joint[j]/axis"),
         ("<static>false</static>", "<static>true</static>", "gazebo/static"),
+        ('filename="f"', 'filename="libmimic_joint.so"', "gazebo/plugin"),
         ("<dampingFactor>0</dampingFactor>", "<dampingFactor>1</dampingFactor>", "gazebo[arm]/dampingFactor"),
         ("<contact/><surface/>", '<contact harder="1"/><surface/>', "link[base]/collision/contact"),
         ('balanceinertia="true"', 'settotalmass="3"', "mujoco/compiler/@settotalmass"),
