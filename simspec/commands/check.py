@@ -10,7 +10,10 @@ from simspec.compiler import check_options, compile_world
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.language.foreign import Repair
 from simspec.language.losses import repaired, repairs_data
+from simspec.plausibility.examine import examine
+from simspec.plausibility.findings import Plausibility
 from simspec.report.imported import repairs_table
+from simspec.report.plausibility import as_problems, plausibility_data, plausibility_lines
 from simspec.report.screen import console, say
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.world.canonical import sha256
@@ -25,6 +28,7 @@ class Row(NamedTuple):
     world_sha256: str
     warnings: list[Problem]
     repairs: list[Repair]
+    plausibility: Plausibility
 
 
 def check(
@@ -35,9 +39,11 @@ def check(
     strict: bool,
     as_json: bool,
     robot_files: RobotFiles = NO_WORDS,
+    verbose: bool = False,
 ) -> int:
-    """Check ``specs``; with ``engine``, or default engines of the project, compile them for these too. Raises SpecError
-    with the problems of all specs."""
+    """Check ``specs``; with ``engine``, or default engines of the project, compile them for these too. What is implausible
+    about a model is printed after its verdict, with ``verbose`` whole. Raises SpecError with the problems of all specs, with
+    ``strict`` also with what is most likely a mistake of the model."""
     engine = chosen_engines(engine)
     problems: list[Problem] = []
     rows: list[Row] = []
@@ -53,11 +59,18 @@ def check(
         except SpecError as error:
             problems.extend(error.problems)
             continue
-        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings, repaired(spec.source.all())))
+        found = examine(spec, world)
+        if strict:
+            problems.extend(as_problems(found.warnings))
+        repairs = repaired(spec.source.all())
+        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings, repairs, found))
     if problems:
         raise SpecError(problems)
     if as_json:
-        print_json({"specs": [{**row._asdict(), "repairs": repairs_data(row.repairs)} for row in rows]})
+        more = [
+            {"repairs": repairs_data(row.repairs), "plausibility": plausibility_data(row.plausibility)} for row in rows
+        ]
+        print_json({"specs": [{**row._asdict(), **said} for row, said in zip(rows, more, strict=True)]})
     else:
         for row in rows:
             count = len(row.warnings)
@@ -65,4 +78,6 @@ def check(
             say(f"{row.spec}: ok, {row.bodies} bodies, world {row.world_sha256[:12]}{warned}")
             if row.repairs:
                 console().print(repairs_table(row.repairs))
+            for line in plausibility_lines(row.plausibility, verbose, warned=True):
+                say(line)
     return EXIT_OK

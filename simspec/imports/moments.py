@@ -16,6 +16,8 @@ Six = tuple[float, float, float, float, float, float]
 """A symmetric tensor: xx, yy, zz, xy, xz, yz."""
 
 RULE: Final = "triangle-inequality"
+NOT_POSITIVE: Final = "not-positive"
+"""The rule of repair of moments that are not above 0."""
 MEANING: Final = "a tensor that no body has becomes the nearest one that a body can have"
 FROM_SHAPES: Final = "masses-from-shapes"
 DENSITY: Final = 1000.0
@@ -25,7 +27,6 @@ OF_SHAPES: Final = (
     "`masses-from-shapes=7850 kg/m^3`"
 )
 
-NOT_POSITIVE: Final = "not-positive"
 OF_SHAPES_OR_BALL: Final = "moments that are not above 0 follow from the mass and the shapes, or are those of a ball"
 
 

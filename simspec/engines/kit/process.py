@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from simspec.confinement import ANY_LOCALE
 from simspec.ending import end_if_told
 from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
@@ -187,7 +188,7 @@ def begin(engine: str, python: str | None, warm: WarmProcesses | None) -> None:
 
 def _environment() -> dict[str, str]:
     """The environment of engines' processes."""
-    return {**ONE_THREAD, **os.environ, "PYTHONNOUSERSITE": "1"}
+    return {**ONE_THREAD, **os.environ, **ANY_LOCALE, "PYTHONNOUSERSITE": "1"}
 
 
 def at_work(say: Callable[[str], None], work: str, doing: str) -> None:
