@@ -298,11 +298,15 @@ def demand_installed(names: list[str], pythons: Mapping[str, str]) -> None:
 
 def source_of(name: str, sets: list[str] | None, spec: Spec, robot_files: RobotFiles = NO_WORDS) -> dict[str, Any]:
     """Where a run's world came from, for its provenance: the file ``name``, from which ``spec`` was read, and what was said of
-    it; of files of installed packages their versions and digests."""
+    it; what was repaired of robot files; of files of installed packages their versions and digests."""
     import hashlib
 
+    from simspec.language.losses import repaired, repairs_data
+
     path = spec_file(name)
-    read = {"robot_files": asdict(robot_files)} if robot_files != NO_WORDS else {}
+    read: dict[str, Any] = {"robot_files": asdict(robot_files)} if robot_files != NO_WORDS else {}
+    if repairs := repaired(spec.source.all()):
+        read["repairs"] = repairs_data(repairs)
     if packages := spec.packages():
         read["packages"] = packages
     digest = hashlib.sha256(path.read_bytes()).hexdigest()

@@ -81,7 +81,11 @@ OPTIONS: Final = {
     "repair": (
         Annotated[
             list[str] | None,
-            typer.Option("--repair", metavar="RULE", help="Repair defects of robot files of this kind. Repeatable."),
+            typer.Option(
+                "--repair",
+                metavar="RULE",
+                help="Repair defects of robot files of this kind; all: of every kind. Repeatable.",
+            ),
         ],
         None,
     ),

@@ -113,6 +113,8 @@ NAMED_ELSEWHERE = {
     ("engines/webots", "ODE"): "the same",
     ("imports/xacro/importer.py", "urdf"): "what xacro files expand to: the importer that reads it",
     ("imports/xacro/importer.py", "URDF"): "the same, in messages",
+    **{("imports/urdf", part): "elements of the files that are read" for part in ("drake:", "Drake's words")},
+    **{("imports/usd", part): "a prefix of what a converter writes" for part in ("urdf:", "a URDF", "of URDF")},
     ("imports/urdf/table.py", '"mujoco"'): "an element of the files that are read",
     ("imports/urdf/table.py", "MuJoCo's own reader"): "what that element is for",
     ("imports/mjcf", '"mujoco"'): "the root element of the language",

@@ -14,8 +14,9 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SimspecError, SpecError
 from simspec.imports.elements import Element, parse
+from simspec.imports.moments import FROM_SHAPES
 from simspec.imports.packages import Packages
-from simspec.language.foreign import Imported, ImportOptions, importers
+from simspec.language.foreign import Imported, ImportOptions, Repair, importers
 from simspec.language.load import Spec, load
 from simspec.language.sources import project_folder
 from simspec.reading import NotReadableError, read_bytes
@@ -130,8 +131,17 @@ def _read(bare: Meaning, options: ImportOptions, allow_outside: bool) -> Meaning
         read=world,
         spec=spec,
         imported=imported,
-        unsure=frozenset(repair.path.rpartition("bodies.")[2] for repair in repairs if bare.defects),
+        unsure=frozenset(path for repair in repairs if bare.defects for path in _changed(repair)),
     )
+
+
+def _changed(repair: Repair) -> list[str]:
+    """The paths, from the body on, of what a repair changed."""
+    path = repair.path.rpartition("bodies.")[2]
+    body = path.rpartition(".")[0]
+    # masses are seen at the shapes that they follow from
+    more = [f"{body}.{word}" for word in ("mass", "centre_of_mass", "inertia")] if repair.rule == FROM_SHAPES else []
+    return [path, *more]
 
 
 def packages_of(content: bytes, path: Path, options: ImportOptions) -> dict[str, str]:

@@ -9,11 +9,14 @@ from simspec.arguments import chosen_engines, load_spec, names_alone, print_json
 from simspec.commands.accept import accepted_sets, is_writable
 from simspec.compiler import check_options, compile_world
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
+from simspec.language.foreign import Repair
+from simspec.language.losses import repaired, repairs_data
 from simspec.plausibility.examine import examine
 from simspec.plausibility.findings import Plausibility
+from simspec.report.imported import repairs_table
 from simspec.report.plausibility import as_problems, plausibility_data, plausibility_lines
 from simspec.report.refusals import WaysOut, brief, ways_out, with_endings
-from simspec.report.screen import say
+from simspec.report.screen import console, say
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.world.canonical import sha256
 
@@ -26,6 +29,7 @@ class Row(NamedTuple):
     bodies: int
     world_sha256: str
     warnings: list[Problem]
+    repairs: list[Repair]
     plausibility: Plausibility
 
 
@@ -78,18 +82,24 @@ def check(
         found = examine(spec, world)
         if strict:
             problems.extend(as_problems(found.warnings))
-        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings, found))
+        repairs = repaired(spec.source.all())
+        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings, repairs, found))
     if problems:
         if not ways:
             raise SpecError(problems)
         raise with_endings(problems, ways, () if verbose else (*short, "-v prints each in full"))
     if as_json:
-        print_json({"specs": [{**row._asdict(), "plausibility": plausibility_data(row.plausibility)} for row in rows]})
+        more = [
+            {"repairs": repairs_data(row.repairs), "plausibility": plausibility_data(row.plausibility)} for row in rows
+        ]
+        print_json({"specs": [{**row._asdict(), **said} for row, said in zip(rows, more, strict=True)]})
     else:
         for row in rows:
             count = len(row.warnings)
             warned = f", {count} warning{'s' if count > 1 else ''}" if count else ""
             say(f"{row.spec}: ok, {row.bodies} bodies, world {row.world_sha256[:12]}{warned}")
+            if row.repairs:
+                console().print(repairs_table(row.repairs))
             for line in plausibility_lines(row.plausibility, verbose, warned=True):
                 say(line)
     return EXIT_OK

@@ -13,7 +13,7 @@ from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text
 from simspec.language.beginning import AT_LIMITS, listed
 from simspec.language.foreign import Imported, is_foreign, suffixes
 from simspec.language.load import Spec, load
-from simspec.language.losses import counts, grouped, of_physics, problems
+from simspec.language.losses import counts, grouped, of_physics, problems, repairs_data
 from simspec.language.packages import PACKAGE, ROBOT, ROBOTS, NotCachedError, Package, is_packaged, is_robot, packaged
 from simspec.language.sources import project_folder
 from simspec.meshes.files import LARGEST_FILE as LARGEST_MESH
@@ -142,16 +142,7 @@ def _data(imported: Imported, path: Path, out: Path | None, text: str, package: 
             {"joint": start.joint, "state": start.state, "position": start.position, "instead_of": start.instead_of}
             for start in imported.starts
         ],
-        "repairs": [
-            {
-                "rule": repair.rule,
-                "file": repair.location.file,
-                "line": repair.location.line,
-                "what": repair.what,
-                "path": repair.path,
-            }
-            for repair in imported.repairs
-        ],
+        "repairs": repairs_data(imported.repairs),
         "read": {(package and package.named(file)) or str(file): digest for file, digest in imported.read.items()},
     }
 

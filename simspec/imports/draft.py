@@ -26,11 +26,13 @@ TURN: Final = 2.0 * math.pi
 
 @dataclass
 class Draft:
-    """A spec in the making. ``rules``: every rule of repair that the importer has."""
+    """A spec in the making. ``rules``: every rule of repair that the importer has; ``with_value``: those that take
+    a value."""
 
     files: Files
     options: ImportOptions
     rules: Sequence[str] = ()
+    with_value: Sequence[str] = ()
     places: dict[Path_, Location] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     repairs: list[Repair] = field(default_factory=list)
@@ -62,12 +64,17 @@ class Draft:
         self.suspicious.append(element.problem(message, found=found, hint=f"simspec import --repair {rule}: {repair}"))
 
     def repairing(self, rule: str) -> bool:
-        """Whether the user asks for a rule."""
-        return rule in self.options.repair
+        """Whether a rule is requested, by its name or by `all`."""
+        return rule in self.options.repairs
 
     def repaired(self, rule: str, element: Element, what: str, path: Path_) -> None:
         """A rule was applied; ``what`` says what it changed, ``path`` where this is seen in the data."""
         self.repairs.append(Repair(rule, element.location, what, dotted(path)))
+
+    def take_back(self, path: Path_) -> None:
+        """Remove the repairs of what is at a path, or in it: another rule has replaced it, so that they have no effect."""
+        place = dotted(path)
+        self.repairs = [one for one in self.repairs if one.path != place and not one.path.startswith(f"{place}.")]
 
     def note(self, path: Path_, sentence: str) -> None:
         """A sentence that stands above a value in the written spec, after those that are there already."""
@@ -76,10 +83,7 @@ class Draft:
 
     def finish(self) -> None:
         """Raise SpecError with all problems, in the order of the file; a rule that does not exist is one."""
-        unknown = [rule for rule in self.options.repair if rule not in self.rules]
-        allowed = ", ".join(self.rules) or "none for this language"
-        for rule in unknown:
-            self.problems.append(Problem(f"{self.files.shown}: no rule of repair is called {rule!r}", allowed=allowed))
+        self.problems += self.options.repairs.problems(self.files.shown, self.rules, self.with_value)
         if self.problems:
             here = self.files.shown
 

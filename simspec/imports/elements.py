@@ -54,6 +54,30 @@ IDENTIFYING: Final = ("name", "id", "class", "joint", "link")
 """Attributes by which a message tells an element from others of its tag."""
 
 
+ACTS: Final = re.compile(
+    "mimic|gearbox|spring|damp|buoyan|hydrodyn|lift|drag|wind|thrust|propel|multicopter|motor_?model|magnet|adhes|suction|vacuum"
+    "|attach|detach|link_?fix|gravity|friction|conveyor|track|surface|apply|force(?!_?torque)|destroy",
+    re.IGNORECASE,
+)
+"""Names of plugins that act on bodies, or join them."""
+WATCHES: Final = re.compile(
+    "control|drive|trajectory|sensor|imu|force_?torque|camera|laser|lidar|gps|bumper|contact|odom|p3d|joint_?state|pose|publish|broadcast"
+    "|interface|monitor|battery|rgbd|_ros_|yarp|scene|user-commands|physics-system",
+    re.IGNORECASE,
+)
+"""Names of plugins that control, measure or report."""
+
+
+def plugin_loss(element: Element) -> tuple[Severity, str]:
+    """What the loss of a plugin changes, by its names: a program of another simulator, of which nothing else is known."""
+    said = " ".join(element.attributes.get(name, "") for name in ("name", "filename"))
+    if ACTS.search(said):
+        return Severity.PHYSICS, "a plugin of another simulator that acts on bodies, by its name"
+    if WATCHES.search(said):
+        return Severity.INFORMATION, "a plugin of another simulator that controls or measures, by its name"
+    return Severity.PHYSICS, "a plugin is a program of another simulator, which may do anything"
+
+
 @dataclass(frozen=True, slots=True)
 class _Set:
     """What an importer said of something that it does not carry, or carries without effect."""
@@ -188,6 +212,39 @@ class Element:
             element = waiting.pop()
             yield element
             waiting += element._children
+
+    def same_as(self, other: Element) -> bool:
+        """Whether another element says the same: tag, attributes, text and all that is in it."""
+        waiting = [(self, other)]
+        while waiting:
+            one, two = waiting.pop()
+            if (one.tag, one.attributes, one.text, len(one._children)) != (
+                two.tag,
+                two.attributes,
+                two.text,
+                len(two._children),
+            ):
+                return False
+            waiting += zip(one._children, two._children, strict=True)
+        return True
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the element is taken or set aside."""
+        return self._own is not False
+
+    def leave(self, reason: str, severity: Severity) -> None:
+        """Say of what was neither taken nor set aside, of this element or in it, that it is lost."""
+        waiting = [self]
+        while waiting:
+            element = waiting.pop()
+            if element._own is False:
+                element.set_aside(None, Fate.LOST, reason, severity)
+            elif element._own is True:
+                for name in element.attributes:
+                    if name not in element._taken and name not in element._fates:
+                        element.set_aside(name, Fate.LOST, reason, severity)
+                waiting += element._children
 
     # --- setting aside ----------------------------------------------------------------------------------------
 

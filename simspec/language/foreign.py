@@ -9,11 +9,11 @@ from __future__ import annotations
 import functools
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.language.beginning import Start, begin_within
@@ -60,7 +60,7 @@ class Account:
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """A defect of the source that a rule repaired, because it was asked to."""
+    """A defect of the source that a rule repaired, since that rule was requested."""
 
     rule: str
     location: Location
@@ -68,6 +68,50 @@ class Repair:
     """What is repaired, and to what, in one sentence."""
     path: str = ""
     """The dotted path in the spec where the repair is seen; its comment is written there."""
+
+
+ALL: Final = "all"
+"""In place of a rule of repair: every rule that the file needs."""
+
+
+@dataclass(frozen=True, slots=True)
+class RequestedRepairs:
+    """The rules of repair that a user requests, as ``RULE``, ``RULE=VALUE`` or :data:`ALL`. ``rule in requested`` is true of a
+    rule that is named, and of every rule where all are requested."""
+
+    words: tuple[str, ...] = ()
+
+    def __contains__(self, rule: object) -> bool:
+        return ALL in self.words or self.is_named(rule)
+
+    def is_named(self, rule: object) -> bool:
+        """Whether the rule itself is named: some rules need that, since what they change may be intended."""
+        return any(_rule_of(word) == rule for word in self.words)
+
+    def value(self, rule: str) -> str | None:
+        """The value that is given with a rule; None where there is none."""
+        values = [word.partition("=")[2].strip() for word in self.words if "=" in word and _rule_of(word) == rule]
+        return values[0] if values else None
+
+    def problems(self, shown: str, rules: Iterable[str], with_value: Iterable[str] = ()) -> list[Problem]:
+        """What is wrong with the words: rules that the importer of the file ``shown`` does not have, values of rules that take
+        none, two values of one rule. ``with_value``: the rules that take a value."""
+        rules, with_value = tuple(rules), tuple(with_value)
+        found, values = list[Problem](), dict[str, str]()
+        for word in self.words:
+            rule, equals, value = _rule_of(word), "=" in word, word.partition("=")[2].strip()
+            if rule not in rules and word != ALL:
+                allowed = ", ".join((*rules, ALL)) if rules else f"none for this language, or {ALL}"
+                found.append(Problem(f"{shown}: no rule of repair is called {rule[:80]!r}", allowed=allowed))
+            elif equals and rule not in with_value:
+                found.append(Problem(f"{shown}: the rule {rule} takes no value", found=word[:80], allowed=rule))
+            elif equals and values.setdefault(rule, value) != value:
+                found.append(Problem(f"{shown}: the rule {rule} is given two values", found=f"{values[rule]}, {value}"))
+        return found
+
+
+def _rule_of(word: str) -> str:
+    return word.partition("=")[0].strip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +126,7 @@ class ImportOptions:
     arguments: Mapping[str, str] = field(default_factory=dict)
     """Arguments of a file that is a program (xacro)."""
     repair: tuple[str, ...] = ()
-    """Rules of repair that may be applied."""
+    """Rules of repair that may be applied, in the words of :class:`RequestedRepairs`."""
     project: Path | None = None
     base: Path = Path()
     """The folder that relative ``packages`` start from."""
@@ -97,15 +141,23 @@ class ImportOptions:
 
     def together(self, more: ImportOptions) -> ImportOptions:
         """What a placement says of its file, and what is said of all files (``more``, whose folders are absolute): rules of
-        both, the placement's folders first, the arguments of all files before its own."""
+        both, the placement's folders first, the arguments of all files and the values of their rules before its own."""
+        valued = {_rule_of(word) for word in more.repair if "=" in word}
         return replace(
             self,
             packages={**more.packages, **self.packages},
             package_path=(*self.package_path, *more.package_path),
             arguments={**self.arguments, **more.arguments},
-            repair=tuple(dict.fromkeys((*self.repair, *more.repair))),
+            repair=tuple(
+                dict.fromkeys((*(word for word in self.repair if _rule_of(word) not in valued), *more.repair))
+            ),
             self_collision=self.self_collision and more.self_collision,
         )
+
+    @property
+    def repairs(self) -> RequestedRepairs:
+        """The rules of repair that are requested."""
+        return RequestedRepairs(self.repair)
 
     def key(self) -> str:
         """The same text for the same options."""

@@ -10,7 +10,7 @@ from pydantic import Field
 from simspec.language.foreign import ImportOptions
 from simspec.language.shapes import NameOf
 from simspec.language.strict import Strict
-from simspec.language.words import FileName, Flag, Text
+from simspec.language.words import FileName, Flag, Text, Texts
 
 
 class Import(Strict):
@@ -25,8 +25,9 @@ class Import(Strict):
     arguments: dict[NameOf, Annotated[str, Text()]] = Field(
         {}, description="Arguments of a file that is a program (xacro), by name"
     )
-    repair: list[Annotated[str, Text()]] = Field(
-        [], description="Rules by which defects of the file are repaired; none is applied unasked"
+    repair: Annotated[list[str], Texts()] = Field(
+        [],
+        description="Rules by which defects of the file are repaired, `RULE` or `RULE=VALUE`; `all`: every rule that it needs",
     )
     self_collision: Annotated[bool, Flag()] = Field(
         True, description="false: the bodies of the model that the file describes do not touch each other"

@@ -1,4 +1,4 @@
-"""What an import does not carry, for people: counted, grouped, and as warnings."""
+"""What an import does not carry, and what it repaired, for people: counted, grouped, and as warnings."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from simspec.errors import Problem
-from simspec.language.foreign import Account, Fate, Imported, Severity
+from simspec.language.foreign import Account, Fate, Imported, Repair, Severity
+
+if TYPE_CHECKING:
+    from simspec.language.sources import Source
 
 _IN_BRACKETS: Final = re.compile(r"\[[^\]]*\]")
 ORDER: Final = (Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION)
@@ -62,3 +65,24 @@ def problems(accounts: Sequence[Account]) -> Iterator[Problem]:
         counted = f" (and {more} more)" if more else ""
         message = f"the import loses {kind_of(account)}{counted}: {account.reason}"
         yield Problem(message, account.what, account.location, hint=account.hint or None)
+
+
+def repaired(sources: Iterable[Source]) -> list[Repair]:
+    """The repairs of all files of other languages among ``sources``, each once."""
+    return list(
+        dict.fromkeys(repair for source in sources if source.imported is not None for repair in source.imported.repairs)
+    )
+
+
+def repairs_data(repairs: Iterable[Repair]) -> list[dict[str, Any]]:
+    """Repairs as plain data: the rule, the place, what was changed, and where the spec has it."""
+    return [
+        {
+            "rule": repair.rule,
+            "file": repair.location.file,
+            "line": repair.location.line,
+            "what": repair.what,
+            "path": repair.path,
+        }
+        for repair in repairs
+    ]

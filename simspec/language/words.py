@@ -107,6 +107,22 @@ class Text(Reader):
 
 
 @dataclass(frozen=True)
+class Texts(Reader):
+    """A list of texts; a single one stands for a list of it."""
+
+    def read(self, value: Any) -> list[str]:
+        if isinstance(value, (list, tuple)):
+            return [Text().read(item) for item in value]
+        return [Text().read(value)]
+
+    def describe(self) -> str:
+        return "a text, or a list of texts"
+
+    def schema(self) -> dict[str, Any]:
+        return {"anyOf": [Text().schema(), {"type": "array", "items": Text().schema()}]}
+
+
+@dataclass(frozen=True)
 class FileName(Text):
     """The path of a file, as it is written."""
 

@@ -6,11 +6,14 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
+from simspec.arguments import source_of
 from simspec.imports import writing
 from simspec.imports.writing import is_unchanged
 from simspec.language.document import event_count, events
+from simspec.language.foreign import ImportOptions
 from simspec.language.layout import node_of
 from simspec.language.load import Spec, load
+from simspec.robot_files import RobotFiles
 from simspec.world.canonical import sha256
 
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="{0}" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -116,7 +119,7 @@ def test_a_scenario_repairs_and_warns_as_well(folder):
         (("good.urdf", "--package", "a"), "expected NAME=DIR"),
         (("good.urdf", "--package", "a=b", "--package", "a=c"), "given twice"),
         (("good.urdf", "--arg", "=x"), "expected NAME=VALUE"),
-        (("good.urdf", "--repair", "all"), "no rule of repair is called 'all'"),
+        (("good.urdf", "--repair", "everything"), "no rule of repair is called 'everything'"),
     ],
 )
 def test_wrong_words_are_named(folder, words, message):
@@ -168,3 +171,17 @@ def _below(node, path):
         entries = node.entries
         node = (entries[int(step)] if step.isdigit() else next(one for one in entries if one.name == step)).node
     return node
+
+
+def test_check_lists_what_all_repaired_and_a_run_keeps_it(folder):
+    said = simspec("check", "bad.urdf", "--repair", "all").stdout
+    assert "ok, 2 bodies" in said
+    assert "triangle-inequality" in said
+    (row,) = json.loads(simspec("check", "bad.urdf", "--repair", "all", "--json").stdout)["specs"]
+    assert [(repair["rule"], repair["line"]) for repair in row["repairs"]] == [("triangle-inequality", 3)]
+    (row,) = json.loads(simspec("check", "good.urdf", "--repair", "all", "--json").stdout)["specs"]
+    assert row["repairs"] == []
+    spec = load("bad.urdf", options=ImportOptions(repair=("all",)))
+    source = source_of("bad.urdf", None, RobotFiles(repair=("all",)), spec)
+    assert [repair["rule"] for repair in source["repairs"]] == ["triangle-inequality"]
+    assert "# repaired (triangle-inequality): " in simspec("import", "bad.urdf", "--repair", "all").stdout

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
-from simspec.errors import Location
+from simspec.errors import Location, SpecError
 from simspec.imports.draft import plain
 from simspec.imports.elements import outermost
 from simspec.imports.files import Files
@@ -45,6 +45,8 @@ class MjcfImporter:
         return every_loss()
 
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
+        if problems := options.repairs.problems(shown, ()):
+            raise SpecError(problems)
         files = Files(path, shown, options)
         assembly = assemble(files)
         return imported(assembly, Bodies(compile_model(assembly), Features()), files)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from simspec.imports.elements import HOW_HARD, Element
+from simspec.imports.elements import HOW_HARD, Element, plugin_loss
 from simspec.imports.sdf.values import flag, number
 from simspec.language.foreign import Fate, Severity
 
@@ -124,6 +124,8 @@ def set_aside(parent: Element, table: Mapping[str, Said]) -> None:
     """Say of each child of these tags what becomes of it."""
     for child in parent.look(*table):
         fate, severity, reason = table[child.tag]
+        if table[child.tag] is _PLUGIN:
+            severity, reason = plugin_loss(child)
         if is_default(child):
             fate, severity, reason = Fate.UNUSED, Severity.INFORMATION, "the default"
         child.set_aside(None, fate, reason, severity)

@@ -16,6 +16,8 @@ from simspec.imports.files import Files
 from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
 from simspec.imports.sdf.contact import excluded, silent
 from simspec.imports.sdf.graph import Graph
+from simspec.imports.sdf.masses import RULES as RULES_OF_MASSES
+from simspec.imports.sdf.masses import give_masses
 from simspec.imports.sdf.meshes import RULES as RULES_OF_MESHES
 from simspec.imports.sdf.meshes import Meshes
 from simspec.imports.sdf.models import Reader, Scope
@@ -43,7 +45,7 @@ GRAVITY: Final = (0.0, 0.0, -9.8)
 ONLY_LINK: Final = "link"
 """What the only link of a model is called that has no name of its own."""
 STEP: Final = 0.001
-RULES: Final = {**RULES_OF_TREES, **RULES_OF_MESHES, moments.RULE: moments.MEANING}
+RULES: Final = {**RULES_OF_MASSES, **RULES_OF_TREES, **RULES_OF_MESHES, moments.RULE: moments.MEANING}
 """Rules of repair, with what they do."""
 TOO_LARGE: Final = "what follows from these numbers is beyond the largest double"
 MOST_PAIRS: Final = 20_000
@@ -71,8 +73,8 @@ class Sdf:
         reader = Reader(files)
         root = reader.root(path.resolve(), files.content(), shown)
         scopes, world = _outermost(reader, root, path)
-        graph, meshes = Graph(), Meshes(files, options.repair)
-        problems = _unknown_rules(options, shown)
+        graph, meshes = Graph(), Meshes(files, options.repairs)
+        problems = options.repairs.problems(shown, RULES, (moments.FROM_SHAPES,))
         models: list[ModelRead] = []
         for scope in scopes:
             try:
@@ -83,6 +85,10 @@ class Sdf:
             judge_meshes((body.content.shapes for read in models for body in read.bodies), meshes)
         except SpecError as error:
             problems.extend(error.problems)
+        density, wrong = moments.density_of(options.repairs, shown)
+        problems += wrong
+        if not problems:
+            problems += give_masses(models, options.repairs, density)
         if problems:
             raise SpecError(problems)
         spec = _Spec(path, graph, world, models)
@@ -101,14 +107,6 @@ class Sdf:
         )
         add_timestep(imported)
         return imported
-
-
-def _unknown_rules(options: ImportOptions, shown: str) -> list[Problem]:
-    return [
-        Problem(f"{shown}: no rule of repair is called {rule!r}", allowed=", ".join(RULES))
-        for rule in options.repair
-        if rule not in RULES
-    ]
 
 
 def _outermost(reader: Reader, root: Element, path: Path) -> tuple[list[Scope], Scope | None]:
@@ -288,6 +286,9 @@ class _Spec:
                 element = body.content.inertial or body.element
                 place = ".".join((*own, "inertia"))
                 self.repairs.append(Repair(moments.RULE, element.location, body.content.repaired, place))
+            for rule, what, word in body.content.given:
+                element = body.content.inertial or body.element
+                self.repairs.append(Repair(rule, element.location, what, ".".join((*own, word))))
             bodies[body.name] = data
         for note in (scope.note for scope in model.scope.within() if scope.note):
             self.comments[".".join((*path, model.bodies[0].name))] = note

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,6 +31,8 @@ class LinkRead:
     inertial: Element | None = None
     repaired: str = ""
     """What the rule of :mod:`simspec.imports.moments` changed."""
+    given: list[tuple[str, str, str]] = field(default_factory=list)
+    """What rules gave the body: the rule, what it changed, and the word of the body where it is seen."""
 
     @property
     def is_massless(self) -> bool:

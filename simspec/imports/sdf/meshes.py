@@ -14,7 +14,7 @@ from simspec.imports.files import Files
 from simspec.imports.meshes import BEGINNING, NamedMesh, find_mesh, made_file
 from simspec.imports.packages import MissingFileError
 from simspec.imports.sdf.values import lost, vector_of
-from simspec.language.foreign import Fate, Repair, Severity
+from simspec.language.foreign import Fate, Repair, RequestedRepairs, Severity
 from simspec.language.mesh import PIECES
 from simspec.language.mesh import SUFFIXES as MESHES
 from simspec.world.types import Vector3
@@ -30,10 +30,10 @@ OPTIMIZATIONS: Final = ("", "convex_hull", DECOMPOSED)
 
 @dataclass
 class Meshes:
-    """The meshes of one import. ``repair``: rules that are applied."""
+    """The meshes of one import. ``repair``: the rules that may be applied."""
 
     files: Files
-    repair: tuple[str, ...]
+    repair: RequestedRepairs
     named: dict[str, Path] = field(default_factory=dict)
     """Every file, by the text that the spec names it by."""
     made: set[str] = field(default_factory=set)

@@ -7,7 +7,7 @@ from itertools import count
 from pathlib import Path
 from typing import Final, Protocol
 
-from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse
+from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse, plugin_loss
 from simspec.imports.files import Files
 from simspec.imports.sdf.aside import NO_ACTOR
 from simspec.imports.sdf.library import GROUND_NOTE, KNOWN, MODELS, SUN_NOTE, called, find_model
@@ -204,7 +204,8 @@ class Reader:
             for inner in scope.within():
                 inner.static = static
         for child in element.look("plugin"):
-            lost(child, "a plugin is a program of another simulator, which may do anything")
+            severity, reason = plugin_loss(child)
+            lost(child, reason, severity)
         for child in element.look(PARAMETERS):
             lost(
                 child, "changes of the included model by parameters are not applied", hint="change a copy of the model"

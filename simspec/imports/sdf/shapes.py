@@ -20,6 +20,7 @@ from simspec.language.foreign import Fate, Severity
 from simspec.language.strict import required
 from simspec.meshes.files import MeshError
 from simspec.world import frames
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose
 
 DENSITY: Final = 1000.0
@@ -38,6 +39,15 @@ class ShapeRead:
     surface: Surface | None = None
     """Of a shape that collides."""
     mesh: NamedMesh | None = None
+    is_open: bool = False
+    """Whether the mesh encloses no volume."""
+    volume: float = 0.0
+    """m³ that is filled where the mass follows from the shape: what a closed mesh encloses, the hull of an open one."""
+
+    @property
+    def collides(self) -> bool:
+        """Whether it takes part in contact."""
+        return bool(self.data.get("collision", True))
 
 
 @dataclass(frozen=True)
@@ -333,12 +343,16 @@ def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: Meshes) -> None:
     """Take out of each list of shapes the meshes that cannot be read. Raises SpecError with every one that no rule leaves
     out."""
     lists = list(bodies)
+    for shape in (one for found in lists for one in found if one.mesh is None):
+        shape.volume = _volume(shape.data)
     shapes = [shape for found in lists for shape in found if shape.mesh is not None]
     made = read_meshes([shape.mesh for shape in shapes if shape.mesh is not None])
     problems: list[Problem] = []
     unusable: set[int] = set()
     for shape, result in zip(shapes, made, strict=True):
         if not isinstance(result, MeshError):
+            shape.is_open = result.enclosed is None
+            shape.volume = result.hull_volume if result.enclosed is None else abs(result.enclosed.volume)
             continue
         unusable.add(id(shape))
         try:
@@ -349,3 +363,12 @@ def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: Meshes) -> None:
         raise SpecError(problems)
     for found in lists:
         found[:] = [shape for shape in found if id(shape) not in unusable]
+
+
+def _volume(data: Mapping[str, Any]) -> float:
+    """m³ of a shape that is no mesh; 0 for one without a volume, or with lengths that are refused elsewhere."""
+    for kind in GEOMETRY:
+        if kind in data:
+            sizes = [size for value in data[kind].values() for size in (value if isinstance(value, list) else [value])]
+            return SHAPES[kind].volume(sizes) if min(sizes) > 0.0 else 0.0
+    return 0.0

@@ -22,7 +22,7 @@ from simspec.imports.sdf.loops import closed, refused, spanning
 from simspec.imports.sdf.meshes import Meshes
 from simspec.imports.sdf.models import Scope
 from simspec.imports.sdf.values import Placement, at, flag_of
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Fate, RequestedRepairs, Severity
 from simspec.world import frames
 from simspec.world.types import Vector3
 
@@ -134,7 +134,7 @@ def read_model(graph: Graph, model: Scope, meshes: Meshes) -> ModelRead:
     return read
 
 
-def _massless(read: ModelRead, root: BodyRead, repair: tuple[str, ...], problems: list[Problem]) -> None:
+def _massless(read: ModelRead, root: BodyRead, repair: RequestedRepairs, problems: list[Problem]) -> None:
     """A free root without mass is a defect, which a rule repairs: it is fixed to the world."""
     if root.static or root.joint is not None or not root.content.is_massless:
         return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -21,6 +21,7 @@ FIRST: Final = "mu1"
 SECOND: Final = "mu2"
 DIRECTION: Final = "fdir1"
 NO_EFFECT: Final = "friction is the same in every direction"
+GROUP: Final = "drake:collision_filter_group"
 UNSAID: Final = "unsaid"
 """The material of shapes of which the file says nothing, where it speaks of others."""
 
@@ -34,6 +35,8 @@ def add_materials(
     default = GAZEBO_DEFAULT
     for name, (element, _) in links.items():
         for contact in element.look("contact"):
+            if not contact.look():
+                continue  # as without it
             with draft.collecting():
                 said[name] = _of_contact(contact, said.get(name, CONTACT_DEFAULT))
                 default = CONTACT_DEFAULT
@@ -81,6 +84,33 @@ def _named(
                     name = given.get(id(shape), UNSAID)
                     shape.material = name if name in data else single
     return data
+
+
+# --- groups that ignore each other ----------------------------------------------------------------------------------
+
+
+def excluded(root: Element, links: Container[str], bodies: Mapping[str, str]) -> list[list[str]]:
+    """Pairs of bodies that do not touch each other, by Drake's words for groups. ``bodies``: those of ``links`` that are bodies
+    of the spec, by the file's names. Raises SpecError for a link that there is not."""
+    members: dict[str, list[str]] = {}
+    ignored: list[tuple[str, str]] = []
+    for group in root.children(GROUP):
+        name = group.need("name")
+        for member in group.children("drake:member"):
+            link = member.need("link").strip()
+            if link not in links:
+                raise member.error(f"there is no link {link[:80]!r}", link[:80])
+            if link in bodies:
+                members.setdefault(name, []).append(bodies[link])
+        ignored += [(name, other.need("name")) for other in group.children("drake:ignored_collision_filter_group")]
+    pairs = {
+        (min(one, two), max(one, two))
+        for first, second in ignored
+        for one in members.get(first, ())
+        for two in members.get(second, ())
+        if one != two
+    }
+    return [list(pair) for pair in sorted(pairs)]
 
 
 # --- <contact> of a link ------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -35,6 +35,8 @@ class Joint:
     element: Element
     name: str
     """As the spec calls it."""
+    body: str
+    """The child's body, as the spec calls it."""
     kind: str
     """Of the language."""
     parent: str
@@ -62,15 +64,16 @@ class Joint:
         return {**name, "type": self.kind, **self.data}
 
 
-def read_joint(element: Element, given: str, parts: Sequence[str], draft: Draft) -> Joint:
-    """A joint, called ``given`` in the spec, and if it is planar ``parts``. Raises SpecError for what is none;
-    defects that rules repair are collected."""
+def read_joint(element: Element, given: str, parts: Sequence[str], bodies: Mapping[str, str], draft: Draft) -> Joint:
+    """A joint, called ``given`` in the spec, and if it is planar ``parts``; ``bodies``: what the spec calls the links. Raises
+    SpecError for what is none; defects that rules repair are collected."""
     element.need("name")
     renamed(element, "name", given)
     word = element.need("type")
     if word not in TYPES:
         raise element.error("not a type of joint", word, ", ".join(TYPES))
-    joint = Joint(element, given, TYPES[word], _link(element, "parent"), _link(element, "child"))
+    parent, child = _link(element, "parent"), _link(element, "child")
+    joint = Joint(element, given, bodies.get(child, child), TYPES[word], parent, child)
     origin = element.child("origin")
     if origin is not None:
         xyz, rpy = origin.vector("xyz"), origin.vector("rpy")
@@ -150,7 +153,7 @@ def _without_limits(joint: Joint, word: str, draft: Draft) -> None:
         draft.defect(joint.element, f"a {word} joint needs a <limit> with lower and upper", rule, RULES[rule])
         return
     what = f"a {word} joint without lower and upper of <limit> has no limits"
-    draft.repaired(rule, joint.element, what, ("model", "bodies", joint.child, "joint"))
+    draft.repaired(rule, joint.element, what, ("model", "bodies", joint.body, "joint"))
 
 
 def _turned(limit: Element, lower: float, upper: float, draft: Draft, joint: Joint) -> tuple[float, float]:
@@ -159,7 +162,7 @@ def _turned(limit: Element, lower: float, upper: float, draft: Draft, joint: Joi
         draft.defect(limit, "the lower limit is above the upper", rule, RULES[rule], found=f"{lower:g} > {upper:g}")
     else:
         what = f"limits {lower:g}, {upper:g} became {upper:g}, {lower:g}"
-        draft.repaired(rule, limit, what, ("model", "bodies", joint.child, "joint", "limits"))
+        draft.repaired(rule, limit, what, ("model", "bodies", joint.body, "joint", "limits"))
     return upper, lower
 
 
@@ -176,6 +179,32 @@ def _dynamics(joint: Joint) -> None:
             joint.data[word] = plain(value)
 
 
+def reflect(root: Element, joints: Sequence[Joint]) -> None:
+    """Give joints the inertia of their rotors, of Drake's words for actuators: at the joint it is I r², of a rotor of I
+    (kg m²) and a gear of ratio r. Raises SpecError for what are no numbers."""
+    known = {joint.element.attributes["name"].strip(): joint for joint in joints}
+    for transmission in root.look("transmission"):
+        names = [one.attributes.get("name", "").strip() for one in transmission.look("joint")]
+        for actuator in transmission.look("actuator"):
+            for inertia in actuator.look(ROTOR):
+                gears = actuator.look(GEAR)[:1]
+                rotor = inertia.number("value", 0.0) or 0.0
+                ratio = gears[0].number("value", 1.0) or 0.0 if gears else 1.0
+                if rotor < 0.0:
+                    raise inertia.error("an inertia of a rotor below 0", f"{rotor:g}")
+                joint = known.get(names[0]) if len(names) == 1 else None
+                if joint is None or joint.kind not in SCALAR_JOINTS:
+                    inertia.set_aside(None, LOST, "it is of no single hinge or slide")
+                    continue
+                actuator.set_aside(None, LOST, "describes actuators", INFORMATION)
+                for part in (inertia, *gears):
+                    part.take()
+                if rotor and ratio:
+                    joint.data["armature"] = plain(rotor * ratio * ratio)
+
+
+ROTOR: Final = "drake:rotor_inertia"
+GEAR: Final = "drake:gear_ratio"
 RULES: Final = {
     "missing-limits": "a revolute or prismatic joint without <limit>, or with neither lower nor upper in it, has no limits",
     "turned-limits": "a lower limit above the upper is the upper, and the upper the lower",

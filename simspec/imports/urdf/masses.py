@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from simspec.imports.draft import Draft, angle, numbers, plain
 from simspec.imports.elements import Element
-from simspec.imports.moments import MEANING, NOT_POSITIVE, Six, became, nearest, shown
+from simspec.imports.moments import (
+    DENSITY,
+    FROM_SHAPES,
+    MEANING,
+    NOT_POSITIVE,
+    OF_SHAPES,
+    OF_SHAPES_OR_BALL,
+    Six,
+    ball,
+    became,
+    given,
+    nearest,
+    shown,
+)
 from simspec.imports.moments import RULE as TRIANGLE
+from simspec.imports.urdf.shapes import Shape
 from simspec.imports.urdf.table import INFORMATION, LOST, UNUSED
 from simspec.language.document import Path_
 from simspec.language.moments import impossible, principal_moments
@@ -18,10 +32,10 @@ from simspec.world import frames
 from simspec.world.types import Pose, Vector3
 
 MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
+MASS: Final = "<mass value>"
+"""What an inertial without a mass lacks."""
 COPIES: Final = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
 """Products of inertia that a file may write twice."""
-BALL: Final = 1000.0
-"""kg/m³ of the ball that stands for a body without moments of inertia and without shapes."""
 
 
 @dataclass
@@ -37,9 +51,18 @@ class Mass:
     """What the inertial lacks, in words; "" for nothing."""
     from_shapes: bool = False
     """A rule lets the moments follow from the shapes."""
+    density: float = 0.0
+    """kg/m³ by which a rule lets the mass follow from the shapes; 0 where none does."""
+
+    @property
+    def lacks_mass(self) -> bool:
+        """Whether the file gives no mass that a body can have: none at all, or one below 0."""
+        return self.mass < 0.0 or (not self.mass and MASS in self.missing)
 
     def written(self) -> dict[str, Any]:
         """The words of the body."""
+        if self.density:
+            return {}
         if not self.mass and (self.tensor is None or not any(self.tensor)):
             return {}
         data: dict[str, Any] = {"mass": plain(self.mass)}
@@ -74,7 +97,7 @@ def read_mass(link: Element) -> Mass | None:
         read.centre, read.rpy = origin.vector("xyz"), origin.vector("rpy")
     missing = []
     if mass is None or not mass.has("value"):
-        missing.append("<mass value>")
+        missing.append(MASS)
     else:
         read.mass = mass.number("value") or 0.0
     if inertia is None:
@@ -106,7 +129,7 @@ def check_mass(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None:
         _incomplete(mass, has_shapes, draft, path)
         return
     if mass.mass < 0.0:
-        draft.defect(inertial, "a mass below 0", found=f"{mass.mass:g} kg")
+        draft.defect(inertial, "a mass below 0", FROM_SHAPES, RULES[FROM_SHAPES], found=f"{mass.mass:g} kg")
         return
     tensor = mass.tensor or (0.0,) * 6
     if not mass.mass and any(tensor):
@@ -151,6 +174,17 @@ def _incomplete(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None
         draft.repaired(rule, inertial, f"without {mass.missing}: the body has no mass", path)
 
 
+def give_mass(mass: Mass, solids: Sequence[Shape], density: float, draft: Draft, path: Path_) -> None:
+    """Let the mass properties of a link follow from ``solids``, shapes of it with a volume, of ``density`` (kg/m³)."""
+    element = mass.element
+    what = given(path[-1] if isinstance(path[-1], str) else "", mass.mass, solids, density)
+    for part in element.look("origin", "mass", "inertia") if element.tag == "inertial" else ():
+        for name in part.attributes:
+            part.set_aside(name, LOST, f"replaced by the rule {FROM_SHAPES}")
+    mass.mass, mass.tensor, mass.missing, mass.density = 0.0, None, "", density
+    draft.repaired(FROM_SHAPES, element, what, (*path, "shapes"))
+
+
 def _left_out(element: Element, fate: Any, reason: str) -> None:
     """Say of everything that was taken in an inertial that it is left out."""
     for part in (element, *element.look("origin", "mass", "inertia")):
@@ -186,10 +220,9 @@ def _without_moments(mass: Mass, has_shapes: bool, rule: str, draft: Draft, path
         what = f"the centre of mass and the moments follow from the shapes, of even density, of {mass.mass:g} kg"
         draft.repaired(rule, inertial, what, (*path, "mass"))
         return
-    radius = (3.0 * mass.mass / (4.0 * math.pi * BALL)) ** (1.0 / 3.0)
-    moment = 0.4 * mass.mass * radius * radius
+    moment = ball(mass.mass)
     mass.tensor = (moment, moment, moment, 0.0, 0.0, 0.0)
-    what = f"the moments are those of a ball of {mass.mass:g} kg and {BALL:g} kg/m³: {moment:.6g} kg m²"
+    what = f"the moments are those of a ball of {mass.mass:g} kg and {DENSITY:g} kg/m³: {moment:.6g} kg m²"
     draft.repaired(rule, inertial, what, (*path, "inertia"))
 
 
@@ -216,8 +249,9 @@ def total(members: Iterable[tuple[Mass, Pose]]) -> tuple[float, Six]:
 
 
 RULES: Final = {
+    FROM_SHAPES: OF_SHAPES,
     TRIANGLE: MEANING,
-    NOT_POSITIVE: "moments that are not above 0 follow from the mass and the shapes, or are those of a ball",
+    NOT_POSITIVE: OF_SHAPES_OR_BALL,
     "massless-moments": "moments of inertia of a link whose mass is 0 are left out",
     "incomplete-inertial": "moments that are missing follow from the shapes; an inertial without mass is left out",
 }

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from simspec.imports.draft import Draft, names, renamed
+from simspec.imports.draft import Draft, names, plain, renamed
 from simspec.imports.elements import MOST_BODIES, SPLIT, Element
 from simspec.imports.files import Files
+from simspec.imports.moments import FROM_SHAPES, density_of, solids_of
 from simspec.imports.timestep import add_timestep
 from simspec.imports.urdf import chains as chain_rules
 from simspec.imports.urdf import joints as joint_rules
@@ -19,15 +20,23 @@ from simspec.imports.urdf import shapes as shape_rules
 from simspec.imports.urdf import tree as tree_rules
 from simspec.imports.urdf import units as unit_rules
 from simspec.imports.urdf.chains import Chain
-from simspec.imports.urdf.contact import add_materials
-from simspec.imports.urdf.joints import Joint, read_joint
+from simspec.imports.urdf.contact import add_materials, excluded
+from simspec.imports.urdf.joints import Joint, read_joint, reflect
 from simspec.imports.urdf.locked import lock
-from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positive, read_mass, total
+from simspec.imports.urdf.masses import (
+    Mass,
+    check_mass,
+    give_mass,
+    leave_out,
+    not_positive,
+    read_mass,
+    total,
+)
 from simspec.imports.urdf.mimic import constraints
 from simspec.imports.urdf.numerals import RULES as NUMERAL_RULES
 from simspec.imports.urdf.numerals import mend
 from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes, without_planes
-from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
+from simspec.imports.urdf.table import INFORMATION, LOST, set_aside, settle
 from simspec.imports.urdf.tree import WORLD, Tree, missing_rule, tree_of
 from simspec.imports.urdf.weights import weightless
 from simspec.language.document import Path_
@@ -86,7 +95,9 @@ class Robot:
 
     def __init__(self, root: Element, files: Files, options: ImportOptions):
         self.root = root
-        self.draft = Draft(files, options, tuple(RULES))
+        self.draft = Draft(files, options, tuple(RULES), (FROM_SHAPES,))
+        self.density, wrong = density_of(options.repairs, files.shown)
+        self.draft.problems += wrong
         self.links: dict[str, Link] = {}
         self.joints: list[Joint] = []
         self.fixed = False
@@ -120,6 +131,7 @@ class Robot:
                 if link.mass is not None:
                     check_mass(link.mass, bool(link.shapes), self.draft, link.path)
         self.draft.finish()
+        settle(self.root)
         draft = self.draft
         imported = Imported(
             data,
@@ -146,17 +158,20 @@ class Robot:
             with self.draft.collecting():
                 self._link(element, known, given)
         seen: dict[str, Joint] = {}
+        bodies = {name: link.name for name, link in self.links.items()}
         elements = self.root.children("joint")
         called, parts = _given_to_joints(elements)
         for index, element in enumerate(elements):
             with self.draft.collecting():
-                joint = read_joint(element, called[index], parts.get(index, ()), self.draft)
+                joint = read_joint(element, called[index], parts.get(index, ()), bodies, self.draft)
                 name = element.attributes["name"].strip()
                 if name in seen:
                     first = seen[name].element.location
                     self.draft.defect(element, f"two joints are called {name[:80]!r}", found=f"first at {first}")
                 seen.setdefault(name, joint)
                 self.joints.append(joint)
+        with self.draft.collecting():
+            reflect(self.root, self.joints)
         lock(self.joints)
         self._judge_meshes()
         name_shapes([shape for link in self.links.values() for shape in link.shapes])
@@ -214,10 +229,25 @@ class Robot:
         self._compare_moments(tree, top)
         for head, group in members.items():
             still = head == tree.root and self.fixed
+            if not still and self.draft.repairing(FROM_SHAPES):
+                self._give_masses(head, group)
             for name in group:
                 self._check_link(self.links[name], still)
             if not still:
                 self._check_group(tree, head, group)
+
+    def _give_masses(self, head: str, group: list[str]) -> None:
+        """The rule that gives masses by a density: to links whose mass is missing or below 0, and where nothing that moves as
+        one has a mass, to each of it that has a shape with a volume."""
+        links = [self.links[name] for name in group]
+        has_none = head not in self.between and not any(
+            link.mass is not None and link.mass.mass > 0.0 for link in links
+        )
+        for link in links:
+            solids = solids_of(link.shapes)
+            if solids and (has_none or (link.mass is not None and link.mass.lacks_mass)):
+                link.mass = link.mass or Mass(link.element, 0.0)
+                give_mass(link.mass, solids, self.density, self.draft, link.path)
 
     def _compare_moments(self, tree: Tree, top: Mapping[str, str]) -> None:
         """Moments of inertia with the sizes of the links that may move."""
@@ -236,7 +266,7 @@ class Robot:
 
     def _check_link(self, link: Link, still: bool) -> None:
         mass = link.mass
-        if mass is None:
+        if mass is None or mass.density:
             return
         if not still:
             check_mass(mass, bool(link.shapes), self.draft, link.path)
@@ -249,6 +279,8 @@ class Robot:
         masses = {name: mass for name in group if (mass := self.links[name].mass) is not None}
         if any(mass.missing or mass.mass < 0.0 or _negative(mass) for mass in masses.values()):
             return  # reported
+        if any(mass.density for mass in masses.values()):
+            return
         if not any(mass.mass for mass in masses.values()):
             if head in self.between:
                 return  # a joint of the body that moves with the last of the chain
@@ -274,13 +306,13 @@ class Robot:
         link = self.links[head]
         shown = ", ".join(group[:6]) + (", ..." if len(group) > 6 else "")
         if not self.draft.repairing(MASSLESS):
-            self.draft.defect(
-                joint.element, "what this joint moves has no mass", MASSLESS, RULES[MASSLESS], found=shown[:300]
-            )
+            rule = FROM_SHAPES if any(solids_of(self.links[name].shapes) for name in group) else MASSLESS
+            self.draft.defect(joint.element, "what this joint moves has no mass", rule, RULES[rule], found=shown[:300])
             return
         what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {shown[:300]}"
         joint.kind, joint.parts, kept = "fixed", (), joint.data.get("origin")
         joint.data = {} if kept is None else {"origin": kept}
+        self.draft.take_back((*link.path, "joint"))
         self.draft.repaired(MASSLESS, joint.element, what, (*link.path, "joint"))
 
     # --- writing ----------------------------------------------------------------------------------------------
@@ -328,7 +360,12 @@ class Robot:
         self.draft.place((), self.root)
         coupled = constraints([tree.above[name] for name in tree.order if name in tree.above], self.draft)
         more = {"constraints": coupled} if coupled else {}
-        contact = {"contact": {"materials": self.materials}} if self.materials else {}
+        said: dict[str, Any] = {"materials": self.materials} if self.materials else {}
+        with self.draft.collecting():
+            moving = {name: self.links[name].name for name in order if name not in self.between}
+            if pairs := excluded(self.root, self.links, moving):
+                said["exclude"] = pairs
+        contact = {"contact": said} if said else {}
         return {"simspec": VERSION, "name": name, **contact, "model": {"bodies": bodies, **more}}
 
     def _write_chain(self, link: Link, body: dict[str, Any], chain: Chain, from_world: bool) -> None:
@@ -380,10 +417,12 @@ class Robot:
         body |= joined
         if not (body.get("fixed") or joined.get("joint", {}).get("type") == "fixed"):
             link.shapes = without_planes(link.shapes)
-        if link.mass is not None and link.mass.from_shapes:
-            for shape in link.shapes:
+        if link.mass is not None and (link.mass.from_shapes or link.mass.density):
+            for shape in solids_of(link.shapes):
                 if shape.is_open:  # only the hull has a volume
                     shape.data["mesh"] = {**shape.data["mesh"], "mass_from": "hull"}
+                if link.mass.density:
+                    shape.data["density"] = plain(link.mass.density)
         if link.shapes:
             body["shapes"] = [shape.written() for shape in link.shapes]
             for index, shape in enumerate(link.shapes):

@@ -11,7 +11,7 @@ from simspec.errors import Problem, SpecError
 from simspec.imports.draft import Draft, names, numbers, plain, pose, renamed
 from simspec.imports.elements import Element
 from simspec.imports.meshes import NamedMesh, find_mesh, kept_vertices, read_meshes, reduced_meshes
-from simspec.imports.packages import MissingFileError
+from simspec.imports.packages import MissingFileError, MissingPackageError
 from simspec.imports.urdf.planar import across
 from simspec.imports.urdf.table import APPEARANCE, INFORMATION, LOST
 from simspec.language.foreign import Fate
@@ -19,6 +19,7 @@ from simspec.language.mesh import SUFFIXES as MESHES
 from simspec.meshes.files import MeshError
 from simspec.meshes.made import FlatMeshError, MadeMesh, ManyVerticesError
 from simspec.world import frames
+from simspec.world.shapes import SHAPES
 
 EMPTY: Final = "empty-shapes"
 MISSING: Final = "missing-meshes"
@@ -58,8 +59,15 @@ class Shape:
     """Whether the mesh encloses no volume."""
     radius: float = math.inf
     """m: how far it reaches from its frame's origin; infinite for a plane."""
+    volume: float = 0.0
+    """m³ that is filled where the mass follows from the shape: what a closed mesh encloses, the hull of an open one."""
     material: str = ""
     """Of `contact.materials`; "" for the only one."""
+
+    @property
+    def collides(self) -> bool:
+        """Whether it takes part in contact."""
+        return self.collision
 
     def written(self) -> dict[str, Any]:
         """The shape as the spec says it."""
@@ -204,11 +212,16 @@ def _shape(element: Element, draft: Draft) -> Shape | None:
     if _word(kind) == "plane":
         return Shape(element, collides, {"plane": {}, **_upright(element, kind)})
     sizes = _sizes(kind)
-    if min(size for value in sizes.values() for size in (value if isinstance(value, list) else [value])) <= 0.0:
+    if min(size for value in sizes.values() for size in _listed(value)) <= 0.0:
         _empty(element, kind, draft)
         return None
     data = {_word(kind): sizes, **_pose(element)}
-    return Shape(element, collides, data, radius=_radius_of(data))
+    volume = SHAPES[_word(kind)].volume([size for value in sizes.values() for size in _listed(value)])
+    return Shape(element, collides, data, radius=_radius_of(data), volume=volume)
+
+
+def _listed(value: Any) -> list[float]:
+    return value if isinstance(value, list) else [value]
 
 
 def _word(kind: Element) -> str:
@@ -272,7 +285,7 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> Shape | None:
     try:
         mesh = find_mesh(text, scale, kind, draft.files)
     except MissingFileError as error:
-        _without(element, draft, error.problems[0])
+        _without(element, draft, error.problems[0], named=isinstance(error, MissingPackageError))
         return None
     except SpecError as error:
         if text.lower().endswith(MESHES):
@@ -287,12 +300,13 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> Shape | None:
     return Shape(element, element.tag == "collision", {"mesh": mesh.data(), **_pose(element)}, mesh=mesh)
 
 
-def _without(element: Element, draft: Draft, why: Problem, rule: str = MISSING) -> None:
-    """Leave a mesh out: one that is only seen, or by the rule; else it is a defect."""
+def _without(element: Element, draft: Draft, why: Problem, rule: str = MISSING, named: bool = False) -> None:
+    """Leave a mesh out: one that is only seen, or by the rule, which has to be ``named`` where the search path may be what is
+    wrong; else it is a defect."""
     found = f": {why.found}" if why.found else ""
     if element.tag == "visual":
         element.set_aside(None, LOST, f"{why.message}{found}", APPEARANCE, why.hint or "")
-    elif draft.repairing(rule):
+    elif draft.options.repairs.is_named(rule) if named else draft.repairing(rule):
         element.set_aside(None, LOST, f"left out by the rule {rule}: {why.message}{found}")
         draft.repaired(rule, element, f"a mesh is left out: {why.message}{found}", ("model", "bodies"))
     else:
@@ -322,6 +336,7 @@ def judge_meshes(shapes: list[Shape], draft: Draft) -> list[Shape]:
             unusable.add(id(shape))
         else:
             shape.is_open, shape.radius = result.enclosed is None, _radius_of_mesh(result)
+            shape.volume = result.hull_volume if result.enclosed is None else abs(result.enclosed.volume)
             _tell_fewer(shape, result)
     return [shape for shape in shapes if id(shape) not in unusable]
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, SOLVER, Element
+from simspec.imports.elements import ACTS, HARDNESS_HINT, HOW_HARD, SOLVER, Element, plugin_loss
 from simspec.imports.table import Row
 from simspec.language.foreign import Fate, Severity
 
@@ -14,6 +14,10 @@ CARRIED, UNUSED, LOST = Fate.CARRIED, Fate.UNUSED, Fate.LOST
 PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
 
 
+READER: Final = "mujoco"
+"""The element of one reader's own."""
+FOR_READER: Final = "instructions to MuJoCo's own reader of URDF"
+OF_READER: Final = "changes masses, or what acts on them, in that reader alone"
 NO_MEANING: Final = "URDF gives it no meaning"
 NOT_OF_URDF: Final = "not of URDF: no reader of it acts on this"
 OF_OTHERS: Final = "a word of another language, which no reader of URDF reads"
@@ -178,12 +182,38 @@ TABLE: Final = (
     Row("joint/mimic/@offset", "`follow.offset`"),
     Row("joint/safety_controller", "", LOST, INFORMATION, "soft limits of a controller, which no engine has", CONTROL),
     Row("joint/calibration", "", LOST, INFORMATION, "positions of reference of a machine's own sensors"),
+    Row("joint/hardwareInterface", "", LOST, INFORMATION, "describes actuators", CONTROL),
     Row("joint/joint_properties", "", LOST, INFORMATION, NOT_OF_URDF, "write it as <dynamics>"),
     # what is for other programs
     Row("transmission", "", LOST, INFORMATION, "describes actuators", CONTROL),
+    Row("transmission/actuator", "", LOST, INFORMATION, "describes actuators", CONTROL),
+    *(
+        Row(
+            f"transmission/actuator/drake:{where}",
+            "`joint.armature`: the rotor's inertia times the square of the ratio",
+        )
+        for where in ("rotor_inertia", "rotor_inertia/@value", "gear_ratio", "gear_ratio/@value")
+    ),
+    *(
+        Row(
+            f"drake:collision_filter_group{where}",
+            "`contact.exclude`: pairs of bodies of groups that ignore each other",
+        )
+        for where in (
+            *("", "/@name", "/drake:member", "/drake:member/@link"),
+            *("/drake:ignored_collision_filter_group", "/drake:ignored_collision_filter_group/@name"),
+        )
+    ),
     Row("ros2_control", "", LOST, INFORMATION, "describes actuators and their interfaces", CONTROL),
     Row("sensor", "", LOST, INFORMATION, "simspec has no sensors"),
-    Row("mujoco", "", LOST, INFORMATION, "instructions to MuJoCo's own reader of URDF"),
+    Row("mujoco", "", LOST, INFORMATION, FOR_READER),
+    *(Row(f"{READER}/{tag}", "", LOST, INFORMATION, FOR_READER) for tag in ("compiler", "option")),
+    *(
+        Row(f"{READER}/{where}", "", LOST, PHYSICS, OF_READER)
+        for where in ("compiler/@settotalmass", "compiler/@inertiafromgeom", "option/@gravity", "option/@wind")
+    ),
+    *(Row(f"{READER}/option/@{name}", "", LOST, PHYSICS, OF_READER) for name in ("density", "viscosity")),
+    Row("inertial", "", LOST, INFORMATION, NO_MEANING),
     Row("frame", "", LOST, INFORMATION, "a named place without mass"),
     Row("gazebo", "what is in it is told item by item"),
     Row("gazebo/@reference", "what is in it is told item by item"),
@@ -205,12 +235,14 @@ GAZEBO: Final = {
     **dict.fromkeys(("fdir1", "collision", "surface"), (PHYSICS, "contact as Gazebo has it", FRICTION)),
     **dict.fromkeys(("selfCollide", "self_collide"), (PHYSICS, "the bodies of a model touch each other", APART)),
     "kinematic": (PHYSICS, "bodies that nothing moves are not in the language", ""),
+    "static": (PHYSICS, "whether a robot stands on something is said where it is placed", "`fixed: true`"),
     **dict.fromkeys(("preserveFixedJoint", "disableFixedJointLumping"), (INFORMATION, "no fixed joint is removed", "")),
 }
 """What stands in a ``gazebo`` element and is not carried: severity, reason, way out. What is not here is of physics."""
 WITHOUT_EFFECT: Final[Mapping[str, tuple[str, ...]]] = {
     **dict.fromkeys(("selfCollide", "self_collide", "gravity"), ("1", "true")),
-    **dict.fromkeys(("turnGravityOff", "kinematic", "enable_wind"), ("0", "false")),
+    **dict.fromkeys(("turnGravityOff", "kinematic", "enable_wind", "static"), ("0", "false")),
+    **dict.fromkeys(("dampingFactor", "springStiffness", "springReference"), ("0", "0.0")),
 }
 """Values that change nothing."""
 
@@ -243,18 +275,47 @@ def set_aside(root: Element) -> None:
             row = _ALWAYS.get(below)
             if row is not None:
                 child.set_aside(None, row.fate, row.reason, row.severity, row.hint)
+                if below == "mujoco":
+                    _reader(child)
             elif below == "gazebo":
                 _gazebo(child)
             else:
                 waiting.append((child, below))
 
 
+def _reader(element: Element) -> None:
+    """Say of what MuJoCo's own reader of URDF changes in a model that it is lost as physics."""
+    for tag in ("compiler", "option"):
+        for child in element.look(tag):
+            for name in child.attributes:
+                row = _ALWAYS.get(f"{READER}/{tag}/@{name}")
+                value = child.attributes[name].strip().lower()
+                if row is not None and value not in READER_DEFAULTS.get(name, ()):
+                    child.set_aside(None, LOST, FOR_READER, INFORMATION)
+                    child.set_aside(name, row.fate, row.reason, row.severity, row.hint)
+
+
+READER_DEFAULTS: Final[Mapping[str, tuple[str, ...]]] = {
+    "settotalmass": ("-1",),
+    "inertiafromgeom": ("auto", "false"),
+    "gravity": ("0 0 -9.81",),
+    "wind": ("0 0 0",),
+    "density": ("0",),
+    "viscosity": ("0",),
+}
+"""Values with which a model is as without them."""
+
+
 def _gazebo(element: Element) -> None:
     element.take().word("reference")
     for child in element.look():
         severity, reason, hint = GAZEBO.get(child.tag, (PHYSICS, _NOT_READ, ""))
+        if child.tag == "plugin" and ACTS.search(" ".join(child.attributes.values())):
+            severity, reason = plugin_loss(child)
         said = child.attributes.get("value", child.text).strip().lower()
-        if said in WITHOUT_EFFECT.get(child.tag, ()) or (child.tag == "collision" and _does_not_bounce(child)):
+        if _is_empty(child):
+            child.set_aside(None, UNUSED, "it is empty: it says nothing", INFORMATION)
+        elif said in WITHOUT_EFFECT.get(child.tag, ()) or (child.tag == "collision" and _does_not_bounce(child)):
             child.set_aside(None, UNUSED, "as without it", INFORMATION)
         else:
             child.set_aside(None, LOST, reason, severity, hint)
@@ -268,8 +329,47 @@ def _does_not_bounce(element: Element) -> bool:
         waiting += part.look()
         if not part.look():
             leaves[part.tag] = part.text
-    words = {"restitution_coefficient", "threshold"}
+    words = {"restitution_coefficient", "threshold", "max_contacts"}
     return leaves.keys() <= words and leaves.get("restitution_coefficient") in ("0", "0.0")
+
+
+CONTAINERS: Final = frozenset(
+    (
+        *("contact", "gazebo", "transmission", "extension", "surface", "friction", "bounce", "dynamics"),
+        *("visual", "material", "sensor", "plugin", "mujoco"),
+    )
+)
+"""Elements that say nothing where there is nothing in them."""
+NAMES: Final[Mapping[str, str]] = {"gazebo": "reference", "transmission": "name"}
+"""Attributes of such elements that say nothing alone."""
+DRAWN: Final = ("visual", "material")
+"""Elements in which nothing is of physics."""
+
+
+def _is_empty(element: Element) -> bool:
+    said = element.attributes.keys() - {NAMES.get(element.tag)}
+    return element.tag in CONTAINERS and not element.look() and not element.text and not said
+
+
+def settle(root: Element) -> None:
+    """Say of what nobody has taken what becomes of it, where that is no loss of physics: what is said twice, empty containers,
+    and what is in elements that are drawn only."""
+    waiting = [root]
+    while waiting:
+        element = waiting.pop()
+        children = element.look()
+        for index, child in enumerate(children):
+            if child.is_settled:
+                continue
+            if any(child.same_as(one) for one in children[:index] if one.tag == child.tag):
+                child.set_aside(None, UNUSED, "said twice, the same", INFORMATION)
+            elif _is_empty(child):
+                child.set_aside(None, UNUSED, "it is empty: it says nothing", INFORMATION)
+        for child in children:
+            if child.tag in DRAWN and child.is_settled:
+                child.leave("simspec does not draw it", APPEARANCE)
+            else:
+                waiting.append(child)
 
 
 def attributes_unused(element: Element, reason: str) -> None:

@@ -118,7 +118,8 @@ def large_meshes(shapes: Sequence[Shape], joints: Sequence[Joint], draft: Draft)
     apart = max((math.hypot(*joint.origin.position) for joint in joints), default=0.0)
     least = max(LARGEST_MESH, MESH_SHARE * apart) if apart > 0.0 else FURTHEST_JOINT
     far = [shape for shape in shapes if shape.mesh is not None and shape.radius > least]
-    if not far or (apart == 0.0 and not draft.repairing(MILLIMETRES)):  # a ground is as large as it likes to be
+    # without joints the rule has to be named, since a ground may be of any size
+    if not far or (apart == 0.0 and not draft.options.repairs.is_named(MILLIMETRES)):
         return []
     shown = f"{far[0].radius:.3g} m from its origin"
     if not draft.repairing(MILLIMETRES):
@@ -154,7 +155,9 @@ def scale_moments(links: Sequence[Link], draft: Draft) -> None:
         return
     fine = sum(shares[id(link)] > FINE for link in large)
     unit = "g mm²" if 2 * fine > len(large) else "kg mm²"
-    if not draft.repairing(MILLIMETRES):
+    most = len(links) > 1 and 2 * len(large) > len(links)
+    # a single link may have been given large moments on purpose: there the rule has to be named
+    if not (draft.repairing(MILLIMETRES) if most else draft.options.repairs.is_named(MILLIMETRES)):
         link = large[0]
         away = f"moments of inertia of mass that is {_gyration(link.mass):.3g} m away: in {unit}?"
         _tell(link.mass.element, _counted(away, len(large), "links"), f"a link of {link.reach:.3g} m", draft)

@@ -6,21 +6,22 @@ import math
 from typing import Any, Final
 
 from simspec.errors import SpecError
-from simspec.imports.draft import Draft, names, numbers
+from simspec.imports.draft import Draft, names, numbers, plain
 from simspec.imports.timestep import has_drives, stable_timestep
+from simspec.imports.usd.beyond import follow_words
 from simspec.imports.usd.bodies import Body
 from simspec.imports.usd.contact import Materials, bind
 from simspec.imports.usd.graph import Link, frame_in_body, in_order, origin_of, trees
-from simspec.imports.usd.joints import TYPES, Joint, JointReader, start_of, start_words
+from simspec.imports.usd.joints import STACKED, TYPES, Freedom, Joint, JointReader, stacked, start_of, start_words
 from simspec.imports.usd.loops import loop_data
-from simspec.imports.usd.masses import MassReader
+from simspec.imports.usd.masses import OF_FILLING, MassReader
 from simspec.imports.usd.meshes import name_meshes
 from simspec.imports.usd.named_frames import add_frames
 from simspec.imports.usd.places import UPRIGHT, Places
 from simspec.imports.usd.scene import contact_data, physics_data, tidy
 from simspec.imports.usd.shapes import GEOMETRY, Shape, ShapeReader, pose_data
 from simspec.imports.usd.stage import Prim, Stage, agree
-from simspec.language.foreign import Fate
+from simspec.language.foreign import Fate, Severity
 from simspec.language.words import clean_name
 from simspec.resolve.poses import direction
 from simspec.world import frames
@@ -28,6 +29,8 @@ from simspec.world.types import Pose
 
 RIGID: Final = "PhysicsRigidBodyAPI"
 NO_GRAVITY: Final = "physxRigidBody:disableGravity"
+COMPENSATED: Final = "mjc:body:gravcomp"
+"""The part of a body's weight that is away."""
 ARTICULATION: Final = "PhysicsArticulationRootAPI"
 APART: Final = 1e-3
 """m and rad that the frames of a joint may be apart: files are written by hand and in single precision."""
@@ -108,7 +111,8 @@ class Assembly:
                 )
                 start_of(joint, first, second)
                 joints.append(joint)
-        return joints
+        adding = [prim for prim in self.stage.used() if prim.has(STACKED) and prim.flag(STACKED, False)]
+        return stacked(joints, bool(adding))
 
     def _shapes(self) -> dict[str, list[Shape]]:
         """Shapes by the path of their body; those of the world by the path of what they are fixed on."""
@@ -147,7 +151,8 @@ class Assembly:
         body = Body(link.prim, link, shapes)
         if link.joint is not None:
             body.frame = frame_in_body(link.joint)
-            start_words(link.joint)
+            for joint in (*link.joint.outer, link.joint):
+                start_words(joint)
             if link.joint.apart > APART:
                 apart = f"{link.joint.apart:.3g} m or rad apart where the bodies are"
                 reason = f"the joint's frames are {apart}: the joint places {link.prim.name}"
@@ -200,7 +205,12 @@ class Assembly:
             for body, own in zip(inside, names([body.prim.called() for body in inside]), strict=True):
                 body.name, body.model = own, name
         for held in ([body for body in order if body.model == model] for model in {body.model: None for body in order}):
-            joined = [body.link.joint for body in held if body.link.joint is not None]
+            joined = [
+                joint
+                for body in held
+                if body.link.joint is not None
+                for joint in (*body.link.joint.outer, body.link.joint)
+            ]
             for joint, name in zip(joined, names([joint.name for joint in joined]), strict=True):
                 joint.name = name
         for group in ([*loose], *([body for body in order if body.model == name] for name in given[len(loose) :])):
@@ -273,6 +283,7 @@ class Assembly:
             table = holder.setdefault("constraints", {})
             (given,) = names([joint.name], list(table))
             table[given] = words
+        self._follow(every, alone)
         inner = [*loops, *(body.link.joint for body in every if body.link.joint is not None)]
         contact = contact_data(self.stage, draft, self.body_of, self.bodies, materials, every, inner, self.data)
         if contact:
@@ -283,6 +294,27 @@ class Assembly:
             self.data = {
                 key: self.data[key] for key in ("simspec", "name", "physics", "contact", "model") if key in self.data
             }
+
+    def _follow(self, every: list[Body], alone: bool) -> None:
+        """Joints that follow others, as constraints of the model that both are in."""
+        of_prim: dict[str, tuple[Joint, str]] = {}
+        for body in every:
+            if body.link.joint is not None:
+                for joint in (*body.link.joint.outer, body.link.joint):
+                    of_prim[joint.prim.where] = (joint, body.model)
+        for joint, model in of_prim.values():
+            said = joint.freedoms[0].mimic if len(joint.freedoms) == 1 else None
+            if said is None:
+                continue
+            leader, other = of_prim.get(said.leader, (None, ""))
+            if leader is None or other != model or [one.kind for one in leader.freedoms] not in (["hinge"], ["slide"]):
+                reason = "it is to follow what is no hinge or slide of its model: the joint moves on its own"
+                joint.prim.set_aside("newton:mimicJoint", Fate.LOST, reason)
+                continue
+            holder = self.data["model"] if alone else self.data["models"][model] if model else self.data
+            table = holder.setdefault("constraints", {})
+            (given,) = names([joint.name], list(table))
+            table[given] = follow_words(joint.name, leader.name, said, joint.freedoms[0].kind == "hinge")
 
     def _drives(self, every: list[Body]) -> None:
         """The timestep at which drives are stable, where the file says none."""
@@ -338,8 +370,13 @@ class Assembly:
             self._massless(body, data, path)
             if not data.get("kinematic") and prim.flag(NO_GRAVITY, False):
                 data["gravity_scale"] = 0.0
+            elif (away := prim.real(COMPENSATED, 0.0)) and not data.get("kinematic"):
+                data["gravity_scale"] = plain(1.0 - away)
         shapes = []
         for index, shape in enumerate(body.shapes):
+            if body.fixed:
+                for name in OF_FILLING:
+                    shape.prim.set_aside(name, Fate.UNUSED, "it does not move", Severity.INFORMATION)
             words = shape.written(body.offset, f"{body.name}_{index}")
             if shape.collision and len(materials.data) > 1:
                 words["material"] = materials.names[shape.material]
@@ -353,28 +390,25 @@ class Assembly:
 
     def _join(self, body: Body, joint: Joint, data: dict[str, Any], path: tuple[str, ...]) -> None:
         self.draft.place((*path, "joint"), joint.prim)
-        origin = origin_of(joint)
-        if body.link.parent is not None:
-            above = self.bodies[id(body.link.parent)].frame
-            origin = frames.compose(frames.inverse(above), origin) if above != Pose() else origin
-        position = joint.prim.exactly("origin", origin.position)
-        if position == tuple(origin.position) or agree(position, origin.position):
-            turn = joint.prim.turn("orientation", origin.quaternion)
-            origin = Pose(position, turn)  # type: ignore[arg-type]
         words: list[dict[str, Any]] = []
-        for freedom in joint.freedoms:
-            one: dict[str, Any] = {"type": freedom.kind}
-            if freedom.kind != "ball":
-                axis = frames.rotate(joint.in_second.quaternion, freedom.axis)
-                own = joint.own(freedom, "axis")
-                if own is not None and len(own) == 3 and any(own) and agree(direction((own[0], own[1], own[2])), axis):
-                    axis = (own[0], own[1], own[2])
-                one["axis"] = numbers(tidy(axis))
-            words.append(one | freedom.data)
-        if not words:
-            words.append({"type": "fixed"})
-        if place := pose_data(origin):
-            words[0] = {"type": words[0]["type"], "origin": place, **words[0]}
+        around = Pose()
+        if body.link.parent is not None:
+            around = frames.inverse(self.bodies[id(body.link.parent)].frame)
+        for part in (*joint.outer, joint):
+            frame = origin_of(part)
+            origin = frames.compose(around, frame) if around != Pose() else frame
+            around = frames.inverse(frame)  # joints of one body follow each other
+            first = len(words)
+            for freedom in part.freedoms:
+                words.append(self._freedom_words(part, freedom))
+            if not words:
+                words.append({"type": "fixed"})
+            position = part.prim.exactly("origin", origin.position)
+            if position == tuple(origin.position) or agree(position, origin.position):
+                turn = part.prim.turn("orientation", origin.quaternion)
+                origin = Pose(position, turn)  # type: ignore[arg-type]
+            if place := pose_data(origin):
+                words[first] = {"type": words[first]["type"], "origin": place, **words[first]}
         default = f"{body.name}_joint"
         if len(words) == 1:
             named = {"name": joint.name} if joint.name != default else {}
@@ -385,8 +419,22 @@ class Assembly:
                 return
             data["joint"] = {**named, **words[0]}
             return
-        called = ((one.name or f"{joint.name}_{one.word}") for one in joint.freedoms)
+        called = (
+            (one.name or (f"{part.name}_{one.word}" if len(part.freedoms) > 1 else part.name))
+            for part in (*joint.outer, joint)
+            for one in part.freedoms
+        )
         data["joints"] = [{"name": name, **one} for name, one in zip(called, words, strict=True)]
+
+    def _freedom_words(self, joint: Joint, freedom: Freedom) -> dict[str, Any]:
+        one: dict[str, Any] = {"type": freedom.kind}
+        if freedom.kind != "ball":
+            axis = frames.rotate(joint.in_second.quaternion, freedom.axis)
+            own = joint.own(freedom, "axis")
+            if own is not None and len(own) == 3 and any(own) and agree(direction((own[0], own[1], own[2])), axis):
+                axis = (own[0], own[1], own[2])
+            one["axis"] = numbers(tidy(axis))
+        return one | freedom.data
 
     def _free(self, body: Body, data: dict[str, Any], path: tuple[str, ...]) -> None:
         prim = body.prim

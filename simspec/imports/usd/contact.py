@@ -58,21 +58,18 @@ class Materials:
         called = names([self.stage.prims[path].called() for path in paths])
         for path, name in zip(paths, called, strict=True):
             self.names[path] = name
-            self.data[name] = self._material(self.stage.prims[path])
+            self.data[name] = self._material(self.stage.prims[path], [one for one in solid if one.material == path])
         if (paths or not alone) and any(not shape.material for shape in solid):
             (self.names[""],) = names([UNBOUND], called)
             self.data[self.names[""]] = {"friction": FRICTION}
 
-    def _material(self, prim: Prim) -> dict[str, Any]:
+    def _material(self, prim: Prim, shapes: Sequence[Shape]) -> dict[str, Any]:
         prim.take()
         prim.applies(MATERIAL)
         sticking, sliding = (prim.real(f"physics:{name}Friction", 0.0) for name in ("static", "dynamic"))
         bounce = prim.real("physics:restitution", 0.0)
         if prim.has("physics:density"):
             prim.value("physics:density")
-        if not any(prim.real(CONDIM, 3.0) > 3.0 for prim in self.stage.used() if prim.has(CONDIM)):
-            for name in ("mjc:torsionalfriction", "mjc:rollingfriction"):
-                prim.set_aside(name, Fate.UNUSED, f"no shape has {CONDIM} above 3", Severity.INFORMATION)
         if sticking != sliding:
             prim.set_aside("physics:staticFriction", Fate.LOST, "friction is one number; `dynamicFriction` is carried")
         friction = prim.exactly("friction", (sliding,))[0]
@@ -81,6 +78,31 @@ class Materials:
             data["restitution"] = plain(prim.exactly("restitution", (bounce,))[0])
         else:
             prim.own("restitution")
+        return data | self._turning(prim, shapes)
+
+    def _turning(self, prim: Prim, shapes: Sequence[Shape]) -> dict[str, Any]:
+        """Torsional and rolling friction (m) of a material. Where shapes say in how many directions friction acts
+        (:data:`CONDIM`, 3 unless it is said), the first needs 4 of these, and the second 6."""
+        governed = any("MjcCollisionAPI" in one.prim.schemas or one.prim.has(CONDIM) for one in shapes)
+        directions = {one.prim.real(CONDIM, 3.0) if governed else 6.0 for one in shapes}
+        data: dict[str, Any] = {}
+        for least, word, attributes in (
+            (4.0, "torsional_friction", ("newton:torsionalFriction", "mjc:torsionalfriction")),
+            (6.0, "rolling_friction", ("newton:rollingFriction", "mjc:rollingfriction")),
+        ):
+            said = [prim.real(name, 0.0) * self.stage.metres for name in attributes if prim.has(name)]
+            acting = {number >= least for number in directions}
+            if True not in acting:
+                for name in attributes:
+                    prim.set_aside(name, Fate.UNUSED, f"no shape has {CONDIM} of {least:g}", Severity.INFORMATION)
+            elif len(acting) > 1:
+                for name in attributes:
+                    prim.set_aside(name, Fate.LOST, f"shapes of one material differ in {CONDIM}")
+            elif said and said[0]:
+                data[word] = plain(said[0])
+        for one in shapes:
+            if one.prim.has(CONDIM) and one.prim.real(CONDIM, 3.0) < 3.0:
+                one.prim.set_aside(CONDIM, Fate.LOST, "two such shapes touch without friction")
         return data
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from simspec.imports.usd.stage import Prim, Stage
@@ -26,6 +27,19 @@ def _rule(pattern: str, shown: str, fate: Fate, severity: Severity, reason: str,
     return Rule(re.compile(pattern), shown, fate, severity, reason, hint)
 
 
+FLAGS: Final = (
+    "actuation",
+    "constraint",
+    "contact",
+    "damper",
+    "equality",
+    "filterparent",
+    "frictionloss",
+    "gravity",
+    "limit",
+    "spring",
+)
+"""Parts of the physics of a scene that ``mjc:flag:NAME`` switches off."""
 TYPES: Final = (
     _rule(".*Light|LightFilter", "lights", Fate.LOST, APPEARANCE, "simspec has no lights"),
     _rule("Camera", "Camera", Fate.LOST, APPEARANCE, "simspec has no cameras"),
@@ -55,28 +69,49 @@ TYPES: Final = (
         INFORMATION,
         "what drives a joint is `control` in a spec",
     ),
+    _rule(
+        "MjcTendon",
+        "MjcTendon",
+        Fate.LOST,
+        PHYSICS,
+        "tendons of a stage are not read",
+        "import the file that it is made from",
+    ),
+    _rule("MjcKeyframe", "MjcKeyframe", Fate.LOST, INFORMATION, "a named state of one engine"),
     _rule("OmniGraph.*|ComputeGraph.*", "graphs of programs", Fate.LOST, INFORMATION, "of other programs"),
     _rule("TetMesh", "TetMesh", Fate.LOST, PHYSICS, "deformable bodies are not supported"),
 )
 """Prims of these types are not read."""
 NEUTRAL: Final = (
     _rule(
-        "physics:linearVelocity|physxRigidBody:(linear|angular)Damping|physxRigidBody:disableGravity|physxMaterial:compliantContact.*",
-        "damping, velocities and switches of zero",
+        "physics:linearVelocity|physxRigidBody:(linear|angular)Damping|physxRigidBody:disableGravity"
+        "|physxMaterial:compliantContact.*|newton:.*|mjc:option:(density|viscosity|wind)|mjc:flag:override"
+        "|mjc:(margin|gap|priority|ref|springdamper|springref|stiffness|damping|frictionloss|armature|shellinertia)"
+        "|mjc:(actuator.*|coef[0-4]|body:gravcomp)|mjc:compiler:(balanceInertia|boundMass|boundInertia)|physxJoint:.*|physxJointAxis:.*",
+        "damping, velocities, margins and switches of zero",
         Fate.UNUSED,
         INFORMATION,
         "of no effect, since it is zero",
     ),
 )
-"""Attributes that UsdPhysics does not have, where their value is zero or false."""
-GYROSCOPIC: Final = Rule(
-    re.compile("physxRigidBody:enableGyroscopicForces"),
-    "",
-    Fate.UNUSED,
-    INFORMATION,
-    "every body has gyroscopic forces",
-)
-"""Where it is on."""
+"""Attributes that UsdPhysics does not have, where their value is zero, false, or the infinity that stands for none."""
+DEFAULTS: Final[Mapping[str, object]] = {
+    **{f"mjc:flag:{name}": True for name in FLAGS},
+    "mjc:condim": 3,
+    "mjc:compiler:inertiaFromGeom": "auto",
+    "mjc:compiler:setTotalMass": -1.0,
+    "newton:massModel": "solid",
+    "newton:maxHullVertices": -1,
+    "mjc:maxhullvert": -1,
+    "mjc:torqueScale": 1.0,
+    "mjc:actuatorfrclimited": "auto",
+    "physxRigidBody:enableGyroscopicForces": True,
+}
+"""Attributes with the value that is as if they were not there."""
+OF_SENSORS: Final = re.compile(r"(sensor|transmission|ros2_control|hardwareInterface|plugin)(_\d+)?")
+"""Names of prims that a converter makes of elements of URDF without a place in USD: their attributes begin with ``urdf:``."""
+AS_DEFAULT: Final = _rule(".*", "", Fate.UNUSED, INFORMATION, "its default: as without it")
+"""Of :data:`DEFAULTS`."""
 ATTRIBUTES: Final = (
     _rule(
         "physics:approximation|apiSchemas:PhysicsMeshCollisionAPI",
@@ -123,7 +158,16 @@ ATTRIBUTES: Final = (
         "of other programs",
     ),
     _rule(
-        "physxScene:.*|newton:(max_solver_iterations|timeStepsPerSecond|kamino:.*|.*[Ii]teration.*)|mjc:(option|compiler|flag):.*"
+        f"mjc:flag:({'|'.join(FLAGS)}|override)|mjc:option:(density|viscosity|wind|o_.*)"
+        "|mjc:compiler:(balanceInertia|boundMass|boundInertia|setTotalMass|inertiaFromGeom)",
+        "`mjc:flag:contact` and others, `mjc:option:density`, `viscosity`, `wind`, other than their defaults",
+        Fate.LOST,
+        PHYSICS,
+        "of one engine: UsdPhysics does not have it",
+    ),
+    _rule(
+        "physxScene:.*|newton:(max_solver_iterations|maxSolverIterations|timeStepsPerSecond|.*[Ii]teration.*)"
+        "|newton:(kamino|xpbd|vbd|mpm):.*|mjc:(option|compiler|flag):.*"
         "|physx(Articulation|RigidBody):(solver.*|sleep.*|stabilization.*|maxDepenetrationVelocity|retainAccelerations)"
         "|physxMaterial:improvePatchFriction",
         "`physxScene:…`, `mjc:option:…`, `newton:kamino:…`, and others",
@@ -132,11 +176,27 @@ ATTRIBUTES: Final = (
         "settings of one engine's solver",
     ),
     _rule(
-        "mjc:sol(ref|imp|mix).*|physxLimit:.*:(stiffness|damping)",
-        "`mjc:solref`, `mjc:solimp`, stiffness and damping of limits",
+        "mjc:sol(ref|imp|mix).*|mjc:torqueScale|physxLimit:.*:(stiffness|damping)|newton:limit(Stiffness|Damping)"
+        "|newton:contact(Stiffness|Damping|FrictionGain)|physxMaterial:compliantContact.*",
+        "`mjc:solref`, `mjc:solimp`, `newton:contactStiffness`, stiffness and damping of limits",
         Fate.LOST,
         INFORMATION,
         "how hard contact, constraints and limits are",
+    ),
+    _rule(
+        "newton:contactGap|mjc:gap|mjc:margin|physxCollision:contactOffset",
+        "`newton:contactGap`, `mjc:gap`, `mjc:margin` of a joint, `physxCollision:contactOffset`",
+        Fate.LOST,
+        INFORMATION,
+        "a distance at which contact or a limit is looked for, without a force",
+    ),
+    _rule("mjc:group", "`mjc:group`", Fate.LOST, INFORMATION, "of a viewer"),
+    _rule(
+        "urdf:(safety_controller|calibration):.*",
+        "`urdf:safety_controller:…`, `urdf:calibration:…`",
+        Fate.LOST,
+        INFORMATION,
+        "of a controller, and of a machine's own sensors",
     ),
     _rule(
         "physx.*:.*|newton:.*|mjc:.*",
@@ -169,7 +229,10 @@ def settle(stage: Stage) -> None:
                 prim.set_aside(None, rule.fate, rule.reason, rule.severity, rule.hint)
             else:
                 prim.take()
+        foreign = any(OF_SENSORS.fullmatch(around.name) for around in prim.ancestors())
         for name in prim.attributes:
+            if foreign and name.startswith("urdf:"):
+                prim.set_aside(name, Fate.LOST, "of sensors and actuators, as a URDF describes them", INFORMATION)
             if name in prim._taken or name in prim._fates:
                 continue
             said = (
@@ -180,11 +243,13 @@ def settle(stage: Stage) -> None:
 
 
 def _neutral(prim: Prim, name: str) -> Rule | None:
-    """The rule of an attribute whose value is zero, where that is as if it were not there."""
+    """The rule of an attribute whose value is zero, or its default, where that is as if it were not there."""
     value = prim.told["attributes"].get(name, {}).get("value")
-    if value and GYROSCOPIC.pattern.fullmatch(name):
-        return GYROSCOPIC
+    if name in DEFAULTS and value == DEFAULTS[name]:
+        return AS_DEFAULT
     numbers = value if isinstance(value, list) else [value]
+    if name.startswith("newton:"):
+        numbers = [0.0 if number in ("-inf", "inf") else number for number in numbers]
     if any(not isinstance(number, (bool, int, float)) or number for number in numbers):
         return None
     return next((one for one in NEUTRAL if one.pattern.fullmatch(name)), None)

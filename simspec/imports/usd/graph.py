@@ -22,6 +22,11 @@ class Link:
 
 def reverse(joint: Joint) -> None:
     """Take a joint from its other side: its coordinates stay what they are."""
+    if joint.outer:
+        raise joint.prim.error(
+            "several joints of two bodies, the first of which is the one that they move",
+            hint="exchange physics:body0 and physics:body1",
+        )
     joint.first, joint.second = joint.second, joint.first
     joint.in_first, joint.in_second = joint.in_second, joint.in_first
     if len(joint.freedoms) > 1 and joint.freedoms[-1].kind == "ball":

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from simspec.imports.draft import angle, numbers, plain
 from simspec.imports.usd import beyond
-from simspec.imports.usd.beyond import Units
+from simspec.imports.usd.beyond import UNBOUNDED, Mimic, Units
 from simspec.imports.usd.places import Places, quaternion
 from simspec.imports.usd.stage import OWN, Prim, Stage, agree
 from simspec.language.foreign import Fate, Severity
@@ -32,6 +32,10 @@ ANGLES: Final = "mjc:compiler:angle"
 """Of a scene: the unit of angles in attributes that are beyond UsdPhysics."""
 UNBREAKABLE: Final = 1e30
 """Units of force beyond which a joint does not break: files write the largest number of single precision."""
+STACKED: Final = "newton:jointsAddMobility"
+"""Of an articulation: several joints of the same two bodies move one after the other."""
+ADDING: Final = "MjcJointAPI"
+"""The schema of joints that are of a tree of bodies, where each joint lets its body move."""
 START: Final = 1e-5
 """rad and m below which a joint stands at zero: places of bodies and frames have single precision."""
 
@@ -50,6 +54,7 @@ class Freedom:
     instance: str = ""
     """What drives and states of the axis are called."""
     units: Units | None = None
+    mimic: Mimic | None = None
 
 
 @dataclass
@@ -71,6 +76,8 @@ class Joint:
     """m or rad by which its frames are apart where the bodies are."""
     said: bool = False
     """Whether simspec's own attributes say where its axes stand."""
+    outer: list[Joint] = field(default_factory=list)
+    """Joints of the same two bodies that move the second before this one does, from the first outwards."""
 
     def own(self, freedom: Freedom, name: str) -> tuple[float, ...] | None:
         """Numbers that only simspec says of one of the axes."""
@@ -191,6 +198,7 @@ class JointReader:
                 ball.data["spring"] = {"stiffness": plain(stiffness[0])}
             if damping is not None:
                 ball.data["damping"] = plain(damping[0])
+            beyond.of_ball(prim, ball.data, self._units(True))
             return [ball]
         return self._several(prim)
 
@@ -251,25 +259,28 @@ class JointReader:
             own = prim.own(own_word + name, 1)
             if own is not None:
                 limits[word] = plain(own[0])
-        maximum = prim.real("physxJoint:maxJointVelocity", math.inf, infinite=True)
-        if "velocity" not in limits and 0.0 < maximum < UNBOUNDED:
-            limits["velocity"] = plain(maximum * unit)
+        units = self._units(turns)
+        beyond.ratings(prim, limits, units, self.stage.metres == self.stage.kilograms == 1.0, drive)
         if limits:
             data["limits"] = limits
         for name, word in (("dry_friction", "dry_friction"), ("armature", "armature")):
             own = prim.own(own_word + name, 1)
             if own is not None and own[0]:
                 data[word] = plain(own[0])
-        units = Units(
-            self.of_torque if turns else self.stage.kilograms, unit, self.of_torque if turns else self.of_force, turns
-        )
         freedom.instance, freedom.units = drive, units
-        if (armature := beyond.armature(prim, units)) and "armature" not in data:
+        if (armature := beyond.armature(prim, units, drive)) and "armature" not in data:
             data["armature"] = plain(armature)
+        beyond.passive(prim, data, units, self.degrees, drive)
         if not own_word:
-            beyond.passive(prim, data, units, self.degrees)
+            freedom.mimic = beyond.mimic(prim, units)
         if speed := beyond.velocity(prim, drive, units):
             data["velocity"] = plain(speed)
+
+    def _units(self, turns: bool) -> Units:
+        unit = math.pi / 180.0 if turns else self.stage.metres
+        return Units(
+            self.of_torque if turns else self.stage.kilograms, unit, self.of_torque if turns else self.of_force, turns
+        )
 
     def _drive(self, prim: Prim, freedom: Freedom, name: str) -> None:
         """A drive as a spring and a damper."""
@@ -359,10 +370,34 @@ class JointReader:
 
 
 OF_CONTROL: Final = "the gains in the drive are those of a controller, which a scenario says by `control:`"
-UNBOUNDED: Final = 1e9
-"""Degrees or units of length beyond which a limit is none: files write the largest number that they have."""
 FAR: Final = 1e12
 """rad or m that stand for no limit at one end, where the other has one."""
+
+
+def stacked(joints: list[Joint], adding: bool) -> list[Joint]:
+    """The joints; of several that move the same two bodies one after the other the last, with the others as its outer ones.
+    They do so where joints add mobility (:data:`STACKED`), or where all of them are of the schema :data:`ADDING`, and have to
+    stand at zero where the bodies are."""
+    of_pair: dict[tuple[int, int], list[Joint]] = {}
+    for joint in joints:
+        if not joint.outside and joint.second is not None and len(joint.freedoms) == 1:
+            of_pair.setdefault((id(joint.first), id(joint.second)), []).append(joint)
+    taken: set[int] = set()
+    for row in of_pair.values():
+        still = all(joint.apart < START and not any(_turn(joint)) for joint in row)
+        balls = any(joint.freedoms[0].kind == "ball" for joint in row[:-1])
+        adds = adding or all(ADDING in joint.prim.schemas for joint in row)
+        if adds and len(row) > 1 and still and not balls:
+            row[-1].outer = row[:-1]
+            taken |= {id(joint) for joint in row[:-1]}
+    return [joint for joint in joints if id(joint) not in taken]
+
+
+def _turn(joint: Joint) -> list[float]:
+    """How far the axis of a joint of one axis is from zero."""
+    freedom = joint.freedoms[0]
+    values = freedom.start[1:] if freedom.kind == "ball" else freedom.start
+    return [value for value in values if abs(value) >= START]
 
 
 def start_of(joint: Joint, first: Pose, second: Pose) -> Pose:

@@ -13,11 +13,12 @@ from typing import Any, Final
 import numpy as np
 
 from simspec.imports.draft import Draft, numbers, plain
+from simspec.imports.moments import NOT_POSITIVE, shown
 from simspec.imports.usd.places import Places, quaternion
 from simspec.imports.usd.shapes import Shape
 from simspec.imports.usd.stage import OWN, STALE, Prim, Stage, agree
 from simspec.language.foreign import Fate, Severity
-from simspec.language.moments import impossible
+from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
 from simspec.world.mass import combined, part
 from simspec.world.shapes import SHAPES
@@ -28,8 +29,18 @@ DENSITY: Final = 1000.0
 """kg/m³ where nothing says a density."""
 STANDS_FOR_NONE: Final = float(np.float32(1e-9))
 """kg, which simspec writes for a body without mass."""
+OF_FILLING: Final = (
+    "physics:density",
+    "physics:mass",
+    "newton:massModel",
+    "newton:shellThickness",
+    "mjc:shellinertia",
+    "mjc:inertia",
+)
+"""Attributes of shapes that say how the body's mass follows from them."""
 INCOMPLETE: Final = "incomplete-inertial"
 TRIANGLE: Final = "triangle-inequality"
+AS_UNSAID: Final = "a mass or moments below 0 are as if they were not there: they follow from the shapes"
 NAMES: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
@@ -61,13 +72,26 @@ class MassReader:
                 prim.value(name)
             return {}
         if mass < 0.0:
-            raise prim.error("a mass below 0", found=f"{mass:g}")
+            hint = f"simspec import --repair {NOT_POSITIVE}: {AS_UNSAID}"
+            if not self.draft.repairing(NOT_POSITIVE):
+                raise prim.error("a mass below 0", found=f"{mass:g}", hint=hint)
+            prim.set_aside("physics:mass", Fate.LOST, f"replaced by the rule {NOT_POSITIVE}")
+            self.draft.repaired(NOT_POSITIVE, prim, f"a mass of {mass:g} kg follows from the shapes", path)
+            mass = 0.0
         mass = prim.exactly("mass", (mass,))[0] if mass else 0.0
         centre, moments = self._centre(prim, scale), self._moments(prim)
+        if moments is not None and min(low := principal_moments(moments)) < 0.0 and self.draft.repairing(NOT_POSITIVE):
+            prim.set_aside("physics:diagonalInertia", Fate.LOST, f"replaced by the rule {NOT_POSITIVE}")
+            what = f"the principal moments {shown(low)} kg m² follow from the mass and the shapes"
+            self.draft.repaired(NOT_POSITIVE, prim, what, path)
+            moments = None
         solid = [shape for shape in shapes if shape.collision and (shape.sizes is None or shape.sizes[0] != "plane")]
         if mass and moments is not None:
             if prim.has("physics:density"):
                 prim.set_aside("physics:density", Fate.UNUSED, "the file gives the mass", Severity.INFORMATION)
+            for shape in shapes:
+                for name in OF_FILLING:
+                    shape.prim.set_aside(name, Fate.UNUSED, "the body has its own mass", Severity.INFORMATION)
             if centre is None:
                 centre = self._middle(prim, solid)
             data: dict[str, Any] = {"mass": plain(mass)}
@@ -91,6 +115,10 @@ class MassReader:
         """The tensor (xx, yy, zz, xy, xz, yz) in the prim's axes (kg m²); None where it is not said."""
         said = prim.reals("physics:diagonalInertia", 3)
         axes = prim.reals("physics:principalAxes", 4)
+        whole = prim.value("newton:inertia")
+        if isinstance(whole, list) and whole:  # the schema: it is in force in place of the others
+            six = prim.reals("newton:inertia", 6) or ()
+            return tuple(value * self.of_inertia for value in six)
         if said is None or not any(said):
             return None
         turn = frames.IDENTITY
@@ -117,8 +145,6 @@ class MassReader:
         }
 
     def _possible(self, prim: Prim, tensor: tuple[float, ...], path: tuple[str, ...]) -> tuple[float, ...]:
-        from simspec.language.moments import principal_moments
-
         moments = principal_moments(tensor)
         why = impossible(moments)
         if why is None:
@@ -137,8 +163,10 @@ class MassReader:
                 self.draft.defect(
                     prim,
                     f"physics:diagonalInertia: {why}",
-                    TRIANGLE if low >= 0.0 else "",
-                    "moments that no body has become the nearest ones that a body can have",
+                    TRIANGLE if low >= 0.0 else NOT_POSITIVE,
+                    "moments that no body has become the nearest ones that a body can have"
+                    if low >= 0.0
+                    else AS_UNSAID,
                 )
                 return tensor
         # the same for every axis keeps the axes: what the largest is too large by is shared

@@ -22,7 +22,7 @@ def name_meshes(shapes: Sequence[Shape], draft: Draft) -> set[int]:
         text, path = made_file(shape.obj, shape.prim.called())
         paths.append(path)
         draft.meshes[text] = path
-        shape.data = {"mesh": {"file": text}}
+        shape.data = {**shape.data, "mesh": {"file": text, **shape.data["mesh"]}}
     made = load([(path, MeshOptions()) for path in paths], MOST_VERTICES)
     usable = {id(shape) for shape in shapes if shape.data}
     for shape, path in zip(meshes, paths, strict=True):

@@ -36,6 +36,8 @@ def physics_data(stage: Stage, draft: Draft) -> dict[str, Any] | None:
     length = math.sqrt(sum(value * value for value in along))
     size = GRAVITY if size < 0.0 else size * stage.metres
     down = (0.0, 0.0, -1.0) if stage.up == "Z" else (0.0, -1.0, 0.0)
+    if not scene.flag("newton:gravityEnabled", True):
+        size = 0.0
     unit = tuple(value / length for value in along) if length else down
     gravity = scene.exactly("gravity", [value * size for value in unit])
     vector = (gravity[0], gravity[1], gravity[2])

@@ -14,6 +14,7 @@ from simspec.imports.draft import Draft, numbers, plain
 from simspec.imports.usd.places import ALIKE, ONE, Place, Places
 from simspec.imports.usd.stage import OWN, STALE, Prim, agree
 from simspec.language.foreign import Fate, Severity
+from simspec.language.mesh import FEWEST_VERTICES, MOST_VERTICES
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
 
@@ -29,6 +30,8 @@ TOWARDS: Final[dict[str, Quaternion]] = {
 """The rotation from z to an axis."""
 CORNERS: Final = 64
 """Of the hull that stands for a cone."""
+MARGINS: Final = ("newton:contactMargin", "mjc:margin")
+"""Attributes for the distance at which contact begins, the first of which holds."""
 EMPTY: Final = "empty-shapes"
 COLOUR: Final = [0.7, 0.7, 0.7, 1.0]
 """The language's default."""
@@ -107,6 +110,14 @@ class ShapeReader:
         if not collides and not seen:
             prim.set_aside(None, Fate.UNUSED, "it does not collide and is not drawn", Severity.INFORMATION)
             return None
+        flat = next(
+            (str(value) for _, kind, _, value in prim.told.get("ops", ()) if kind == "Scale" and _has_zero(value)), ""
+        )
+        if flat:
+            self._refuse(
+                Shape(prim, {}, Pose(), collides, seen, prim.called()), "a factor of 0 leaves no volume", flat[:80]
+            )
+            return None
         place = self.places.world(prim) if body is None else self.places.within(prim, body)
         shape = Shape(prim, {}, place.pose, collides, seen, prim.called())
         shape.colour = _colour(prim)
@@ -114,7 +125,15 @@ class ShapeReader:
             self._mesh(shape, place)
         else:
             self._primitive(shape, place)
+        if shape.data and collides:
+            self._margin(shape)
         return shape if shape.data else None
+
+    def _margin(self, shape: Shape) -> None:
+        """The distance at which contact begins, of the schemas that say one."""
+        said = [shape.prim.real(name, 0.0) for name in MARGINS if shape.prim.has(name)]
+        if said and said[0] > 0.0:
+            shape.data["margin"] = plain(said[0] * self.places.metres)
 
     def _primitive(self, shape: Shape, place: Place) -> None:
         prim, metres = shape.prim, self.places.metres
@@ -231,8 +250,9 @@ class ShapeReader:
         lines = ["# Made by simspec import"]
         lines += ["v " + " ".join(repr(float(value)) for value in point) for point in points.tolist()]
         lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+        most = shape.prim.real("newton:maxHullVertices", -1.0) if shape.collision else -1.0
         shape.obj = ("\n".join(lines) + "\n").encode()
-        shape.data = {"mesh": {}}
+        shape.data = {"mesh": {"max_vertices": int(most)} if FEWEST_VERTICES <= most <= MOST_VERTICES else {}}
 
     def _refuse(self, shape: Shape, message: str, found: str = "") -> None:
         refuse(shape, self.draft, message, found)
@@ -255,6 +275,10 @@ def refuse(shape: Shape, draft: Draft, message: str, found: str = "") -> None:
             "collision shapes that have no volume, or cannot be read, are left out",
             found=found or None,
         )
+
+
+def _has_zero(factors: Any) -> bool:
+    return factors is not None and 0.0 in map(float, factors)
 
 
 def _triangles(counts: NDArray[Any], indices: NDArray[Any]) -> Iterator[tuple[int, int, int]]:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from typing import Final
 
+from simspec.imports.moments import NOT_POSITIVE
 from simspec.imports.table import Row
 from simspec.imports.usd.fates import ATTRIBUTES, NEUTRAL, TYPES
+from simspec.imports.usd.masses import AS_UNSAID
 
 RULES: Final = {
     "missing-files": "layers that are not there are left out",
     "empty-shapes": "collision shapes that have no volume, or cannot be read, are left out",
     "incomplete-inertial": "moments that are missing are those of a ball of 1000 kg/m³",
+    NOT_POSITIVE: AS_UNSAID,
     "triangle-inequality": "moments that no body has become the nearest ones that a body can have",
     "unit-rotations": "quaternions of another length than 1 become unit quaternions",
     "massless": "a root without mass that nothing holds is fixed to the world",
@@ -38,6 +41,28 @@ _CARRIED: Final = (
     ("PhysicsMassAPI/@physics:centerOfMass", "`centre_of_mass`"),
     ("PhysicsMassAPI/@physics:diagonalInertia", "`inertia`"),
     ("PhysicsMassAPI/@physics:principalAxes", "`inertia`"),
+    ("NewtonMassAPI/@newton:inertia", "`inertia`, in place of moments and axes"),
+    ("PhysicsScene/@newton:gravityEnabled", "`physics.gravity` of 0, where it is false"),
+    ("PhysicsRigidBodyAPI/@mjc:body:gravcomp", "`gravity_scale`: 1 less it"),
+    ("PhysicsJoint/@newton:damping", "`joint.damping`, per degree of an angle; `mjc:damping` per radian"),
+    ("PhysicsJoint/@newton:friction", "`joint.dry_friction`; and `mjc:frictionloss`"),
+    ("PhysicsJoint/@newton:velocityLimit", "`joint.limits.velocity`; and `physxJoint:maxJointVelocity`"),
+    ("PhysicsJoint/@mjc:actuatorfrcrange:…", "`joint.limits.effort`, where it is symmetric; and `urdf:limit:effort`"),
+    ("NewtonMimicAPI", "`constraints.NAME.follow`; and `PhysxMimicJointAPI`"),
+    (
+        "PhysicsArticulationRootAPI/@newton:jointsAddMobility",
+        "several joints of two bodies are the `joints` of one body",
+    ),
+    ("PhysicsCollisionAPI/@newton:contactMargin", "`shapes.N.margin`; and `mjc:margin`"),
+    ("Mesh/@newton:maxHullVertices", "`mesh.max_vertices`"),
+    (
+        "Material/@newton:torsionalFriction",
+        "`torsional_friction`, of shapes with `mjc:condim` of 4, or where no shape says it",
+    ),
+    (
+        "Material/@newton:rollingFriction",
+        "`rolling_friction`, of shapes with `mjc:condim` of 6, or where no shape says it",
+    ),
     ("Cube", "`box`"),
     ("Sphere", "`sphere`; with several factors `ellipsoid`"),
     ("Cylinder", "`cylinder`"),

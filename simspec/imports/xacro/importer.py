@@ -60,7 +60,7 @@ class Xacro:
         root = parse(expanded.text.encode(), f"{EXPANDED} {shown}")
         _place(root, expanded)
         _check_kind(root, shown)
-        if PARENTS not in options.repair:
+        if PARENTS not in options.repairs:
             _check_whole(root, shown)
         files.looks_above = True
         imported = robot(root, files, options)

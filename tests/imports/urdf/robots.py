@@ -17,7 +17,7 @@ SOLID = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="
 
 SPECIMEN = """\
 <?xml version="1.0"?>
-<robot name="arm two" version="1.0">
+<robot name="arm two" version="1.0" xmlns:drake="http://drake.mit.edu">
   <material name="blue"><color rgba="0 0 0.5 1"/><texture filename="wood.png"/></material>
   <link name="base" type="old" concave="yes">
     <inertial>
@@ -76,7 +76,7 @@ SPECIMEN = """\
     <mimic joint="wrist" multiplier="2" offset="0.5"/>
     <safety_controller soft_lower_limit="-2" k_velocity="1"/>
     <calibration rising="0"/>
-    <joint_properties damping="1"/>
+    <joint_properties damping="1"/><hardwareInterface>EffortJointInterface</hardwareInterface>
   </joint>
   <joint name="wrist" type="continuous">
     <parent link="upper.arm"/>
@@ -84,10 +84,15 @@ SPECIMEN = """\
     <origin xyz="0 0 0.5"/>
     <axis xyz="0 0 1"/>
   </joint>
-  <transmission name="t"><type>simple</type></transmission>
+  <transmission name="t"><type>simple</type><joint name="wrist"/>
+    <actuator name="a"><drake:rotor_inertia value="1e-5"/><drake:gear_ratio value="10"/></actuator></transmission>
+  <drake:collision_filter_group name="g"><drake:member link="base"/><drake:member link="tip"/>
+    <drake:ignored_collision_filter_group name="g"/></drake:collision_filter_group>
+  <inertial/>
   <ros2_control name="r"/>
   <sensor name="s"/>
-  <mujoco><compiler balanceinertia="true"/></mujoco>
+  <mujoco><compiler balanceinertia="true" settotalmass="3" inertiafromgeom="true"/>
+    <option gravity="0 0 0" wind="1 0 0" density="1" viscosity="1"/></mujoco>
   <frame name="f"/>
   <gazebo reference="tip"><mu1>0.2</mu1><mu2>0.2</mu2><material>Gazebo/Blue</material><plugin name="p"/>
     <gravity>0</gravity><turnGravityOff>1</turnGravityOff>
@@ -140,3 +145,52 @@ def watched(opened: list[str]) -> Iterator[None]:
         yield
     finally:
         _watched.remove(opened)
+
+
+def inertial(mass: str = '<mass value="2"/>', **moments: float) -> str:
+    six = {"ixx": 1, "iyy": 1, "izz": 1, "ixy": 0, "ixz": 0, "iyz": 0, **moments}
+    said = " ".join(f'{name}="{value}"' for name, value in six.items())
+    return f"<inertial>{mass}<inertia {said}/></inertial>"
+
+
+BALL = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+
+MASSLESS = '<mass value="0"/>'
+DEFECTS = {
+    "triangle-inequality": (two_links(arm=inertial(izz=3)), "triangle inequality", 3),
+    "not-positive": (two_links(arm=inertial(izz=0, ixx=0, iyy=0)), "must be above 0", 3),
+    "negative": (two_links(arm=inertial(izz=-1)), "a principal moment is negative", 3),
+    "incomplete-inertial": (two_links(arm='<inertial><mass value="1"/></inertial>'), "an incomplete inertial", 3),
+    "massless": (two_links(base="", arm=""), "what this joint moves has no mass", 4),
+    "massless-moments": (
+        two_links(
+            more=f'<link name="tool">{inertial(MASSLESS)}</link>'
+            '<joint name="w" type="fixed"><parent link="arm"/><child link="tool"/></joint>'
+        ),
+        "moments of inertia of a link without mass",
+        5,
+    ),
+    "missing-leaders": (
+        two_links('<mimic joint="nobody"/>'),
+        "there is no joint 'nobody'",
+        4,
+    ),
+    "undeclared-world": (
+        two_links(more='<joint name="w" type="fixed"><parent link="world"/><child link="base"/></joint>'),
+        "there is no link 'world'",
+        5,
+    ),
+    "undeclared-parents": (
+        two_links(more='<joint name="w" type="fixed"><parent link="mast"/><child link="base"/></joint>'),
+        "there is no link 'mast'",
+        5,
+    ),
+    "damaged-numbers": (two_links('<origin xyz="1, 2 3"/>'), "xyz of <origin> should be 3 finite numbers", 4),
+    "no-range": (two_links('<limit effort="1" velocity="1"/>', kind="revolute"), "with lower and upper", 4),
+    "missing-limits": (two_links(kind="revolute"), "needs a <limit>", 4),
+    "turned-limits": (two_links('<limit lower="2" upper="1"/>', kind="prismatic"), "lower limit is above", 4),
+    "empty-shapes": (two_links(arm=SOLID + BALL.replace("0.1", "0")), "must be above 0", 3),
+    "several-roots": (two_links(more='<link name="left"/>'), "have no parent", 5),
+}
+
+OTHERS = {"negative": "not-positive", "no-range": "missing-limits"}

@@ -5,56 +5,7 @@ import pytest
 from simspec.imports.urdf.robot import RULES
 from simspec.language.load import load
 from simspec.language.moments import impossible, principal_moments
-from tests.imports.urdf.robots import SOLID, read, refused, two_links
-
-
-def inertial(mass: str = '<mass value="2"/>', **moments: float) -> str:
-    six = {"ixx": 1, "iyy": 1, "izz": 1, "ixy": 0, "ixz": 0, "iyz": 0, **moments}
-    said = " ".join(f'{name}="{value}"' for name, value in six.items())
-    return f"<inertial>{mass}<inertia {said}/></inertial>"
-
-
-BALL = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
-
-MASSLESS = '<mass value="0"/>'
-DEFECTS = {
-    "triangle-inequality": (two_links(arm=inertial(izz=3)), "triangle inequality", 3),
-    "not-positive": (two_links(arm=inertial(izz=0, ixx=0, iyy=0)), "must be above 0", 3),
-    "negative": (two_links(arm=inertial(izz=-1)), "a principal moment is negative", 3),
-    "incomplete-inertial": (two_links(arm='<inertial><mass value="1"/></inertial>'), "an incomplete inertial", 3),
-    "massless": (two_links(base="", arm=""), "what this joint moves has no mass", 4),
-    "massless-moments": (
-        two_links(
-            more=f'<link name="tool">{inertial(MASSLESS)}</link>'
-            '<joint name="w" type="fixed"><parent link="arm"/><child link="tool"/></joint>'
-        ),
-        "moments of inertia of a link without mass",
-        5,
-    ),
-    "missing-leaders": (
-        two_links('<mimic joint="nobody"/>'),
-        "there is no joint 'nobody'",
-        4,
-    ),
-    "undeclared-world": (
-        two_links(more='<joint name="w" type="fixed"><parent link="world"/><child link="base"/></joint>'),
-        "there is no link 'world'",
-        5,
-    ),
-    "undeclared-parents": (
-        two_links(more='<joint name="w" type="fixed"><parent link="mast"/><child link="base"/></joint>'),
-        "there is no link 'mast'",
-        5,
-    ),
-    "damaged-numbers": (two_links('<origin xyz="1, 2 3"/>'), "xyz of <origin> should be 3 finite numbers", 4),
-    "no-range": (two_links('<limit effort="1" velocity="1"/>', kind="revolute"), "with lower and upper", 4),
-    "missing-limits": (two_links(kind="revolute"), "needs a <limit>", 4),
-    "turned-limits": (two_links('<limit lower="2" upper="1"/>', kind="prismatic"), "lower limit is above", 4),
-    "empty-shapes": (two_links(arm=SOLID + BALL.replace("0.1", "0")), "must be above 0", 3),
-    "several-roots": (two_links(more='<link name="left"/>'), "have no parent", 5),
-}
-
-OTHERS = {"negative": "not-positive", "no-range": "missing-limits"}
+from tests.imports.urdf.robots import BALL, DEFECTS, OTHERS, SOLID, inertial, read, refused, two_links
 
 
 @pytest.mark.parametrize("defect", DEFECTS)

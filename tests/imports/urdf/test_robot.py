@@ -32,7 +32,8 @@ def test_a_robot_is_a_short_model_file(tmp_path):
                 },
                 "surface-2": {"friction": 0.2},
                 "unsaid": {"friction": 0.5},
-            }
+            },
+            "exclude": [["base", "tip"]],
         },
         "model": {
             "bodies": {
@@ -85,7 +86,13 @@ def test_a_robot_is_a_short_model_file(tmp_path):
                     "mass": 0.1,
                     "inertia": {"principal": [1e-4, 1e-4, 1e-4]},
                     "gravity_scale": 0.0,
-                    "joint": {"name": "wrist", "type": "hinge", "origin": {"xyz": [0, 0, 0.5]}, "axis": [0, 0, 1]},
+                    "joint": {
+                        "name": "wrist",
+                        "type": "hinge",
+                        "origin": {"xyz": [0, 0, 0.5]},
+                        "axis": [0, 0, 1],
+                        "armature": 0.001,
+                    },
                     "shapes": [
                         {"sphere": {"radius": 0.04}, "visual": False, "material": "surface-2"},
                         {"sphere": {"radius": 0.05}, "collision": False},

@@ -1,0 +1,135 @@
+"""Masses that no body can have, or that are missing, in what joints of SDF move: the rules of repair that give them.
+
+A link without `<inertial>` has 1 kg and a unit inertia in SDF, so that only masses of 0 or below are missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from simspec.errors import Problem
+from simspec.imports.draft import plain
+from simspec.imports.moments import (
+    DENSITY,
+    FROM_SHAPES,
+    NOT_POSITIVE,
+    OF_SHAPES,
+    OF_SHAPES_OR_BALL,
+    ball,
+    given,
+    shown,
+    solids_of,
+)
+from simspec.imports.sdf.shapes import ShapeRead
+from simspec.imports.sdf.trees import BodyRead, ModelRead
+from simspec.language.foreign import RequestedRepairs
+from simspec.language.moments import principal_moments
+
+RULES: Final = {FROM_SHAPES: OF_SHAPES, NOT_POSITIVE: OF_SHAPES_OR_BALL}
+"""Rules of repair, with what they do."""
+MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
+OF_MASS: Final = ("mass", "centre_of_mass", "inertia")
+
+
+def give_masses(models: Sequence[ModelRead], requested: RequestedRepairs, density: float) -> list[Problem]:
+    """Give what moves its masses and moments by the rules that are requested, and return what no rule repairs. ``density``:
+    kg/m³ of :data:`FROM_SHAPES`."""
+    problems: list[Problem] = []
+    for model in models:
+        for group in _moving(model):
+            # a free root without mass is fixed by another rule
+            has_none = group[0].joint is not None and not any(_mass(body) > 0.0 or _filled(body) for body in group)
+            for body in group:
+                if _mass(body) < 0.0 or (has_none and (body is group[0] or solids_of(body.content.shapes))):
+                    problems += _give_mass(body, requested, density)
+                elif (why := _wrong_moments(body, len(group) == 1)) is not None:
+                    problems += _give_moments(body, why, requested)
+    return problems
+
+
+def _moving(model: ModelRead) -> Iterator[list[BodyRead]]:
+    """Bodies that move as one, free or below a joint that moves them, the first nearest to the root."""
+    top: dict[int, BodyRead] = {}
+    groups: dict[int, list[BodyRead]] = {}
+    for body in model.bodies:
+        rigid = body.joint is None or body.joint.kind == "fixed"
+        head = top[id(body.parent)] if body.parent is not None and rigid else body
+        top[id(body)] = head
+        groups.setdefault(id(head), []).append(body)
+    for group in groups.values():
+        head = group[0]
+        if not head.static and (head.joint is None or head.joint.kind != "fixed"):
+            yield group
+
+
+def _mass(body: BodyRead) -> float:
+    return float(body.content.mass.get("mass", 0.0))
+
+
+def _filled(body: BodyRead) -> bool:
+    return any("density" in shape.data for shape in body.content.shapes)
+
+
+def _give_mass(body: BodyRead, requested: RequestedRepairs, density: float) -> list[Problem]:
+    element = body.content.inertial or body.element
+    solids, before = solids_of(body.content.shapes), _mass(body)
+    found = f"{before:g} kg" if before else None
+    if not solids:
+        return [element.problem("what moves has no mass, and no shapes that it could follow from", found=found)]
+    if FROM_SHAPES not in requested:
+        hint = f"simspec import --repair {FROM_SHAPES}: {OF_SHAPES}"
+        return [element.problem("what moves has no mass", found=found, hint=hint)]
+    for word in OF_MASS:
+        body.content.mass.pop(word, None)
+    for shape in solids:
+        shape.data["density"] = plain(density)
+        _fill(shape)
+    what = given(body.name, before, solids, density)
+    body.content.given.append((FROM_SHAPES, what, "shapes"))
+    return []
+
+
+def _wrong_moments(body: BodyRead, alone: bool) -> tuple[float, ...] | None:
+    """The principal moments of a body with a mass, where one is below 0, or 0 in a body that moves ``alone``."""
+    said = body.content.mass.get("inertia")
+    if said is None or _mass(body) <= 0.0:
+        return None
+    six: list[float] = [*said["principal"], 0.0, 0.0, 0.0] if "principal" in said else _six(said["tensor"])
+    moments = principal_moments(six)
+    return moments if min(moments) < 0.0 or (alone and min(moments) == 0.0) else None
+
+
+def _six(tensor: dict[str, Any]) -> list[float]:
+    return [float(tensor.get(name, 0.0)) for name in MOMENTS]
+
+
+def _give_moments(body: BodyRead, moments: Sequence[float], requested: RequestedRepairs) -> list[Problem]:
+    element = body.content.inertial or body.element
+    if NOT_POSITIVE not in requested:
+        hint = f"simspec import --repair {NOT_POSITIVE}: {OF_SHAPES_OR_BALL}"
+        message = "the principal moments of what moves must be above 0"
+        return [element.problem(message, found=f"{shown(moments)} kg m²", hint=hint)]
+    mass, solids = _mass(body), solids_of(body.content.shapes)
+    what = f"the centre of mass and the moments follow from the shapes, of even density, of {mass:g} kg{_open(solids)}"
+    if solids:
+        body.content.mass.pop("centre_of_mass", None)
+        del body.content.mass["inertia"]
+        for shape in solids:
+            _fill(shape)
+    else:
+        moment = ball(mass)
+        body.content.mass["inertia"] = {"principal": [moment] * 3}
+        what = f"the moments are those of a ball of {mass:g} kg and {DENSITY:g} kg/m³: {moment:.6g} kg m²"
+    body.content.given.append((NOT_POSITIVE, f"{body.name}: {what}", "mass"))
+    return []
+
+
+def _fill(shape: ShapeRead) -> None:
+    if shape.is_open:  # only the hull has a volume
+        shape.data["mesh"] = {**shape.data["mesh"], "mass_from": "hull"}
+
+
+def _open(solids: Sequence[ShapeRead]) -> str:
+    count = sum(shape.is_open for shape in solids)
+    return f" ({count} not closed: the hull is filled)" if count else ""
