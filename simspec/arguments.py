@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -16,6 +16,7 @@ from simspec.robot_files import NO_WORDS, RobotFiles
 
 if TYPE_CHECKING:
     from simspec.language.load import Spec
+    from simspec.project import Interpreters
     from simspec.selection import Selection
     from simspec.world.types import World
 
@@ -180,9 +181,12 @@ def load_spec(
     return Loaded(spec, world, found, sets)
 
 
-def interpreters(words: list[str] | None, engine_words: list[str] | None = None) -> dict[str, str]:
+def interpreters(
+    words: list[str] | None, engine_words: list[str] | None = None, *, starts: bool = True
+) -> Interpreters:
     """The interpreters that ``--python`` and ``--engine`` name, and for other engines those of the project file and the
-    environments that simspec made, by the engine's label."""
+    environments that simspec made, by the engine's label. ``starts``: whether the command starts engines; one that lists, plans
+    or shows starts no interpreter of a project file."""
     from simspec.engines.kit.identity import parse
     from simspec.engines.kit.registry import find_engine
     from simspec.project import load_project
@@ -198,7 +202,15 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
         if engine.python is not None and typed.setdefault(engine.label, engine.python) != engine.python:
             message = f"{engine.label} is given two interpreters"
             raise SpecError([Problem(message, found=f"{typed[engine.label]} and {engine.python}")])
-    return {**load_project().known_interpreters(), **typed}
+    project = load_project()
+    return (project.known_interpreters() if starts else project.listed_interpreters()).with_named(typed)
+
+
+def demand_trusted(labels: Iterable[str], pythons: Mapping[str, str]) -> None:
+    """Raise NotTrustedError where an engine's interpreter is one of a project file that is not trusted: before anything is
+    started or written."""
+    for label in labels:
+        pythons.get(label)
 
 
 def chosen_engines(words: list[str] | None) -> list[str]:
@@ -247,16 +259,18 @@ def engines_at_work(
 ) -> Selection:
     """The engines that have to run: those that are named, else every installed one. Raises EngineError for a named engine that
     is not installed (unless ``demand`` is false, or ``files_alone`` is true and only its files are ever proven), SpecError when
-    no engine is."""
+    no engine is, NotTrustedError for one whose interpreter a project file names that is not trusted."""
     from simspec import selection
     from simspec.engines.kit.registry import find_engine
 
     if words:
         names = engine_names(words)
+        demand_trusted(names, pythons)
         if demand:
             demand_installed([name for name in names if not (files_alone and find_engine(name).FILES_ALONE)], pythons)
         return selection.named(names, pythons)
     found = selection.available(pythons)
+    demand_trusted(found.engines, pythons)
     if not found.engines:
         raise SpecError([Problem("no engine is installed", hint="pip install 'simspec[all]', or use --engine NAME")])
     return found

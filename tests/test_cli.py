@@ -542,6 +542,8 @@ def project(folder, monkeypatch):
     (folder / "simspec.toml").write_text(PROJECT.format(label=label))
     (folder / "below").mkdir()
     monkeypatch.chdir(folder / "below")
+    monkeypatch.setenv("XDG_DATA_HOME", str(folder.parent / "data"))
+    simspec("trust")
     return label
 
 
@@ -549,11 +551,12 @@ def test_engines_of_the_project_file(project, folder):
     answer = data("engines")
     assert answer["project"] == str(folder / "simspec.toml")
     rows = {one["label"]: one for one in answer["instances"]}
-    assert rows[project]["version"] == engines()["dart"].version()
-    assert rows[project]["python"] == str(folder / "here" / "python")
-    assert rows["mujoco@2"]["version"] is None
-    assert "cannot be started" in rows["mujoco@2"]["problem"]
+    assert rows[project]["version"] is None, "a list starts no interpreter of a project file"
+    assert rows[project]["problem"] == f"not queried; simspec engines doctor {project} starts it"
     assert project in simspec("engines").output
+    found = data("engines", "doctor", project)["engines"][project]
+    assert (found["version"], found["python"]) == (engines()["dart"].version(), str(folder / "here" / "python"))
+    assert "cannot be started" in str(data("engines", "doctor", "mujoco@2", code=3)["engines"]["mujoco@2"]["problems"])
 
 
 def test_two_labels_of_the_project_file_at_work(project, folder):

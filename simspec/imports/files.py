@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -60,7 +61,7 @@ class Files:
         """Folders whose files may be read; empty: any."""
         if self.options.project is None:
             return ()
-        named = [*self._named().values(), *self._folders()]
+        named = [*self._named().values(), *self._folders(), *map(Path, self.options.allowed)]
         # unlike Path.resolve, realpath has an answer for links that lead to themselves: there is nothing below them
         return tuple(Path(os.path.realpath(folder)) for folder in dict.fromkeys((self.options.project, *named)))
 
@@ -100,7 +101,7 @@ class Files:
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
             raise MissingFileError([element.problem(NO_FILE[1], found=text[:200])]) from None
         if self.roots and not any(resolved.is_relative_to(root) for root in self.roots):
-            hint = "--allow-outside allows it; --package-path names a folder of packages"
+            hint = self.options.way_outside("--package-path names a folder of packages")
             raise element.error("leaves the project folder", found=text, hint=hint)
         if not is_file and beside is None and (other := self._above(text)) is not None:
             return other
@@ -146,7 +147,13 @@ class Files:
         named = self._named()
         if name in named:
             return named[name]
-        for candidate in self._candidates(name):
+        for candidate in itertools.chain(self._above_and_beside(name), self._in(self._given_folders(), name)):
+            if candidate.is_dir():
+                return candidate
+        if self.options.trusting:  # the folders of the project file come before those of the environment
+            message = f"the package {name!r} is sought in folders of a project file that is not trusted"
+            raise element.error(message, found=name, hint=self.options.trusting)
+        for candidate in self._in(self._installed_folders(), name):
             if candidate.is_dir():
                 return candidate
         hint = f"--package-path FOLDER (a folder that holds {name}), or --package {name}=FOLDER"
@@ -157,8 +164,14 @@ class Files:
 
     def _folders(self) -> Iterator[Path]:
         """Folders of packages that the user or the environment names."""
+        yield from self._given_folders()
+        yield from self._installed_folders()
+
+    def _given_folders(self) -> Iterator[Path]:
         for text in self.options.package_path:
             yield self.options.base / text
+
+    def _installed_folders(self) -> Iterator[Path]:
         for text in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):
             if text:
                 yield Path(text)
@@ -166,8 +179,8 @@ class Files:
             if text:
                 yield Path(text) / "share"
 
-    def _candidates(self, name: str) -> Iterator[Path]:
-        """Folders that a package of this name may be: above the file and beside those, then where packages are installed."""
+    def _above_and_beside(self, name: str) -> Iterator[Path]:
+        """Folders that a package of this name may be: above the file and beside those."""
         project = self.options.project.resolve() if self.options.project is not None else None
         for folder in self.path.resolve().parents:
             if folder.name == name:
@@ -175,7 +188,10 @@ class Files:
             yield folder / name
             if folder == project:
                 break
-        for folder in self._folders():
+
+    def _in(self, folders: Iterable[Path], name: str) -> Iterator[Path]:
+        """Folders that a package of this name may be in folders of packages."""
+        for folder in folders:
             if folder.name == name and any((folder / mark).exists() for mark in MARKS):
                 yield folder
             yield folder / name

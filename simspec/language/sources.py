@@ -172,9 +172,9 @@ class Collector:
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
             self._problem(source, path, "this path does not exist", found=show(text))
             return None
-        if self.project is not None and not target.is_relative_to(self.project):
+        if self.project is not None and not target.is_relative_to(self.project) and not self.options.allows(target):
             allowed = f"files in {shown_path(self.project)}"
-            hint = "--allow-outside allows it"
+            hint = self.options.way_outside()
             self._problem(source, path, "leaves the project folder", found=text, allowed=allowed, hint=hint)
             return None
         if not is_file:

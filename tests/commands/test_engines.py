@@ -189,6 +189,9 @@ def test_an_interpreter_without_the_engine_is_told(tmp_path, monkeypatch, capsys
     python = program(tmp_path / "python", "#!/bin/sh\nexit 3\n")
     (tmp_path / "simspec.toml").write_text(f'[engines."mujoco@3"]\npython = "{python}"\n')
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert cli.main(["trust"]) == 0
+    capsys.readouterr()
     row = answer(capsys, "doctor", "mujoco@3", code=3)["mujoco@3"]
     assert row["state"] == "fails"
     assert "gave no version, exit code 3" in row["problems"][0]

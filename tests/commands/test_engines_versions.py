@@ -15,6 +15,7 @@ from simspec.engines.kit.identity import parse
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.outputs import begun
+from simspec.project import NotTrustedError
 from tests.files import program
 
 VENV = """#!/bin/sh
@@ -73,6 +74,9 @@ def test_a_version_gets_an_environment_that_its_label_finds(made, capsys):
 def test_the_project_file_comes_before_what_simspec_made(made, capsys, tmp_path):
     answer(capsys, "install", "mujoco@3.17", "--yes")
     (tmp_path / "simspec.toml").write_text('[engines."mujoco@3.17"]\npython = "/mine/python"\n')
+    with pytest.raises(NotTrustedError, match="simspec trust"):
+        interpreters(None)["mujoco@3.17"]  # and not the one that simspec made
+    assert cli.main(["trust"]) == 0
     assert interpreters(None) == {"mujoco@3.17": "/mine/python"}
 
 

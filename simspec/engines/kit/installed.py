@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import IO
 
 import numpy as np
@@ -62,12 +63,17 @@ class Instance:
     numpy: str | None = None
 
 
-def instances(interpreters: Mapping[str, str], labels: Iterable[str] = ()) -> list[Instance]:
+def instances(
+    interpreters: Mapping[str, str],
+    labels: Iterable[str] = (),
+    not_queried: Mapping[str, str] = MappingProxyType({}),
+) -> list[Instance]:
     """Every known engine and, beside it, its versions that ``interpreters`` (by label) and ``labels`` name.
 
     Interpreters are asked side by side, within ``PATIENCE``; one that gives no version is an instance with a problem.
+    ``not_queried``: labels whose interpreter is not started, each with the reason, which is the problem of its instance.
     """
-    named = dict.fromkeys([*interpreters, *labels])
+    named = dict.fromkeys([*interpreters, *not_queried, *labels])
     ordered = [
         word for name in engines() for word in dict.fromkeys([name, *(w for w in named if engine_name(w) == name)])
     ]
@@ -76,9 +82,20 @@ def instances(interpreters: Mapping[str, str], labels: Iterable[str] = ()) -> li
         asked = {
             label: stack.enter_context(_asked(interpreters[label], find_engine(label)))
             for label in ordered
-            if label in interpreters
+            if label in interpreters and label not in not_queried
         }
-        return [_instance(label, interpreters.get(label), asked.get(label), ends) for label in ordered]
+        return [
+            _closed(label, not_queried[label])
+            if label in not_queried
+            else _instance(label, interpreters.get(label), asked.get(label), ends)
+            for label in ordered
+        ]
+
+
+def _closed(label: str, why: str) -> Instance:
+    """An engine whose interpreter is not started."""
+    engine = find_engine(label)
+    return Instance(label, engine.NAME, None, None, engine.DIALECT, format_of(engine), why)
 
 
 def _instance(label: str, python: str | None, asked: _Asked | None, ends: float) -> Instance:
