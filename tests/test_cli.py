@@ -43,6 +43,7 @@ COMMANDS = (
     "accept",
     "import",
     "export",
+    "trust",
 )
 FALL = """\
 simspec: 1

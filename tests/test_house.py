@@ -20,6 +20,7 @@ ORDER = (
     "markup",
     "reading",
     "scratch",
+    "isolated",
     "plugins",
     "mapped",
     "processor_time",

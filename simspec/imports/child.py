@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from simspec.ending import end_if_told
+from simspec.isolated import search_environment, with_search_path
 from simspec.scratch import scratch_folder
 
 ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -32,12 +32,12 @@ def run(program: Path, arguments: Sequence[str], told: bytes, seconds: float) ->
     environment |= {**ONE_THREAD, "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     with scratch_folder("import") as folder:
         process = subprocess.Popen(
-            [sys.executable, "-P", str(program), *arguments],
+            with_search_path(str(program), *arguments),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             cwd=folder,
-            env=environment,
+            env=search_environment(environment),
             start_new_session=True,
         )
         try:

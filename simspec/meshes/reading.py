@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.isolated import ELSEWHERE, isolated
 from simspec.meshes.files import MeshError, MeshFile
 from simspec.world.solid import Points, Triangles
 
@@ -75,11 +75,11 @@ def _process(asked: bytes, seconds: float) -> tuple[bytes, str]:
     environment = {name: value for name, value in os.environ.items() if name in ("PATH", "LANG", "HOME", "SYSTEMROOT")}
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     process = subprocess.Popen(
-        [sys.executable, "-m", "simspec.meshes.child"],
+        isolated("-m", "simspec.meshes.child"),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        cwd="/",  # the working folder is on the path of python -m, and may have a json.py
+        cwd=ELSEWHERE,
         env={**environment, **one_thread, "PYTHONNOUSERSITE": "1", "PYTHONHASHSEED": "0"},
         start_new_session=True,
     )

@@ -5,7 +5,6 @@ A folder ``engines/NAME@VERSION`` is one environment, whole or begun (``outputs/
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +17,7 @@ from simspec.engines.kit.installed import too_old
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.engines.kit.released import package_of
 from simspec.errors import EngineError, SpecError
+from simspec.isolated import isolated
 from simspec.outputs.begun import is_whole
 from simspec.outputs.cache import data_folder, written_by_others
 
@@ -89,6 +89,6 @@ def making(label: EngineId) -> list[list[str]]:
     asked = requirement(engine, label.version)
     laws = [str(one).partition(";")[0].strip() for one in requirements(LAWS)]
     return [
-        [sys.executable, "-m", "venv", str(place)],
-        [str(python_of(place)), "-m", "pip", "install", asked, *BESIDE, *engine.BESIDE, *laws],
+        isolated("-m", "venv", str(place)),
+        isolated("-m", "pip", "install", asked, *BESIDE, *engine.BESIDE, *laws, python=str(python_of(place))),
     ]

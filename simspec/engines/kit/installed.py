@@ -22,6 +22,7 @@ from simspec.engines.kit.identity import engine_name, other_version, program_of
 from simspec.engines.kit.installing import left_out, not_installed
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.errors import EngineError, clipped, visible
+from simspec.isolated import ELSEWHERE, search_environment, with_search_path
 from simspec.support.versions import is_wholly_before
 
 PATIENCE = 30.0
@@ -156,12 +157,12 @@ def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
     """The interpreter ``python``, started; nothing of it is left at the end of the block."""
     try:
         process = subprocess.Popen(
-            [program_of(python), "-c", _ASK, *engine.distributions()],
+            with_search_path("-c", _ASK, *engine.distributions(), python=program_of(python)),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            cwd="/",  # the working folder is on the path of python -c, and may have a json.py
-            env={**os.environ, "PYTHONNOUSERSITE": "1"},  # as an engine's process has it
+            cwd=ELSEWHERE,
+            env=search_environment(os.environ),  # as an engine's process has it
             start_new_session=True,
         )
     except (OSError, ValueError) as error:

@@ -14,7 +14,6 @@ import os
 import re
 import selectors
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -25,6 +24,7 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element
 from simspec.imports.files import Files, is_missing
 from simspec.imports.xacro.limits import CPU_SECONDS, LARGEST_TEXT, PLACE_NOW, SECONDS
+from simspec.isolated import ELSEWHERE, isolated
 from simspec.language.sources import shown_path
 
 LARGEST_ANSWER: Final = 4 * LARGEST_TEXT
@@ -67,11 +67,12 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
 @contextlib.contextmanager
 def _process(memory: int) -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(
-        [sys.executable, "-I", "-B", "-m", "simspec.imports.xacro.child", str(memory)],
+        isolated("-B", "-m", "simspec.imports.xacro.child", str(memory)),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env={},
+        cwd=ELSEWHERE,
         pass_fds=(memory,),
     )
     try:
