@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from simspec import numerals
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.robot_files import NO_WORDS, RobotFiles
 
@@ -109,6 +110,13 @@ TimedRuns = Annotated[
         help="For a baseline: runs of each engine for its speed, one at a time; 0: none.",
     ),
 ]
+
+
+NUMBERS: Mapping[str, Callable[[str], float]] = {
+    **dict.fromkeys(("--tolerance", "--fail-on-diff", "--deadline"), numerals.number),
+    **dict.fromkeys(("--jobs", "--windows", "--timed-runs"), numerals.whole),
+}
+"""The options that take numbers, with how these are read before the command line is taken apart."""
 
 
 class SchemaName(StrEnum):

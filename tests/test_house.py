@@ -21,6 +21,7 @@ ORDER = (
     "reading",
     "scratch",
     "isolated",
+    "numerals",
     "plugins",
     "mapped",
     "processor_time",

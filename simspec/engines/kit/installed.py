@@ -18,7 +18,7 @@ from typing import IO
 import numpy as np
 
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import engine_name, other_version, program_of
+from simspec.engines.kit.identity import STATED, engine_name, other_version, program_of
 from simspec.engines.kit.installing import left_out, not_installed
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.errors import EngineError, clipped, visible
@@ -197,6 +197,8 @@ def _answer(asked: _Asked, ends: float) -> tuple[str | None, str | None]:
     if code or not isinstance(answer, dict) or not (version is None or isinstance(version, str)):
         said = f": {clipped(visible(lines[-1]), MOST_REASON)}" if lines[-1] else ""
         raise NoVersionError(f"gave no version, exit code {code}{said}")
+    if version is not None and STATED.fullmatch(version) is None:
+        raise NoVersionError(f"gave no version: {clipped(visible(version), MOST_REASON)}")
     numpy = answer.get("numpy")
     return version, numpy if isinstance(numpy, str) else None
 

@@ -228,7 +228,7 @@ def version_of(root: Element) -> Version:
 
 
 def _version(text: str) -> Version | None:
-    match = re.fullmatch(r"\s*(\d{1,3})\.(\d{1,3})(\.\d{1,3})?\s*", text)
+    match = re.fullmatch(r"\s*([0-9]{1,3})\.([0-9]{1,3})(\.[0-9]{1,3})?\s*", text, re.ASCII)
     return None if match is None else (int(match.group(1)), int(match.group(2)))
 
 
