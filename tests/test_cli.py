@@ -235,7 +235,7 @@ def test_another_python_that_is_not_there(folder):
 def test_an_engine_that_answers_nonsense_leaves_the_others_their_runs(folder):
     """With --keep-going: exit code 3, and what the others made of it is on disk."""
     impostor = folder / "python"
-    impostor.write_text('#!/bin/sh\necho "[1, 2]" > "$2"/result.json\n')
+    impostor.write_text('#!/bin/sh\necho "[1, 2]" > "$4"/result.json\n')
     impostor.chmod(0o755)
     words = ("run", "fall.yaml", "--all-engines", "--keep-going", "--no-verify", "--no-repeats")
     done = simspec(*words, "--python", "dart=./python", code=3)
