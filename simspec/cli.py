@@ -91,6 +91,9 @@ def check_command(
     robot_files: RobotFiles = NO_WORDS,
     allow_outside: Outside = False,
     strict: Strict = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="List all that is implausible about a model, with the reasons.")
+    ] = False,
     as_json: AsJson = False,
 ) -> int:
     """Load and resolve specs; with --engine, also check that these engines support them. Writes nothing.
@@ -98,10 +101,11 @@ def check_command(
     \b
     simspec check specs/*.yaml
     simspec check arm.yaml --engine ENGINE
+    simspec check robot.xml -v
     """
     from simspec.commands.check import check
 
-    return check(specs, engine, sets, allow_outside, strict, as_json, robot_files)
+    return check(specs, engine, sets, allow_outside, strict, as_json, robot_files, verbose)
 
 
 add_imports(app)

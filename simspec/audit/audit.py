@@ -17,8 +17,12 @@ from simspec.engines.kit.process import Operation, Reply, side_by_side, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, clipped
+from simspec.imports.files import Files
 from simspec.language.foreign import ImportOptions
 from simspec.language.foreign import Severity as LossSeverity
+from simspec.language.sources import project_folder
+from simspec.plausibility.examine import examine
+from simspec.plausibility.findings import Plausibility
 from simspec.scratch import scratch_folder
 from simspec.support.features import Feature
 from simspec.world.types import ReadBack, World
@@ -51,7 +55,10 @@ def audit(
     readers, skipped = readers_of(meaning.language, engines)
     progress(f"{path.name}: {', '.join(readers)}")
     with side_by_side(AT_ONCE) as pool:
-        replies = list(pool.map(lambda name: loaded(name, meaning, (pythons or {}).get(name), deadline, warm), readers))
+        roots = readable(meaning, options, allow_outside)
+        replies = list(
+            pool.map(lambda name: loaded(name, meaning, (pythons or {}).get(name), deadline, warm, roots), readers)
+        )
     held = dict(zip(readers, replies, strict=True))
     meaning = _defined(meaning, held, {name: readers[name] for name in readers})
     audits = tuple(_engine_audit(name, readers[name], meaning, reply) for name, reply in held.items())
@@ -71,7 +78,22 @@ def audit(
         sum(loss.severity is LossSeverity.PHYSICS for loss in losses),
         skipped,
         len(meaning.bodies),
+        plausibility_of(meaning),
     )
+
+
+def plausibility_of(meaning: Meaning) -> Plausibility:
+    """What is implausible about a file's model; of a file that simspec does not import nothing is known. Findings about values
+    that were repaired are left out: they are no values of the file."""
+    if meaning.spec is None or meaning.read is None:
+        return Plausibility(skipped={"all": "simspec does not import the file"})
+    found = examine(meaning.spec, meaning.read)
+    kept = [
+        finding
+        for finding in found.findings
+        if not any(f"{finding.path}.".startswith(f"bodies.{path}.") for path in meaning.unsure)
+    ]
+    return dataclasses.replace(found, findings=tuple(kept))
 
 
 def readers_of(language: str, engines: Iterable[str]) -> tuple[dict[str, Reads], dict[str, str]]:
@@ -98,11 +120,27 @@ class Loaded:
         return self.reply.answers[0].held if self.reply is not None else None
 
 
+def readable(meaning: Meaning, options: ImportOptions, allow_outside: bool) -> list[str]:
+    """The folders and files that engines may open for a file: those that an importer may."""
+    if allow_outside:
+        return ["/"]
+    project = options.project or project_folder(meaning.path)
+    allowed = Files(meaning.path, str(meaning.path), dataclasses.replace(options, project=project)).roots
+    return list(dict.fromkeys([str(meaning.path.resolve()), *map(str, allowed), *meaning.packages.values()]))
+
+
 def loaded(
-    engine: str, meaning: Meaning, python: str | None, deadline: float, warm: WarmProcesses | None = None
+    engine: str,
+    meaning: Meaning,
+    python: str | None,
+    deadline: float,
+    warm: WarmProcesses | None = None,
+    roots: Sequence[str] = (),
 ) -> Loaded:
-    """Load a file in an engine, in a process of its own."""
+    """Load a file in an engine, in a process of its own that may open what is below ``roots`` (default: the file's folder) and
+    what the engine needs (``confinement``)."""
     parameters = {
+        "roots": list(roots) or [str(meaning.path.resolve().parent)],
         "file": str(meaning.path.resolve()),
         "language": meaning.language,
         "packages": dict(meaning.packages),

@@ -10,9 +10,12 @@ import numpy as np
 
 from simspec.audit.findings import Finding, Severity, What
 from simspec.audit.meaning import Meaning, plain_text
-from simspec.audit.placed import WORLD, folded, full, groups_of, match, zero_poses
+from simspec.audit.placed import WORLD, folded, full, groups_of, match, parents_first, zero_poses
 from simspec.audit.shapes import compare_shapes
 from simspec.engines.kit.foreign import MESH, Own
+from simspec.imports.moments import NOT_POSITIVE
+from simspec.imports.moments import RULE as TRIANGLE
+from simspec.language.moments import principal_moments
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.distances import relative, turn_between
 from simspec.world import frames
@@ -20,7 +23,12 @@ from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack
 
 SAME: Final = 1e-6
 """Relative, and in m or rad: engines keep some numbers in single precision, whose round-off is 1e-7."""
+NO_TENSOR: Final = "a tensor that no body has"
 NO_ROOT: Final = "the file does not say whether its root is fixed"
+STUCK: Final = 0.9
+"""Share of a free model's mass from which it is another model if that cannot move: it does not fall, and nothing pushes it."""
+UNPHYSICAL: Final = (TRIANGLE, NOT_POSITIVE)
+"""Rules of repair of tensors that no body has."""
 LEAST_SHARE: Final = 1e-9
 """Share of the largest moment below which a product of inertia is not told."""
 LEAST_INERTIA: Final = 1e-12
@@ -46,6 +54,9 @@ class Comparison:
         self.compared = 0
         imported = meaning.imported
         lost = imported.losses() if imported is not None else []
+        repairs = imported.repairs if imported is not None else []
+        paths = [repair.path.split(".") for repair in repairs if repair.rule in UNPHYSICAL]
+        self._unphysical = {name for path in paths if path[-1] == "inertia" for name in path[-2:-1]}
         self.knows_meshes = not any(MESH in account.what for account in lost)
         """Whether meshes of the file were read."""
         self._matched = match(meaning.bodies, held.bodies)
@@ -104,11 +115,32 @@ class Comparison:
                 continue
             if carrier is None:
                 self.add(What.DROPPED, Severity.PHYSICS, body, "body", "a body", None)
+            elif body.joint.kind == "free":
+                severity, why, share = self._stuck(body)
+                value = f"part of {carrier}, {100.0 * share:.3g} % of the mass cannot move"
+                self.add(What.MERGED, severity, body, "body", "a body", value, why)
             else:
-                free = body.joint.kind == "free"
-                severity = Severity.DEFAULT if free else Severity.INFORMATION
-                why = NO_ROOT if free else ""
-                self.add(What.MERGED, severity, body, "body", "a body", f"part of {carrier}", why)
+                self.add(What.MERGED, Severity.INFORMATION, body, "body", "a body", f"part of {carrier}", "")
+
+    def _stuck(self, root: Body) -> tuple[Severity, str, float]:
+        """What it means that the engine fixes a free root to the world: severity, why, and the share of the tree's mass that
+        cannot move then."""
+        held_group = self._held_group
+        roots: dict[str, str] = {}
+        for body in parents_first(self._meaning.bodies):
+            roots[body.name] = body.name if body.joint.parent is None else roots[body.joint.parent]
+        tree = [body for body in self._meaning.bodies if roots[body.name] == root.name]
+        total, fixed = 0.0, 0.0
+        for body in tree:
+            carrier = self._matched.carrier[body.name]
+            partner = self._matched.own.get(carrier) if carrier is not None else None
+            total += body.inertial.mass
+            if carrier == WORLD or (partner is not None and held_group[partner.name] == WORLD):
+                fixed += body.inertial.mass
+        share = fixed / total if total else 0.0
+        if share >= STUCK:
+            return Severity.PHYSICS, f"{NO_ROOT}, and {fixed:.4g} kg of {total:.4g} kg cannot move", share
+        return Severity.DEFAULT, NO_ROOT, share
 
     def _extra(self) -> None:
         for body in self._matched.extra:
@@ -141,12 +173,27 @@ class Comparison:
         if self.compares(body, "centre_of_mass") and away > SAME * reach:
             values = said.centre_of_mass, held.centre_of_mass
             self.add(What.CHANGED, severity, body, "centre_of_mass", *values, why, away)
+        if body.name in self._unphysical:
+            self._replaced(body, held, severity)
         if not self.compares(body, "inertia"):
             return
         scale = max(float(np.abs(full(said.inertia)).max()), float(np.abs(full(held.inertia)).max()), LEAST_INERTIA)
         off = float(np.abs(full(said.inertia) - full(held.inertia)).max()) / scale
         if off > SAME:
             self.add(What.CHANGED, severity, body, "inertia", _told(said), _told(held), why, off)
+
+    def _replaced(self, body: Body, held: Inertial, severity: Severity) -> None:
+        """Another tensor in place of one that no body has: the file's own is repaired, and not compared."""
+        self.compared += 1
+        low, middle, high = principal_moments(held.inertia)
+        if high < LEAST_INERTIA:
+            self.add(
+                What.DROPPED, severity, body, "inertia", NO_TENSOR, None, "the engine sets it to zero in silence", 1.0
+            )
+        elif low > 0.0 and low + middle >= high * (1.0 - SAME):
+            self.add(
+                What.CHANGED, severity, body, "inertia", NO_TENSOR, _told(held), "the engine replaces it in silence"
+            )
 
     def _place(self, body: Body, partner: Body) -> None:
         """Where the body stands at zero, from the nearest body below that both have, or from the world."""
@@ -183,9 +230,10 @@ class Comparison:
             return  # one position is left to it, the one that the file says
         if said.kind != held.kind:
             roots = said.parent is None and held.parent is None and {said.kind, held.kind} == {"fixed", "free"}
-            severity = Severity.DEFAULT if roots else Severity.PHYSICS
+            severity, why = (Severity.DEFAULT, NO_ROOT) if roots else (Severity.PHYSICS, "")
             what = What.DROPPED if held.kind == "fixed" and not roots else What.CHANGED
-            why = NO_ROOT if roots else ""
+            if roots and said.kind == "free":
+                severity, why, _ = self._stuck(body)
             self.add(what, severity, body, "joint.type", said.kind, held.kind, why)
             return
         if said.kind in SCALAR_JOINTS:

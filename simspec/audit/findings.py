@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from simspec.errors import Location
+from simspec.plausibility.findings import Plausibility
 
 
 class What(StrEnum):
@@ -101,7 +102,8 @@ class Compiled:
 class FileAudit:
     """The audit of one file. ``meaning``: what engines were compared with; ``defects``: why simspec does not import the
     file as it is; ``losses``: elements and attributes that its import does not
-    carry; ``skipped``: engines that do not read it, with the reason."""
+    carry; ``skipped``: engines that do not read it, with the reason; ``plausibility``: what is implausible about the model of
+    the file, of whatever engine; it does not fail the audit."""
 
     file: str
     language: str
@@ -113,6 +115,7 @@ class FileAudit:
     losses_of_physics: int = 0
     skipped: Mapping[str, str] = field(default_factory=dict)
     bodies: int = 0
+    plausibility: Plausibility = field(default_factory=Plausibility)
 
     @property
     def died(self) -> bool:

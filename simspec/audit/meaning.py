@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import re
 from collections.abc import Callable, Mapping
@@ -12,7 +13,8 @@ from typing import Any, Final
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SimspecError, SpecError
-from simspec.imports.elements import parse
+from simspec.imports.elements import Element, parse
+from simspec.imports.packages import Packages
 from simspec.language.foreign import Imported, ImportOptions, importers
 from simspec.language.load import Spec, load
 from simspec.language.sources import project_folder
@@ -28,7 +30,8 @@ FIND: Final = re.compile(rb"\$\(find\s+([^)\s]+)\)")
 @dataclass(frozen=True)
 class Meaning:
     """A file as simspec reads it. ``bodies`` are empty where simspec does not read it at all; ``source`` says in words
-    where they come from. ``unsure``: paths of values that were repaired, which are no values of the file."""
+    where they come from. ``unsure``: paths of values that were repaired, which are no values of the file. ``world``: None where
+    there are such; ``read``: the world also then."""
 
     path: Path
     language: str
@@ -36,6 +39,7 @@ class Meaning:
     bodies: tuple[Body, ...] = ()
     gravity: Vector3 | None = None
     world: World | None = None
+    read: World | None = None
     spec: Spec | None = None
     imported: Imported | None = None
     defects: tuple[Problem, ...] = ()
@@ -123,6 +127,7 @@ def _read(bare: Meaning, options: ImportOptions, allow_outside: bool) -> Meaning
         bodies=world.bodies,
         gravity=world.physics.gravity if said else None,
         world=world if not bare.defects else None,
+        read=world,
         spec=spec,
         imported=imported,
         unsure=frozenset(repair.path.rpartition("bodies.")[2] for repair in repairs if bare.defects),
@@ -130,25 +135,16 @@ def _read(bare: Meaning, options: ImportOptions, allow_outside: bool) -> Meaning
 
 
 def packages_of(content: bytes, path: Path, options: ImportOptions) -> dict[str, str]:
-    """The folders of the packages that a file names, found as the importers find them: those that the user names, then
-    folders of that name above or beside the file."""
+    """The folders of the packages that a file names, found as the importers find them."""
     names = {name.decode(errors="replace") for pattern in (PACKAGE, FIND) for name in pattern.findall(content)}
+    packages = Packages(
+        path.resolve().parent, dataclasses.replace(options, project=options.project or project_folder(path))
+    )
     found: dict[str, str] = {}
+    asking = Element("robot", {}, Location(str(path), 1, 1), "", None)
     for name in sorted(names):
-        told = options.packages.get(name)
-        places: list[Path] = [options.base / told] if told is not None else []
-        places += [Path(folder) / name for folder in options.package_path]
-        folder = path.resolve().parent
-        project = project_folder(path)
-        while True:
-            places += [folder] if folder.name == name else []
-            places.append(folder / name)
-            if folder in (project, folder.parent):
-                break
-            folder = folder.parent
-        place = next((place for place in places if place.is_dir()), None)
-        if place is not None:
-            found[name] = str(place.resolve())
+        with contextlib.suppress(SpecError):  # the importer reports it where the file names it
+            found[name] = str(packages.find(name, asking).resolve())
     return found
 
 

@@ -10,6 +10,7 @@ from simspec.audit.audit import audit as audit_file
 from simspec.audit.findings import FileAudit
 from simspec.audit.pair import pair as compare_pair
 from simspec.commands.ci import NO_REPORTS, Reports, reporting
+from simspec.confinement import walls
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.language.foreign import ImportOptions
@@ -73,6 +74,8 @@ def audit(
             show_audit(one, details)
         if page_file is not None:
             say(f"written: {page_file}")
+        if walls().why:
+            say(f"engines loaded the files without confinement: {walls().why} (docs/security.md)")
     if any(one.died for one in audits):
         return EXIT_ENGINE
     return EXIT_OK if all(one.clean for one in audits) else EXIT_FAILED

@@ -8,6 +8,9 @@ from typing import NamedTuple
 from simspec.arguments import chosen_engines, load_spec, names_alone, print_json
 from simspec.compiler import check_options, compile_world
 from simspec.errors import EXIT_OK, Problem, SpecError
+from simspec.plausibility.examine import examine
+from simspec.plausibility.findings import Plausibility
+from simspec.report.plausibility import as_problems, plausibility_data, plausibility_lines
 from simspec.report.screen import say
 from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.world.canonical import sha256
@@ -21,6 +24,7 @@ class Row(NamedTuple):
     bodies: int
     world_sha256: str
     warnings: list[Problem]
+    plausibility: Plausibility
 
 
 def check(
@@ -31,9 +35,11 @@ def check(
     strict: bool,
     as_json: bool,
     robot_files: RobotFiles = NO_WORDS,
+    verbose: bool = False,
 ) -> int:
-    """Check ``specs``; with ``engine``, or default engines of the project, compile them for these too. Raises SpecError
-    with the problems of all specs."""
+    """Check ``specs``; with ``engine``, or default engines of the project, compile them for these too. What is implausible
+    about a model is printed after its verdict, with ``verbose`` whole. Raises SpecError with the problems of all specs, with
+    ``strict`` also with what is most likely a mistake of the model."""
     engine = chosen_engines(engine)
     problems: list[Problem] = []
     rows: list[Row] = []
@@ -49,14 +55,19 @@ def check(
         except SpecError as error:
             problems.extend(error.problems)
             continue
-        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings))
+        found = examine(spec, world)
+        if strict:
+            problems.extend(as_problems(found.warnings))
+        rows.append(Row(name, world.name, len(world.bodies), sha256(world), warnings, found))
     if problems:
         raise SpecError(problems)
     if as_json:
-        print_json({"specs": [row._asdict() for row in rows]})
+        print_json({"specs": [{**row._asdict(), "plausibility": plausibility_data(row.plausibility)} for row in rows]})
     else:
         for row in rows:
             count = len(row.warnings)
             warned = f", {count} warning{'s' if count > 1 else ''}" if count else ""
             say(f"{row.spec}: ok, {row.bodies} bodies, world {row.world_sha256[:12]}{warned}")
+            for line in plausibility_lines(row.plausibility, verbose, warned=True):
+                say(line)
     return EXIT_OK

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 from simspec.arguments import demand_trusted, print_json
+from simspec.confinement import Walls, walls
 from simspec.engines.kit.diagnosis import State, compile_parts, diagnose
 from simspec.engines.kit.installed import instances
 from simspec.engines.kit.registry import broken_engines, find_engine
@@ -48,7 +50,7 @@ def doctor(labels: Sequence[str], every: bool, as_json: bool) -> int:
     ]
     code = EXIT_ENGINE if wrong or broken else EXIT_OK
     if as_json:
-        print_json({"engines": rows, "broken": broken, "exit_code": code})
+        print_json({"engines": rows, "broken": broken, "walls": dataclasses.asdict(walls()), "exit_code": code})
         return code
     shown = table("Engines", "engine", "version", "state", "falling ball", "s", "missing or wrong, and the way out")
     for label, row in rows.items():
@@ -59,6 +61,7 @@ def doctor(labels: Sequence[str], every: bool, as_json: bool) -> int:
     console().print(shown)
     for name, why in broken.items():
         say(f"{name}: {why}")
+    say(f"confinement of processes that read foreign files: {offered(walls())}")
     return code
 
 
@@ -66,6 +69,12 @@ def not_examined(label: str, why: str) -> dict[str, Any]:
     """The same of an engine whose interpreter is not started, for the reason ``why``."""
     nothing = dict.fromkeys(("version", "install", "python", "seconds", "speed_error", "height_error"))
     return {**nothing, "state": NOT_TRUSTED, "problems": [why]}
+
+
+def offered(kernel: Walls) -> str:
+    """What the kernel offers to confine processes, in words."""
+    present = [f"Landlock {kernel.landlock}"] * bool(kernel.landlock) + ["seccomp"] * kernel.calls
+    return "; ".join([*([" and ".join(present)] if present else []), *([kernel.why] if kernel.why else [])])
 
 
 def examined(label: str, python: str | None, problem: str | None) -> dict[str, Any]:

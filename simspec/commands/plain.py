@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from simspec import generated
+from simspec.audit.exported import ReaderLoss, reader_losses
 from simspec.commands.single import only_one, write_single
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.formats.kit.contract import Format, formats
@@ -18,7 +20,7 @@ from simspec.formats.kit.text import json_text
 from simspec.outputs.marker import PLAIN
 from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import update_folder
-from simspec.report.losses import losses_table
+from simspec.report.losses import losses_table, reader_lines
 from simspec.report.plain import text
 from simspec.report.screen import console, say
 from simspec.resources import find_spec
@@ -34,7 +36,7 @@ LOSSES: Final = "losses.json"
 LOSSES_SCHEMA: Final = 1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Export:
     """One spec in plain files: where they go, and what they do not carry."""
 
@@ -45,6 +47,13 @@ class Export:
     source: Path
     """The file of the spec."""
     folder: Path
+    profile: str = ""
+    """The layout of the files, where the format has several."""
+
+    @functools.cached_property
+    def readers(self) -> list[ReaderLoss]:
+        """What programs that read the format are known to do to the files."""
+        return reader_losses(self.world, self.format_name, self.profile, self.plain.files)
 
     @property
     def files(self) -> Mapping[str, bytes]:
@@ -67,6 +76,15 @@ class Export:
                     "places": [self._place(path) for path in loss.paths],
                 }
                 for loss in self.plain.losses
+            ],
+            "readers": [
+                {
+                    "reader": loss.reader.called,
+                    "element": loss.element,
+                    "what": loss.what,
+                    "places": [self._place(f"bodies.{name}.{loss.element}") for name in loss.bodies],
+                }
+                for loss in self.readers
             ],
         }
 
@@ -107,7 +125,8 @@ def write_plain(
                 folder = DEFAULT / world.name / format_name
             else:
                 folder = out if len(names) == 1 else out / world.name
-            exports.append(Export(spec, world, format_name, language.plain(world), find_spec(name), folder))
+            layout = profile or next(iter(language.PROFILES), "")
+            exports.append(Export(spec, world, format_name, language.plain(world), find_spec(name), folder, layout))
         except SpecError as error:
             problems.extend(error.problems)
     folders = [export.folder for export in exports]
@@ -123,7 +142,9 @@ def write_plain(
     )
     demand([*problems, *refused])
     if single and out is not None:
-        return write_single(exports[0], language, out, check=check, as_json=as_json, warnings=warnings)
+        return write_single(
+            exports[0], language, out, check=check, as_json=as_json, warnings=warnings, show=show_losses
+        )
     if check:
         return _check(exports, as_json)
     changed = [_write(export) for export in exports]
@@ -137,9 +158,16 @@ def write_plain(
     for export, new in zip(exports, changed, strict=True):
         count = len(export.files)
         say(f"{export.folder}: {'written' if new else 'already current'}, {count} files")
-        if export.plain.losses:
-            console().print(losses_table(export.format_name, export.plain.losses, export.spec.locate))
+        show_losses(export)
     return EXIT_OK
+
+
+def show_losses(export: Export) -> None:
+    """What the files do not carry, and which programs make something else of them."""
+    if export.plain.losses:
+        console().print(losses_table(export.format_name, export.plain.losses, export.spec.locate))
+    for line in reader_lines(export.format_name, export.readers):
+        say(line)
 
 
 def find_format(name: str) -> Format:

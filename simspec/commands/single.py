@@ -18,9 +18,8 @@ from simspec.formats.kit.text import json_text
 from simspec.outputs.targets import LARGEST_OWN, demand, file_problem
 from simspec.outputs.writing import write_file
 from simspec.reading import NotReadableError, read_bytes
-from simspec.report.losses import losses_table
 from simspec.report.plain import text
-from simspec.report.screen import console, say
+from simspec.report.screen import say
 
 if TYPE_CHECKING:
     from simspec.commands.plain import Export
@@ -32,9 +31,17 @@ DIGEST: Final = "file_sha256"
 
 
 def write_single(
-    export: Export, language: Format, path: Path, *, check: bool, as_json: bool, warnings: Sequence[Problem]
+    export: Export,
+    language: Format,
+    path: Path,
+    *,
+    check: bool,
+    as_json: bool,
+    warnings: Sequence[Problem],
+    show: Callable[[Export], None],
 ) -> int:
-    """Write one file and its list, or see whether they are current. Raises SpecError where one may not be written."""
+    """Write one file and its list, and ``show`` what is lost; with ``check``, see whether they are current. Raises SpecError
+    where one may not be written."""
     content = language.single(export.plain, path.suffix.lower())
     beside = path.with_name(path.name + BESIDE)
     told = {**export.data(), DIGEST: hashlib.sha256(content).hexdigest()}
@@ -54,8 +61,7 @@ def write_single(
         sys.stdout.write(text({"plain": [row], "warnings": warnings}))
         return EXIT_OK
     say(f"{path}: {'written' if changed else 'already current'}")
-    if export.plain.losses:
-        console().print(losses_table(export.format_name, export.plain.losses, export.spec.locate))
+    show(export)
     return EXIT_OK
 
 

@@ -1,13 +1,15 @@
-"""Joints that an engine's own controllers drive (law ``native``): what those are told, and what they cannot have."""
+"""Joints that an engine's own controllers drive (law ``native``): what those are told, and what they cannot have; and the
+gains of all driven joints, for files that have actuators."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from simspec.control.reference import Reference
+from simspec.control.reference import Reference, reference
 from simspec.world.control import Controller
 from simspec.world.types import World
 
@@ -22,6 +24,45 @@ class Servos(Protocol):
 def natives(world: World) -> tuple[Controller, ...]:
     """The controllers that are the engine's own."""
     return tuple(controller for controller in world.controllers if controller.law == "native")
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A driven joint as a file with actuators can say it: an effort of kp (position − q) + kd (velocity − v) + effort, within
+    ± ``effort_limit`` (None: unlimited), in SI units.
+
+    ``position``, ``velocity``, ``effort``: the reference and the feed-forward at time 0. A law without gains (computed torque)
+    has kp = kd = 0.
+    """
+
+    joint: str
+    kp: float
+    kd: float
+    effort_limit: float | None
+    position: float
+    velocity: float
+    effort: float
+
+
+def drives(world: World) -> tuple[Drive, ...]:
+    """The driven joints of a world, in the order of its controllers."""
+    if not world.controllers:
+        return ()
+    aims = reference(world)
+    (efforts,) = aims.effort.at(np.zeros(1))
+    position, velocity = aims.position.at(np.zeros(1), 1)
+    columns = {name: index for index, name in enumerate(aims.joints)}
+    found = []
+    for controller in world.controllers:
+        none = (0.0,) * len(controller.joints)
+        rows = zip(
+            controller.joints, controller.kp or none, controller.kd or none, controller.effort_limits, strict=True
+        )
+        for name, kp, kd, limit in rows:
+            column = columns[name]
+            start = (float(row[0, column]) for row in (position, velocity, efforts))
+            found.append(Drive(name, kp, kd, limit, *start))
+    return tuple(found)
 
 
 def fed_forward(world: World) -> Iterator[tuple[str, str]]:

@@ -32,6 +32,8 @@ MOST_LABELS: Final = (3, 9)
 """Labels of a path that are said where it is longer: those from the outside, and those from the inside. A path is told of every
 attribute, and in a tree of 200 bodies it would have 12,000 characters."""
 NOT_READ: Final = "simspec does not read it"
+LOCKED: Final = "its lower limit is its upper one"
+"""Why a joint became a fixed one."""
 NO_RATING: Final = "a rating of 0 lets nothing move: files say so where none is known"
 HOW_HARD: Final = "how hard contact is: the spec's is rigid, by the law that all engines follow"
 """Of the softness of contact in the numbers of one solver, in every language: information, since a model states bodies and what
@@ -39,6 +41,10 @@ holds them, and how an engine keeps them apart is chosen for all bodies of a sce
 HARDNESS_HINT: Final = "contact.hardness: {time_constant: T, damping_ratio: Z} says it, for the engines that have it"
 SOLVER: Final = "how hard a constraint is, in the numbers of one solver: those of the spec are rigid"
 _ROOT: Final = re.compile("<[A-Za-z_]")
+_TAG: Final = re.compile(r"<[A-Za-z_][^<>]*>")
+_TOUCHING: Final = re.compile("""("[^"]*"|'[^']*')(?=[A-Za-z_])""")
+"""A value of an attribute that the name of the next one follows without a space."""
+_FIRST_TAG: Final = re.compile(rb"<([A-Za-z_][\w:.-]*)")
 _ROOT_TAG: Final = re.compile(r"<[A-Za-z_][^\s/>]*")
 _PREFIX: Final = re.compile(r"Namespace prefix ([A-Za-z_][\w.-]{0,40}) ")
 MOST_PREFIXES: Final = 20
@@ -91,6 +97,12 @@ class Element:
             return "/".join(one.label for one in reversed(around))
         outside, inside = around[: -first - 1 : -1], around[last - 1 :: -1]
         return "/".join((*(one.label for one in outside), "...", *(one.label for one in inside)))
+
+    def grow(self, tag: str, text: str) -> Element:
+        """A new child at this element's place: what an older form of the language says here by other means."""
+        child = Element(tag, {}, self.location, text.strip(), self)
+        self._children.append(child)
+        return child
 
     # --- taking -----------------------------------------------------------------------------------------------
 
@@ -188,6 +200,13 @@ class Element:
         elif name in self.attributes:
             self._fates[name] = said
 
+    def forget(self) -> None:
+        """Take back what was read of this element and of all that is in it: it is lost as a whole."""
+        for element in self.within():
+            element._own = False
+            element._taken.clear()
+            element._fates.clear()
+
     def error(
         self, message: str, found: str | None = None, allowed: str | None = None, hint: str | None = None
     ) -> SpecError:
@@ -237,6 +256,25 @@ def _account(location: Location, what: str, said: _Set) -> Account:
     return Account(location, what, said.fate, said.severity, said.reason, said.hint)
 
 
+# --- before reading ---
+
+
+def without_comments(content: bytes) -> bytes:
+    """A text with no comments in it, its lines where they were; a search that goes on where it was, so that no text takes more
+    than its length."""
+    parts, position = [], 0
+    while (start := content.find(b"<!--", position)) >= 0 and (end := content.find(b"-->", start + 4)) >= 0:
+        parts += [content[position:start], b"\n" * content.count(b"\n", start, end)]
+        position = end + 3
+    return b"".join([*parts, content[position:]])
+
+
+def outermost(content: bytes) -> bytes:
+    """The tag of the outermost element of a text that may be XML; b"" where there is none."""
+    found = _FIRST_TAG.search(without_comments(content))
+    return found.group(1) if found is not None else b""
+
+
 # --- reading ----------------------------------------------------------------------------------------------------
 
 
@@ -266,15 +304,29 @@ def parse(content: bytes, file: str) -> Element:
         try:
             return _tree(etree.fromstring(text.encode(), parser), file)
         except etree.XMLSyntaxError as error:
-            unknown = _PREFIX.match(str(error.msg))
-            if unknown is None:
+            mended = _mended(text, str(error.msg))
+            if mended is None:
                 place = Location(file, error.lineno or 1, max(1, error.offset or 1))
                 raise SpecError([Problem(f"not XML: {str(error.msg)[:200]}", location=place)]) from None
-            text = _declared(text, unknown[1])
+            text = mended
     problem = Problem(
         "too many prefixes that are not declared", location=Location(file, 1, 1), allowed=str(MOST_PREFIXES)
     )
     raise SpecError([problem])
+
+
+def _mended(text: str, error: str) -> str | None:
+    """The text without what a strict reader refuses, and the readers of robots' languages do not, with its lines where they
+    were: prefixes that are not declared, ``--`` in comments, no space between two attributes. None for any other error."""
+    unknown = _PREFIX.match(error)
+    mended = text
+    if unknown is not None:
+        mended = _declared(text, unknown[1])
+    elif error.startswith(("Double hyphen within comment", "Comment must not contain '--'")):
+        mended = without_comments(text.encode()).decode()
+    elif error.startswith("attributes construct error"):
+        mended = _TAG.sub(lambda tag: _TOUCHING.sub(r"\1 ", tag.group()), text)
+    return mended if mended != text else None
 
 
 def _declared(text: str, prefix: str) -> str:

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import itertools
 import os
 import re
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
+from urllib.parse import unquote
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.imports.elements import Element
+from simspec.imports.packages import MissingFileError, Packages, named_folders, package_path
 from simspec.language.foreign import ImportOptions
 from simspec.reading import NotReadableError, read_bytes
 
@@ -28,18 +28,20 @@ LONGEST_PATH: Final = 1000
 PACKAGE: Final = re.compile(r"(package|model):///?([^/\\]+)/?(.*)", re.DOTALL)
 FIND: Final = re.compile(r"\$\(find\s+([^)\s]+)\)/?(.*)", re.DOTALL)
 SCHEME: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://(.*)", re.DOTALL)
-MARKS: Final = ("package.xml", "model.config")
-"""Files by which a folder is known as a package."""
+NETWORK: Final = ("http", "https", "ftp")
+"""Schemes of what would be loaded from the network."""
+LIBRARY: Final = re.compile(
+    r"https?://[^/]*fuel[^/]*/1\.0/[^/]+/models/([^/]+)(?:/(?:\d+|tip))?(?:/files)?/?(.*)", re.DOTALL | re.IGNORECASE
+)
+"""A model of the public library of models (Fuel), and a file of it."""
+DRIVE: Final = re.compile(r"(?:file:/*)?[A-Za-z]:[/\\]", re.IGNORECASE)
+"""How a path of Windows begins."""
+PLACEHOLDER: Final = re.compile(r"@[A-Za-z_]\w*@|\$\{[^}]*\}|\{\{.*?\}\}|\$\((?!find\s)[^)]*\)")
+"""What a build, or another program, puts a text in the place of."""
 NO_FILE: Final = ("no such file", "this path does not exist")
 """What :meth:`Files.find` says of a file that is not there."""
 MOST_ABOVE: Final = 4
 """Folders above a file that are looked into."""
-MOST_FOLDERS: Final = 20_000
-"""Folders that are looked at for one package."""
-
-
-class MissingFileError(SpecError):
-    """A file or a package that is not there."""
 
 
 @dataclass
@@ -61,7 +63,7 @@ class Files:
         """Folders whose files may be read; empty: any."""
         if self.options.project is None:
             return ()
-        named = [*self._named().values(), *self._folders(), *map(Path, self.options.allowed)]
+        named = [*named_folders(self.options).values(), *package_path(self.options), *map(Path, self.options.allowed)]
         # unlike Path.resolve, realpath has an answer for links that lead to themselves: there is nothing below them
         return tuple(Path(os.path.realpath(folder)) for folder in dict.fromkeys((self.options.project, *named)))
 
@@ -89,18 +91,53 @@ class Files:
         self.read[path] = hashlib.sha256(content).hexdigest()
         return content
 
+    @functools.cached_property
+    def packages(self) -> Packages:
+        """The packages that paths name."""
+        return Packages(self.path.resolve().parent, self.options, self._is_inside)
+
+    def _is_inside(self, path: Path) -> bool:
+        return not self.roots or any(path.is_relative_to(root) for root in self.roots)
+
     def find(self, text: str, element: Element, beside: Path | None = None) -> Path:
         """The file that a path in a file means: ``package://``, ``model://``, ``$(find)/``, ``file://``, or relative to
-        ``beside`` (the folder of the file). Raises SpecError at ``element`` for what does not exist or may not be read."""
+        ``beside`` (the folder of the file); ``%20`` is a space where there is no file of that very name. Raises SpecError at
+        ``element`` for what does not exist or may not be read."""
         if len(text) > LONGEST_PATH or UNSEEN_CHARACTERS.search(text) or not text.strip():
             raise element.error("not a file path", found=text[:80])
+        if DRIVE.match(text):
+            raise MissingFileError([_of_another_system(text, element)])
+        try:
+            return self._find(text, element, beside)
+        except MissingFileError:
+            plain = unquote(text)
+            if plain != text and not UNSEEN_CHARACTERS.search(plain) and (found := self._found(plain, element, beside)):
+                return found
+            if "\\" in text:
+                raise MissingFileError([_of_another_system(text, element)]) from None
+            if PLACEHOLDER.search(text):
+                hint = "import the file that the build makes of this one"
+                problem = element.problem(
+                    "a path with a placeholder that a build replaces", found=text[:200], hint=hint
+                )
+                raise MissingFileError([problem]) from None
+            raise
+
+    def _found(self, text: str, element: Element, beside: Path | None) -> Path | None:
+        """The same; None where there is none."""
+        try:
+            return self._find(text, element, beside)
+        except MissingFileError:
+            return None
+
+    def _find(self, text: str, element: Element, beside: Path | None) -> Path:
         target = self._target(text, element, beside or self.path.parent)
         try:
             resolved = target.resolve()
             is_file = resolved.is_file()
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
             raise MissingFileError([element.problem(NO_FILE[1], found=text[:200])]) from None
-        if self.roots and not any(resolved.is_relative_to(root) for root in self.roots):
+        if not self._is_inside(resolved):
             hint = self.options.way_outside("--package-path names a folder of packages")
             raise element.error("leaves the project folder", found=text, hint=hint)
         if not is_file and beside is None and (other := self._above(text)) is not None:
@@ -114,11 +151,10 @@ class Files:
         if not self.looks_above or any(pattern.fullmatch(text) for pattern in (FIND, PACKAGE, SCHEME)):
             return None
         for folder in list(self.path.resolve().parent.parents)[:MOST_ABOVE]:
-            if self.roots and not any(folder.is_relative_to(root) for root in self.roots):
+            if not self._is_inside(folder):
                 return None
             found = Path(os.path.realpath(folder / text))
-            inside = not self.roots or any(found.is_relative_to(root) for root in self.roots)
-            if inside and found.is_file() and not Path(text).is_absolute():
+            if self._is_inside(found) and found.is_file() and not Path(text).is_absolute():
                 self.above[text] = folder
                 return found
         return None
@@ -131,96 +167,45 @@ class Files:
             return self.package(name, element) / rest.lstrip("/")
         if match := SCHEME.fullmatch(text):
             scheme, rest = match.groups()
+            if scheme.lower() in NETWORK:
+                return self._downloaded(text, element)
             if scheme.lower() != "file":
                 raise element.error(
                     f"{scheme}:// is not read", found=text, allowed="package://, model://, file://, a path"
                 )
-            return beside / rest
+            inner = rest.lstrip("/")
+            if FIND.fullmatch(inner) or PACKAGE.fullmatch(inner):
+                return self._target(inner, element, beside)
+            return beside / (rest.removeprefix("localhost") if rest.startswith("localhost/") else rest)
         return beside / text
 
-    # --- packages ---------------------------------------------------------------------------------------------
+    def _downloaded(self, text: str, element: Element) -> Path:
+        """The file of a model of the public library that the user has as a package. Raises MissingFileError for another."""
+        match = LIBRARY.fullmatch(text)
+        hint = "save the file, and name it by its path"
+        if match is not None:
+            name, rest = unquote(match[1]), match[2]
+            try:
+                return self.package(name, element) / rest
+            except MissingFileError:
+                hint = f"download the model {name!r} (gz fuel download -u URL), and say --package {name!r}=FOLDER"
+        problem = element.problem("simspec loads nothing from the network", found=text[:200], hint=hint)
+        raise MissingFileError([problem])
 
     def package(self, name: str, element: Element) -> Path:
         """The folder of a package. Raises SpecError where none is found."""
-        if name in (".", "..") or "/" in name or "\\" in name:
-            raise element.error("not the name of a package", found=name[:80])
-        named = self._named()
-        if name in named:
-            return named[name]
-        for candidate in itertools.chain(self._above_and_beside(name), self._in(self._given_folders(), name)):
-            if candidate.is_dir():
-                return candidate
-        if self.options.trusting:  # the folders of the project file come before those of the environment
-            message = f"the package {name!r} is sought in folders of a project file that is not trusted"
-            raise element.error(message, found=name, hint=self.options.trusting)
-        for candidate in self._in(self._installed_folders(), name):
-            if candidate.is_dir():
-                return candidate
-        hint = f"--package-path FOLDER (a folder that holds {name}), or --package {name}=FOLDER"
-        raise MissingFileError([element.problem(f"the package {name!r} is not found", found=name, hint=hint)])
+        return self.packages.find(name, element)
 
-    def _named(self) -> dict[str, Path]:
-        return {name: self.options.base / folder for name, folder in self.options.packages.items()}
 
-    def _folders(self) -> Iterator[Path]:
-        """Folders of packages that the user or the environment names."""
-        yield from self._given_folders()
-        yield from self._installed_folders()
-
-    def _given_folders(self) -> Iterator[Path]:
-        for text in self.options.package_path:
-            yield self.options.base / text
-
-    def _installed_folders(self) -> Iterator[Path]:
-        for text in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):
-            if text:
-                yield Path(text)
-        for text in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-            if text:
-                yield Path(text) / "share"
-
-    def _above_and_beside(self, name: str) -> Iterator[Path]:
-        """Folders that a package of this name may be: above the file and beside those."""
-        project = self.options.project.resolve() if self.options.project is not None else None
-        for folder in self.path.resolve().parents:
-            if folder.name == name:
-                yield folder
-            yield folder / name
-            if folder == project:
-                break
-
-    def _in(self, folders: Iterable[Path], name: str) -> Iterator[Path]:
-        """Folders that a package of this name may be in folders of packages."""
-        for folder in folders:
-            if folder.name == name and any((folder / mark).exists() for mark in MARKS):
-                yield folder
-            yield folder / name
-            yield from _below(folder, name)
+def _of_another_system(text: str, element: Element) -> Problem:
+    """A path as Windows writes it."""
+    hint = "write it with / and from the folder of the file, or as package://NAME/PATH"
+    return element.problem("a path of Windows", found=text[:200], hint=hint)
 
 
 def is_missing(error: SpecError) -> bool:
     """Whether :meth:`Files.find` found nothing there, where reading would be allowed."""
     return all(problem.message in NO_FILE for problem in error.problems)
-
-
-def _below(folder: Path, name: str) -> Iterator[Path]:
-    """Packages of a name deeper in a folder, the nearest first; a package has no packages in it."""
-    waiting, seen = [folder], 0
-    while waiting and seen < MOST_FOLDERS:
-        following: list[Path] = []
-        for place in waiting:
-            seen += 1
-            try:
-                inside = sorted(entry.path for entry in os.scandir(place) if entry.is_dir(follow_symlinks=False))
-            except OSError:
-                continue  # what may not be looked at holds no package that could be read
-            for path in map(Path, inside):
-                is_package = any((path / mark).exists() for mark in MARKS)
-                if path.name == name and is_package:
-                    yield path
-                if not is_package and not path.name.startswith("."):
-                    following.append(path)
-        waiting = following
 
 
 def _short(path: Path) -> str:

@@ -1,25 +1,36 @@
-"""Meshes that robot files name: found, read once to see whether they can be, and named in the spec."""
+"""Meshes that robot files name, or have within themselves: found or written, read once, and named in the spec."""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from simspec.errors import Problem, SpecError
 from simspec.imports.draft import plain
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
 from simspec.language.mesh import MOST_VERTICES, SUFFIXES
+from simspec.language.words import clean_name
 from simspec.meshes.files import MeshError
 from simspec.meshes.load import load
 from simspec.meshes.made import MadeMesh, MeshOptions
+from simspec.outputs.entries import Entries
+from simspec.outputs.writing import write_file
 
 COLLADA: Final = ".dae"
 
 FEWER: Final = 128
 """Vertices that a hull keeps of which a file has more than a spec may have: they leave 0.1 to 0.3 mm of
 parts of 0.1 m, and take 2 to 4 s of computing once (measured); engines are fast with so few."""
+
+BEGINNING: Final = b"# Made by simspec import"
+ENTRIES: Final = Entries("stages", head=BEGINNING, largest=256 * 2**20, bound=512 * 2**20)
+"""Where the user's cache has the meshes that files have within themselves, by the hash of their content."""
 
 
 @dataclass(frozen=True)
@@ -80,3 +91,17 @@ def _made(meshes: Sequence[NamedMesh], most: int | None) -> list[MadeMesh | Mesh
 def kept_vertices(mesh: MadeMesh) -> int | None:
     """The word `max_vertices` of a mesh that is reduced; None for one that is whole."""
     return FEWER if any(part.vertices > MOST_VERTICES for part in mesh.parts) else None
+
+
+def made_file(obj: bytes, called: str) -> tuple[str, Path]:
+    """A mesh that a file has within itself, as a file of the cache (else of the folder of temporary files): what a spec calls
+    it, and the file. ``obj`` begins with :data:`BEGINNING`. Raises SpecError where it cannot be written."""
+    place = ENTRIES.folder()
+    folder = place if place is not None else Path(tempfile.gettempdir()) / f"simspec-{os.getuid()}" / ENTRIES.name
+    digest = hashlib.sha256(obj).hexdigest()
+    path = folder / f"{digest[:32]}.obj"
+    try:
+        write_file(path, obj.decode(), lambda content: content.startswith(BEGINNING), lasting=False)
+    except (OSError, SpecError) as error:
+        raise SpecError([Problem(f"a mesh of this file cannot be written to {path.parent}: {error}")]) from None
+    return f"meshes/{clean_name(called)[:60]}_{digest[:8]}.obj", path

@@ -9,6 +9,8 @@ Six = tuple[float, float, float, float, float, float]
 """A symmetric tensor: xx, yy, zz, xy, xz, yz."""
 
 RULE: Final = "triangle-inequality"
+NOT_POSITIVE: Final = "not-positive"
+"""The rule of repair of moments that are not above 0."""
 MEANING: Final = "a tensor that no body has becomes the nearest one that a body can have"
 
 

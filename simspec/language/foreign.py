@@ -215,7 +215,7 @@ def import_file(path: Path, shown: str, options: ImportOptions) -> Imported:
     fitting = [one for one in importers().good.values() if path.name.lower().endswith(one.SUFFIXES)]
     if len(fitting) > 1:
         beginning = _beginning(path)
-        fitting = [one for one in fitting if one.recognises(beginning)]
+        fitting = [one for one in fitting if one.recognises(beginning)] or fitting[:1]
     if len(fitting) != 1:
         known = ", ".join(f"{one.NAME} ({' '.join(one.SUFFIXES)})" for one in importers().good.values())
         raise SpecError([Problem(f"{shown}: not a file of a language that simspec imports", allowed=known)])
@@ -234,8 +234,8 @@ def _keep_apart(imported: Imported, shown: str) -> None:
     imported.comments["contact.self_collision"] = "the file does not say so: asked for when it was imported"
 
 
-_HEAD = 65_536
-"""Bytes by which a language is told."""
+_HEAD = 16 * 2**20
+"""Bytes by which the language of a file is found: what is particular to one may come late."""
 
 
 def _beginning(path: Path) -> bytes:

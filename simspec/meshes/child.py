@@ -1,11 +1,15 @@
 """The process that reads files of triangles: bounded in time and memory, it opens no files and has no network.
 
+The kernel sees to that, as far as it can (:mod:`simspec.confinement`, profile ``data``), before the first byte of a file is
+read: what a reader needs of its packages is imported earlier, as the command line names it.
+
 It gets files by its standard input and answers each by its standard output, in order (:mod:`simspec.meshes.reading` has the
 other end): a line of JSON, then bytes. What a file needs beside itself (the buffers of a glTF) comes with it.
 """
 
 from __future__ import annotations
 
+import importlib
 import io
 import json
 import os
@@ -18,6 +22,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from simspec.confinement import PROFILES, confine
 from simspec.meshes.files import MeshError, gltf_header
 
 CPU_SECONDS = 5
@@ -36,15 +41,18 @@ class RefusedError(ValueError):
 
 
 def main() -> None:
-    """Answer every file of the standard input."""
+    """Answer every file of the standard input. The command line names packages that the readers of these files need."""
     source, answers = os.fdopen(0, "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
     import trimesh  # noqa: F401  # before opening is forbidden
 
+    for name in sys.argv[1:]:
+        importlib.import_module(name)
     _limit(resource.RLIMIT_DATA, MEMORY)
     _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_FSIZE, 0)
-    sys.addaudithook(_watch)
+    confine(PROFILES["data"])
+    sys.addaudithook(_watch)  # where the kernel has no wall
     while line := source.readline():
         asked = json.loads(line)
         if "pieces" in asked:
@@ -177,7 +185,10 @@ def _stl(content: bytes, beside: Mapping[str, bytes]) -> Read:
 def _obj(content: bytes, beside: Mapping[str, bytes]) -> Read:
     from trimesh import load_scene
 
-    lines = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    joined = content.replace(b"\\\r\n", b" \v").replace(b"\\\n", b" \v")  # \v: a blank that keeps the count of lines
+    if RELATIVE.search(joined):
+        joined = content = _counted(joined)
+    lines = joined.splitlines()
     corners = [len(line.split()) - 1 for line in lines if line.lstrip()[:2] in (b"f ", b"f\t")]
     written = sum(count - 2 for count in corners)
     if written > MOST_FACES:
@@ -185,6 +196,44 @@ def _obj(content: bytes, beside: Mapping[str, bytes]) -> Read:
     read = _of_scene(load_scene(io.BytesIO(content), "obj", Beside(), skip_materials=True, process=False))
     _demand_all(len(read[1]), written)
     return read
+
+
+RELATIVE = re.compile(rb"^[ \t]*f[ \t](?:[^\n]*[ \t\v/])?(?:-|0+(?![\d.]))", re.MULTILINE)
+"""A face with a corner that is counted from the end of those before it, or has the number 0."""
+
+
+def _counted(text: bytes) -> bytes:
+    """An OBJ file whose corners are counted from the beginning: trimesh counts relative ones from the end of the file, and
+    takes 0 for the last. Raises RefusedError at a corner that is before the first."""
+    counts = {b"v": 0, b"vt": 0, b"vn": 0}
+    lines = []
+    place = 1
+    for line in text.split(b"\n"):
+        words = line.split()
+        if words and words[0] in counts:
+            counts[words[0]] += 1
+        elif words and words[0] == b"f":
+            line = b" ".join([b"f", *(_corner(word, tuple(counts.values()), place) for word in words[1:])])
+        place += 1 + line.count(b"\v")
+        lines.append(line)
+    return b"\n".join(lines)
+
+
+def _corner(word: bytes, counts: tuple[int, ...], line: int) -> bytes:
+    """``vertex/texture/normal``, each from 1."""
+    parts = word.split(b"/")
+    for place, (part, count) in enumerate(zip(parts, counts, strict=False)):
+        if not re.fullmatch(rb"[+-]?[0-9]+", part):
+            continue  # empty, or damaged: the reader sees it
+        number = int(part)
+        if number == 0:
+            raise RefusedError(f"line {line}: the corner {word.decode('ascii', 'replace')[:40]}: numbers begin with 1")
+        if number < -count:
+            raise RefusedError(
+                f"line {line}: the corner {word.decode('ascii', 'replace')[:40]} is before the first one"
+            )
+        parts[place] = b"%d" % (number if number > 0 else count + 1 + number)
+    return b"/".join(parts)
 
 
 def _ply(content: bytes, beside: Mapping[str, bytes]) -> Read:
@@ -218,10 +267,37 @@ def _gltf(content: bytes, beside: Mapping[str, bytes]) -> Read:
     needed = sorted(set(map(str, header.get("extensionsRequired", []))) - HARMLESS)
     if needed:
         raise RefusedError(f"it requires the extension {needed[0][:80]!r}, which simspec does not support")
+    _demand_trees(header.get("nodes", []))
     kind = "glb" if content[:4] == b"glTF" else "gltf"
     scene = load_scene(io.BytesIO(content), kind, Beside(beside), skip_materials=True, process=False)
     vertices, faces, _ = _of_scene(scene)
     return vertices, faces, {"unit": 1.0, "up": "y"}
+
+
+def _demand_trees(nodes: Any) -> None:
+    """Raise RefusedError unless the nodes of a glTF are trees, as its specification demands: otherwise a mesh would be placed
+    twice, or for ever."""
+    if not isinstance(nodes, list):
+        raise RefusedError("damaged: its nodes are no list")
+    above: dict[int, int] = {}
+    for number, node in enumerate(nodes):
+        for child in node.get("children", []) if isinstance(node, dict) else ():
+            if not isinstance(child, int) or not 0 <= child < len(nodes):
+                raise RefusedError(f"nodes/{number}: its child {str(child)[:40]} does not exist")
+            if child in above:
+                raise RefusedError(f"nodes/{number}: its child {child} is a child of node {above[child]} too")
+            above[child] = number
+    rooted: set[int] = set()
+    for number in above:
+        path, node = [number], number
+        while node in above and node not in rooted:
+            node = above[node]
+            if node == number:
+                raise RefusedError(f"nodes/{number}: a node within itself")
+            if len(path) > len(nodes):
+                raise RefusedError(f"nodes/{node}: a node within itself")
+            path.append(node)
+        rooted.update(path)
 
 
 HARMLESS = frozenset({"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization", "KHR_texture_basisu"})

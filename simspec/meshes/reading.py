@@ -15,8 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.isolated import ELSEWHERE, isolated
+from simspec.confinement import ANY_LOCALE
+from simspec.exchange import exchange
+from simspec.isolated import ELSEWHERE, with_search_path
 from simspec.meshes.files import MeshError, MeshFile
+from simspec.reading import NotReadableError, parse_json
 from simspec.world.solid import Points, Triangles
 
 START_SECONDS, FILE_SECONDS = 60.0, 60.0
@@ -25,6 +28,8 @@ processor time for one file, and machines are busy."""
 BATCH = 32
 """Files for one process."""
 BATCH_BYTES = 128 * 2**20
+LARGEST_ANSWER = 2**30
+"""Bytes from one process: 32 files of 200,000 faces have 0.3 GB."""
 BUSY = 5.0
 """Times the processor time of a decomposition that its process may take."""
 NEEDED = ("trimesh", "collada")
@@ -63,19 +68,25 @@ def _next_batch(files: Sequence[MeshFile]) -> Sequence[MeshFile]:
 
 def _read(files: Sequence[MeshFile]) -> list[Surface | MeshError]:
     """The answers that one process gives; at least one, the last of which may be that it ended."""
-    output, why = _process(b"".join(_request(file) for file in files), START_SECONDS + FILE_SECONDS * len(files))
+    needed = ("collada",) if any(file.suffix == ".dae" for file in files) else ()
+    output, why = _process(
+        b"".join(_request(file) for file in files), needed, START_SECONDS + FILE_SECONDS * len(files)
+    )
     answers = _answers(output, len(files))
     if len(answers) < len(files):
         answers.append(MeshError(f"reading it {why}"))
     return answers
 
 
-def _process(asked: bytes, seconds: float) -> tuple[bytes, str]:
-    """What a process answers within a deadline, and how it ended, as a message says it of what it was busy with."""
-    environment = {name: value for name, value in os.environ.items() if name in ("PATH", "LANG", "HOME", "SYSTEMROOT")}
+def _process(asked: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes, str]:
+    """What a process answers within a deadline, and how it ended, as a message says it of what it was busy with. ``needed``:
+    packages that it imports before it reads anything."""
+    environment = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME", "SYSTEMROOT")}
+    environment |= ANY_LOCALE
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     process = subprocess.Popen(
-        isolated("-m", "simspec.meshes.child"),
+        # not -I, by which PYTHONHASHSEED would have no effect; the environment has no other PYTHON variable of the user
+        with_search_path("-m", "simspec.meshes.child", *needed),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -83,18 +94,10 @@ def _process(asked: bytes, seconds: float) -> tuple[bytes, str]:
         env={**environment, **one_thread, "PYTHONNOUSERSITE": "1", "PYTHONHASHSEED": "0"},
         start_new_session=True,
     )
-    late = False
-    try:
-        output, _ = process.communicate(asked, seconds)
-    except subprocess.TimeoutExpired:
-        late = True
-        process.kill()
-        output, _ = process.communicate()
-    finally:
-        if process.poll() is None:  # an interrupt
-            process.kill()
-            process.wait()
-    late = late or process.returncode == -signal.SIGXCPU
+    output, why = exchange(process, asked, seconds, LARGEST_ANSWER)
+    if why == "large":
+        return b"", "gives more than there can be in it"
+    late = why == "late" or process.returncode == -signal.SIGXCPU
     return output, "takes too long" if late else "ends the process that does it"
 
 
@@ -102,7 +105,7 @@ def split(vertices: Points, triangles: Triangles, seconds: float) -> list[Points
     """The corners (n, 3) of convex pieces that are nearly the solid within triangles, by CoACD. Raises MeshError."""
     head = {"pieces": seconds, "vertices": len(vertices), "faces": len(triangles)}
     asked = json.dumps(head).encode() + b"\n" + _bytes(vertices, "<f8") + _bytes(triangles, "<i8")
-    output, why = _process(asked, START_SECONDS + BUSY * seconds)
+    output, why = _process(asked, ("coacd",) if find_spec("coacd") else (), START_SECONDS + BUSY * seconds)
     stream = io.BytesIO(output)
     line = stream.readline()
     if not line.endswith(b"\n"):
@@ -134,12 +137,18 @@ def _answers(output: bytes, most: int) -> list[Surface | MeshError]:
         line = stream.readline()
         if not line.endswith(b"\n"):
             break
-        head = json.loads(line)
-        if "error" in head:
-            answers.append(MeshError(head["error"]))
-            continue
-        places, corners = stream.read(24 * head["vertices"]), stream.read(24 * head["faces"])
-        if len(corners) < 24 * head["faces"]:
+        try:
+            head = parse_json(line)
+            if "error" in head:
+                answers.append(MeshError(str(head["error"])))
+                continue
+            counts = int(head["vertices"]), int(head["faces"])
+        except (NotReadableError, KeyError, TypeError, ValueError):
+            break  # a reader that a file has taken over may say anything
+        if min(counts) < 0:
+            break
+        places, corners = (stream.read(24 * count) for count in counts)
+        if len(corners) < 24 * counts[1]:
             break
         vertices = np.frombuffer(places, "<f8").reshape(-1, 3)
         answers.append(

@@ -18,6 +18,7 @@ from simspec.report.page.section import Section
 from simspec.report.page.sheets import Cell, Sheet, sheets
 from simspec.report.page.words import BAD, GOOD, PLAIN, WARNING, Sentence
 from simspec.report.plain import plain
+from simspec.report.plausibility import plausibility_data, plausibility_lines
 from simspec.report.screen import console
 from simspec.report.tested import Entry, Status, Suite
 
@@ -33,7 +34,15 @@ def audit_data(audits: Sequence[FileAudit]) -> dict[str, Any]:
     """Audits as plain data."""
     return {
         "clean": all(audit.clean for audit in audits),
-        "files": [{**plain(audit), "clean": audit.clean, "died": audit.died} for audit in audits],
+        "files": [
+            {
+                **plain(audit),
+                "plausibility": plausibility_data(audit.plausibility),
+                "clean": audit.clean,
+                "died": audit.died,
+            }
+            for audit in audits
+        ],
     }
 
 
@@ -53,6 +62,8 @@ def show_audit(audit: FileAudit, details: bool = False) -> None:
         screen.print(line, soft_wrap=True)
     for name, why in audit.skipped.items():
         screen.print(f"{name}: not asked: {why}", soft_wrap=True)
+    for line in plausibility_lines(audit.plausibility, details):
+        screen.print(line, soft_wrap=True)
     screen.print(verdict(audit)[0].text, soft_wrap=True)
 
 
@@ -248,7 +259,7 @@ def _section(audit: FileAudit) -> Section:
         name=visible(audit.file),
         description="What physics engines make of a robot file that they load as it is, beside what the file means.",
         verdict=tuple(Sentence(one.tone, visible(one.text)) for one in verdict(audit)),
-        notes=tuple(map(visible, choices(audit))),
+        notes=tuple(map(visible, (*choices(audit), *plausibility_lines(audit.plausibility)))),
         certificate=(),
         certificate_notes=(),
         results=sheets(audit_tables(audit)),

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
 
 from rich.table import Table
 
+from simspec.audit.exported import ReaderLoss, readers
+from simspec.engines.kit.effects import REFUSED
 from simspec.errors import Location
 from simspec.formats.kit.plain import Loss
 from simspec.report.kit import table
+
+WIDTH: Final = 80
+"""Columns of the lines about readers."""
 
 
 def losses_table(format_name: str, losses: Sequence[Loss], locate: Callable[[str], Location | None]) -> Table:
@@ -20,3 +27,21 @@ def losses_table(format_name: str, losses: Sequence[Loss], locate: Callable[[str
         where = first if location is None else f"{location.file}:{location.line}"
         rows.add_row(loss.feature, loss.fate.value, loss.how, where, str(len(loss.paths)))
     return rows
+
+
+def reader_lines(format_name: str, losses: Sequence[ReaderLoss]) -> Iterator[str]:
+    """Which of the known readers of a format have the world's model, which another (with the number of its differences), and
+    which refuse a file."""
+    counts: dict[str, int] = {reader.short: 0 for reader in readers(format_name)}
+    refused = {loss.reader.short for loss in losses if loss.element == REFUSED}
+    for loss in losses:
+        counts[loss.reader.short] += 1
+    same = [name for name, count in counts.items() if not count]
+    changed = [f"{name} ({count})" for name, count in counts.items() if count and name not in refused]
+    for title, names in (
+        ("read as the spec by", same),
+        ("read with differences (listed in losses.json) by", changed),
+        ("refused by", sorted(refused)),
+    ):
+        if names:
+            yield from textwrap.wrap(f"{title}: {', '.join(names)}", WIDTH, subsequent_indent="  ")

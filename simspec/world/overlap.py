@@ -13,6 +13,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -180,16 +181,16 @@ def bounding_spheres_meet(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
     return close
 
 
-def _sphere_of_directions() -> np.ndarray:
-    """Unit vectors (n, 3) spread evenly over the sphere: a Fibonacci spiral."""
-    index = np.arange(DIRECTIONS) + 0.5
-    z = 1.0 - 2.0 * index / DIRECTIONS
+def fibonacci(count: int) -> np.ndarray:
+    """Unit vectors (count, 3) spread evenly over the sphere: a Fibonacci spiral."""
+    index = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * index / count
     turn = math.pi * (1.0 + math.sqrt(5.0)) * index
     across = np.sqrt(1.0 - z * z)
     return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
 
 
-SPREAD = _sphere_of_directions()
+SPREAD = fibonacci(DIRECTIONS)
 
 
 MOST_PRISMS = 64
@@ -239,7 +240,22 @@ def _depth(solid: Solid, other: Solid, beyond: float, limit: float) -> float:
     return depth if depth > limit else 0.0
 
 
-def separation(solid: Solid, other: Solid) -> float:
+class Convex(Protocol):
+    """A convex shape or a plane at a place."""
+
+    @property
+    def kind(self) -> ShapeKind: ...
+
+    @property
+    def centre(self) -> np.ndarray: ...
+
+    @property
+    def axes(self) -> np.ndarray: ...
+
+    def reach(self, directions: np.ndarray) -> np.ndarray: ...
+
+
+def separation(solid: Convex, other: Convex) -> float:
     """How far (m) two convex shapes or planes are from each other; negative where they overlap."""
     if solid.kind.endless and other.kind.endless:
         facing = float(solid.axes[2] @ other.axes[2]) < PARALLEL - 1.0
@@ -256,7 +272,7 @@ Least = Callable[[np.ndarray], tuple[float, np.ndarray]]
 """The least overlap (m) along some unit vectors (n, 3) of the world, and the vector it is along."""
 
 
-def _overlap_along(solid: Solid, other: Solid, beyond: float) -> Least:
+def _overlap_along(solid: Convex, other: Convex, beyond: float) -> Least:
     apart = other.centre - solid.centre
 
     def least(directions: np.ndarray) -> tuple[float, np.ndarray]:
@@ -267,7 +283,7 @@ def _overlap_along(solid: Solid, other: Solid, beyond: float) -> Least:
     return least
 
 
-def _likely(solid: Solid, other: Solid) -> np.ndarray:
+def _likely(solid: Convex, other: Convex) -> np.ndarray:
     """Directions (n, 3) along most of which shapes overlap least: their axes, and the line through their centres."""
     own = np.concatenate([solid.axes, other.axes, -solid.axes, -other.axes])
     apart = other.centre - solid.centre
@@ -275,7 +291,7 @@ def _likely(solid: Solid, other: Solid) -> np.ndarray:
     return np.concatenate([own, (apart / away)[None]]) if away > 0.0 else own
 
 
-def _searched(least: Least, solid: Solid, other: Solid, depth: float, best: np.ndarray) -> float:
+def _searched(least: Least, solid: Convex, other: Convex, depth: float, best: np.ndarray) -> float:
     """The least overlap (m), from ``depth`` along ``best`` on."""
     edges = np.cross(solid.axes[:, None], other.axes[None]).reshape(-1, 3)
     size = np.linalg.norm(edges, axis=1)

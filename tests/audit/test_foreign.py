@@ -146,6 +146,8 @@ HUNGRY = """
 from pathlib import Path
 from simspec.engines.kit import foreign
 class Engine:
+    def prepare_foreign(self):
+        pass
     def load_foreign(self, *_):
         return bytearray(3 * 2**30)
 try:

@@ -63,3 +63,15 @@ def test_what_is_too_much_is_counted(monkeypatch):
 @pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
 def test_what_is_no_number_is_left_to_the_language(value):
     assert repr(plain(value)) == repr(value)
+
+
+def test_what_readers_of_robots_accept_and_a_strict_one_does_not_is_read():
+    text = b"<a>\n<!-- one -- two --->\n<b c='1'd=\"2 '3'\"e='\"'/>\n<f g='x'/></a>"
+    root = parse(text, "r.xml")
+    (first, second) = root.look()
+    assert first.attributes == {"c": "1", "d": "2 '3'", "e": '"'}
+    assert (first.location.line, second.location.line) == (3, 4)
+    with pytest.raises(SpecError, match="not XML"):
+        parse(b"<a b='1' b='2'/>", "r.xml")
+    with pytest.raises(SpecError, match="not XML"):
+        parse(b"<a b=1/>", "r.xml")

@@ -8,6 +8,8 @@ import struct
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from simspec.meshes import reading
 from simspec.meshes.files import MeshError, open_mesh
@@ -174,8 +176,30 @@ def hostile(folder):
         "list.gltf": (b"[]", "no object"),
         "cycle.gltf": (
             gltf("data:;base64," + base64.b64encode(BUFFER).decode(), nodes=[{"mesh": 0, "children": [0]}]).encode(),
-            None,
+            "nodes/0: a node within itself",
         ),
+        "circle.gltf": (
+            gltf(
+                "data:;base64," + base64.b64encode(BUFFER).decode(),
+                nodes=[{"mesh": 0}, {"children": [2]}, {"mesh": 0, "children": [3]}, {"children": [1]}],
+            ).encode(),
+            "a node within itself",
+        ),
+        "twice.gltf": (
+            gltf(
+                "data:;base64," + base64.b64encode(BUFFER).decode(),
+                nodes=[{"children": [2]}, {"children": [2]}, {"mesh": 0}],
+            ).encode(),
+            "nodes/1: its child 2 is a child of node 0 too",
+        ),
+        "nobody.gltf": (
+            gltf("data:;base64," + base64.b64encode(BUFFER).decode(), nodes=[{"mesh": 0, "children": [7]}]).encode(),
+            "nodes/0: its child 7 does not exist",
+        ),
+        "zero.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 0 1 2\n", "line 5: the corner 0: numbers begin with 1"),
+        "zero in a second part.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/0\n", "line 4: the corner 3/0"),
+        "continued.obj": (b"v 0 0 0\nv 1 0 \\\n0\nv 0 1 0\nf 1 2 \\\n0\n", "line 5: the corner 0"),
+        "before.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -1 -2 -4\n", "line 4: the corner -4 is before the first one"),
         "bomb.dae": (bomb.encode(), "DOCTYPE"),
         "utf16.dae": (bomb.encode("utf-16"), "not UTF-8"),
         "empty.dae": (b"", "damaged"),
@@ -198,6 +222,27 @@ def test_hostile_files_are_refused_by_what_is_wrong_with_them(tmp_path):
         assert isinstance(answers[name], str), name
         assert any(part in answers[name] for part in wanted.split("|")), (name, answers[name])
     assert len(answers["mtl.obj"].triangles) == FACES
+
+
+@given(data=st.data())
+def test_corners_that_are_counted_from_the_end_are_those_that_stand_before(data):
+    """The language: -1 is the last vertex before the face. Both ways of writing a file have the same triangles."""
+    from simspec.meshes.child import READERS
+
+    absolute, relative, count = [], [], 0
+    for _ in range(data.draw(st.integers(1, 4))):
+        for _ in range(data.draw(st.integers(3, 5))):
+            place = data.draw(st.tuples(*[st.integers(-9, 9)] * 3))
+            line = "v {} {} {}".format(*place)
+            absolute.append(line)
+            relative.append(line)
+            count += 1
+        corners = data.draw(st.lists(st.integers(1, count), min_size=3, max_size=3, unique=True))
+        absolute.append("f " + " ".join(map(str, corners)))
+        relative.append("f " + " ".join(str(corner - count - 1) for corner in corners))
+    surfaces = [READERS[".obj"]("\n".join(lines).encode(), {}) for lines in (absolute, relative)]
+    first, second = (vertices[faces] for vertices, faces, _ in surfaces)
+    assert np.array_equal(first, second)
 
 
 def test_a_file_that_ends_the_process_is_told_and_the_others_are_read(tmp_path, monkeypatch):

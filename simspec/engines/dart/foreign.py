@@ -12,7 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from simspec.engines.dart import effects
 from simspec.engines.dart.coordinates import JOINT_KINDS, NAME
+from simspec.engines.dart.effects import MEASURED
 from simspec.engines.dart.nodes import shape_nodes
 from simspec.engines.dart.readback import SHAPE_KINDS
 from simspec.engines.kit.captured import captured
@@ -23,9 +25,15 @@ from simspec.world import frames
 from simspec.world.types import HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 FOREIGN: Final[Mapping[str, Reads]] = {
-    "urdf": Reads("dartpy.utils.DartLoader().parseWorld(file)", (".urdf",), "robot"),
-    "sdf": Reads("dartpy.utils.SdfParser.readWorld(file)", (".sdf", ".world"), "sdf"),
-    "mjcf": Reads("dartpy.utils.MjcfParser.readWorld(file)", (".xml", ".mjcf"), "mujoco"),
+    "urdf": Reads(
+        "dartpy.utils.DartLoader().parseWorld(file)", (".urdf",), "robot", version=MEASURED, effects=effects.URDF
+    ),
+    "sdf": Reads(
+        "dartpy.utils.SdfParser.readWorld(file)", (".sdf", ".world"), "sdf", version=MEASURED, effects=effects.SDF
+    ),
+    "mjcf": Reads(
+        "dartpy.utils.MjcfParser.readWorld(file)", (".xml", ".mjcf"), "mujoco", version=MEASURED, effects=effects.MJCF
+    ),
     "skel": Reads("dartpy.utils.SkelParser.readWorld(file)", (".skel",), "skel", defines=True),
 }
 FOREIGN_OWN: Final[Mapping[str, Own]] = {

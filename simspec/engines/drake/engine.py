@@ -18,7 +18,7 @@ from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, boxes_hold, c
 from simspec.engines.drake.corners import MOST_CORNERS, corners
 from simspec.engines.drake.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING
 from simspec.engines.drake.expected import expected
-from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load
+from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load, parser_parts
 from simspec.engines.drake.inventory import inventory, neutral
 from simspec.engines.drake.memory import MOST_GIGABYTES, too_large
 from simspec.engines.drake.readback import SIZES, read_back
@@ -365,6 +365,11 @@ class Drake(SteppedEngine[Simulation]):
     @classmethod
     def prepare(cls) -> None:
         import_drake()
+
+    @classmethod
+    def prepare_foreign(cls) -> None:
+        import_drake()
+        parser_parts()
 
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
         return Simulation(folder, sidecar)

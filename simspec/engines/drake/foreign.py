@@ -14,6 +14,7 @@ import numpy as np
 
 from simspec.engines.drake.building import CONE, NAME, warnings_into
 from simspec.engines.drake.readback import JOINT_KINDS, SIZES, pose_of
+from simspec.engines.kit.effects import REFUSED, Effect
 from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_links, support, told_apart
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -21,10 +22,42 @@ from simspec.world import frames
 from simspec.world.types import HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 HOW: Final = "pydrake.multibody.parsing.Parser(plant).AddModels(file)"
+MEASURED: Final = "1.51.1"
+FRICTION: Final = Effect("joint.dry_friction", "dry friction", "drops the dry friction of joints")
+SPRINGS: Final = Effect("joint.spring_stiffness", "spring of a hinge or a slide", "drops the springs of joints")
+STEP: Final = Effect("timestep", "timestep other than 1 ms", "reads no timestep: the plant has its own")
+URDF_EFFECTS: Final = (
+    FRICTION,
+    Effect("joint.effort_limit", "effort limit", "drops effort limits: URDF without <transmission> has no actuators"),
+)
+SDF_EFFECTS: Final = (
+    Effect(
+        REFUSED, "a loop", "refuses files whose joints form a loop; --profile 1.6 leaves loops out", profiles=("1.9",)
+    ),
+    FRICTION,
+    SPRINGS,
+    STEP,
+    Effect("gravity", "gravity other than 9.81 m/s² down", "reads no gravity: 9.81 m/s² along -z"),
+)
+MJCF_EFFECTS: Final = (
+    FRICTION,
+    Effect(
+        "joint.effort_limit", "effort limit without a controller", "drops the effort limits of joints without actuators"
+    ),
+    Effect(
+        "joint.effort_limit",
+        "other effort limit of the controller",
+        "takes the actuator's effort limit for the joint's",
+    ),
+    SPRINGS,
+    STEP,
+    Effect("joint.damping", "damping of a ball joint", "drops the damping of ball joints"),
+)
+"""What Drake does to plain files."""
 FOREIGN: Final[Mapping[str, Reads]] = {
-    "urdf": Reads(HOW, (".urdf",), "robot"),
-    "sdf": Reads(HOW, (".sdf", ".world"), "sdf"),
-    "mjcf": Reads(HOW, (".xml", ".mjcf"), "mujoco"),
+    "urdf": Reads(HOW, (".urdf",), "robot", version=MEASURED, effects=URDF_EFFECTS),
+    "sdf": Reads(HOW, (".sdf", ".world"), "sdf", version=MEASURED, effects=SDF_EFFECTS),
+    "mjcf": Reads(HOW, (".xml", ".mjcf"), "mujoco", version=MEASURED, effects=MJCF_EFFECTS),
 }
 FOREIGN_OWN: Final[Mapping[str, Own]] = {
     "timestep": Own(None, "default", "1 ms here; the plant is made with a step of the user's choice"),
@@ -36,12 +69,18 @@ MOVES: Final = {**JOINT_KINDS, "planar": "planar", "universal": "universal", "rp
 FLOATING: Final = ("quaternion_floating", "rpy_floating")
 
 
-def load(file: Path, packages: Mapping[str, str], log: list[str]) -> ReadBack:
-    """What Drake holds of a file. Raises EngineError where it refuses it."""
+def parser_parts() -> tuple[Any, Any, Any]:
+    """Drake's parser, the function that makes a plant, and the builder of diagrams."""
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
     from pydrake.systems.framework import DiagramBuilder
 
+    return Parser, AddMultibodyPlantSceneGraph, DiagramBuilder
+
+
+def load(file: Path, packages: Mapping[str, str], log: list[str]) -> ReadBack:
+    """What Drake holds of a file. Raises EngineError where it refuses it."""
+    Parser, AddMultibodyPlantSceneGraph, DiagramBuilder = parser_parts()
     with warnings_into(log):
         try:
             builder = DiagramBuilder()

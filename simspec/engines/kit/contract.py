@@ -228,6 +228,11 @@ class Engine:
     def prepare(cls) -> None:
         """Import what loading needs, so that processes forked from this one need not (``attempts.py``). Optional."""
 
+    @classmethod
+    def prepare_foreign(cls) -> None:
+        """Import what :meth:`load_foreign` needs: after that, the process may load no code."""
+        cls.prepare()
+
     def step(self, count: int, effort: np.ndarray | None = None) -> None:
         """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
         raise NotImplementedError

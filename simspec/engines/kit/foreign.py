@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec.confinement import PROFILES, confine_calls
+from simspec.engines.kit.effects import Effect
 from simspec.world import frames
 from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Vector3
 
@@ -36,15 +38,16 @@ UNNAMED = "body_{}"
 
 @dataclass(frozen=True, slots=True)
 class Reads:
-    """That an engine reads a language: ``how``, as a user calls it; ``suffixes`` of its files, and the ``root`` element
-    by which
-    they are told from others. ``defines``: what the engine makes of a file is what the language means, where nobody else
-    says it."""
+    """That an engine reads a language: ``how``, as a user calls it; ``suffixes`` of its files, and the ``root`` element by
+    which they are told from others. ``defines``: what the engine makes of a file is what the language means, where nobody else
+    says it. ``effects``: what it does to simspec's plain files, measured with the version ``version``."""
 
     how: str
     suffixes: tuple[str, ...]
     root: str
     defines: bool = False
+    version: str = ""
+    effects: tuple[Effect, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,9 +105,11 @@ class ForeignSession:
         self.load_seconds = 0.0
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str]) -> ReadBack:
-        """What the engine holds of a file, which it loads in bounded memory: whoever wrote it may have meant it to take all
-        that there is."""
+        """What the engine holds of a file, which it loads in bounded memory and confined by the kernel: whoever wrote it may
+        have meant it to take all that there is, or to lead elsewhere."""
+        self._engine.prepare_foreign()
         _bound_memory()
+        confine_calls(PROFILES["scratch"])  # files were confined before the engine was imported (``worker.py``)
         return self._engine.load_foreign(file, language, packages, self._log)
 
     def log(self) -> list[str]:

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from simspec.confinement import ANY_LOCALE
 from simspec.ending import end_if_told
 from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
@@ -62,8 +63,6 @@ LOOK_EVERY = 0.5
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of an engine's process, unless the user's says otherwise: engines run side by side on few cores, and a threaded
 BLAS changes sums from run to run (and one engine is 2 to 5 % slower beside its idle threads: measured)."""
-ONE_LOCALE = {"LC_ALL": "C.UTF-8"}
-"""The same on every machine: an engine's import may fail in the user's locale, and a library may write decimal commas in it."""
 GRACE = 2.0
 """s that the keeper waits beyond the deadline: who waits for the engine kills it and says why; this is for when nobody does."""
 DOING_BYTES = 200
@@ -190,7 +189,7 @@ def begin(engine: str, python: str | None, warm: WarmProcesses | None) -> None:
 
 def _environment() -> dict[str, str]:
     """The environment of engines' processes."""
-    return search_environment({**ONE_THREAD, **os.environ, **ONE_LOCALE})
+    return search_environment({**ONE_THREAD, **os.environ, **ANY_LOCALE})
 
 
 def at_work(say: Callable[[str], None], work: str, doing: str) -> None:

@@ -30,6 +30,7 @@ import math
 import os
 import platform
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -64,7 +65,20 @@ def _make_simspec_importable() -> None:
     spec.loader.exec_module(module)
 
 
+def _confine_files(folder: Path, request: dict[str, Any]) -> None:
+    """Where an operation loads a file of unknown origin: let this process open that file's folders, Python and the request's
+    folder alone, before anything starts a thread. System calls are confined when the engine is imported (``foreign.py``)."""
+    foreign = [operation for operation in request["operations"] if operation["op"] == "foreign"]
+    if foreign:
+        from simspec.confinement import confine_files, of_python
+
+        tempfile.tempdir = str(folder)
+        roots = [root for operation in foreign for root in operation["roots"]]
+        confine_files([*of_python(), *roots], [str(folder), os.devnull])
+
+
 def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
+    _confine_files(folder, request)
     import numpy as np
 
     from simspec.engines.kit.attempts import attempt

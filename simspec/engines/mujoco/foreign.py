@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from simspec.engines.kit.effects import Effect
 from simspec.engines.kit.foreign import MESH, UNNAMED, Own, Reads, support
 from simspec.engines.mujoco.readback import CONE_NAMES, HALVED, JOINT_KINDS, SHAPE_KINDS, VISIBLE_GROUPS
 from simspec.errors import EngineError
@@ -19,9 +20,20 @@ from simspec.formats.kit.passes import tensor
 from simspec.world import frames
 from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
+MEASURED: Final = "4.0.1"
+URDF_EFFECTS: Final = (
+    Effect("joint.velocity_limit", "velocity limit", "drops the velocity limits of joints"),
+    Effect(
+        "joint.type",
+        "free root",
+        "fixes the root to the world; --profile floating keeps it free",
+        profiles=("fixed-base",),
+    ),
+)
+"""What MuJoCo does to plain URDF."""
 FOREIGN: Final[Mapping[str, Reads]] = {
-    "urdf": Reads("mujoco.MjModel.from_xml_path(file)", (".urdf",), "robot"),
-    "mjcf": Reads("mujoco.MjModel.from_xml_path(file)", (".xml", ".mjcf"), "mujoco", defines=True),
+    "urdf": Reads("mujoco.MjModel.from_xml_path(file)", (".urdf",), "robot", version=MEASURED, effects=URDF_EFFECTS),
+    "mjcf": Reads("mujoco.MjModel.from_xml_path(file)", (".xml", ".mjcf"), "mujoco", defines=True, version=MEASURED),
 }
 FOREIGN_OWN: Final[Mapping[str, Own]] = {
     "timestep": Own(None, "default", "2 ms, unless the file says another"),

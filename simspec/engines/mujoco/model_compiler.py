@@ -1,6 +1,6 @@
 """The compiler of model files as a program of its own: a file in, the compiled model out, as plain data.
 
-``python model_compiler.py`` reads a request from standard input (:func:`read_request`) and writes one JSON text to standard
+Started by ``imports/child.py``, it reads a request from standard input (:func:`read_request`) and writes JSON to standard
 output: ``{"version": ..., "model": ...}``, or ``{"error": ...}`` where the file is refused. It imports nothing of simspec,
 and the engine only when it runs: importers find it by an entry point and start it in a process of bounded time and memory.
 """
@@ -339,8 +339,9 @@ def finite_json(value: Any) -> str:
         raise ValueError("a number of the compiled model is not finite") from None
 
 
-def main() -> None:
-    """Answer one request. The limits come first: CPU time (s) and memory (bytes) as the command line says."""
+def prepare() -> None:
+    """Limit this process: CPU time (s) and memory (bytes) as the command line says. Then import what is needed, since later it
+    may load no code."""
     seconds, memory = int(sys.argv[1]), int(sys.argv[2])
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
@@ -348,6 +349,13 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    import mujoco  # noqa: F401
+    import numpy.random  # noqa: F401  # numpy imports it when it is first used
+
+
+def main() -> None:
+    """Answer one request."""
+    memory = int(sys.argv[2])
     told = os.dup(1)
     os.dup2(2, 1)  # what the engine prints is not the answer
     try:
@@ -363,7 +371,3 @@ def main() -> None:
         text = json.dumps({"error": f"{error}{unknown or ''}"})
     with os.fdopen(told, "wb") as stream:
         stream.write(text.encode())
-
-
-if __name__ == "__main__":
-    main()

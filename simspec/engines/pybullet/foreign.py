@@ -15,6 +15,7 @@ import numpy as np
 
 from simspec.engines.kit.captured import captured
 from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_links, support, told_apart
+from simspec.engines.pybullet import effects
 from simspec.engines.pybullet.simulation import GREETING
 from simspec.engines.pybullet.trees import JOINT_KINDS
 from simspec.engines.pybullet.turns import told_turn
@@ -25,9 +26,11 @@ from simspec.world import frames
 from simspec.world.types import HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
 FOREIGN: Final[Mapping[str, Reads]] = {
-    "urdf": Reads("pybullet.loadURDF(file)", (".urdf",), "robot"),
-    "mjcf": Reads("pybullet.loadMJCF(file)", (".xml", ".mjcf"), "mujoco"),
-    "sdf": Reads("pybullet.loadSDF(file)", (".sdf", ".world"), "sdf"),
+    "urdf": Reads("pybullet.loadURDF(file)", (".urdf",), "robot", version=effects.MEASURED, effects=effects.URDF),
+    "mjcf": Reads(
+        "pybullet.loadMJCF(file)", (".xml", ".mjcf"), "mujoco", version=effects.MEASURED, effects=effects.MJCF
+    ),
+    "sdf": Reads("pybullet.loadSDF(file)", (".sdf", ".world"), "sdf", version=effects.MEASURED, effects=effects.SDF),
 }
 LOADERS: Final = {"urdf": "loadURDF", "mjcf": "loadMJCF", "sdf": "loadSDF"}
 FOREIGN_OWN: Final[Mapping[str, Own]] = {
@@ -139,7 +142,7 @@ class Foreign:
             pose = frames.compose(inertial, Pose(tuple(entry[5]), told_turn(entry[6])))
             size = _size(kind, entry[3])
             if kind == MESH:
-                size, pose = self._mesh(uid, link, number), Pose()
+                size, pose = self._mesh(uid, link, number), inertial
             shapes.append(Shape("", kind, size, pose, visual=False, surfaces=surface))
         for entry in p.getVisualShapeData(uid, physicsClientId=client):
             if entry[1] == link:
@@ -155,7 +158,7 @@ class Foreign:
         return self._p.getCollisionShapeData(uid, link, physicsClientId=self._client)
 
     def _mesh(self, uid: int, link: int, number: int) -> tuple[float, ...]:
-        """The support function of a collision mesh, in the link's own frame."""
+        """The support function of a collision mesh, in the link's inertial frame: PyBullet tells vertices there (measured)."""
         p = self._p
         count, vertices = p.getMeshData(uid, link, collisionShapeIndex=number, physicsClientId=self._client)
         return support(np.array(vertices, dtype=float).reshape(-1, 3)) if count else ()

@@ -6,12 +6,14 @@ constants. Where the law of two materials is another, every two geoms of them th
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from simspec.control.native import natives
+from simspec.control.native import drives
 from simspec.errors import Problem, UnsupportedError
+from simspec.formats.kit.meshes import hulls_of
 from simspec.formats.kit.passes import gather
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.mjcf import tree
@@ -39,6 +41,7 @@ from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.rows import Row, depth_first
 from simspec.formats.mjcf.tendons import tendons
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     GATHERED,
     Level,
@@ -62,7 +65,13 @@ NATIVE_REFERENCE: Final = (0.02, 1.0)
 VISUAL: Final = "visual"
 MATERIAL: Final = "material/"
 
-COMPILER: Final[Attributes] = (("angle", "radian"), ("autolimits", False), ("inertiafromgeom", False))
+COMPILER: Final[Attributes] = (("angle", "radian"), ("autolimits", False))
+UNLIMITED: Final = 1e9
+"""The range (rad, m) of a hinge or a slide without limits, which is not ``limited``."""
+MESH_FOLDER: Final[Attributes] = (("meshdir", "./"),)
+"""Where a world has meshes: one reader finds no files without it."""
+WITHOUT_MASS: Final[Attributes] = (("mass", 0.0),)
+"""Of the geoms of a body without mass, which has no ``inertial``: readers differ in which inertials without mass they take."""
 FLAGS: Final = (
     ("filterparent", False),  # which bodies do not touch is listed
     ("eulerdamp", False),  # damping is explicit in time
@@ -114,8 +123,13 @@ SUPPORT: Final[Table] = {
     Feature.FREE_DAMPING: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "damping")),
     Feature.FREE_ARMATURE: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "armature")),
     Feature.FORCES: never("MJCF has no forces that begin and end"),
-    Feature.CONTROL: never("MJCF has actuators, and no control laws"),
-    Feature.CONTROL_NATIVE: approximate("actuators with gains and effort limits, without what they follow"),
+    Feature.CONTROL: approximate(
+        "actuators with the gains and effort limits of pd and the target at the start, motors for laws without gains; without "
+        "the trajectory, gravity compensation, implicit laws and laws that act every few steps"
+    ),
+    Feature.CONTROL_NATIVE: approximate(
+        "actuators with gains, effort limits and the target at the start, without the trajectory"
+    ),
     Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one body"),
     **GATHERED,
     Feature.CONSTRAINT_COUPLING: approximate("an equality of two joints: a spring-damper with the default solref"),
@@ -139,10 +153,11 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
     unlike_rule = [pair for pair, law in laws.items() if not _by_rule(world, pair, law)]
     too_many = _upper_bound(world, unlike_rule) > MOST_PAIRS
     order = depth_first(world)
+    actuators = tuple(_actuators(world))
     sites, named = sites_of(world, {}), frame_sites(world, {})
     model = Model(
         world.name,
-        COMPILER,
+        (*COMPILER, *(MESH_FOLDER if any(hulls_of(world)) else ())),
         (
             ("timestep", world.physics.timestep),
             ("gravity", world.physics.gravity),
@@ -161,8 +176,8 @@ def model_and_losses(world: World) -> tuple[Model, tuple[Loss, ...]]:
             tree.Exclude(file_name(first), file_name(second))
             for first, second in sorted({*excluded_pairs(world), *group_excludes})
         ),
-        actuators=tuple(_actuators(world)),
-        keys=(keyframe(KEYFRAME, order),),
+        actuators=tuple(actuator for actuator, _ in actuators),
+        keys=(dataclasses.replace(keyframe(KEYFRAME, order), control=tuple(control for _, control in actuators)),),
         meshes=meshes_of(world),
         heightfields=heightfields_of(world),
         equalities=equalities(world),
@@ -198,15 +213,14 @@ def _more(world: World, unlike_rule: list[Pair]) -> Iterator[Loss]:
     )
     if no_effort:
         yield Loss(Feature.LIMIT_EFFORT.value, Fate.LEFT_OUT, "MJCF has no range of zero", no_effort)
-    no_drive = tuple(
-        f"control.{controller.name}.effort_limit"
-        for controller in natives(world)
-        if any(limit == 0 for limit in controller.effort_limits)
-    )
-    if no_drive:
-        yield Loss(
-            Feature.CONTROL_NATIVE.value, Fate.LEFT_OUT, "no actuator where its largest effort is zero", no_drive
+    for feature, native in ((Feature.CONTROL_NATIVE, True), (Feature.CONTROL, False)):
+        no_drive = tuple(
+            f"control.{controller.name}.effort_limit"
+            for controller in world.controllers
+            if (controller.law == "native") is native and any(limit == 0 for limit in controller.effort_limits)
         )
+        if no_drive:
+            yield Loss(feature.value, Fate.LEFT_OUT, "no actuator where its largest effort is zero", no_drive)
     if unlike_rule:
         how = f"the larger number of both materials: these laws need more than {MOST_PAIRS} explicit pairs"
         paths = tuple(f"contact.pairs.{first}.{second}" for first, second in unlike_rule)
@@ -290,37 +304,49 @@ def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) ->
 
 def _body(row: Row, masks: Mapping[Kind, Attributes], sites: tuple[tree.Site, ...]) -> tree.Body:
     body = row.body
-    geoms = tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
+    mass = () if body.inertial.mass else WITHOUT_MASS
+    geoms = tuple(_geom(shape, mass, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
     return body_of(row, tuple(_joint(joint, frame) for joint, frame in row.joints), geoms, sites=sites)
 
 
 def _joint(joint: Joint, frame: Pose) -> tree.Joint:
     more = joint_attributes(joint, frame)
+    if not any(name == "limited" for name, _ in more):
+        more += [("limited", False)]
+        if joint.kind in SCALAR_JOINTS:
+            more.append(
+                ("range", (-UNLIMITED, UNLIMITED))
+            )  # one reader takes a joint without a range for one that is locked
     if joint.effort_limit:
         more += [("actuatorfrclimited", True), ("actuatorfrcrange", (-joint.effort_limit, joint.effort_limit))]
     return tree.Joint(joint.name, joint.kind, tuple(more))
 
 
-def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
+def _geom(shape: Shape, mass: Attributes, mask: Attributes) -> tree.Geom:
     group = GROUPS[shape.collision, shape.visual]
     shown: Attributes = (("group", group),) if group else ()
     class_name = MATERIAL + shape.material if shape.collision else VISUAL
     margin: Attributes = (("margin", shape.margin),) if shape.collision and shape.margin else ()
     moving: Attributes = (("surfacevel", shape.surface_velocity),) if any(shape.surface_velocity) else ()
     solid = (*mask, *margin, *moving) if shape.collision else ()
-    return geom_of(shape, class_name, (*solid, *shown, ("rgba", shape.colour)))
+    return geom_of(shape, class_name, (*mass, *solid, *shown, ("rgba", shape.colour)))
 
 
-def _actuators(world: World) -> Iterator[tree.Actuator]:
-    """A position actuator for each natively driven joint; without kp a velocity actuator."""
-    for controller in natives(world):
-        for name, kp, kd, limit in zip(
-            controller.joints, controller.kp, controller.kd, controller.effort_limits, strict=True
-        ):
-            if limit == 0:
-                continue
-            more: list[tuple[str, Value]] = [("kp", kp)] if kp else []
-            more.append(("kv", kd))
-            if limit is not None:
-                more += [("forcelimited", True), ("forcerange", (-limit, limit))]
-            yield tree.Actuator("position" if kp else "velocity", name, name, tuple(more))
+def _actuators(world: World) -> Iterator[tuple[tree.Actuator, float]]:
+    """An actuator for each driven joint, with its control at the start, so that the actuator's force is the law's there: a
+    position servo; without kp a velocity servo; without gains a motor. The law clips efforts, not targets, and one reader takes
+    ``ctrlrange`` for a limit of the effort: there is none."""
+    for drive in drives(world):
+        if drive.effort_limit == 0:
+            continue
+        more: list[tuple[str, Value]] = []
+        kind, control = "motor", drive.effort
+        if drive.kp:
+            kind, control = "position", drive.position + (drive.kd * drive.velocity + drive.effort) / drive.kp
+            more = [("kp", drive.kp), ("kv", drive.kd)]
+        elif drive.kd:
+            kind, control = "velocity", drive.velocity + drive.effort / drive.kd
+            more = [("kv", drive.kd)]
+        if drive.effort_limit is not None:
+            more += [("forcelimited", True), ("forcerange", (-drive.effort_limit, drive.effort_limit))]
+        yield tree.Actuator(kind, drive.joint, drive.joint, tuple(more)), control

@@ -151,11 +151,12 @@ class Actuator:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A keyframe: the coordinates and velocities of all joints, in the order of the file."""
+    """A keyframe: the coordinates and velocities of all joints, and the controls of all actuators, in the order of the file."""
 
     name: str
     position: tuple[float, ...]
     velocity: tuple[float, ...]
+    control: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

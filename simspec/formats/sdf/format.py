@@ -13,12 +13,13 @@ from typing import Any, ClassVar, Final
 from simspec.formats.kit.contract import Format
 from simspec.formats.kit.meshes import mesh_file, mesh_files
 from simspec.formats.kit.plain import Plain, losses
-from simspec.formats.kit.text import environment
+from simspec.formats.kit.text import environment, number
 from simspec.formats.kit.xml_elements import Element, read_xml
+from simspec.formats.sdf.classic import CLASSIC, OLDER, classic
 from simspec.formats.sdf.plain import SIZES, SUPPORT, more_losses, plain_tree
 from simspec.formats.sdf.tree import Joint, Link, Shape, World
 from simspec.support.declarations import Table
-from simspec.world import types
+from simspec.world import frames, types
 from simspec.world.types import Pose
 
 WORLD: Final = "world.sdf"
@@ -37,13 +38,24 @@ class Sdf(Format):
 
     NAME: ClassVar[str] = "sdf"
     SUPPORT: ClassVar[Table] = SUPPORT
+    PROFILES: ClassVar[tuple[str, ...]] = (VERSION, CLASSIC)
+
+    def __init__(self, profile: str = VERSION):
+        self.profile = profile
+
+    def in_profile(self, name: str) -> Format:
+        """The format in this version. Raises SpecError for a name that is not of ``PROFILES``."""
+        return Sdf(name) if name in self.PROFILES else super().in_profile(name)
 
     def write(self, tree: World) -> dict[str, str]:
         """``world.sdf``, and the files of its meshes. Raises KeyError for kinds of joints and shapes that the language does
         not have, and ValueError for numbers that are not finite."""
         joints = [joint for model in tree.models for joint in model.joints]
+        needed = COUPLED if any(joint.mimic is not None for joint in joints) else VERSION
+        older = tree.version == CLASSIC
         content = {
-            "version": COUPLED if any(joint.mimic is not None for joint in joints) else VERSION,
+            "version": tree.version or needed,
+            "rotation": "" if older else ' rotation_format="quat_xyzw"',
             "name": tree.name,
             "timestep": tree.timestep,
             "rate": 1.0 / tree.timestep,
@@ -53,13 +65,13 @@ class Sdf(Format):
             "models": [
                 {
                     "name": model.name,
-                    "pose": _pose(model.pose),
+                    "pose": _pose(model.pose, older),
                     "static": _flag(model.static),
                     "self_collide": _flag(model.self_collide),
-                    "links": [_link(link) for link in model.links],
-                    "joints": [_joint(joint) for joint in model.joints],
+                    "links": [_link(link, older) for link in model.links],
+                    "joints": [_joint(joint, older) for joint in model.joints],
                     "frames": [
-                        {"name": one.name, "attached_to": one.attached_to, "pose": _pose(one.pose)}
+                        {"name": one.name, "attached_to": one.attached_to, "pose": _pose(one.pose, older)}
                         for one in model.frames
                     ],
                 }
@@ -72,7 +84,10 @@ class Sdf(Format):
 
     def plain(self, world: types.World) -> Plain:
         """``world.sdf``: a model for each tree."""
-        return Plain(self.write(plain_tree(world)), losses(world, SUPPORT, more_losses(world)))
+        tree = plain_tree(world)
+        if self.profile == CLASSIC:
+            return Plain(self.write(classic(tree)), losses(world, {**SUPPORT, **OLDER}, more_losses(world)))
+        return Plain(self.write(tree), losses(world, SUPPORT, more_losses(world)))
 
     def read(self, folder: Path) -> Element:
         """The outermost element of ``world.sdf`` in ``folder``: its meaning is the importer's matter.
@@ -89,24 +104,27 @@ def _flag(value: bool) -> str:
     return "true" if value else "false"
 
 
-def _pose(pose: Pose) -> tuple[float, ...]:
+def _pose(pose: Pose, older: bool) -> tuple[float, ...]:
+    """Position and quaternion, or angles about fixed axes."""
     w, x, y, z = pose.quaternion
+    if older:
+        return (*pose.position, *frames.to_rpy(pose.quaternion))
     return (*pose.position, x, y, z, w)
 
 
-def _link(link: Link) -> dict[str, Any]:
+def _link(link: Link, older: bool) -> dict[str, Any]:
     return {
         "name": link.name,
         "relative_to": link.relative_to,
-        "pose": _pose(link.pose),
+        "pose": _pose(link.pose, older),
         "inertial": link.inertial,
         "self_collide": _flag(link.self_collide),
         "gravity": link.gravity,
-        "shapes": [_shape(shape) for shape in link.shapes],
+        "shapes": [_shape(shape, older) for shape in link.shapes],
     }
 
 
-def _shape(shape: Shape) -> dict[str, Any]:
+def _shape(shape: Shape, older: bool) -> dict[str, Any]:
     sizes: list[tuple[str, tuple[float, ...] | str]] = [("normal", (0.0, 0.0, 1.0)), ("size", (200.0, 200.0))]
     if shape.kind == "mesh":
         sizes = [("uri", mesh_file(shape.size))]
@@ -123,23 +141,24 @@ def _shape(shape: Shape) -> dict[str, Any]:
     return {
         "name": shape.name,
         "kind": shape.kind,
-        "pose": _pose(shape.pose),
+        "pose": _pose(shape.pose, older),
         "sizes": sizes,
         "surface": surface,
         "colour": shape.colour,
     }
 
 
-def _joint(joint: Joint) -> dict[str, Any]:
-    lower, upper = joint.position_limits or (-UNLIMITED, UNLIMITED)
+def _joint(joint: Joint, older: bool) -> dict[str, Any]:
+    none = math.inf if older else UNLIMITED
+    lower, upper = joint.position_limits or (-none, none)
     return {
         "name": joint.name,
         "type": JOINT_TYPES[joint.kind],
         "parent": "world" if joint.parent is None else joint.parent,
         "child": joint.child,
         "axis": joint.axis,
-        "lower": lower,
-        "upper": upper,
+        "lower": number(lower) if math.isfinite(lower) else "-inf",
+        "upper": number(upper) if math.isfinite(upper) else "inf",
         "effort": joint.effort_limit,
         "velocity": joint.velocity_limit,
         "damping": joint.damping,

@@ -116,8 +116,8 @@ SUPPORT: Final[Table] = {
     Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
     Feature.FORCES: never("simspec writes no forces into SDF"),
     Feature.TOUCHING_PAIRS: never("links that a joint joins do not touch each other in SDF"),
-    Feature.CONTROL: never("SDF has no control laws"),
-    Feature.CONTROL_NATIVE: never("SDF has no gains of controllers"),
+    Feature.CONTROL: never("SDF has no gains of controllers: those are parameters of plugins of one simulator"),
+    Feature.CONTROL_NATIVE: never("SDF has no gains of controllers: those are parameters of plugins of one simulator"),
     Feature.CONSTRAINT_LOOP: Support(
         EXACT.level, "as a further joint of a link, which many readers do not support", refine=loops_in_trees
     ),

@@ -118,3 +118,5 @@ class World:
     systems: tuple[System, ...] = ()
     real_time_factor: float = 1.0
     """How fast a server may step, against the clock; 0: as fast as it can."""
+    version: str = ""
+    """The version of the language; empty: the least that has all that the file says."""

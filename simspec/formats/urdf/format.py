@@ -13,7 +13,7 @@ from simspec.formats.kit.meshes import FIELDS, field_files, mesh_files
 from simspec.formats.kit.plain import Plain, losses
 from simspec.formats.kit.text import environment
 from simspec.formats.urdf.document import Document
-from simspec.formats.urdf.plain import PLACEMENT, SUPPORT, placeholders, robots_and_placement
+from simspec.formats.urdf.plain import PLACEMENT, PROFILES, SUPPORT, placeholders, robots_and_placement
 from simspec.formats.urdf.tree import Geometry, Robots
 from simspec.support.declarations import Table
 from simspec.world.types import World
@@ -27,6 +27,14 @@ class Urdf(Format):
 
     NAME: ClassVar[str] = "urdf"
     SUPPORT: ClassVar[Table] = SUPPORT
+    PROFILES: ClassVar[tuple[str, ...]] = PROFILES
+
+    def __init__(self, profile: str = PROFILES[0]):
+        self.profile = profile
+
+    def in_profile(self, name: str) -> Format:
+        """The format in this layout. Raises SpecError for a name that is not of ``PROFILES``."""
+        return Urdf(name) if name in self.PROFILES else super().in_profile(name)
 
     def write(self, tree: Robots) -> dict[str, str]:
         """A file for each robot, and the files of their meshes."""
@@ -38,7 +46,7 @@ class Urdf(Format):
 
     def plain(self, world: World) -> Plain:
         """One file for each distinct tree; where the trees stand and how they begin goes into ``placement.json``."""
-        robots, placement = robots_and_placement(world)
+        robots, placement = robots_and_placement(world, self.profile)
         return Plain({**self.write(robots), PLACEMENT: placement}, losses(world, SUPPORT, placeholders(world)))
 
     def read(self, folder: Path) -> Document:

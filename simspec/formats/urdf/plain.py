@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from typing import Any, Final
 
 from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.kit.text import json_text
-from simspec.formats.urdf.from_world import KINDS, UNLIMITED, Files
+from simspec.formats.urdf.from_world import KINDS, UNLIMITED, WORLD_LINK, Files, unlike
 from simspec.formats.urdf.standard import standard_robot
-from simspec.formats.urdf.tree import Robots
+from simspec.formats.urdf.tree import Element, Inertial, Joint, Link, Origin, Robot, Robots
 from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support.declarations import (
     Level,
@@ -30,6 +31,22 @@ from simspec.world.types import Body, Follow, World
 
 PLACEMENT: Final = "placement.json"
 PLACEMENT_SCHEMA: Final = 1
+
+PROFILES: Final = ("fixed-base", "floating")
+"""fixed-base: the root link of a free tree has no joint, as in nearly every file; readers choose whether it is free. floating:
+a joint of type ``floating`` from a link ``world`` says that it is."""
+NOTHING: Final = Inertial(Origin(), 0.0, (0.0,) * 6)
+"""The inertia of a link without mass: readers give one that says none 1 kg, or that of its shapes as water."""
+COMPILER: Final[tuple[tuple[str, str], ...]] = (
+    ("fusestatic", "false"),
+    ("discardvisual", "false"),
+    ("strippath", "false"),
+    ("inertiafromgeom", "false"),
+)
+"""Attributes of the extension ``<mujoco><compiler/></mujoco>``, without which its reader merges links on fixed joints, drops
+visual shapes, drops folders of meshes, and takes inertias of shapes. Other readers skip the element."""
+LEAST: Final[tuple[tuple[str, str], ...]] = (("boundmass", "1e-9"), ("boundinertia", "1e-12"))
+"""The same where a link without mass moves, which that reader refuses."""
 
 _NO_CONTACT = "URDF has no numbers of contact"
 _IN_PLACEMENT = f"in {PLACEMENT}"
@@ -102,17 +119,19 @@ SUPPORT: Final[Table] = {
     ),
     Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
     Feature.FORCES: never("URDF has no forces on bodies"),
-    Feature.CONTROL: never("URDF has no control laws"),
-    Feature.CONTROL_NATIVE: never("URDF has no gains of controllers"),
+    Feature.CONTROL: never("URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"),
+    Feature.CONTROL_NATIVE: never(
+        "URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"
+    ),
     Feature.GRAVITY: never("URDF has no gravity"),
     Feature.TIMESTEP: never("URDF has no timestep"),
 }
 """What plain URDF carries of each feature."""
 
 
-def robots_and_placement(world: World) -> tuple[Robots, str]:
-    """The robots by file, and the text of ``placement.json``: of each tree the file, whether its root is free, how it begins,
-    and its own names of links and joints beside those in the file, which equal trees share."""
+def robots_and_placement(world: World, profile: str = PROFILES[0]) -> tuple[Robots, str]:
+    """The robots by file, in one of ``PROFILES``, and the text of ``placement.json``: of each tree the file, whether its root
+    is free, how it begins, and its own names of links and joints beside those in the file, which equal trees share."""
     files = Files({PLACEMENT})
     first: dict[str, tuple[Body, ...]] = {}
     placed = []
@@ -121,9 +140,31 @@ def robots_and_placement(world: World) -> tuple[Robots, str]:
         within = [held for held in _follows(world) if {held.joint, held.leader} <= joints]
         own = {body.name for body in bodies}
         named = [frame for frame in world.frames if frame.body in own]
-        file = files.add(standard_robot(bodies, follows=within, named=named))
+        robot = standard_robot(bodies, follows=within, named=named)
+        if profile == "floating" and bodies[0].joint.kind == "free":
+            robot = _floating(robot, bodies[0])
+        file = files.add(_complete(robot))
         placed.append(_placed(file, first.setdefault(file, bodies), bodies))
     return files.robots, json_text({"schema": PLACEMENT_SCHEMA, "trees": placed})
+
+
+def _complete(robot: Robot) -> Robot:
+    """The robot with all that readers would fill in for themselves."""
+    links = tuple(
+        dataclasses.replace(link, inertial=NOTHING) if link.inertial is None and link.name != WORLD_LINK else link
+        for link in robot.links
+    )
+    massless = {link.name for link in links if link.inertial is NOTHING}
+    moving = any(joint.child in massless and joint.type != "fixed" for joint in robot.joints)
+    compiler = Element("compiler", (*COMPILER, *(LEAST if moving else ())))
+    return dataclasses.replace(robot, links=links, extensions=(Element("mujoco", children=(compiler,)),))
+
+
+def _floating(robot: Robot, root: Body) -> Robot:
+    """The robot with a joint of six freedoms between the world and its root."""
+    world = unlike(WORLD_LINK, {link.name for link in robot.links})
+    joint = Joint(root.joint.name, "floating", world, root.name, Origin())
+    return dataclasses.replace(robot, links=(Link(world), *robot.links), joints=(joint, *robot.joints))
 
 
 def _placed(file: str, first: tuple[Body, ...], bodies: tuple[Body, ...]) -> dict[str, Any]:

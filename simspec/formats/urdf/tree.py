@@ -143,6 +143,8 @@ class Robot:
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...] = ()
+    extensions: tuple[Element, ...] = ()
+    """Elements that are not of the language, before the links."""
 
 
 Robots = Mapping[str, Robot]
@@ -181,4 +183,5 @@ def nameless(robot: Robot) -> Robot:
             )
             for joint in robot.joints
         ),
+        robot.extensions,
     )

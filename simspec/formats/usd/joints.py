@@ -5,10 +5,11 @@ Attributes of simspec's own have the doubles; those of a joint of several axes b
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from simspec.control.native import Drive
 from simspec.formats.kit.axes import readable
 from simspec.formats.usd.several import Several
 from simspec.formats.usd.tree import Prim
@@ -35,8 +36,8 @@ class Joined:
     loop: bool = False
 
 
-def single(prim: Prim, joint: Joint, joined: Joined) -> None:
-    """A joint of one kind."""
+def single(prim: Prim, joint: Joint, joined: Joined, drives: Mapping[str, Drive]) -> None:
+    """A joint of one kind. ``drives``: the driven joints of the world, by name."""
     axis, turn = _towards(joint.axis) if any(joint.axis) else ("X", frames.IDENTITY)
     here = Pose(joint.origin.position, frames.multiply(joint.origin.quaternion, turn))
     stand(prim, joined, here, Pose((0.0, 0.0, 0.0), turn))
@@ -52,12 +53,12 @@ def single(prim: Prim, joint: Joint, joined: Joined) -> None:
         prim.own("double3", "axis", readable(joint.axis))
     if joint.kind in SCALAR_JOINTS:
         _limits(prim, joint, "physics:lowerLimit", "physics:upperLimit", "")
-        _drive(prim, joint, "angular" if joint.kind == "hinge" else "linear", "")
+        _drive(prim, joint, "angular" if joint.kind == "hinge" else "linear", "", drives.get(joint.name))
         _ratings(prim, joint, "")
     _state(prim, joint, "")
 
 
-def axes(prim: Prim, chain: Several, joined: Joined, names: Sequence[str]) -> None:
+def axes(prim: Prim, chain: Several, joined: Joined, names: Sequence[str], drives: Mapping[str, Drive]) -> None:
     """A joint of several axes. ``names`` of the spec's joints, within their model."""
     origin = chain.joints[0].origin
     here = Pose(origin.position, frames.multiply(origin.quaternion, chain.turn))
@@ -77,7 +78,7 @@ def axes(prim: Prim, chain: Several, joined: Joined, names: Sequence[str]) -> No
             prim.own("double3", f"{word}:axis", readable(joint.axis))
             if joint.position_limits is not None:
                 _limits(prim, joint, f"limit:{word}:physics:low", f"limit:{word}:physics:high", f"{word}:")
-            _drive(prim, joint, word, f"{word}:")
+            _drive(prim, joint, word, f"{word}:", drives.get(joint.name))
             _ratings(prim, joint, f"{word}:")
         _state(prim, joint, f"{word}:")
 
@@ -123,25 +124,43 @@ def _limits(prim: Prim, joint: Joint, low: str, high: str, own: str) -> None:
         prim.own("double2", f"{own}limits", joint.position_limits)
 
 
-def _drive(prim: Prim, joint: Joint, name: str, own: str) -> None:
-    """The spring and the damper of a hinge or a slide."""
-    if not joint.damping and not joint.spring_stiffness:
+def _drive(prim: Prim, joint: Joint, name: str, own: str, control: Drive | None) -> None:
+    """The spring and the damper of a hinge or a slide, and the gains of its controller, as one drive: what springs and dampers
+    add up to. Its targets are those at time 0, its largest effort the controller's."""
+    if control is not None and (control.effort_limit == 0 or not (control.kp or control.kd)):
+        control = None
+    if not joint.damping and not joint.spring_stiffness and control is None:
         return
+    stiffness, damping, pull, push = (
+        joint.spring_stiffness,
+        joint.damping,
+        joint.spring_stiffness * joint.spring_rest,
+        0.0,
+    )
+    if control is not None:
+        stiffness, damping = stiffness + control.kp, damping + control.kd
+        pull, push = pull + control.kp * control.position, control.kd * control.velocity
+        pull += control.effort if stiffness else 0.0
     turns = DEGREES if joint.kind == "hinge" else 1.0
     prim.apply(f"PhysicsDriveAPI:{name}")
     drive = f"drive:{name}:physics:"
+    passive = control is None
+    target = joint.spring_rest if passive else (pull / stiffness if stiffness else 0.0)
+    limit = math.inf if control is None or control.effort_limit is None else control.effort_limit
     prim.uniform(f"{drive}type", "force")
-    prim.say("float", f"{drive}stiffness", joint.spring_stiffness / turns)
-    prim.say("float", f"{drive}damping", joint.damping / turns)
-    prim.say("float", f"{drive}targetPosition", turns * joint.spring_rest)
-    prim.say("float", f"{drive}targetVelocity", 0.0)
-    prim.say("float", f"{drive}maxForce", math.inf)
+    prim.say("float", f"{drive}stiffness", stiffness / turns)
+    prim.say("float", f"{drive}damping", damping / turns)
+    prim.say("float", f"{drive}targetPosition", turns * target)
+    prim.say("float", f"{drive}targetVelocity", turns * push / damping if push else 0.0)
+    prim.say("float", f"{drive}maxForce", limit)
     for word, value in (
         ("spring_stiffness", joint.spring_stiffness),
         ("damping", joint.damping),
         ("spring_rest", joint.spring_rest),
     ):
         prim.own("double", f"{own}{word}", value)
+    if control is not None:
+        prim.own("double2", f"{own}gains", (control.kp, control.kd))
 
 
 def _ratings(prim: Prim, joint: Joint, own: str) -> None:

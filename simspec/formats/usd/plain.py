@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from simspec.control.native import drives
 from simspec.formats.usd.joints import DEGREES, KINDS, Joined, axes, single, stand
 from simspec.formats.usd.names import GROUPS, JOINTS, MATERIALS, ROOT, SCENE, Places, Taken, local, model_of, places
 from simspec.formats.usd.several import carriers, several
@@ -41,6 +42,7 @@ class _Writer:
         self.places: Places = places(world, nested)
         self.poses = poses(world)
         self.filter = CollisionFilter(world)
+        self.drives = {drive.joint: drive for drive in drives(world)}
         self.kinematic = {motion.body for motion in world.motions}
         self.prims: dict[str, Prim] = {}
         """Prims of bodies, by the names of the bodies."""
@@ -187,9 +189,9 @@ class _Writer:
         touching = above is not None and self.filter.may_touch(above, body.name)
         joined = Joined(parent, self.places.bodies[body.name], touching=touching)
         if chain is None:
-            single(prim, joint, joined)
+            single(prim, joint, joined, self.drives)
         else:
-            axes(prim, chain, joined, [local(one.name, model) for one in chain.joints])
+            axes(prim, chain, joined, [local(one.name, model) for one in chain.joints], self.drives)
         return prim
 
     def _above(self, body: Body) -> str | None:

@@ -90,8 +90,11 @@ SUPPORT: Final[Table] = {
     Feature.KINEMATIC: approximate("as a kinematic body, without its motion"),
     Feature.TOUCHING_PAIRS: Support(Level.EXACT, "as joints with collisions"),
     Feature.FORCES: never("UsdPhysics has no forces on bodies"),
-    Feature.CONTROL: never("UsdPhysics has no control laws"),
-    Feature.CONTROL_NATIVE: never("a drive of a file is a spring and a damper of the model"),
+    Feature.CONTROL: approximate(
+        "drives with the gains and effort limits of pd and the target at the start; without the trajectory, gravity "
+        "compensation, implicit laws, laws that act every few steps, and laws without gains"
+    ),
+    Feature.CONTROL_NATIVE: approximate("drives with gains, effort limits and the target at the start"),
     Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "as joints that are excluded from the articulation"),
     Feature.CONSTRAINT_COUPLING: never("UsdPhysics has no couplings of joints"),
     Feature.BALL_LIMIT: never("a cone of UsdPhysics limits where an axis points, and lets the body turn about it"),

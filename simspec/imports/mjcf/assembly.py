@@ -3,7 +3,8 @@ of its own, so that the compiler opens none; each element begins on a line of it
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Final
@@ -12,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 from simspec import numerals
 from simspec.imports.elements import DEEPEST, MOST_BODIES, SPLIT, Element, parse
 from simspec.imports.files import Files
+from simspec.imports.packages import MissingFileError
 from simspec.language.foreign import Account
 
 ROOT: Final = "mujoco"
@@ -116,6 +118,8 @@ class _Builder:
         self._given: dict[Path, str] = {}
         self._model_names: dict[Path, str] = {}
         self._chain: list[Path] = []
+        self._homes: dict[int, Path] = {}
+        """The folder of each included file, by the ``id`` of its outermost element."""
         self._line = 1
         self._elements = self._bodies = 0
         self._bytes = 0
@@ -206,8 +210,12 @@ class _Builder:
         return attributes
 
     def _file(self, text: str, element: Element, folder: Path) -> str:
-        """The name in the texts of a file, which is read."""
-        found = self.files.find(text, element, folder)
+        """The name in the texts of a file, which is read. One that an included file names, and that is not where the model has
+        its files, is beside the included file."""
+        places = [(text, folder)]
+        if (home := self._home(element)) is not None:
+            places.append((element.attributes["file"].strip().replace("\\", "/"), home))
+        found = self._first(places, element)
         if found not in self._given:
             if len(self._given) >= MOST_FILES:
                 raise element.error("too many files", allowed=f"{MOST_FILES:,}")
@@ -224,28 +232,55 @@ class _Builder:
             self.meshes[self._given[found]] = found
         return self._given[found]
 
+    def _home(self, element: Element) -> Path | None:
+        """The folder of the included file that an element is in; None for one of the model's own file."""
+        around = element
+        while around.parent is not None:
+            around = around.parent
+        return self._homes.get(id(around))
+
     # --- other files of the language ----------------------------------------------------------------------------
 
     def _include(self, root: Element, main: Path, seen: list[Path]) -> None:
-        """Read what is included, and what that includes; each file once."""
-        waiting = [(root, 1)]
+        """Read what is included, and what that includes; each path once, as the compiler has it."""
+        waiting = [(root, main.parent, 1)]
         while waiting:
-            element, depth = waiting.pop()
+            element, home, depth = waiting.pop()
             for child in element.look():
                 if child.tag != "include":
-                    waiting.append((child, depth))
+                    waiting.append((child, home, depth))
                     continue
                 if depth > DEEPEST:
                     raise child.error(f"more than {DEEPEST} files that include each other in a chain")
-                path = self.files.find(child.take().need("file"), child, main.parent)
-                if path in seen:
-                    raise child.error("this file is included already, or is the file itself", found=path.name)
+                name, path = self._beside(child.take().need("file"), child, (main.parent, home))
+                if name in seen:
+                    hint = "the compiler of this language reads each file once"
+                    raise child.error("this file is included already, or is the file itself", path.name, hint=hint)
                 if len(seen) >= MOST_FILES:
                     raise child.error("too many files", allowed=f"{MOST_FILES:,}")
-                seen.append(path)
+                seen.append(name)
                 inside = parse(self.files.bytes_of(path, child), _shown(self.files, path))
                 self.included[id(child)] = inside
-                waiting.append((inside, depth + 1))
+                self._homes[id(inside)] = name.parent
+                waiting.append((inside, name.parent, depth + 1))
+
+    def _beside(self, text: str, element: Element, folders: Sequence[Path]) -> tuple[Path, Path]:
+        """A file whose path starts from the first of the folders where there is one: the path without links followed, by which
+        the compiler knows a file, and the file. Raises MissingFileError."""
+        found = self._first([(text, folder) for folder in dict.fromkeys(folders)], element)
+        names = (Path(os.path.normpath(folder / text)) for folder in folders)
+        return next((name for name in names if os.path.realpath(name) == str(found)), found), found
+
+    def _first(self, places: Sequence[tuple[str, Path]], element: Element) -> Path:
+        """The first of some files that is there: paths, each with the folder that it starts from. Raises the error of the
+        first."""
+        missing: list[MissingFileError] = []
+        for text, folder in places:
+            try:
+                return self.files.find(text, element, folder)
+            except MissingFileError as error:
+                missing.append(error)
+        raise missing[0]
 
     def _attached(self, element: Element, path: Path) -> None:
         found = self.files.find(element.attributes["file"], element, path.parent)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.errors import Problem, SpecError
-from simspec.imports.child import ChildError, run
+from simspec.imports.child import ChildError, Policy, run
 from simspec.imports.elements import Element
 from simspec.imports.mjcf.assembly import Assembly
 from simspec.plugins import Offered, offered
@@ -31,6 +31,8 @@ SECONDS: Final = 8
 """CPU time of the compiler; 95 % of the models of the measured corpora take under 1 s."""
 PATIENCE: Final = 60.0
 """s by the clock, on a busy machine."""
+POLICY: Final = Policy("data")
+"""It gets all files by its input."""
 MEMORY: Final = 900 * 2**20
 """Bytes of the compiler's process."""
 
@@ -40,7 +42,8 @@ FREE, BALL, SLIDE, HINGE = 0, 1, 2, 3
 
 @runtime_checkable
 class Compiler(Protocol):
-    """A program that compiles MJCF; see the entry point's own for what it is told and answers."""
+    """A program that compiles MJCF; see the entry point's own for what it is told and answers. It has two functions without
+    parameters: ``prepare`` imports what it needs and limits itself, ``main`` answers; in between the kernel confines it."""
 
     PROGRAM: ClassVar[Path]
     EXTRA: ClassVar[str]
@@ -174,7 +177,7 @@ def compile_model(assembly: Assembly, states: Random | None = None) -> Compiled:
     head = json.dumps(asked).encode()
     told = b"".join((struct.pack("<Q", len(head)), head, *assembly.texts.values()))
     try:
-        answered = run(compiler.PROGRAM, (str(SECONDS), str(MEMORY)), told, PATIENCE)
+        answered = run(compiler.PROGRAM, (str(SECONDS), str(MEMORY)), told, PATIENCE, POLICY)
         answer = parse_json(answered)
     except (ChildError, NotReadableError) as error:
         raise root.error(f"the compiler of this model gave no answer: {error}") from None

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from simspec.errors import Location
 from simspec.imports.draft import plain
+from simspec.imports.elements import outermost
 from simspec.imports.files import Files
 from simspec.imports.mjcf.actuators import NOTE, add_actuators
 from simspec.imports.mjcf.assembly import ROOT, Assembly, assemble
@@ -27,7 +28,6 @@ from simspec.language.models import VERSION
 from simspec.language.words import clean_name
 
 FLUID: Final = ("density", "viscosity")
-BEGINNING: Final = b"<" + ROOT.encode()
 
 
 class MjcfImporter:
@@ -37,7 +37,7 @@ class MjcfImporter:
     SUFFIXES = (".xml", ".mjcf")
 
     def recognises(self, content: bytes) -> bool:
-        return BEGINNING in content
+        return outermost(content) == ROOT.encode()
 
     @staticmethod
     def losses() -> list[tuple[str, Severity, str, str]]:

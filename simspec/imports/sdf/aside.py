@@ -19,6 +19,7 @@ _PLUGIN: Final[Said] = (
 )
 _SCENERY: Final[Said] = (Fate.LOST, Severity.APPEARANCE, "simspec has no scenery")
 _NO_LIGHT: Final[Said] = (Fate.LOST, Severity.APPEARANCE, "simspec has no lights")
+NO_ACTOR: Final = "simspec has no actors"
 _NO_SOUND: Final[Said] = (Fate.LOST, Severity.INFORMATION, "simspec has no sound")
 _NO_AIR: Final[Said] = (
     Fate.LOST,
@@ -85,7 +86,7 @@ IN_WORLD: Final[Mapping[str, Said]] = {
     "light": _NO_LIGHT,
     "gui": (Fate.LOST, Severity.INFORMATION, "simspec has no windows"),
     "road": _SCENERY,
-    "actor": (Fate.LOST, Severity.PHYSICS, "simspec has no actors"),
+    "actor": (Fate.LOST, Severity.PHYSICS, NO_ACTOR),
     "population": (Fate.LOST, Severity.PHYSICS, "simspec has arrays of bodies, and no populations at random"),
     "state": (
         Fate.LOST,

@@ -13,6 +13,22 @@ MODEL: Final = "__model__"
 WORLD: Final = "world"
 
 Link = tuple[Scope, str]
+MOST_PARTS: Final = 100
+"""Names of models that one name has before its own."""
+
+
+def split(scope: Scope, name: str) -> tuple[str, str]:
+    """The name of the model that a name begins with, and the rest, which is a name in that model; "" and the name itself where
+    it is one of the scope's, also one with `::` in it."""
+    if SEPARATOR not in name or scope.owner(name) is not None:
+        return "", name
+    parts = name.split(SEPARATOR, MOST_PARTS)
+    for count in range(1, len(parts)):
+        first = SEPARATOR.join(parts[:count])
+        around = scope.owner(first)
+        if around is not None and first in around.models:
+            return first, SEPARATOR.join(parts[count:])
+    return parts[0], SEPARATOR.join(parts[1:])
 
 
 @dataclass
@@ -28,8 +44,11 @@ class Graph:
 
     def home(self, scope: Scope, name: str, asking: Element) -> tuple[Scope, str]:
         """The scope and the own name of what ``name`` means in ``scope``. Raises SpecError at the element that asks."""
-        *path, last = name.split(SEPARATOR)
-        for part in path:
+        last = name
+        while True:
+            part, last = split(scope, last)
+            if not part:
+                break
             around = scope.owner(part)
             if around is None or part not in around.models:
                 raise asking.error(f"no model is called {part[:80]!r} here", found=name[:200])
@@ -48,7 +67,7 @@ class Graph:
         # a chain may be longer than Python's calls within each other
         while name in scope.frames and name not in known and (id(scope), name) not in self._attached:
             further = scope.frames[name].word("attached_to") or MODEL
-            if SEPARATOR in further or further == MODEL:
+            if split(scope, further)[0] or further == MODEL:
                 break
             known.add(name)
             walked.append((id(scope), name))
@@ -92,8 +111,8 @@ class Graph:
 
     def pose(self, scope: Scope, name: str, asking: Element) -> Placement:
         """The pose of a frame in that of the scope itself. Raises SpecError at the element that asks."""
-        if SEPARATOR in name:
-            first, _, rest = name.partition(SEPARATOR)
+        first, rest = split(scope, name)
+        if first:
             self.home(scope, name, asking)
             around = scope.owner(first) or scope
             inner = self.pose(around, first, asking).then(self.pose(around.models[first], rest, asking))
@@ -121,7 +140,7 @@ class Graph:
             chain.append(name)
             placed, element = self.placed(scope, name)
             name = placed.relative_to or MODEL
-            if name in (MODEL, WORLD) or SEPARATOR in name:
+            if name in (MODEL, WORLD) or split(scope, name)[0]:
                 break
             owner, _ = self.home(scope, name, placed.element or element)
             if owner is not scope:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any, Final
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports import moments
 from simspec.imports.draft import plain
-from simspec.imports.elements import Element
+from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
 from simspec.imports.leading import begin_within
 from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
@@ -20,7 +19,7 @@ from simspec.imports.sdf.contact import excluded, silent
 from simspec.imports.sdf.graph import Graph
 from simspec.imports.sdf.meshes import RULES as RULES_OF_MESHES
 from simspec.imports.sdf.meshes import Meshes
-from simspec.imports.sdf.models import Reader, Scope, version_of
+from simspec.imports.sdf.models import Reader, Scope
 from simspec.imports.sdf.shapes import ShapeRead, judge_meshes
 from simspec.imports.sdf.trees import (
     MASSLESS,
@@ -34,6 +33,7 @@ from simspec.imports.sdf.trees import (
 )
 from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
 from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
+from simspec.imports.sdf.versions import OLD_OUTERMOST, OUTERMOST, version_of
 from simspec.imports.surfaces import Materials
 from simspec.imports.timestep import add_timestep
 from simspec.language.document import Path_
@@ -55,11 +55,11 @@ class Sdf:
     """The importer of SDF."""
 
     NAME: Final = "sdf"
-    SUFFIXES: Final = (".sdf", ".world")
+    SUFFIXES: Final = (".sdf", ".world", ".xml")
 
     def recognises(self, content: bytes) -> bool:
-        """Whether a file begins with an element of the language."""
-        return re.search(rb"<sdf[\s>]", content) is not None
+        """Whether the outermost element of a file is one of the language."""
+        return outermost(content).decode(errors="replace") in (OUTERMOST, OLD_OUTERMOST)
 
     @staticmethod
     def rules() -> dict[str, str]:
@@ -96,6 +96,7 @@ class Sdf:
             accounts,
             repairs,
             files=meshes.named,
+            made=frozenset(meshes.made),
             read=files.read,
             comments=spec.comments,
         )
@@ -118,8 +119,10 @@ def _outermost(reader: Reader, root: Element, path: Path) -> tuple[list[Scope], 
     if len(worlds) > 1:
         raise worlds[1].error("a file of several worlds is not supported", hint="save each world in a file of its own")
     if worlds:
-        if root.look("model"):
-            raise root.look("model")[0].error("a model beside a world is not supported", hint="put it into the world")
+        if root.look("model", "include"):
+            raise root.look("model", "include")[0].error(
+                "a model beside a world is not supported", hint="put it into the world"
+            )
         world = Scope(worlds[0].word("name") or "world", worlds[0].take(), version)
         reader.fill(world, folder, chain)
         if world.joints:
@@ -132,9 +135,13 @@ def _outermost(reader: Reader, root: Element, path: Path) -> tuple[list[Scope], 
         for child in root.look(tag):
             lost(child, "simspec has no lights and no actors", Severity.APPEARANCE)
     models = root.look("model")
-    if not models:
+    if not models and not root.look("include"):
         raise root.error("this file has no model and no world")
+    included = (reader.include(one.take(), version, folder, None, chain) for one in root.look("include"))
     scopes = [reader.model(model.take(), version, folder, None, chain) for model in models]
+    scopes += [scope for scope in included if scope is not None]
+    if not scopes:
+        raise root.error("this file has no model")
     for scope in scopes:
         if scope.placed.relative_to:
             raise scope.element.error("a model that is alone is not relative to another frame")

@@ -13,6 +13,7 @@ from simspec.imports.sdf.aside import IN_JOINT, set_aside
 from simspec.imports.sdf.graph import MODEL, WORLD, Graph, Link
 from simspec.imports.sdf.models import Scope
 from simspec.imports.sdf.values import Placement, finite_of, flag_of, lost, number, number_of, unused, vector
+from simspec.imports.sdf.versions import EXPRESSED_SINCE, JOINT_FRAME_SINCE
 from simspec.language.foreign import Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -41,9 +42,6 @@ ACTING: Final[Mapping[str, str]] = {
     "bounce": "limits are inelastic",
 }
 """Elements of a joint's `physics` that are not about how hard its constraints are."""
-EXPRESSED_SINCE: Final = (1, 7)
-JOINT_FRAME_SINCE: Final = (1, 5)
-"""Axes are in the joint's frame since this version; before, in the model's."""
 
 
 @dataclass(frozen=True)

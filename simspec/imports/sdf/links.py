@@ -47,7 +47,7 @@ def read_link(link: Element, offset: Vector3, meshes: Meshes, folder: Path, *, s
     that is not in the file has no effect. Raises SpecError."""
     move = at((-offset[0], -offset[1], -offset[2]))
     density = _computed(link)
-    shapes = read_shapes(link, Around(meshes, folder, move, density, surface_of_link(link)))
+    shapes = read_shapes(link, Around(meshes, folder, move, density, surface_of_link(link), static))
     set_aside(link, IN_LINK)
     weight: dict[str, Any] = {} if flag_of(link, "gravity", True) or static else {"gravity_scale": 0.0}
     inertial = link.look("inertial")

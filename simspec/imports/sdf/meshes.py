@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Problem, SpecError
 from simspec.imports.elements import Element
-from simspec.imports.files import Files, MissingFileError
-from simspec.imports.meshes import NamedMesh, find_mesh
+from simspec.imports.files import Files
+from simspec.imports.meshes import BEGINNING, NamedMesh, find_mesh, made_file
+from simspec.imports.packages import MissingFileError
 from simspec.imports.sdf.values import lost, vector_of
 from simspec.language.foreign import Fate, Repair, Severity
 from simspec.language.mesh import PIECES
@@ -35,7 +36,18 @@ class Meshes:
     repair: tuple[str, ...]
     named: dict[str, Path] = field(default_factory=dict)
     """Every file, by the text that the spec names it by."""
+    made: set[str] = field(default_factory=set)
+    """Those of them that the file has within itself."""
     repairs: list[Repair] = field(default_factory=list)
+
+    def write(self, corners: Sequence[Vector3], faces: Sequence[Sequence[int]], called: str) -> NamedMesh:
+        """The mesh of a solid that the file says by its corners (m) and faces, which are counted from 0. Raises SpecError."""
+        lines = [BEGINNING.decode(), *(f"v {x!r} {y!r} {z!r}" for x, y, z in corners)]
+        lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
+        text, path = made_file(("\n".join(lines) + "\n").encode(), called)
+        self.named[text] = path
+        self.made.add(text)
+        return NamedMesh(text, path)
 
     def read(self, shape: Element, kind: Element, folder: Path) -> tuple[dict[str, Any], NamedMesh] | None:
         """The word of a mesh; None for one that is left out, which is said. ``folder``: of the file that names it. Raises

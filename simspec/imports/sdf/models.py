@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
-from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse
 from simspec.imports.files import Files
+from simspec.imports.sdf.aside import NO_ACTOR
+from simspec.imports.sdf.library import GROUND_NOTE, KNOWN, MODELS, SUN_NOTE, called, find_model
 from simspec.imports.sdf.values import Placed, flag, flag_of, lost, pose_of, text_of, unused
+from simspec.imports.sdf.versions import FLAT_BEFORE, UNIQUE_SINCE, Version, check_outermost, modernise, version_of
 from simspec.language.foreign import Fate, Severity
 from simspec.language.sources import shown_path
 
-OLDEST: Final = (1, 4)
-NEWEST: Final = (1, 12)
-UNIQUE_SINCE: Final = (1, 7)
-"""Names are unique in a model since this version."""
 MOST_INCLUDES: Final = 1_000
 """Includes of one file, those of included files counted: each is a copy of a model."""
 DEEPEST: Final = 20
 """Models within each other."""
-ENDS: Final = (".sdf", ".world", ".xml")
-CONFIGURATION: Final = "model.config"
 SEPARATOR: Final = "::"
-
-Version = tuple[int, int]
+PARAMETERS: Final = "experimental:params"
+"""Changes of an included model, an experiment of one reader."""
 
 
 @dataclass(eq=False)
@@ -93,16 +88,15 @@ class Reader:
             element = parse(content, shown)
             self._read[path] = element
             self.roots.append(element)
-            if element.tag != "sdf":
-                raise element.error(f"the outermost element is <{element.tag[:60]}>", allowed="<sdf version=...>")
-            version_of(element)
+            check_outermost(element)
+            modernise(element)
         return self._read[path]
 
     def model(
         self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...]
     ) -> Scope:
         """A ``<model>`` with what is in it. Raises SpecError."""
-        scope = Scope(_named(element, version >= UNIQUE_SINCE), element, version, parent, pose_of(element))
+        scope = Scope(_named(element, version), element, version, parent, pose_of(element))
         scope.folder = folder
         scope.placement_frame = element.word("placement_frame") or ""
         scope.canonical = element.word("canonical_link") or ""
@@ -127,14 +121,16 @@ class Reader:
                 unused(child, "an empty link of this name is the world itself")
                 continue
             if child.tag in tables:
-                name = _named(child, strict)
+                name = _named(child, scope.version)
                 if child.tag == "joint" and not strict and name in taken:
                     name = _another(child, name, taken, often)
                 tables[child.tag][name] = child.take()
                 self._links += child.tag in ("link", "frame")
             else:
-                read = self._include if child.tag == "include" else self.model
+                read: _Read = self.include if child.tag == "include" else self.model
                 inner = read(child.take(), scope.version, folder, scope, chain)
+                if inner is None:
+                    continue
                 if inner.merged:
                     self._merge(child, scope, inner, taken)
                     continue
@@ -160,10 +156,10 @@ class Reader:
         inner.static, inner.self_collide = scope.static, scope.self_collide
         scope.models[inner.name] = inner
 
-    def _include(
+    def include(
         self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...]
-    ) -> Scope:
-        """The model of an ``<include>``, with what the include says of it. Raises SpecError."""
+    ) -> Scope | None:
+        """The model of an ``<include>``, with what the include says of it; None for one without bodies. Raises SpecError."""
         self._includes += 1
         if self._includes > MOST_INCLUDES:
             raise element.error(f"more than {MOST_INCLUDES:,} includes")
@@ -174,16 +170,25 @@ class Reader:
         uri = element.child("uri")
         if uri is None or not uri.text:
             raise element.error("<include> has no <uri>")
-        path = self._find(uri, folder)
-        if path in chain:
-            raise uri.error("files that include each other", found=uri.text[:200])
-        if len(chain) > DEEPEST:
-            raise uri.error(f"more than {DEEPEST} files include one another in a chain", found=uri.text[:200])
-        root = self.root(path, self.files.bytes_of(path, uri), shown_path(path))
-        models = root.look("model")
+        path = find_model(self.files, uri, folder)
+        if path is None:
+            root = self._known(element, called(uri.text))
+            path = Path(f"{MODELS}{called(uri.text)}")
+        else:
+            if path in chain:
+                raise uri.error("files that include each other", found=uri.text[:200])
+            if len(chain) > DEEPEST:
+                raise uri.error(f"more than {DEEPEST} files include one another in a chain", found=uri.text[:200])
+            root = self.root(path, self.files.bytes_of(path, uri), shown_path(path))
+        if root is None or _without_bodies(element, root):
+            return None
+        models = root.look("model", "include")
         if len(models) != 1 or root.look("world"):
             raise uri.error(f"{path.name} is not a file of one model", found=uri.text[:200])
-        scope = self.model(models[0].take(), version_of(root), path.parent, parent, (*chain, path))
+        read: _Read = self.include if models[0].tag == "include" else self.model
+        scope = read(models[0].take(), version_of(root), path.parent, parent, (*chain, path))
+        if scope is None:
+            return None
         scope.name, scope.merged = text_of(element, "name", scope.name), merges
         placed = pose_of(element)
         if placed.element is not None:
@@ -197,46 +202,47 @@ class Reader:
                 inner.static = static
         for child in element.look("plugin"):
             lost(child, "a plugin is a program of another simulator, which may do anything")
+        for child in element.look(PARAMETERS):
+            lost(
+                child, "changes of the included model by parameters are not applied", hint="change a copy of the model"
+            )
         return scope
 
-    def _find(self, uri: Element, folder: Path) -> Path:
-        """The file of a URI: a file, or the folder of a model whose configuration names it. Raises SpecError."""
-        text = uri.text
-        if text.lower().startswith(("http:", "https:")):
-            raise uri.error("simspec loads nothing from the network", found=text[:200], hint="save the model beside it")
-        if text.lower().endswith(ENDS):
-            return self.files.find(text, uri, folder)
-        configuration = self.files.find(f"{text.rstrip('/')}/{CONFIGURATION}", uri, folder)
-        shown = shown_path(configuration)
-        choices: list[tuple[Version, str]] = []
-        for child in parse(self.files.bytes_of(configuration, uri), shown).look("sdf"):
-            version = _version(child.attributes.get("version", "1.4"))
-            if version is not None and OLDEST <= version <= NEWEST and child.text:
-                choices.append((version, child.text))
-        if not choices:
-            raise SpecError([Problem("names no SDF file that simspec reads", location=Location(shown, 1, 1))])
-        return self.files.find(f"{text.rstrip('/')}/{max(choices)[1]}", uri, folder)
+    def _known(self, element: Element, name: str) -> Element | None:
+        """A model that is known without files; None for one of a light alone."""
+        if name not in KNOWN:
+            lost(element, SUN_NOTE, Severity.APPEARANCE)
+            return None
+        element.set_aside(None, Fate.CARRIED, GROUND_NOTE, Severity.INFORMATION)
+        shown = f"{MODELS}{name}"
+        return self.root(Path(shown), KNOWN[name].encode(), shown)
 
 
-def version_of(root: Element) -> Version:
-    """The version of a file. Raises SpecError where simspec does not read it."""
-    text = root.need("version")
-    version = _version(text)
-    if version is None or not OLDEST <= version <= NEWEST:
-        raise root.error("this version of SDF is not read", found=text[:20], allowed="1.4 to 1.12")
-    return version
+class _Read(Protocol):
+    def __call__(
+        self, element: Element, version: Version, folder: Path, parent: Scope | None, chain: tuple[Path, ...], /
+    ) -> Scope | None: ...
 
 
-def _version(text: str) -> Version | None:
-    match = re.fullmatch(r"\s*([0-9]{1,3})\.([0-9]{1,3})(\.[0-9]{1,3})?\s*", text, re.ASCII)
-    return None if match is None else (int(match.group(1)), int(match.group(2)))
+def _without_bodies(element: Element, root: Element) -> bool:
+    """Whether a file that is included has no model but lights or actors alone, of which it is then said that they are lost."""
+    if root.look("model", "world") or not root.look("light", "actor"):
+        return False
+    moving = root.look("actor")
+    reason, severity = (NO_ACTOR, Severity.PHYSICS) if moving else (SUN_NOTE, Severity.APPEARANCE)
+    lost(element, reason, severity)
+    for child in root.look():
+        lost(child, reason, severity)
+    return True
 
 
-def _named(element: Element, strict: bool) -> str:
-    """The name of an element. A link could be called ``world`` before names were unique; its model's joints then mean it."""
+def _named(element: Element, version: Version) -> str:
+    """The name of an element. A link could be called ``world`` before names were unique; its model's joints then mean it. What
+    was written flat has the names of the models that it was in before its own."""
     name = element.need("name")
+    strict = version >= UNIQUE_SINCE
     reserved = ("__model__", "__root__") if not strict and element.tag == "link" else ("__model__", "__root__", "world")
-    if not name or SEPARATOR in name or name in reserved:
+    if not name or name in reserved or (SEPARATOR in name and version >= FLAT_BEFORE):
         raise element.error(f"not a name of a <{element.tag}>", found=name[:80])
     return name
 

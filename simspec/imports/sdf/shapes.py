@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -51,6 +51,8 @@ class Around:
     density: float | None
     surface: Surface
     """Of collisions that say none."""
+    static: bool = False
+    """Whether the link is fixed to the world."""
 
 
 def read_shapes(link: Element, around: Around) -> list[ShapeRead]:
@@ -63,9 +65,16 @@ def read_shapes(link: Element, around: Around) -> list[ShapeRead]:
         try:
             shape = _collision(child, around) if child.tag == "collision" else _visual(child, around)
         except SpecError as error:
-            problems.extend(error.problems)
+            if child.tag == "visual":
+                _not_drawn(child, error.problems[0])
+            else:
+                problems.extend(error.problems)
             continue
         if shape is None:
+            continue
+        if "plane" in shape.data and child.tag == "visual" and not around.static:
+            child.forget()
+            lost(child, MOVING_PLANE, Severity.APPEARANCE)
             continue
         twin = _twin(shapes, shape)
         if twin is None:
@@ -75,6 +84,16 @@ def read_shapes(link: Element, around: Around) -> list[ShapeRead]:
     if problems:
         raise SpecError(problems)
     return shapes
+
+
+MOVING_PLANE: Final = "a plane is only drawn where it is fixed to the world"
+
+
+def _not_drawn(visual: Element, why: Problem) -> None:
+    """Say of a visual that something in it is wrong: nothing but its appearance is lost."""
+    found = f": {why.found}" if why.found else ""
+    visual.forget()
+    lost(visual, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
 
 
 def _size(element: Element) -> dict[str, Any]:
@@ -105,9 +124,13 @@ GEOMETRY: Final[Mapping[str, Callable[[Element], dict[str, Any]]]] = {
 NOT_CARRIED: Final = {
     "heightmap": "simspec has no height fields",
     "image": "simspec makes no shapes of pictures",
-    "polyline": "simspec has no extruded polygons",
     "cone": "simspec has no cones",
 }
+
+POLYLINE: Final = "polyline"
+OTHERS: Final = ("plane", "mesh", POLYLINE)
+MOST_CORNERS: Final = 5_000
+NOT_CONVEX: Final = "an extruded polygon that is not convex is not supported: a mesh is its hull"
 
 
 @dataclass(frozen=True)
@@ -134,6 +157,8 @@ def _geometry(shape: Element, around: Around) -> _Geometry | None:
     if kind.tag == "mesh":
         read = around.meshes.read(shape, kind.take(), around.folder)
         return None if read is None else _Geometry(read[0], mesh=read[1])
+    if kind.tag == POLYLINE:
+        return _extruded(kind.take(), shape, around)
     if kind.tag == "plane":
         kind.take()
         unused(next(iter(kind.look("size")), None), "a plane has no end", Severity.APPEARANCE)
@@ -143,12 +168,55 @@ def _geometry(shape: Element, around: Around) -> _Geometry | None:
         return None
     if kind.tag not in NOT_CARRIED:
         raise kind.error(
-            "not a shape of SDF", found=kind.tag[:60], allowed=", ".join((*GEOMETRY, "plane", "mesh", *NOT_CARRIED))
+            "not a shape of SDF", found=kind.tag[:60], allowed=", ".join((*GEOMETRY, *OTHERS, *NOT_CARRIED))
         )
     if shape.tag == "collision":
-        raise kind.error(NOT_CARRIED[kind.tag], allowed=", ".join((*GEOMETRY, "plane", "mesh")))
+        raise kind.error(NOT_CARRIED[kind.tag], allowed=", ".join((*GEOMETRY, *OTHERS)))
     lost(kind, NOT_CARRIED[kind.tag], Severity.APPEARANCE)
     return None
+
+
+def _extruded(kind: Element, shape: Element, around: Around) -> _Geometry:
+    """A convex polygon of the x-y plane, from z = 0 to its height, as a mesh: exactly its hull. Raises SpecError for others."""
+    height = finite_of(kind, "height", 1.0)
+    points = [point.content(2) for point in kind.look("point")]
+    corners = [point for point, following in zip(points, [*points[1:], *points[:1]], strict=True) if point != following]
+    if len(points) > MOST_CORNERS:
+        raise kind.error("too many points", found=str(len(points)), allowed=f"{MOST_CORNERS:,}")
+    if len(corners) < 3 or height <= 0.0:
+        raise kind.error("an extruded polygon has three corners or more, and a height above 0")
+    turns = _turns(corners)
+    if turns is None:
+        raise kind.error(NOT_CONVEX, hint='several convex polygons, or a mesh with optimization="convex_decomposition"')
+    count = len(corners)
+    around_up = range(count) if turns > 0 else range(count - 1, -1, -1)
+    top = [corner + count for corner in around_up]
+    sides = [
+        (first, second, second + count, first + count)
+        for first, second in zip(around_up, [*around_up[1:], around_up[0]], strict=True)
+    ]
+    vertices = [(x, y, z) for z in (0.0, height) for x, y in corners]
+    name = shape.attributes.get("name", "").strip() or POLYLINE
+    mesh = around.meshes.write(vertices, [list(reversed(around_up)), top, *sides], name)
+    return _Geometry({"mesh": mesh.data()}, mesh=mesh)
+
+
+def _turns(corners: Sequence[tuple[float, ...]]) -> int | None:
+    """The direction in which a convex polygon turns, 1 (to the left) or -1; None for another polygon."""
+    edges = [
+        (following[0] - corner[0], following[1] - corner[1])
+        for corner, following in zip(corners, [*corners[1:], corners[0]], strict=True)
+    ]
+    pairs = list(zip(edges, [*edges[1:], edges[0]], strict=True))
+    crosses = [a[0] * b[1] - a[1] * b[0] for a, b in pairs]
+    if not (min(crosses) >= 0.0 or max(crosses) <= 0.0) or not any(crosses):
+        return None
+    if any(not cross and a[0] * b[0] + a[1] * b[1] < 0.0 for cross, (a, b) in zip(crosses, pairs, strict=True)):
+        return None  # back along an edge
+    angle = sum(math.atan2(cross, a[0] * b[0] + a[1] * b[1]) for cross, (a, b) in zip(crosses, pairs, strict=True))
+    if round(abs(angle) / (2.0 * math.pi)) != 1:
+        return None  # several times around
+    return 1 if angle > 0.0 else -1
 
 
 def _upright(plane: Element) -> Placement:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from simspec.imports.draft import plain
+from simspec.imports.elements import LOCKED
 from simspec.imports.urdf.joints import Joint
 from simspec.imports.urdf.table import CARRIED, INFORMATION, UNUSED
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -30,7 +31,7 @@ def lock(joints: Sequence[Joint]) -> None:
 
 
 def _fix(joint: Joint, at: float) -> None:
-    held = f"the joint is fixed at {at:g}: its lower limit is its upper one"
+    held = f"the joint is fixed at {at:g}: {LOCKED}"
     for element in joint.element.look("axis", "limit", "dynamics"):
         for name in element.attributes:
             fate = CARRIED if name in ("lower", "upper", "xyz") else UNUSED

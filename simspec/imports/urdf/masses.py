@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from simspec.imports.draft import Draft, angle, numbers, plain
 from simspec.imports.elements import Element
-from simspec.imports.moments import MEANING, Six, became, nearest, shown
+from simspec.imports.moments import MEANING, NOT_POSITIVE, Six, became, nearest, shown
 from simspec.imports.moments import RULE as TRIANGLE
 from simspec.imports.urdf.table import INFORMATION, LOST, UNUSED
 from simspec.language.document import Path_
@@ -165,7 +165,7 @@ def leave_out(mass: Mass) -> None:
 
 def not_positive(mass: Mass, has_shapes: bool, why: str, draft: Draft, path: Path_) -> None:
     """Repair moments of inertia that are not above 0, or report them."""
-    rule = "not-positive"
+    rule = NOT_POSITIVE
     if not draft.repairing(rule):
         draft.defect(mass.element, why, rule, RULES[rule])
     elif mass.mass <= 0.0:
@@ -217,7 +217,7 @@ def total(members: Iterable[tuple[Mass, Pose]]) -> tuple[float, Six]:
 
 RULES: Final = {
     TRIANGLE: MEANING,
-    "not-positive": "moments that are not above 0 follow from the mass and the shapes, or are those of a ball",
+    NOT_POSITIVE: "moments that are not above 0 follow from the mass and the shapes, or are those of a ball",
     "massless-moments": "moments of inertia of a link whose mass is 0 are left out",
     "incomplete-inertial": "moments that are missing follow from the shapes; an inertial without mass is left out",
 }

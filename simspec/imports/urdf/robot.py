@@ -27,7 +27,7 @@ from simspec.imports.urdf.masses import Mass, check_mass, leave_out, not_positiv
 from simspec.imports.urdf.mimic import constraints
 from simspec.imports.urdf.numerals import RULES as NUMERAL_RULES
 from simspec.imports.urdf.numerals import mend
-from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes
+from simspec.imports.urdf.shapes import Shape, colours, judge_meshes, merged, name_shapes, read_shapes, without_planes
 from simspec.imports.urdf.table import INFORMATION, LOST, set_aside
 from simspec.imports.urdf.tree import WORLD, Tree, missing_rule, tree_of
 from simspec.imports.urdf.weights import weightless
@@ -381,6 +381,8 @@ class Robot:
             if link.element.attributes["name"].strip() in self.weightless:
                 body["gravity_scale"] = 0.0
         body |= joined
+        if not (body.get("fixed") or joined.get("joint", {}).get("type") == "fixed"):
+            link.shapes = without_planes(link.shapes)
         if link.mass is not None and link.mass.from_shapes:
             for shape in link.shapes:
                 if shape.is_open:  # only the hull has a volume

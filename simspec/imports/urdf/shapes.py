@@ -11,8 +11,8 @@ from simspec import numerals
 from simspec.errors import Problem, SpecError
 from simspec.imports.draft import Draft, names, numbers, plain, pose, renamed
 from simspec.imports.elements import Element
-from simspec.imports.files import MissingFileError
 from simspec.imports.meshes import NamedMesh, find_mesh, kept_vertices, read_meshes, reduced_meshes
+from simspec.imports.packages import MissingFileError
 from simspec.imports.urdf.planar import across
 from simspec.imports.urdf.table import APPEARANCE, INFORMATION, LOST
 from simspec.language.foreign import Fate
@@ -38,6 +38,7 @@ LENGTHS: Final[Mapping[str, Sequence[str]]] = {
 GEOMETRIES: Final = (*LENGTHS, "plane", "mesh")
 DIALECTS: Final = ("capsule", "ellipsoid", "plane")
 """Those that URDF itself does not have: programs that read it do, two of them with a prefix."""
+MOVING_PLANE: Final = "a plane is only drawn where it is fixed to the world"
 OF_DIALECTS: Final = "a word that some readers add to URDF, carried as they mean it"
 
 
@@ -120,7 +121,13 @@ def read_shapes(link: Element, known: Mapping[str, list[float] | None], draft: D
     shapes: list[Shape] = []
     for element in link.children("collision", "visual"):
         with draft.collecting():
-            shape = _shape(element, draft)
+            try:
+                shape = _shape(element, draft)
+            except SpecError as error:
+                if element.tag != "visual":
+                    raise
+                _not_drawn(element, error.problems[0])
+                continue
             if shape is None:
                 continue
             if element.tag == "visual":
@@ -128,6 +135,23 @@ def read_shapes(link: Element, known: Mapping[str, list[float] | None], draft: D
             shape.name = element.word("name") or ""
             shapes.append(shape)
     return shapes
+
+
+def _not_drawn(visual: Element, why: Problem) -> None:
+    """Say of a visual that something in it is wrong: nothing but its appearance is lost."""
+    found = f": {why.found}" if why.found else ""
+    visual.forget()
+    visual.set_aside(None, LOST, f"{why.message}{found}", APPEARANCE, why.hint or "")
+
+
+def without_planes(shapes: Sequence[Shape]) -> list[Shape]:
+    """The shapes of a body that moves: a plane that is only drawn does not move with one."""
+    kept = [shape for shape in shapes if shape.collision or "plane" not in shape.data]
+    for shape in shapes:
+        if not shape.collision and "plane" in shape.data:
+            shape.element.forget()
+            shape.element.set_aside(None, LOST, MOVING_PLANE, APPEARANCE)
+    return kept
 
 
 def merged(shapes: Sequence[Shape]) -> list[Shape]:

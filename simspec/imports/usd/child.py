@@ -1,13 +1,15 @@
 """A stage of USD as JSON: a program of its own, which simspec runs in a process of bounded time and memory.
 
-It is told ``{"path", "roots", "seconds", "memory", "forgive"}`` as JSON on standard input and answers on standard output:
-``{"error"}``, or the composed stage as a list of prims with what is authored on each. Layers are opened one by one before they
-are composed, so that no file is read that is not in a folder of ``roots`` (none: any). Nothing of physics is judged here.
+Its arguments are seconds of processor time and bytes of addresses. It is told ``{"path", "roots", "forgive"}`` as JSON on
+standard input and answers on standard output: ``{"error"}``, or the composed stage as a list of prims with what is authored on
+each. Layers are opened one by one before they are composed, so that no file is read that is not in a folder of ``roots`` (none:
+any). Nothing of physics is judged here.
 """
 
 from __future__ import annotations
 
 import base64
+import contextlib
 import hashlib
 import json
 import math
@@ -52,14 +54,25 @@ class RefusedError(Exception):
         super().__init__(message)
 
 
-def main() -> None:
-    """Answer one request."""
-    asked = json.loads(sys.stdin.buffer.read())
-    resource.setrlimit(resource.RLIMIT_CPU, (asked["seconds"], asked["seconds"] + 1))
-    resource.setrlimit(resource.RLIMIT_AS, (asked["memory"], asked["memory"]))
+def prepare() -> None:
+    """Limit this process and import what it needs: later it may load no code (``imports/child.py``)."""
+    seconds, memory = map(int, sys.argv[1:3])
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     resource.setrlimit(resource.RLIMIT_DATA, (LARGEST_DATA, LARGEST_DATA))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.environ["PXR_WORK_THREAD_LIMIT"] = "1"
+    import zipfile  # noqa: F401
+
+    import numpy  # noqa: F401
+
+    with contextlib.suppress(ImportError):  # the answer says so
+        from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics  # noqa: F401
+
+
+def main() -> None:
+    """Answer one request."""
+    asked = json.loads(sys.stdin.buffer.read())
     try:
         answer = _answer(asked)
     except RefusedError as refused:
@@ -369,7 +382,3 @@ class _Reader:
 
     def _flat(self, matrix: Any) -> list[Any]:
         return [self._value(float(item)) for row in matrix for item in row]
-
-
-if __name__ == "__main__":
-    main()

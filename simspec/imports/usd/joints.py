@@ -11,7 +11,7 @@ from simspec.imports.draft import angle, numbers, plain
 from simspec.imports.usd import beyond
 from simspec.imports.usd.beyond import Units
 from simspec.imports.usd.places import Places, quaternion
-from simspec.imports.usd.stage import OWN, Prim, Stage
+from simspec.imports.usd.stage import OWN, Prim, Stage, agree
 from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -294,6 +294,12 @@ class JointReader:
                     Severity.INFORMATION,
                 )
             return
+        if (own := self._passive(prim, freedom, stiffness, damping)) is not None:
+            for word in ("targetPosition", "targetVelocity", "maxForce"):
+                prim.set_aside(f"{start}{word}", Fate.UNUSED, OF_CONTROL, Severity.INFORMATION)
+            stiffness, damping, rest = own
+            self._say_passive(freedom, turns, stiffness, damping, rest)
+            return
         if kind != "force":
             reason = "simspec has no drives by acceleration: write the actuators as `control:` of the scenario"
             for word in ("type", "stiffness", "damping", "targetPosition", "targetVelocity", "maxForce"):
@@ -315,15 +321,34 @@ class JointReader:
             prim.exactly(prefix(prim, freedom.word) + word, (value,))[0]
             for word, value in (("spring_stiffness", stiffness), ("damping", damping), ("spring_rest", rest))
         )
+        if rest and not stiffness:
+            prim.set_aside(
+                f"{start}targetPosition", Fate.UNUSED, "without stiffness it does nothing", Severity.INFORMATION
+            )
+        self._say_passive(freedom, turns, stiffness, damping, rest)
+
+    def _passive(
+        self, prim: Prim, freedom: Freedom, stiffness: float, damping: float
+    ) -> tuple[float, float, float] | None:
+        """Stiffness, damping and rest of the joint itself, where simspec wrote the gains of a controller into the same drive;
+        None where it did not, or the drive has been changed since."""
+        before = prefix(prim, freedom.word)
+        gains = prim.own(f"{before}gains", 2)
+        words = ("spring_stiffness", "damping", "spring_rest")
+        said = [prim.own(before + word, 1) for word in words] if gains is not None else []
+        if gains is None or any(value is None for value in said):
+            return None
+        (spring,), (damper,), (rest,) = (value or (0.0,) for value in said)
+        if not agree((spring + gains[0], damper + gains[1]), (stiffness, damping)):
+            return None
+        return spring, damper, rest
+
+    def _say_passive(self, freedom: Freedom, turns: bool, stiffness: float, damping: float, rest: float) -> None:
         if stiffness:
             freedom.data["spring"] = {
                 "stiffness": plain(stiffness),
                 **({"rest": angle(rest) if turns else plain(rest)} if rest else {}),
             }
-        elif rest:
-            prim.set_aside(
-                f"{start}targetPosition", Fate.UNUSED, "without stiffness it does nothing", Severity.INFORMATION
-            )
         if damping:
             freedom.data["damping"] = plain(damping)
 
@@ -333,6 +358,7 @@ class JointReader:
                 prim.set_aside(attribute, Fate.LOST, "a drive of an axis that simspec drives by `control:` only")
 
 
+OF_CONTROL: Final = "the gains in the drive are those of a controller, which a scenario says by `control:`"
 UNBOUNDED: Final = 1e9
 """Degrees or units of length beyond which a limit is none: files write the largest number that they have."""
 FAR: Final = 1e12

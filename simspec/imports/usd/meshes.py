@@ -1,34 +1,17 @@
-"""Meshes of a stage as files, which a spec can name: in the user's cache, by the hash of their content."""
+"""Meshes of a stage as files, which a spec can name."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
 
-from simspec.errors import Problem, SpecError
 from simspec.imports.draft import Draft
+from simspec.imports.meshes import made_file
 from simspec.imports.usd.shapes import Shape, refuse
 from simspec.language.mesh import MOST_VERTICES
-from simspec.language.words import clean_name
 from simspec.meshes.files import MeshError
 from simspec.meshes.load import load
 from simspec.meshes.made import MeshOptions
-from simspec.outputs.entries import Entries
-from simspec.outputs.writing import write_file
-
-BEGINNING: Final = b"# Made by simspec import"
-ENTRIES: Final = Entries("stages", head=BEGINNING, largest=256 * 2**20, bound=512 * 2**20)
-"""Where the user's cache is."""
-
-
-def folder() -> Path:
-    """Where the files are: in the cache, else in the folder of temporary files."""
-    place = ENTRIES.folder()
-    return place if place is not None else Path(tempfile.gettempdir()) / f"simspec-{os.getuid()}" / ENTRIES.name
 
 
 def name_meshes(shapes: Sequence[Shape], draft: Draft) -> set[int]:
@@ -36,14 +19,8 @@ def name_meshes(shapes: Sequence[Shape], draft: Draft) -> set[int]:
     meshes = [shape for shape in shapes if shape.obj]
     paths: list[Path] = []
     for shape in meshes:
-        digest = hashlib.sha256(shape.obj).hexdigest()
-        path = folder() / f"{digest[:32]}.obj"
-        try:
-            write_file(path, shape.obj.decode(), lambda content: content.startswith(BEGINNING), lasting=False)
-        except (OSError, SpecError) as error:
-            raise SpecError([Problem(f"a mesh of this stage cannot be written to {path.parent}: {error}")]) from None
+        text, path = made_file(shape.obj, shape.prim.called())
         paths.append(path)
-        text = f"meshes/{clean_name(shape.prim.called())[:60]}_{digest[:8]}.obj"
         draft.meshes[text] = path
         shape.data = {"mesh": {"file": text}}
     made = load([(path, MeshOptions()) for path in paths], MOST_VERTICES)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports.child import ChildError, run
+from simspec.imports.child import ChildError, Policy, run
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
 from simspec.imports.usd.lines import lines_of
@@ -221,18 +221,25 @@ def read_stage(files: Files, forgive: bool) -> Stage:
     asked = {
         "path": str(files.path.resolve()),
         "roots": [str(root) for root in files.roots],
-        "seconds": SECONDS,
-        "memory": MEMORY,
         "forgive": forgive,
     }
     try:
-        answer = parse_json(run(PROGRAM, (), json.dumps(asked).encode(), PATIENCE))
+        limits = (str(SECONDS), str(MEMORY))
+        answer = parse_json(run(PROGRAM, limits, json.dumps(asked).encode(), PATIENCE, policy_of(files)))
     except (ChildError, NotReadableError) as error:
         raise SpecError([Problem(f"usd-core gave no answer: {error}", location=here)]) from None
     if "error" in answer:
         raise SpecError([_refused(answer, here)])
     files.read.update({Path(path): digest for path, digest in answer["read"].items()})
     return _stage(answer, files.shown, lines_of(content))
+
+
+def policy_of(files: Files) -> Policy:
+    """The reader opens files itself: those below the roots. A package is unpacked into the reader's own folder."""
+    read = tuple(map(str, files.roots)) or ("/",)
+    if files.path.suffix.lower() == ".usdz":
+        return Policy("scratch", read, writes=True)
+    return Policy("files", read)
 
 
 def _refused(answer: Mapping[str, Any], here: Location) -> Problem:

@@ -1,16 +1,17 @@
 """The process that expands xacro: it has no file, no network and no environment.
 
-A xacro file is a program. It runs here behind two walls: the process may open no further file descriptor (the kernel refuses:
-no file, no socket, no pipe), and an audit hook refuses every other operation on the system. Texts of files come from simspec,
-which reads only what the user allows.
+A xacro file is a program. It runs here behind two walls, each of which holds alone: the kernel lets the process use memory and
+the descriptors that it has, and nothing else (:mod:`simspec.confinement`), and expressions consist of listed syntax and listed
+attributes (:mod:`simspec.imports.xacro.expressions`). Where the kernel has no such wall, expressions are arithmetic. Texts of
+files come from simspec, which reads only what the user allows.
 
-Lines of JSON on standard input and output. From simspec first ``{"files", "text", "arguments", "seconds"}``, then an answer to
-each question. From here ``{"ask": path, "place": [file, line]}``, at last ``{"text": ...}`` or ``{"failed": ...}``.
+Lines of JSON on standard input and output. From simspec first ``{"files", "text", "arguments", "seconds", "walls"}`` (the last:
+why the kernel has none, or null), then an answer to each question. From here ``{"ask": path, "place": [file, line]}``, at last
+``{"text": ...}`` or ``{"failed": ...}``.
 """
 
 from __future__ import annotations
 
-import ast
 import encodings.idna  # noqa: F401  (what Python imports when it is first needed is imported now: later no file can be opened)
 import json
 import mmap
@@ -27,6 +28,8 @@ from typing import Any
 import xacro
 import yaml  # type: ignore[import-untyped]  # its stubs are a package of their own
 
+from simspec.confinement import PROFILES, confine_calls, confine_files
+from simspec.imports.xacro.expressions import TAKEN_OUT, Refused, evaluator
 from simspec.imports.xacro.limits import DEEPEST, LARGEST_TEXT, MEMORY, MOST_FILES, PLACE, PLACE_NOW
 
 HARMLESS = frozenset({"compile", "exec", "object.__getattr__", "builtins.id", "sys._getframe"})
@@ -35,10 +38,6 @@ HARMLESS = frozenset({"compile", "exec", "object.__getattr__", "builtins.id", "s
 
 ADDRESS = re.compile(r" at 0x[0-9a-f]{6,}>")
 """How Python shows what has no text of its own."""
-
-
-class Refused(Exception):
-    """What the program asks for and does not get."""
 
 
 class _Builder(xml.dom.expatbuilder.ExpatBuilderNS):
@@ -73,9 +72,9 @@ class Program:
         self.arguments: dict[str, str] = dict(request["arguments"])
         self.declared: list[str] = []
 
-    def run(self, text: str) -> str:
-        """The expanded text."""
-        self._install()
+    def run(self, text: str, beyond: str | None = None) -> str:
+        """The expanded text. ``beyond``: why expressions beyond arithmetic are refused; None: they are not."""
+        self._install(beyond)
         xacro.init_stacks(self._names[0])
         document = self._parsed(text, 0)
         xacro.process_doc(document, mappings=self.arguments, verbosity=0)
@@ -96,7 +95,7 @@ class Program:
 
     # --- what xacro calls -------------------------------------------------------------------------------------
 
-    def _install(self) -> None:
+    def _install(self, beyond: str | None) -> None:
         """Put our functions in the place of those that would read files or the environment, and of those that see elements."""
         for name in ("eval_all", "handle_macro_call", "check_attrs"):
             setattr(xacro, name, self._noting(getattr(xacro, name), keep=name == "eval_all"))
@@ -107,11 +106,13 @@ class Program:
         xacro.get_include_files = self._included
         xacro.eval_extension = self._extension
         xacro.load_yaml = self._yaml
-        xacro.safe_eval = _evaluate
+        xacro.safe_eval = evaluator(beyond)
         space = xacro._global_symbols
         for table in (space["xacro"], space):
             dict.__setitem__(table, "load_yaml", self._yaml)
             dict.__setitem__(table, "abs_filename", _absolute)
+        for name in TAKEN_OUT:
+            space["python"].pop(name, None)
         for unit in xacro.ConstructUnits:
             yaml.SafeLoader.add_constructor(unit.value.tag, unit.constructor)
 
@@ -203,19 +204,6 @@ class _Output:
         self.parts.append(text)
 
 
-def _evaluate(expression: str, names: dict[str, Any], local: Any = None) -> Any:
-    """xacro's own, which looks for names with two underscores in the outermost code only."""
-    code = compile(expression.strip(), "<expression>", "eval")
-    waiting = [code]
-    while waiting:
-        part = waiting.pop()
-        if any(name.startswith("__") for name in (*part.co_names, *part.co_varnames)):
-            raise Refused(f"a name with two underscores: {expression[:80]}")
-        waiting.extend(item for item in part.co_consts if isinstance(item, type(code)))
-    names.update(__builtins__={})
-    return eval(code, names, local)
-
-
 def _absolute(spec: str) -> str:
     """A path as seen from the first file's folder, or one that says itself where it starts."""
     spec = str(spec)
@@ -224,17 +212,21 @@ def _absolute(spec: str) -> str:
     return os.path.join(os.path.dirname(xacro.filestack[-1] or ""), spec)
 
 
-def close_doors(seconds: int) -> None:
-    """From here on this process opens nothing: no file descriptor beyond those that it has, no operation on the system; and it
-    ends after so many seconds of processor time."""
+def close_doors(seconds: int, kernel: bool = True) -> str:
+    """From here on this process opens nothing, and ends after so many seconds of processor time. Returns what the kernel does
+    not do of it: where that is something, limits and an audit hook are all that there is. ``kernel``: whether it is asked."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     os.environ.clear()
     os.closerange(3, 256)
+    if kernel:
+        confine_files()  # where there is one; the calls are enough
     resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3))
+    walls = confine_calls(PROFILES["expressions"]) if kernel else None
     sys.addaudithook(_refuse)
+    return "" if walls is None or walls.calls else walls.why
 
 
 def _refuse(event: str, _: object) -> None:
@@ -250,15 +242,13 @@ def _say(message: dict[str, Any]) -> None:
 def main() -> None:
     """Expand the file that standard input tells of. The one argument is the descriptor of the memory that holds the place."""
     now = mmap.mmap(int(sys.argv[1]), PLACE_NOW.size)
-    warm = ast.parse("a")  # imports nothing later
-    del warm
     request = json.loads(sys.stdin.buffer.readline())
     sys.setrecursionlimit(DEEPEST)
     program = Program(now, request)
     text = request["text"]
-    close_doors(request["seconds"])
+    missing = close_doors(request["seconds"], kernel=request["walls"] is None) or request["walls"]
     try:
-        expanded = program.run(text)
+        expanded = program.run(text, missing)
     except Exception as error:  # a program may raise anything: it is told with its place
         _say({"failed": _told(error), "place": program.place})
     else:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec import numerals
+from simspec.confinement import walls
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element
 from simspec.imports.files import Files, is_missing
@@ -66,6 +67,7 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
         memory.flush()
         with mmap.mmap(memory.fileno(), PLACE_NOW.size) as now, _process(memory.fileno()) as process:
             request = {"files": expansion.names, "text": text, "arguments": dict(arguments), "seconds": CPU_SECONDS}
+            request["walls"] = None if walls().calls else walls().why
             expansion.send(process, request)
             return expansion.answer(process, now)
 
@@ -73,7 +75,7 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
 @contextlib.contextmanager
 def _process(memory: int) -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(
-        isolated("-B", "-m", "simspec.imports.xacro.child", str(memory)),
+        isolated("-m", "simspec.imports.xacro.child", str(memory)),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -109,7 +111,10 @@ class _Expansion:
     def answer(self, process: subprocess.Popen[bytes], now: mmap.mmap) -> Expanded:
         """What the process makes of the file; its questions are answered meanwhile."""
         for line in self._lines(process, now):
-            said = _message(line)
+            try:
+                said = _message(line)
+            except ValueError:
+                raise _refused("xacro gave an answer of an unknown form", self._now(now)) from None
             if "ask" in said:
                 self._ask(process, said)
             elif "text" in said:
@@ -164,7 +169,8 @@ class _Expansion:
         self.send(process, {"text": text})
 
     def _place(self, place: Any) -> Location:
-        number, line = place if isinstance(place, list) and len(place) == 2 else (0, 1)
+        numbers = isinstance(place, list) and len(place) == 2 and all(isinstance(one, int) for one in place)
+        number, line = place if numbers else (0, 1)
         return Location(self.names[number if 0 <= number < len(self.names) else 0], max(1, int(line)), 1)
 
     def _now(self, now: mmap.mmap) -> Location:
@@ -191,8 +197,19 @@ def _whole(value: object) -> str:
 
 
 def _message(line: bytes) -> dict[str, Any]:
-    message = json.loads(line)
-    assert isinstance(message, dict)
+    """What the process says, of the form that child.py documents. Raises ValueError for all else."""
+    try:
+        message = json.loads(line)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    if not isinstance(message, dict) or not {"ask", "text", "failed"} & message.keys():
+        raise ValueError("no message")
+    if "text" in message:
+        warnings, declared = message.get("warnings"), message.get("declared")
+        if not isinstance(declared, list) or not isinstance(warnings, list):
+            raise ValueError("no result")
+        if not all(isinstance(one, list) and len(one) == 2 for one in warnings):
+            raise ValueError("no warnings")
     return message
 
 

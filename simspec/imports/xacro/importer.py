@@ -7,20 +7,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from simspec import numerals
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports.elements import Element, parse
+from simspec.imports.elements import Element, outermost, parse
 from simspec.imports.files import Files
+from simspec.imports.urdf.importer import ROBOT, is_program
 from simspec.imports.urdf.robot import RULES, robot
 from simspec.imports.urdf.tree import PARENTS, WORLD
 from simspec.imports.xacro.expansion import Expanded, expand
-from simspec.imports.xacro.limits import PLACE
+from simspec.imports.xacro.limits import LARGEST_TEXT, PLACE
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
+from simspec.reading import NotReadableError, read_bytes
 
-_XACRO: Final = re.compile(rb"<[A-Za-z]+[^>]*xmlns:xacro|<xacro:[A-Za-z]")
+ARGUMENT: Final = "xacro:arg"
+MOST_NAMED: Final = 12
+"""Arguments that a message lists."""
+MANY: Final = ", "
+_NO_VALUE: Final = re.compile(r"the argument '([^']{1,80})' has no value")
 EXPANDED: Final = "expanded text of"
 """What stands before the name of a file in places that are of no file."""
 SCHEMES: Final = ("file://package://", "file:///package://")
@@ -31,11 +38,11 @@ class Xacro:
     """Reads xacro by expanding it."""
 
     NAME: Final = "xacro"
-    SUFFIXES: Final = (".xacro", ".urdf.xacro")
+    SUFFIXES: Final = (".xacro", ".urdf", ".xml")
 
     def recognises(self, content: bytes) -> bool:
-        """Whether the beginning of a file speaks of xacro."""
-        return _XACRO.search(content) is not None
+        """Whether a file of URDF has what xacro is to expand."""
+        return outermost(content) == ROBOT and is_program(content)
 
     def rules(self) -> Mapping[str, str]:
         """Rules of repair, with what they do: those of what it expands to."""
@@ -44,7 +51,10 @@ class Xacro:
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
         """The robot as a model file. Raises SpecError with file and line, also for what the program does not end of."""
         files = Files(path, shown, options)
-        expanded = expand(files, options.arguments)
+        try:
+            expanded = expand(files, options.arguments)
+        except SpecError as error:
+            raise _with_arguments(error, files) from None
         _check_arguments(expanded, options, shown)
         root = parse(expanded.text.encode(), f"{EXPANDED} {shown}")
         _place(root, expanded)
@@ -80,12 +90,41 @@ def _place(root: Element, expanded: Expanded) -> None:
 def _check_arguments(expanded: Expanded, options: ImportOptions, shown: str) -> None:
     """An argument that no file declares is an error: it would be without effect."""
     problems = [
-        Problem(f"{shown}: no argument is called {name!r}", allowed=", ".join(sorted(expanded.declared)) or "none")
+        Problem(f"{shown}: no argument is called {name!r}", allowed=", ".join(sorted(set(expanded.declared))) or "none")
         for name in options.arguments
         if name not in expanded.declared
     ]
     if problems:
         raise SpecError(problems)
+
+
+def _with_arguments(error: SpecError, files: Files) -> SpecError:
+    """The same error, which says of an argument without a value how it is given, and which arguments the files declare."""
+    problem = error.problems[0]
+    missing = _NO_VALUE.search(problem.message)
+    if missing is None:
+        return error
+    declared = _declared(files)
+    told = [
+        f"{name}={default}" if default is not None else f"{name} (no default)" for name, default in declared.items()
+    ]
+    hint = f"--arg {missing.group(1)}=VALUE, or in a scenario import: {{arguments: {{{missing.group(1)}: VALUE}}}}"
+    allowed = f"{MANY.join(told[:MOST_NAMED])}{' ...' if len(told) > MOST_NAMED else ''}" or "none is declared"
+    return SpecError([replace(problem, allowed=allowed, hint=hint)])
+
+
+def _declared(files: Files) -> dict[str, str]:
+    """The arguments that the files declare which were read so far, each with its default."""
+    found: dict[str, str] = {}
+    for path in list(files.read):
+        try:
+            root = parse(read_bytes(path, LARGEST_TEXT, links=True), str(path))
+        except (SpecError, NotReadableError, OSError):
+            continue  # not XML, such as a table of sizes
+        for element in root.within():
+            if element.tag == ARGUMENT and element.has("name"):
+                found.setdefault(element.attributes["name"][:60], element.attributes.get("default", ""))
+    return found
 
 
 def _check_kind(root: Element, shown: str) -> None:

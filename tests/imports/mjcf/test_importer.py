@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import combinations
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -21,6 +22,7 @@ from simspec.language.load import load
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter
 from tests.imports.mjcf.models import ARM, SCENE, lost, read, written
+from tests.meshes.solids import box, stl
 
 SAME = 1e-9
 
@@ -427,3 +429,75 @@ def test_surfaces_that_move(tmp_path):
             here = turn @ (linear + np.cross(angular, turn.T @ (point - at)))
             wanted = wanted_turn @ (own[0] + np.cross(own[1], wanted_turn.T @ (point - wanted_at)))
             assert here == pytest.approx(wanted, abs=1e-5), name
+
+
+# --- files that a model is put together of: where they are, as MuJoCo has it ------------------------------------------
+
+BALL = '<mujocoinclude><geom size="0.1"/></mujocoinclude>'
+SMALL = '<mujocoinclude><geom size="0.05"/></mujocoinclude>'
+INCLUDES_SUB = '<mujoco><worldbody><body name="a"><include file="sub/g.xml"/></body></worldbody></mujoco>'
+INNER = '<mujocoinclude><include file="h.xml"/></mujocoinclude>'
+PART = '<mujocoinclude><asset><mesh name="m" file="m.stl"/></asset></mujocoinclude>'
+WITH_PART = (
+    '<mujoco>{}<include file="sub/g.xml"/><worldbody><body><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+)
+IN_TWO = '<mujoco><worldbody><body><include file="{}"/></body><body><include file="{}"/></body></worldbody></mujoco>'
+LAYOUTS = {
+    "an included file's own folder": (INCLUDES_SUB, {"sub/g.xml": INNER, "sub/h.xml": BALL}),
+    "the main file's folder first": (INCLUDES_SUB, {"sub/g.xml": INNER, "sub/h.xml": BALL, "h.xml": SMALL}),
+    "no folder between the two": (
+        INCLUDES_SUB,
+        {
+            "sub/g.xml": INNER.replace("h.xml", "in/h.xml"),
+            "sub/in/h.xml": INNER.replace("h.xml", "k.xml"),
+            "sub/k.xml": BALL,
+        },
+    ),
+    "one path twice": (IN_TWO.format("g.xml", "./g.xml"), {"g.xml": BALL}),
+    "one name in two folders": (IN_TWO.format("a/g.xml", "b/g.xml"), {"a/g.xml": BALL, "b/g.xml": SMALL}),
+    "one file by a link": (IN_TWO.format("g.xml", "link.xml"), {"g.xml": BALL, "link.xml": "-> g.xml"}),
+    "a file that includes itself by a link": (INCLUDES_SUB, {"sub/g.xml": INNER, "sub/h.xml": "-> g.xml"}),
+    "a mesh beside the included file": (WITH_PART.format(""), {"sub/g.xml": PART, "sub/m.stl": 1}),
+    "a mesh beside the main file first": (WITH_PART.format(""), {"sub/g.xml": PART, "sub/m.stl": 1, "m.stl": 2}),
+    "a mesh of a folder of meshes first": (
+        WITH_PART.format('<compiler meshdir="x"/>'),
+        {"sub/g.xml": PART, "sub/m.stl": 1, "x/m.stl": 2},
+    ),
+    "a mesh beside the included file, not in the folder": (
+        WITH_PART.format('<compiler meshdir="x"/>'),
+        {"sub/g.xml": PART, "sub/m.stl": 1},
+    ),
+    "no mesh in a folder of meshes below the included file": (
+        WITH_PART.format('<compiler meshdir="x"/>'),
+        {"sub/g.xml": PART, "sub/x/m.stl": 1},
+    ),
+    "the last folder counts": (
+        WITH_PART.format('<compiler meshdir="x"/>'),
+        {"sub/g.xml": PART.replace("<asset>", '<compiler meshdir="y"/><asset>'), "x/m.stl": 1, "y/m.stl": 2},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_files_are_where_the_compiler_finds_them(tmp_path, name):
+    text, others = LAYOUTS[name]
+    path = written(tmp_path, text)
+    for file, content in others.items():
+        (tmp_path / file).parent.mkdir(exist_ok=True, parents=True)
+        if isinstance(content, int):
+            (tmp_path / file).write_bytes(stl(*box(0.1 * content, 0.1, 0.1)))
+        elif content.startswith("-> "):
+            (tmp_path / file).symlink_to(content[3:])
+        else:
+            (tmp_path / file).write_text(content)
+    try:
+        theirs = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError:
+        theirs = None
+    if theirs is None:
+        with pytest.raises(SpecError):
+            read(path)
+        return
+    world = load(path).resolve()
+    masses = [body.inertial.mass for body in world.bodies]
+    assert masses == pytest.approx(list(theirs.body_mass[1:]))

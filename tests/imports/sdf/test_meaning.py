@@ -386,7 +386,7 @@ def test_what_stands_in_the_way_is_told_by_line(content, said, tmp_path):
     [
         ("<robot/>", "the outermost element"),
         ("<sdf/>", "no attribute 'version'"),
-        ('<sdf version="1.3"><model name="a"/></sdf>', "version of SDF is not read"),
+        ('<sdf version="1.13"><model name="a"/></sdf>', "version of SDF is not read"),
         ('<sdf version="9.9"><model name="a"/></sdf>', "version of SDF is not read"),
         ('<sdf version="1.9"/>', "no model and no world"),
         ('<sdf version="1.9"><model name="a"/></sdf>', "no link"),

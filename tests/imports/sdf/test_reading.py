@@ -17,7 +17,7 @@ from simspec.world import frames
 from simspec.world.kinematics import layout_of, rigid_groups
 from tests.imports.sdf.made import Maker
 
-VERSIONS = ("1.4", "1.5", "1.6", "1.7", "1.8", "1.9", "1.10", "1.11")
+VERSIONS = ("1.2", "1.3", "1.4", "1.5", "1.6", "1.7", "1.8", "1.9", "1.10", "1.11")
 SEEDS = range(4)
 TOLERANCE = 1e-9
 

