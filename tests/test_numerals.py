@@ -267,7 +267,7 @@ ALLOWED = {
     "imports/usd/child.py": "of the library's message",
     "imports/xacro/child.py": "an argument that simspec gives",
     "imports/xacro/importer.py": "of ASCII digits, which the line before asks for",
-    "imports/sdf/models.py": "of ASCII digits that a pattern matched",
+    "imports/sdf/versions.py": "of ASCII digits that a pattern matched",
     "imports/writing.py": "of ASCII digits, asked for beside it",
     "language/document.py": "what _INT and _FLOAT matched",
     "language/units.py": "what _TERM and _QUANTITY matched",
