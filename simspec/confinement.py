@@ -15,12 +15,10 @@ import ctypes
 import errno
 import functools
 import os
-import platform
 import struct
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 WRITE_FLAGS: Final = os.O_RDWR | os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | 0o20000000
 """Flags of open(2) that make or change a file; the last is O_TMPFILE."""
@@ -36,8 +34,7 @@ OWN_PID: Final = -1
 """In a condition: the number of the confined process."""
 
 
-@dataclass(frozen=True, slots=True)
-class Where:
+class Where(NamedTuple):
     """A condition on an argument of a system call: its bits of ``mask`` have one of the ``values``."""
 
     argument: int
@@ -86,13 +83,12 @@ WRITING: Final[Mapping[str, Conditions]] = {
 """Files and folders where Landlock allows them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Profile:
+class Profile(NamedTuple):
     """What a kind of process may do. ``loads``: whether it may map code from files; ``keeps``: capabilities that it keeps
     where it is the superuser's (1, 2: to open what another user owns)."""
 
     name: str
-    calls: Mapping[str, Conditions] = field(repr=False)
+    calls: Mapping[str, Conditions]
     keeps: tuple[int, ...] = ()
 
 
@@ -135,13 +131,12 @@ NUMBERS: Final[Mapping[str, tuple[int | None, int | None]]] = {
 MACHINES: Final = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
 """The column of :data:`NUMBERS`, and AUDIT_ARCH."""
 
-# --- what the kernel offers -----------------------------------------------------------------------------------
+# --- offers of the kernel -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Walls:
-    """What the kernel offers, or what a process has: the version of Landlock (0: none), and whether calls are filtered.
-    ``why``: what is missing, in words, where something is."""
+class Walls(NamedTuple):
+    """The confinement that the kernel offers, or that a process has: the version of Landlock (0: none), and whether system
+    calls are filtered. ``why``: the reason where either is missing."""
 
     landlock: int = 0
     calls: bool = False
@@ -154,11 +149,11 @@ class ConfinementError(RuntimeError):
 
 @functools.cache
 def walls() -> Walls:
-    """What the kernel offers to this process. Nothing is confined."""
+    """The confinement that the kernel offers to this process. Nothing is confined."""
     if not sys.platform.startswith("linux"):
-        return Walls(why=f"{platform.system() or sys.platform} has neither Landlock nor seccomp")
-    if platform.machine() not in MACHINES or struct.calcsize("P") != 8:
-        return Walls(why=f"no system calls are known of the machine {platform.machine()}")
+        return Walls(why=f"{sys.platform} has neither Landlock nor seccomp")
+    if machine() not in MACHINES or struct.calcsize("P") != 8:
+        return Walls(why=f"no system calls are known of the machine {machine()}")
     try:
         version = max(0, _call("landlock_create_ruleset", 0, 0, 1))
         action = ctypes.c_uint32(_ERRNO)
@@ -170,13 +165,19 @@ def walls() -> Walls:
 
 
 @functools.cache
+def machine() -> str:
+    """The machine's name, as the kernel calls it; a confined process may not ask for it."""
+    return os.uname().machine
+
+
+@functools.cache
 def _library() -> ctypes.CDLL:
     return ctypes.CDLL(None, use_errno=True)
 
 
 def _call(name: str, *arguments: object) -> int:
     """A system call; -1 where it fails, as ctypes.get_errno() says."""
-    column, _ = MACHINES[platform.machine()]
+    column, _ = MACHINES[machine()]
     number = NUMBERS[name][column]
     words = [ctypes.c_long(one) if isinstance(one, int) else one for one in arguments]
     return int(_library().syscall(ctypes.c_long(number or 0), *words))
@@ -243,7 +244,7 @@ def _allow(rules: int, path: str, rights: int) -> None:
     try:
         place = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
-        return  # what is not there, or cannot be reached, stays closed
+        return  # a path that does not exist, or cannot be reached, stays closed
     try:
         if not os.path.isdir(path):
             rights &= _OF_A_FILE
@@ -260,7 +261,7 @@ def confine_calls(profile: Profile) -> Walls:
     if not offered.calls:
         return offered
     _drop_capabilities(profile.keeps)
-    code = b"".join(struct.pack("=HBBI", *line) for line in filter_program(profile, platform.machine(), os.getpid()))
+    code = b"".join(struct.pack("=HBBI", *line) for line in filter_program(profile, machine(), os.getpid()))
     lines = ctypes.create_string_buffer(code, len(code))
     program = struct.pack("@HxxxxxxP", len(code) // 8, ctypes.addressof(lines))
     try:
@@ -302,9 +303,9 @@ Line = tuple[int, int, int, int]
 """Code, lines to skip where it is true and where it is false, and a number."""
 
 
-def filter_program(profile: Profile, machine: str, pid: int) -> list[Line]:
-    """The filter of a profile, in the kernel's form of BPF. Calls of another machine's interface end the process."""
-    column, architecture = MACHINES[machine]
+def filter_program(profile: Profile, kind: str, pid: int) -> list[Line]:
+    """The filter of a profile on a machine, in the kernel's form of BPF. Calls of another interface end the process."""
+    column, architecture = MACHINES[kind]
     lines: list[Line] = [
         (_LOAD, 0, 0, _MACHINE),
         (_IF_EQUAL, 1, 0, architecture),
@@ -340,13 +341,13 @@ ANY_LOCALE: Final = {"LC_ALL": "C.UTF-8", "PYTHONUTF8": "1"}
 """Environment of a process that reads files: texts and numbers mean the same whatever the user's language, and packages whose
 sources are not ASCII can be imported."""
 
-# --- what a Python reads of itself ------------------------------------------------------------------------------
+# --- files of the interpreter -----------------------------------------------------------------------------------
 
 SYSTEM: Final = (
     *("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/etc/ld.so.cache", "/dev/null", "/dev/urandom"),
     *("/proc/cpuinfo", "/proc/meminfo", "/sys/devices/system/cpu"),
 )
-"""Libraries, and what numerical libraries ask of processors and memory."""
+"""Shared libraries, and the files in which numerical libraries look up processors and memory."""
 
 
 def of_python() -> list[str]:

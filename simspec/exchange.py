@@ -1,4 +1,4 @@
-"""What a process of its own is told and answers, by its standard input and output: in bounded time and memory."""
+"""A request to a child process by its standard input, and the answer by its standard output: in bounded time and memory."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import time
 from typing import IO
 
 
-def exchange(process: subprocess.Popen[bytes], told: bytes, seconds: float, most: int) -> tuple[bytes, str]:
-    """What a process answers by its standard output to what it is told by its standard input, and why there is no more of it:
-    "late" after ``seconds`` by the clock, "large" beyond ``most`` bytes; "" where it has ended. The process is killed then."""
+def exchange(process: subprocess.Popen[bytes], request: bytes, seconds: float, most: int) -> tuple[bytes, str]:
+    """The answer of a process, and why it is cut off: "late" after ``seconds`` by the clock, "large" beyond ``most`` bytes; ""
+    where the process has ended by itself. Otherwise it is killed."""
     source, sink = process.stdout, process.stdin
     assert source is not None
     assert sink is not None
-    writer = threading.Thread(target=_tell, args=(sink, told), daemon=True)
+    writer = threading.Thread(target=_send, args=(sink, request), daemon=True)
     writer.start()
     until, parts, size, why = time.monotonic() + seconds, [], 0, ""
     try:
@@ -47,6 +47,6 @@ def exchange(process: subprocess.Popen[bytes], told: bytes, seconds: float, most
     return b"".join(parts), why
 
 
-def _tell(sink: IO[bytes], told: bytes) -> None:
-    with contextlib.suppress(BrokenPipeError), sink:  # who has ended hears no more: its answer says so
-        sink.write(told)
+def _send(sink: IO[bytes], request: bytes) -> None:
+    with contextlib.suppress(BrokenPipeError), sink:  # the process has ended; its answer shows it
+        sink.write(request)

@@ -178,7 +178,7 @@ def test_other_systems_have_none_and_say_so(what, value, said, monkeypatch):
     if what == "platform":
         monkeypatch.setattr(sys, "platform", value)
     else:
-        monkeypatch.setattr(platform, "machine", lambda: value)
+        monkeypatch.setattr(confinement, "machine", lambda: value)
     offered = walls.__wrapped__()
     assert (offered.landlock, offered.calls) == (0, False)
     assert said in offered.why

@@ -82,6 +82,12 @@ BUILT_ON = {"gzsim": {"gazebo"}, "mjwarp": {"mujoco"}, "mjx": {"mujoco"}}
 NAMED_ELSEWHERE = {
     ("__init__.py", ">>>"): "the first example that a user reads is one to type in",
     ("formats/mjcf", '"mujoco"'): "the root element of the language",
+    ("formats/urdf", '"mujoco"'): "an element of the files, for the one reader that knows it",
+    ("formats/urdf", "<mujoco>"): "the same, in a comment",
+    **{
+        ("audit/libraries.py", part): "the languages that libraries read, of which no package of an engine can say it"
+        for part in ("urdf", "URDF", "Urdf", "mjcf", "MJCF", '"mujoco"', "usd", "Usd", "USD")
+    },
     ("formats/mjcf", "<mujoco>"): "the same, in a message",
     ("engines/dart/foreign.py", '"mujoco"'): "the root element of a language that it reads",
     ("engines/drake/foreign.py", '"mujoco"'): "the same",

@@ -1,8 +1,8 @@
-"""What simspec says of robot files beside simcheck 0.2.0, another checker of such files, which is run in an interpreter of its own.
+"""What simspec says of robot files, side by side with simcheck 0.2.0, another checker, which runs in its own interpreter.
 
 The files are those of packages that `tools/corpora --fetch` installs, of PyBullet's data, and an arm with planted slips. Every
-finding of simcheck is looked for among those of the rules that correspond to it, by the link, joint or pair that it is about; what
-is not found has a reason here, or the table says "missed".
+finding of simcheck is looked for among those of the rules that correspond to it, by the link, joint or pair that it is about;
+what is not found has a reason here, or the record says "missed".
 
     python tools/plausibility.py --simcheck PYTHON --packages FOLDER --answers FOLDER
     python tools/plausibility.py --rules     the table of rules in docs/audit.md
@@ -11,6 +11,7 @@ is not found has a reason here, or the table says "missed".
 from __future__ import annotations
 
 import argparse
+import datetime
 import importlib.util
 import json
 import re
@@ -143,8 +144,35 @@ BY_MESH = (
 """Checks whose findings are about a mesh, or the whole model, which simspec names otherwise than by the link."""
 PAIR = {"engine.sweep": (0, 2), "kinematics.pass_through": (1, 3)}
 """Which of the quoted names of a sentence are the links of a pair."""
-REASONS: Mapping[str, str] = {}
-"""Why simspec does not report what a check found, by the check, or by ``file: check``."""
+REASONS: Sequence[tuple[str, str, str]] = (
+    ("a", r"engine\.(load|joints|mass)|joints\.mimic|files\.obj_groups", ""),
+    ("d", r"engine\.(drop|timestep|passive|energy)|cross\.agreement", ""),
+    ("v", r"kinematics\.rest_overlap|kinematics\.pass_through", "visual mesh|'slideBar'"),
+    ("n", r"files\.mesh_names", r"\(visual and collision\)"),
+    ("r", r"joints\.limits", "range is|has no lower/upper"),
+    ("p", r"structure\.parse", "unbound prefix"),
+    ("w", r"engine\.(sweep|rest_contacts)", "'world'"),
+    ("m", r"engine\.rest_contacts", "at rest in pybullet; both parts are primitives"),
+    ("g", r"inertia\.tensor", "'finger_lower_link'"),
+    ("h", r"inertia\.density", "hollow plastic shell"),
+    ("c", r"engine\.collision_shape", "'link1'"),
+)
+"""Letters of the legend by check and words: why simspec does not report the same."""
+LEGEND = """\
+| | why simspec does not report it among the findings of plausibility |
+|---|---|
+| a | what one engine makes of the file: `simspec audit` compares its model with the file's, replaced tensors included |
+| d | a motion in an engine: certificates (L4 to L7) and runs judge it, of the compiled model |
+| v | measured on shapes that are only seen: in simspec's worlds they touch nothing |
+| n | a visual and a collision mesh of one name, as most packages have them; the rule `mesh-names` is about collision meshes |
+| r | a range of whole half turns is meant; a limit without numbers is refused, or repaired by `missing-limits` |
+| w | the floor of the scene: overlaps at the start are found, and positions that reach it are no self-collision |
+| m | an overlap of less than a tenth of the inner radius, to which the engine adds margins of 1 mm on both sides |
+| g | a rod: with what is fixed to it, it has a regular tensor; engines that refuse it alone are found by `simspec audit` |
+| h | the wall is 0.3 mm thick or more if it has the least surface that its volume can have |
+| c | the hull has less than 1.5 times the volume of the mesh |
+| p | simspec reads XML with prefixes that are not declared; the other checker refuses it |
+"""
 
 
 def place(package: str, path: str, packages: Path) -> Path:
@@ -196,7 +224,7 @@ def missed(data: Mapping[str, Any], found: Plausibility | None, refusal: str) ->
             rules = CORRESPOND.get(check, ())
             if check.startswith(("structure", "files.meshes", "inertia.tensor", "inertia.mass")) and refusal:
                 continue  # simspec refuses the file for it
-            wanted = {key(word) for word in finding["target"].split("|") if word}
+            wanted = {key(word) for word in finding["target"].split("|") if word not in ("", "world")}
             if check in ("engine.sweep", "kinematics.pass_through"):  # the two links are named in the sentence alone
                 wanted = {key(word) for word in re.findall(r"'([^']+)'", finding["message"])[slice(*PAIR[check])]}
             there = set().union(*(elements[rule] for rule in rules)) if rules else set()
@@ -247,7 +275,7 @@ def main() -> int:
             if arguments.list:
                 print(title, "|", refusal[:100])
                 for check, target, message in missed(data, found, refusal):
-                    print("   ", check, "|", target, "|", message[:150])
+                    print("   ", letter(check, message), check, "|", target, "|", message[:150])
     if not arguments.list:
         RECORD.write_text(page(rows), encoding="utf-8")
     return 0
@@ -269,9 +297,51 @@ def _files(packages: Path, scratch: Path) -> Iterator[tuple[str, Path, list[str]
         yield f"planted: {name}", file, []
 
 
+def letter(check: str, message: str) -> str:
+    """Why simspec does not report a finding; "missed" where no reason is known."""
+    for short, checks, words in REASONS:
+        if re.match(checks, check) and re.search(words, message):
+            return short
+    return "missed"
+
+
 def page(rows: Sequence[tuple[str, Mapping[str, Any], Plausibility | None, str]]) -> str:
     """The record."""
-    raise NotImplementedError
+    lines = [
+        "# Plausibility of robot files, side by side with another checker",
+        "",
+        f"<!-- made by tools/plausibility.py --> simspec and simcheck {rows[0][1]['simcheck_version']} on {len(rows)} files, "
+        f"{datetime.date.today().isoformat()}. Engines of simcheck: MuJoCo 4.0.0 and PyBullet 3.2.7; two files that took it "
+        "longer than 150 s were checked without engines. Command: `python tools/plausibility.py --simcheck PYTHON --packages "
+        "FOLDER --answers FOLDER`. Files are named by package and path.",
+        "",
+        "Numbers are findings by rule: of simcheck errors, warnings and notes together. *Same*: how many of these simspec "
+        "reports about the same link, joint or pair, or refuses the file for. *Not reported*: the others, with the letter of "
+        "the reason.",
+        "",
+        LEGEND,
+        "| file | simcheck | same | not reported | simspec: warnings | simspec: notes |",
+        "|---|---|---|---|---|---|",
+    ]
+    totals: Counter[str] = Counter()
+    for title, data, found, refusal in rows:
+        theirs = Counter(finding["check"] for result in data["results"] for finding in result["findings"])
+        left = Counter(f"{check} ({letter(check, message)})" for check, _, message in missed(data, found, refusal))
+        same = sum(theirs.values()) - sum(left.values())
+        ours = found or Plausibility()
+        totals.update(f"{one.rule} {one.grade}" for one in ours.findings)
+        warnings = _counted(Counter(one.rule for one in ours.warnings))
+        refused = f"refused: {refusal[:60]}" if refusal else ""
+        cells = (title, _counted(theirs), f"{same} of {sum(theirs.values())}", _counted(left))
+        more = "; ".join(part for part in (refused, warnings) if part) or "–"
+        lines.append(f"| {' | '.join(cells)} | {more} | {_counted(Counter(one.rule for one in ours.notes))} |")
+    lines += ["", "Findings of simspec by rule, in all files:", "", "| rule | warnings | notes |", "|---|---|---|"]
+    lines += [f"| `{code}` | {totals[f'{code} warning']} | {totals[f'{code} note']} |" for code in RULES]
+    return "\n".join([*lines, ""])
+
+
+def _counted(counter: Counter[str]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in sorted(counter.items())) or "–"
 
 
 if __name__ == "__main__":

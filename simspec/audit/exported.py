@@ -7,7 +7,6 @@ not carry (its own losses) is no difference of a reader.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import random
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -24,8 +23,10 @@ from simspec.control.native import drives
 from simspec.engines.kit.effects import FILE, Exported, foreseen
 from simspec.engines.kit.foreign import Reads
 from simspec.engines.kit.registry import engines
+from simspec.formats.kit.contract import formats
 from simspec.formats.kit.plain import Loss
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.kinematics import joint_displacement
@@ -34,12 +35,6 @@ from simspec.world.types import VELOCITY_SIZE, Body, Inertial, Pose, ReadBack, W
 Difference = tuple[str, str]
 """Quantity and element."""
 
-FILES: Final[Mapping[str, str]] = {"mjcf": "model.xml", "sdf": "world.sdf", "usd": "world.usda"}
-"""The one file of a world, by format; URDF has one for each distinct tree (``PLACEMENT``)."""
-PLACEMENT: Final = "placement.json"
-CARRIES_SCENE: Final = ("mjcf", "sdf", "usd")
-"""Formats that carry gravity."""
-CARRIES_TIMESTEP: Final = ("mjcf", "sdf")
 UNLIMITED: Final = 1e9
 """Limits from here on stand for none: formats demand a number (rad, m, N m, N, rad/s, m/s)."""
 SMALLEST_MASS: Final = 1.001e-9
@@ -47,6 +42,8 @@ SMALLEST_MASS: Final = 1.001e-9
 AT_ORIGIN: Final = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 TURNS: Final = 3
 """Configurations in which poses are compared."""
+ROUND_OFF: Final = 1e-12
+"""s."""
 SAME: Final = 1e-6
 """m and rad: readers keep numbers of files with twelve digits or in single precision."""
 LOST_BY_FORMAT: Final[Mapping[str, tuple[str, ...]]] = {
@@ -116,22 +113,11 @@ def readers(language: str) -> tuple[Reader, ...]:
     return tuple(found)
 
 
-def files_of(world: World, language: str, files: Mapping[str, str]) -> dict[str, tuple[Body, ...]]:
-    """The files of a world that readers load, each with the bodies that it has."""
-    if language in FILES:
-        return {FILES[language]: world.bodies}
-    named: dict[str, tuple[Body, ...]] = {}
-    by_name = {body.name: body for body in world.bodies}
-    for tree in json.loads(files[PLACEMENT])["trees"]:
-        named.setdefault(tree["file"], tuple(by_name[link["name"]] for link in tree["links"]))
-    return named
-
-
 def reader_losses(world: World, language: str, profile: str, files: Mapping[str, str]) -> list[ReaderLoss]:
     """What every known reader does to the plain files of a world, by rule."""
     if not readers(language):
         return []
-    parts = [Exported(world, bodies, language) for bodies in files_of(world, language, files).values()]
+    parts = [Exported(world, bodies, language) for bodies in formats()[language].parts(world, files).values()]
     losses = []
     for reader in readers(language):
         rows: dict[tuple[str, str], list[str]] = {}
@@ -179,15 +165,16 @@ def foreseen_differences(reader: Reader, exported: Exported, profile: str, losse
 
 def differences(reader: Reader, exported: Exported, held: ReadBack, losses: Iterable[Loss]) -> set[Difference]:
     """What a reader holds of a file that is not the world's, but what the format itself does not carry."""
-    world, language = exported.world, exported.language
+    world, support = exported.world, exported.written.SUPPORT
     held = dataclasses.replace(held, bodies=tuple(map(_without_stand_ins, held.bodies)))
-    gravity = world.physics.gravity if language in CARRIES_SCENE else None
+    gravity = world.physics.gravity if support[Feature.GRAVITY].level is Level.EXACT else None
     bodies = tuple(_as_said(exported))
-    meaning = Meaning(Path(), language, bodies=bodies, gravity=gravity)
+    meaning = Meaning(Path(), exported.language, bodies=bodies, gravity=gravity)
     own = engines()[reader.name].FOREIGN_OWN if reader.engine else {}
     comparison = Comparison(reader.name, meaning, held, own).run()
     found = {difference for finding in comparison.findings if (difference := _difference(finding)) is not None}
-    if language in CARRIES_TIMESTEP and held.timestep and abs(held.timestep - world.physics.timestep) > 1e-12:
+    carried = support[Feature.TIMESTEP].level is Level.EXACT
+    if carried and held.timestep and abs(held.timestep - world.physics.timestep) > ROUND_OFF:
         found.add(("timestep", FILE))
     found -= _lost_by_format(losses)
     ours = match(bodies, held.bodies).own
@@ -196,12 +183,13 @@ def differences(reader: Reader, exported: Exported, held: ReadBack, losses: Iter
 
 
 def _as_said(exported: Exported) -> Iterator[Body]:
-    """The bodies as the format says them: a free root of URDF stands at the origin (``placement.json`` says where), a drive of
-    USD has the joint's spring and damper and the gains of its controller together."""
-    drive_of = {drive.joint: drive for drive in drives(exported.world)} if exported.language == "usd" else {}
+    """The bodies as the format says them: a free root stands at the origin where another file says its place, a drive has the
+    joint's spring and damper and the gains of its controller together."""
+    drive_of = {drive.joint: drive for drive in drives(exported.world)} if exported.written.DRIVES else {}
+    elsewhere = exported.written.SUPPORT[Feature.JOINT_FREE].level is not Level.EXACT
     for body in exported.bodies:
         joint = body.joint
-        if exported.language == "urdf" and joint.kind == "free":
+        if elsewhere and joint.kind == "free":
             joint = dataclasses.replace(joint, position=AT_ORIGIN)
         drive = drive_of.get(joint.name)
         if drive is not None and drive.effort_limit != 0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -50,7 +49,7 @@ def doctor(labels: Sequence[str], every: bool, as_json: bool) -> int:
     ]
     code = EXIT_ENGINE if wrong or broken else EXIT_OK
     if as_json:
-        print_json({"engines": rows, "broken": broken, "walls": dataclasses.asdict(walls()), "exit_code": code})
+        print_json({"engines": rows, "broken": broken, "walls": walls()._asdict(), "exit_code": code})
         return code
     shown = table("Engines", "engine", "version", "state", "falling ball", "s", "missing or wrong, and the way out")
     for label, row in rows.items():

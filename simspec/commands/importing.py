@@ -12,6 +12,7 @@ from typing import Any, Final
 from simspec.arguments import print_json
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text, too_long
+from simspec.language.beginning import AT_LIMITS, listed
 from simspec.language.foreign import Imported, is_foreign, suffixes
 from simspec.language.load import Spec, load
 from simspec.language.losses import counts, grouped, of_physics, problems
@@ -147,6 +148,10 @@ def _data(imported: Imported, path: Path, out: Path | None, text: str) -> dict[s
             for account in imported.losses()
         ],
         "suspicious": imported.suspicious,
+        "starts": [
+            {"joint": start.joint, "state": start.state, "position": start.position, "instead_of": start.instead_of}
+            for start in imported.starts
+        ],
         "repairs": [
             {
                 "rule": repair.rule,
@@ -176,6 +181,8 @@ def _show(imported: Imported, path: Path, out: Path | None) -> None:
             "" if all(file.is_relative_to(project) for file in imported.files.values()) else " (with --allow-outside)"
         )
         say(f"wrote {out}; now: simspec check {out}{here}")
+    if imported.starts:
+        say(f"{AT_LIMITS}: {listed(imported.starts)}", error=out is None)
     said = counts(imported)
     line = f"{path.name}: {said['carried']} carried, {said['carried_but_unused']} without effect, {said['lost']} lost"
     say(f"{line} ({said['lost_of_physics']} of physics)", error=out is None)

@@ -12,7 +12,11 @@ from simspec.errors import Problem, SpecError
 from simspec.mapped import parts, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run
-from simspec.world.types import Inertial
+from simspec.world.kinematics import layout_of
+from simspec.world.types import Inertial, Joint
+
+JOINT_COORDINATES = ("hinge", "slide", "ball")
+"""Kinds of joints whose coordinates are compared; those of a free joint are its body's pose."""
 
 
 class Common:
@@ -26,6 +30,13 @@ class Common:
         self._runs, self._names = (a, b), list(names)
         self.rows_a, self.rows_b = common_rows(a, b)
         self.rows, self.bodies = len(self.rows_a), len(names)
+        self._q = [
+            {
+                body.joint.name: where
+                for body, where in zip(run.world.bodies, layout_of(run.world).position, strict=True)
+            }
+            for run in self._runs
+        ]
         self._floors = []
         for floor in floors:
             run = a if floor.engine == a.engine else b
@@ -61,6 +72,21 @@ class Common:
         """Poses (rows, bodies, 7) of a block, in each run."""
         sides = zip(self._runs, (self.rows_a, self.rows_b), strict=True)
         one, other = (run.arrays["pose"][np.ix_(rows[part], self._columns(run))] for run, rows in sides)
+        return one, other
+
+    def joints(self) -> list[Joint]:
+        """The hinges, slides and ball joints that both runs have, in the order of the first."""
+        kinds = {body.joint.name: body.joint.kind for body in self._runs[1].world.bodies}
+        return [
+            body.joint
+            for body in self._runs[0].world.bodies
+            if body.joint.kind in JOINT_COORDINATES and kinds.get(body.joint.name) == body.joint.kind
+        ]
+
+    def coordinates(self, joint: Joint, part: slice) -> tuple[np.ndarray, np.ndarray]:
+        """The coordinates (rows, 1), of a ball joint its quaternion (rows, 4), of a block, in each run."""
+        sides = zip(self._runs, (self.rows_a, self.rows_b), self._q, strict=True)
+        one, other = (run.arrays["q"][rows[part], columns[joint.name]] for run, rows, columns in sides)
         return one, other
 
     def noise(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ from simspec.markup import html_table, length
 from simspec.runner import metrics
 from simspec.runner.run import Run
 from simspec.world.canonical import sha256
+from simspec.world.rotations import logarithm, relative
 
 TOLERANCE = 1e-3
 """Default tolerance: 1 mm in position and 1 mrad in angle, what a robot cell calls the same place."""
@@ -35,8 +36,8 @@ PARTS = ("position", "angle")
 
 @dataclass(frozen=True)
 class BodyDiff:
-    """How one body differs: largest and root mean square deviation in position (m) and angle (rad), the time (s) of the
-    largest position deviation, both over the times up to the horizon; and the first time out of tolerance (s), None if
+    """How one body differs: largest and root mean square deviation in position (m) and angle (rad), the times (s) of the
+    largest, all over the times up to the horizon; and the first time out of tolerance (s), None if
     never. ``floor`` and ``angle_floor`` are the engines' own noise (m, rad) for this body at the horizon; None when it was not
     measured.
     ``inconclusive_from``: the time (s) from which noise hides deviations of the tolerance's size; None if never.
@@ -59,6 +60,7 @@ class BodyDiff:
     position_out: float | None = None
     angle_out: float | None = None
     compared: bool = True
+    time_of_largest_angle: float = 0.0
 
     @property
     def verdict(self) -> str:
@@ -72,6 +74,18 @@ class BodyDiff:
     def within(self) -> bool:
         """Whether the body is known to have stayed within tolerance up to the horizon."""
         return self.verdict == WITHIN
+
+
+@dataclass(frozen=True)
+class JointDiff:
+    """How the coordinate of one joint differs: the largest deviation up to the horizon, ``unit`` rad (of a ball joint the angle
+    between its orientations) or m, and its time (s). Joints have no tolerance: those of the bodies hold. But turns that a hinge
+    is apart are seen here alone."""
+
+    joint: str
+    unit: str
+    largest: float
+    time: float
 
 
 @dataclass(frozen=True)
@@ -91,7 +105,8 @@ class Diff:
     horizon     time (s) up to which positions are compared: there ``FLOOR_FACTOR`` times the engines' own noise grows past
                 the tolerance, and further on two runs of the *same* engine differ without bound. None = to the end: noise
                 that stays at a level ends nothing (see :mod:`simspec.comparison.horizon`).
-    bodies      one entry per moving body that both have, worst first
+    bodies      one entry per moving body that both have, worst in position first
+    joints      one entry per hinge, slide and ball joint that both have, worst in rad or m first
     quantities  energy, momentum, contacts, spread: they are compared over the whole time, so also past the horizon
     contact_first_difference, first_contact  the first time (s) at which something touches in one run and not in the other, and
                 what; None = never
@@ -113,6 +128,7 @@ class Diff:
     first_contact: FirstContactDifference | None
     notes: tuple[str, ...] = field(default=())
     not_compared: str = ""
+    joints: tuple[JointDiff, ...] = ()
 
     def __repr__(self) -> str:
         told = f"{self.verdict}, {len(self.bodies)} bodies, until {self.compared_until:.4g} s"
@@ -160,6 +176,16 @@ class Diff:
         return self.bodies[0] if self.bodies else None
 
     @property
+    def worst_angle(self) -> BodyDiff | None:
+        """The body with the largest angle deviation; what is not finite is the largest of all."""
+        return max(self.bodies, key=lambda body: _or_infinite(body.angle_largest), default=None)
+
+    @property
+    def worst_joint(self) -> JointDiff | None:
+        """The joint whose coordinate deviates most; None without joints."""
+        return self.joints[0] if self.joints else None
+
+    @property
     def first_out(self) -> BodyDiff | None:
         """The body that left the tolerance first; None when none did."""
         out = [body for body in self.bodies if body.first_out is not None]
@@ -169,6 +195,10 @@ class Diff:
     def position_rms(self) -> float:
         """Root mean square position deviation (m) over bodies and times."""
         return float(np.sqrt(np.mean([body.position_rms**2 for body in self.bodies]))) if self.bodies else 0.0
+
+
+def _or_infinite(value: float) -> float:
+    return value if math.isfinite(value) else math.inf
 
 
 def diff(
@@ -238,7 +268,30 @@ def diff(
         first,
         tuple(notes),
         nothing,
+        tuple(_joints(common, compared)),
     )
+
+
+def _joints(common: Common, compared: int) -> list[JointDiff]:
+    """The joints that both runs have, by how far they deviate at the first rows."""
+    known = common.joints()
+    largest, at = np.zeros(len(known)), np.zeros(len(known), dtype=np.int64)
+    for part in common.blocks(compared) if known else ():
+        for k, joint in enumerate(known):
+            one, other = common.coordinates(joint, part)
+            if joint.kind == "ball":
+                away = np.linalg.norm(logarithm(relative(one, other)), axis=-1)
+            else:
+                away = np.abs(one - other)[:, 0]
+            away = np.where(np.isfinite(away), away, np.inf)
+            if away.max(initial=0.0) > largest[k]:
+                largest[k], at[k] = away.max(), part.start + int(away.argmax())
+    times = common.time(at) if known else at
+    found = [
+        JointDiff(joint.name, "m" if joint.kind == "slide" else "rad", float(size), float(time))
+        for joint, size, time in zip(known, largest, times, strict=True)
+    ]
+    return sorted(found, key=lambda joint: -joint.largest)
 
 
 def _nothing(common: Common, horizon_row: int) -> str:
@@ -264,8 +317,8 @@ class Departures:
         self.squares = np.zeros((2, bodies))
         """Sums of squared deviations, in position and angle."""
         self.largest, self.angle = np.zeros(bodies), np.zeros(bodies)
-        self.at = np.zeros(bodies, dtype=np.int64)
-        """The row of the largest deviation in position."""
+        self.at, self.angle_at = np.zeros((2, bodies), dtype=np.int64)
+        """The rows of the largest deviations in position and in angle."""
         self.out, self.hidden = np.full(bodies, never), np.full(bodies, never)
         """The first row out of tolerance, and the first of which that cannot be told."""
         self.at_out = np.zeros((2, bodies))
@@ -303,6 +356,10 @@ class Departures:
         larger = (order[place, every] > self.largest) & np.isfinite(self.largest)
         self.at = np.where(larger, part.start + place, self.at)
         self.largest = np.where(larger, position[place, every], self.largest)
+        turned = np.where(np.isfinite(angle), angle, np.inf)
+        place = turned.argmax(axis=0)
+        larger = (turned[place, every] > self.angle) & np.isfinite(self.angle)
+        self.angle_at = np.where(larger, part.start + place, self.angle_at)
         self.angle = np.maximum(self.angle, angle.max(axis=0))
         self.squares += (position**2).sum(axis=0), (angle**2).sum(axis=0)
         self.rows += part.stop - part.start
@@ -363,6 +420,7 @@ def _body_diff(departures: Departures, body: int, name: str, touched: float | No
         exceeded=tuple(name for name, out in zip(PARTS, departures.exceeded[:, body], strict=True) if out),
         position_out=None if first is None else float(departures.at_out[0, body]),
         angle_out=None if first is None else float(departures.at_out[1, body]),
+        time_of_largest_angle=departures.time(departures.angle_at[body]),
     )
 
 

@@ -36,7 +36,7 @@ LARGEST_ANSWER: Final = 2**30
 @dataclass(frozen=True)
 class Policy:
     """What the kernel lets a program do: a profile of ``confinement.PROFILES``, the folders below which it may open files to
-    read them (beside Python and its packages), and whether it may write into its own folder, which is empty."""
+    read them (in addition to Python and its packages), and whether it may write into its own folder, which is empty."""
 
     profile: str
     read: tuple[str, ...] = ()

@@ -6,6 +6,7 @@ a path is resolved first, links included, so that none leads out.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -185,10 +186,11 @@ class Files:
         hint = "save the file, and name it by its path"
         if match is not None:
             name, rest = unquote(match[1]), match[2]
-            try:
-                return self.package(name, element) / rest
-            except MissingFileError:
-                hint = f"download the model {name!r} (gz fuel download -u URL), and say --package {name!r}=FOLDER"
+            hint = f"download the model {name!r} (gz fuel download -u URL), and say --package {name!r}=FOLDER"
+            with contextlib.suppress(MissingFileError):
+                target = self.package(name, element) / rest
+                if os.path.isfile(target):
+                    return target
         problem = element.problem("simspec loads nothing from the network", found=text[:200], hint=hint)
         raise MissingFileError([problem])
 

@@ -8,7 +8,7 @@ from typing import Any
 from simspec.errors import Problem
 from simspec.language import trees
 from simspec.language.document import INVALID, Document, Key
-from simspec.language.joints import angle_of, beyond_cone, outside, read_position, read_velocity
+from simspec.language.joints import beyond_cone, outside, outside_cone, read_position, read_velocity, within
 from simspec.language.models import Body
 from simspec.language.sources import Source
 from simspec.language.strict import Fault, Faults, near, required
@@ -259,19 +259,17 @@ def _starts(document: Document, path: tuple[Key, ...], raw: Mapping[str, Any], b
             body = bodies.typed.get(owner)
             written = None if body is None else body.joints[index] if body.joints else body.joint
             limits = None if written is None else written.limits
-            if key == "positions" and limits is not None and limits.position is not None:
-                lower, upper = limits.position
-                if not lower <= read <= upper:
-                    wrong = outside(read, limits.position, ())
-                    yield document.problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed)
-            if (
-                key == "positions"
-                and limits is not None
-                and limits.angle is not None
-                and beyond_cone(read, limits.angle)
-            ):
-                wrong = outside(angle_of(read), (0.0, limits.angle), ())
-                yield document.problem(place, wrong.message, found=wrong.found, allowed=wrong.allowed)
+            if key != "positions" or limits is None:
+                continue
+            beyond: Fault | None = None
+            if limits.position is not None and within(read, limits.position) is None:
+                beyond = outside(read, limits.position, ())
+            elif limits.angle is not None and beyond_cone(read, limits.angle):
+                beyond = outside_cone(read, limits.angle, ())
+            if beyond is not None:
+                yield document.problem(
+                    place, beyond.message, found=beyond.found, allowed=beyond.allowed, hint=beyond.hint
+                )
 
 
 def _part(source: Source, name: str) -> Mapping[str, Any]:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from simspec.errors import Location, Problem, SpecError
+from simspec.language.beginning import Start, begin_within
 from simspec.language.document import Document, Key, Mark, Path_
 from simspec.plugins import Offered, offered
 from simspec.reading import NotReadableError, open_regular
@@ -142,6 +143,9 @@ class Imported:
     suspicious: list[Problem] = field(default_factory=list)
     """What is allowed, and yet looks like a slip of the file, such as lengths in millimetres: warned of."""
 
+    starts: list[Start] = field(default_factory=list)
+    """Joints that begin at a limit, since the position of the file, or 0 where it has none, is beyond it."""
+
     def losses(self) -> list[Account]:
         """What is not carried."""
         return [account for account in self.accounts if account.fate is Fate.LOST]
@@ -220,6 +224,7 @@ def import_file(path: Path, shown: str, options: ImportOptions) -> Imported:
         known = ", ".join(f"{one.NAME} ({' '.join(one.SUFFIXES)})" for one in importers().good.values())
         raise SpecError([Problem(f"{shown}: not a file of a language that simspec imports", allowed=known)])
     imported: Imported = fitting[0].read(path, shown, options)
+    imported.starts += begin_within(imported.data, imported.comments)
     if not options.self_collision:
         _keep_apart(imported, shown)
     return imported

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, ValidationError
@@ -160,7 +160,9 @@ class Joint(Strict):
     )
     spring: Maybe[Spring] = Field(ABSENT, description="A spring; hinge, slide and ball")
     position: Maybe[Annotated[Any, ByJointType("rad or m", orientation=True)]] = Field(
-        ABSENT, description="Initial position; at a ball joint an orientation, `{rpy: ...}` or `{quat: ...}`; default 0"
+        ABSENT,
+        description="Initial position, within the limits; at a ball joint an orientation, `{rpy: ...}` or `{quat: ...}`; "
+        "default 0",
     )
     velocity: Maybe[Annotated[Any, ByJointType("rad/s or m/s", orientation=True)]] = Field(
         ABSENT,
@@ -203,15 +205,19 @@ class Joint(Strict):
         limits = data["limits"].get("position") if isinstance(data.get("limits"), dict) else None
         largest = data["limits"].get("angle") if isinstance(data.get("limits"), dict) else None
         if isinstance(start, Orientation) and largest is not None and beyond_cone(start, largest):
-            faults.append(outside(angle_of(start), (0.0, largest), ("position",)))
-        if isinstance(start, float) and limits is not None and not limits[0] <= start <= limits[1]:
+            faults.append(outside_cone(start, largest, ("position",)))
+        if isinstance(start, float) and limits is not None and within(start, limits) is None:
             faults.append(outside(start, limits, ("position",)))
         return data, faults
 
 
 ROUND_OFF = 1e-7
 """rad: an angle is known from its cosine, near 0 to the root of the last bit."""
+EDGE = 1e-9
+"""How far an initial position may be beyond a limit, relative to the larger of the limit and 1 (rad, m): round-off of degrees,
+of ratios of joints that follow others, and of files with ten digits. Such a position is taken for the limit."""
 PARTS = ("linear", "angular")
+OUTSIDE = "the initial position is beyond the joint's limits"
 _NESTED = ("limits", "spring")
 _TYPED = (*_NESTED, "damping", "dry_friction", "armature", "position", "velocity")
 
@@ -232,11 +238,47 @@ def beyond_cone(turn: Orientation, largest: float) -> bool:
     return angle_of(turn) > largest + ROUND_OFF
 
 
-def outside(start: float, limits: tuple[float, float], loc: tuple[str | int, ...]) -> Fault:
-    """The fault of an initial position beyond its joint's limits."""
-    return Fault(
-        loc, "the initial position is beyond the joint's limits", f"{start:g}", f"{limits[0]:g} to {limits[1]:g}"
+def scaled_to(turn: Sequence[float], largest: float) -> tuple[float, float, float, float]:
+    """The rotation about the axis of ``turn`` (a quaternion w x y z of any length) by ``largest`` (rad)."""
+    w, *vector = turn
+    sine = math.hypot(*vector)
+    share = math.copysign(math.sin(largest / 2.0), w) / sine
+    return (math.cos(largest / 2.0), *(share * value for value in vector))  # type: ignore[return-value]
+
+
+def quaternion_of(turn: Orientation) -> tuple[float, float, float, float]:
+    """A rotation as a quaternion w x y z, of the length that is written; not for what enters files (`world.frames`)."""
+    if turn.quat is not None:
+        return turn.quat
+    (a, b, c), (x, y, z) = (
+        [function(angle / 2.0) for angle in turn.rpy or (0.0,) * 3] for function in (math.cos, math.sin)
     )
+    return (a * b * c + x * y * z, x * b * c - a * y * z, a * y * c + x * b * z, a * b * z - x * y * c)
+
+
+def nearest(position: float, limits: Sequence[float]) -> float:
+    """The position within limits that is nearest to one of a hinge or slide."""
+    return min(max(position, limits[0]), limits[1])
+
+
+def within(position: float, limits: Sequence[float]) -> float | None:
+    """An initial position of a hinge or slide: the limit where it is beyond it by round-off, None where by more."""
+    allowed = nearest(position, limits)
+    return allowed if abs(position - allowed) <= EDGE * max(1.0, abs(allowed)) else None
+
+
+def outside(start: float, limits: Sequence[float], loc: tuple[str | int, ...]) -> Fault:
+    """The fault of an initial position of a hinge or slide beyond its limits."""
+    allowed = f"{limits[0]:g} to {limits[1]:g}"
+    hint = f"{nearest(start, limits)!r}, the nearest allowed value"
+    return Fault(loc, OUTSIDE, f"{start:g}", allowed, hint)
+
+
+def outside_cone(turn: Orientation, largest: float, loc: tuple[str | int, ...]) -> Fault:
+    """The fault of an initial orientation of a ball joint by more than its largest angle (rad)."""
+    shown = ", ".join(f"{value:.9g}" for value in scaled_to(quaternion_of(turn), largest))
+    hint = f"{{quat: [{shown}]}}, the nearest allowed value"
+    return Fault(loc, OUTSIDE, f"{angle_of(turn):g}", f"0 to {largest:g}", hint)
 
 
 def read_position(kind: str, value: Any) -> Any:

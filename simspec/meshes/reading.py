@@ -144,7 +144,7 @@ def _answers(output: bytes, most: int) -> list[Surface | MeshError]:
                 continue
             counts = int(head["vertices"]), int(head["faces"])
         except (NotReadableError, KeyError, TypeError, ValueError):
-            break  # a reader that a file has taken over may say anything
+            break  # a file may have taken over the reader: it may answer anything
         if min(counts) < 0:
             break
         places, corners = (stream.read(24 * count) for count in counts)

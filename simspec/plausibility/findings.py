@@ -46,7 +46,7 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
             Rule(
                 "inertia-too-large",
                 "along some axis the second moment of the mass about its centre exceeds m·a·b by more than the factor 2.25; "
-                "a, b: how far the shapes, made larger by 5 % of their size, reach from it along both directions",
+                "a, b: how far the shapes reach from it along both directions, at least 5 % of their size",
                 "no distribution of mass within the shapes has such an inertia; the link turns too slowly for a given torque",
                 "compute the inertia from the shapes (leave it out beside a mass), or check its unit: kg m²",
             ),
@@ -131,14 +131,14 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
             Rule(
                 "overlap-neighbours",
                 "a body and what carries it overlap at the initial positions by more than a quarter of the smaller one's "
-                "inner radius",
+                "inner radius, where the parent is fixed to the world by more than 2 mm",
                 "simspec excludes contact between neighbours; a loader that does not has them push each other apart, above all "
                 "where the parent is fixed to the world",
                 "smaller shapes near the joint, or an exclusion in the file",
             ),
             Rule(
                 "pass-through",
-                "within its range a joint moves a body into what carries it, deeper than initially by more than a quarter of "
+                "within its range a joint moves a body into what carries it, deeper than initially by more than a tenth of "
                 "the body's size",
                 "contact between neighbours is excluded: the body passes through without a sign",
                 "the direction of the axis, the place of the joint, or its limits",

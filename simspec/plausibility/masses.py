@@ -103,7 +103,7 @@ def _inertia(part: Part, off_centre: bool, grade: Grade) -> Iterator[Finding]:
 def largest_share(inertial: Inertial, solids: tuple[Lump, ...], margin: float = 0.0) -> float:
     """The largest ratio, over directions u, of the second moment of the mass along u about its centre to the most that mass
     within the shapes can have: m·a·b with a, b the reaches from the centre of mass along u and −u (the Bhatia–Davis
-    inequality); above 1 nothing within the convex hull of the shapes has this inertia. ``margin`` (m): added to a and b."""
+    inequality); above 1 nothing within the convex hull of the shapes has this inertia. ``margin`` (m): the least of a and b."""
     xx, yy, zz, xy, xz, yz = inertial.inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     second = 0.5 * np.trace(tensor) * np.eye(3) - tensor
@@ -112,7 +112,7 @@ def largest_share(inertial: Inertial, solids: tuple[Lump, ...], margin: float = 
     middle = directions @ centre
     ahead = reach(solids, directions) - middle
     behind = reach(solids, -directions) + middle
-    most = inertial.mass * np.maximum(ahead + margin, 0.0) * np.maximum(behind + margin, 0.0)
+    most = inertial.mass * np.maximum(ahead, margin) * np.maximum(behind, margin)
     given = np.einsum("ni,ij,nj->n", directions, second, directions)
     inside = most > 0.0
     return float((given[inside] / most[inside]).max(initial=0.0))

@@ -33,6 +33,8 @@ NEIGHBOURS: Final = 0.25
 """Share of the smaller inner radius by which neighbours may overlap: housings around one joint do."""
 ALIKE: Final = 1e-9
 """m, and of quaternions: two shapes at one place."""
+FIXED: Final = 0.002
+"""m by which a body may overlap a parent that is fixed to the world: some loaders test such neighbours for contact."""
 MOST_PAIRS: Final = 400
 """Pairs of shapes of two neighbours that are looked at, those of the largest shapes first."""
 
@@ -224,7 +226,7 @@ class Places:
             if np.linalg.norm(one.centre - other.centre) >= one.outer + other.outer:
                 continue
             depth = -separation(one, other)
-            share = depth / (NEIGHBOURS * min(one.inner, other.inner))
+            share = depth / (FIXED if carrier == "world" else NEIGHBOURS * min(one.inner, other.inner))
             if share > 1.0 and share > worst:
                 deepest, worst = depth, share
         if worst > 1.0:

@@ -40,7 +40,7 @@ LEAST_DEPTH: Final = 1e-3
 """m from which bodies count as overlapping."""
 SHARE: Final = 0.05
 """The same as a share of the smaller inner radius."""
-DEEPER: Final = 0.25
+DEEPER: Final = 0.1
 """Share of a body's size by which it may go deeper into what carries it than it is initially."""
 ROUNDS: Final = 6
 """Rounds of search around the best direction, each in 0.5 of the reach of the last: from 14° to 0.4°."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich.table import Table
 from rich.text import Text
@@ -12,6 +12,8 @@ from simspec.comparison.runs import INCONCLUSIVE, SHOWN_BODIES, BodyDiff, Diff, 
 from simspec.comparison.worlds import Change
 from simspec.report.kit import length, number, table, verdict
 
+WIDTHS = (33, 17)
+"""Characters of the columns of the largest differences and of what is out of tolerance, so that rows have 80."""
 SHOWN_PAIRS = 3
 """Pairs that touch in one run only that a comparison lists."""
 
@@ -33,29 +35,25 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
     if not diffs:
         return None
     pairs = table(
-        f"Differences between engines  (tolerance {tolerances(diffs[0])}, or {FLOOR_FACTOR:g} × the engines' noise)",
+        f"Differences between engines  (tolerance {tolerances(diffs[0])}, or {FLOOR_FACTOR:g} × noise)",
         "runs",
         "largest",
-        "body",
-        "RMS",
         "out of tolerance",
-        "noise",
-        "compared until",
-        right=(1, 3, 5, 6),
+        "noise,\nuntil",
+        right=(3,),
     )
+    for column, width in zip(pairs.columns[1:3], WIDTHS, strict=True):
+        column.max_width = width
     for diff in diffs:
         worst, out = diff.worst if told(diff) else None, diff.first_out
         noise = length(worst.floor) if worst else _noise(diff, diff.untold) if diff.untold else "–"
         pairs.add_row(
-            f"{diff.first.split()[0]} – {diff.second.split()[0]}",
-            length(worst.position_largest) if worst else "–",
-            worst.body if worst else "–",
-            length(diff.position_rms) if worst else "–",
-            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}:\n{_beyond(out)}", style="yellow")
+            f"{diff.first.split()[0]} –\n{diff.second.split()[0]}",
+            "\n".join(_largest(diff)) if worst else "–",
+            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}:\n{out_words(out)}", style="yellow")
             if out
             else _stays(diff),
-            noise,
-            f"{diff.compared_until:.4g} s" + (" (chaos)" if diff.horizon is not None else ""),
+            f"{noise}\n{diff.compared_until:.4g} s" + ("\n(chaos)" if diff.horizon is not None else ""),
         )
     for why in dict.fromkeys(diff.not_compared for diff in diffs if diff.not_compared):
         pairs.caption = f"{pairs.caption}\n{why}" if pairs.caption else why
@@ -72,11 +70,22 @@ def told(diff: Diff) -> bool:
     return not diff.not_compared or diff.first_out is not None
 
 
-def _beyond(body: BodyDiff) -> str:
-    """What of a body was out of tolerance when it first was, and how far it went: the column of the largest is of
-    positions, and of another body where that went further."""
-    largest = {"position": length(body.position_largest), "angle": number(body.angle_largest, "rad")}
-    return f"{out_words(body)}, largest {' and '.join(largest[name] for name in body.exceeded)}"
+def _largest(diff: Diff) -> Iterator[str]:
+    """The largest differences in position and angle of a body, and in the coordinate of a joint, and of what and when."""
+    if (place := diff.worst) is not None:
+        yield f"{length(place.position_largest)}: {place.body} at {place.time_of_largest:.4g} s"
+    if (turn := diff.worst_angle) is not None:
+        yield f"{angle(turn.angle_largest)}: {turn.body} at {turn.time_of_largest_angle:.4g} s"
+    for unit in ("rad", "m"):
+        joint = next((one for one in diff.joints if one.unit == unit), None)
+        if joint is not None:
+            size = angle(joint.largest) if unit == "rad" else length(joint.largest)
+            yield f"{size}: joint {joint.joint} at {joint.time:.4g} s"
+
+
+def angle(value: float) -> str:
+    """An angle (rad) for reading: three digits, of very small ones two."""
+    return f"{value:.3g} rad" if not 0.0 < value < 1e-6 else f"{value:.1e} rad"
 
 
 def _stays(diff: Diff) -> Text:
@@ -159,7 +168,17 @@ def diff_tables(diff: Diff) -> list[Table]:
     if diff.first_contact is not None:
         one, other = (_pairs(pairs) for pairs in (diff.first_contact.first_only, diff.first_contact.second_only))
         scalars.add_row("first contact that differs", one, other, number(diff.first_contact.time, "s"))
-    return [bodies, scalars]
+    return [bodies, _joints(diff), scalars] if diff.joints and told(diff) else [bodies, scalars]
+
+
+def _joints(diff: Diff) -> Table:
+    """The joints whose coordinates differ most, in rad and in m."""
+    joints = table("Joint coordinates", "joint", "largest", "at", right=(1, 2))
+    for unit in ("rad", "m"):
+        for one in [joint for joint in diff.joints if joint.unit == unit][:SHOWN_BODIES]:
+            size = angle(one.largest) if unit == "rad" else length(one.largest)
+            joints.add_row(one.joint, size, f"{one.time:.4g} s")
+    return joints
 
 
 def _pairs(pairs: Sequence[tuple[str, str]]) -> str:

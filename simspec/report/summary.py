@@ -6,7 +6,7 @@ import html
 import re
 from collections.abc import Iterable, Sequence
 
-from simspec.comparison.runs import out_words
+from simspec.comparison.runs import Diff, out_words
 from simspec.comparison.study import Study
 from simspec.errors import clipped, visible
 from simspec.report.differences import told
@@ -66,7 +66,7 @@ def _figures(study: Study) -> list[str]:
         [
             words(f"{diff.first} – {diff.second}"),
             diff.verdict + (f": {words(diff.not_compared)}" if diff.not_compared else ""),
-            f"{diff.worst.position_largest:.3g} m" if told(diff) else "–",
+            _largest(diff) if told(diff) else "–",
             words(diff.worst.body) if told(diff) else "–",
             f"{words(out.body)} at {out.first_out:.4g} s: {out_words(out)}" if (out := diff.first_out) else "–",
         ]
@@ -74,6 +74,15 @@ def _figures(study: Study) -> list[str]:
         if diff.worst is not None
     ]
     return shown + (table(DIFFERENCES, rows) if rows else [])
+
+
+def _largest(diff: Diff) -> str:
+    """The largest differences in position, angle, and in the coordinates of joints."""
+    sizes = [f"{diff.worst.position_largest:.3g} m"] if diff.worst is not None else []
+    sizes += [f"{diff.worst_angle.angle_largest:.3g} rad"] if diff.worst_angle is not None else []
+    for unit in ("rad", "m"):
+        sizes += [f"joint {one.largest:.3g} {unit}" for one in diff.joints if one.unit == unit][:1]
+    return ", ".join(sizes)
 
 
 def _number(value: float | None) -> str:

@@ -137,6 +137,7 @@ def differences_table(study: Study) -> ResultTable:
                 "rms, m": said and said.position_rms,
                 "largest angle, rad": said and said.angle_largest,
                 "time of largest, s": said and said.time_of_largest,
+                "time of largest angle, s": said and said.time_of_largest_angle,
                 "first out, s": body.first_out,
                 "first out of": " and ".join(body.exceeded) or None,
                 "cause": body.cause or None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from simspec.errors import SpecError
+from simspec.errors import Problem, SpecError
 from simspec.language.load import Spec
 from simspec.language.problems import in_order
 from simspec.language.strict import bounded_suggestions
@@ -27,7 +27,7 @@ from simspec.resolve.scenario import (
     too_much,
     unknown_shown,
 )
-from simspec.resolve.stability import unstable_joints
+from simspec.resolve.stability import beginning_within, unstable_joints
 from simspec.resolve.trajectory import trajectory
 from simspec.world.boxes import boxed
 from simspec.world.types import World
@@ -48,6 +48,9 @@ def resolve(spec: Spec) -> World:
         held = constraints(spec.source, expansion, named)
         expansion.bodies = held.bodies
         expansion.held += held.joined
+        beyond: list[Problem] = []
+        if not expansion.problems and not held.problems:
+            expansion.bodies, beyond = beginning_within(spec.source, expansion.bodies)
         moved = motions(spec.source, expansion.bodies, () if expansion.problems else expansion.kinematic)
         expansion.bodies = moved.bodies
         expansion.excluded += moved.apart
@@ -65,6 +68,7 @@ def resolve(spec: Spec) -> World:
         *expansion.problems,
         *misnamed,
         *held.problems,
+        *beyond,
         *moved.problems,
         *problems,
         *driven.problems,

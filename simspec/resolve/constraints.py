@@ -18,6 +18,7 @@ from simspec.language.constraints import Follow as SpecFollow
 from simspec.language.constraints import Sum as SpecSum
 from simspec.language.constraints import Weld as SpecWeld
 from simspec.language.document import Details, Key
+from simspec.language.joints import nearest, within
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
 from simspec.language.trees import model_of, placed
@@ -310,19 +311,31 @@ class _Draft:
                 )
                 return
             wanted[key] = own
-        limits = body.joint.position_limits
-        if limits is not None and not limits[0] <= wanted["position"] <= limits[1]:
-            self.problem(
-                written,
-                ("follow",),
-                f"{follow.leader} wants {follow.joint} to begin beyond its limits",
-                found=f"{wanted['position']:.9g}",
-                allowed=f"{limits[0]:g} to {limits[1]:g}",
-                hint=f"another initial position of {follow.leader}, or another ratio or offset",
-            )
-            return
+        if (limits := body.joint.position_limits) is not None:
+            position = within(wanted["position"], limits)
+            if position is None:
+                self._beyond(written, follow, wanted["position"], limits)
+                return
+            wanted["position"] = position
         joint = dataclasses.replace(body.joint, position=(wanted["position"],), velocity=(wanted["velocity"],))
         self.bodies[body.name] = dataclasses.replace(body, joint=joint)
+
+    def _beyond(self, written: _Written, follow: Follow, position: float, limits: tuple[float, float]) -> None:
+        """Note that a follower would begin beyond its limits, with the position of its leader that is nearest to the present
+        one and keeps both within theirs, where there is one."""
+        leader = self.bodies[self.owner[follow.leader]].joint
+        wanted = (nearest(position, limits) - follow.offset) / follow.ratio
+        hint = f"another initial position of {follow.leader}, or another ratio or offset"
+        if leader.position_limits is None or within(wanted, leader.position_limits) is not None:
+            hint = f"{follow.leader} at {wanted:.9g}, the nearest allowed value; or another ratio or offset"
+        self.problem(
+            written,
+            ("follow",),
+            f"{follow.leader} wants {follow.joint} to begin beyond its limits",
+            found=f"{position:.9g}",
+            allowed=f"{limits[0]:g} to {limits[1]:g}",
+            hint=hint,
+        )
 
     def check_sums(self) -> None:
         """Sums begin within their limits."""

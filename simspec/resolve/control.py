@@ -95,7 +95,22 @@ def unstable(source: Source, world: World) -> list[Problem]:
     except ModuleNotFoundError as error:
         message = f"control needs a library that is not installed ({error.name})"
         return [source.document.problem(("control",), message, key=True, hint="pip install 'simspec[pin]'")]
-    return [_of_instability(source, instability) for instability in instabilities]
+    floating = {body.joint.name for bodies in trees(world).values() if _without_law(bodies) for body in bodies}
+    joints = {controller.name: controller.joints for controller in world.controllers}
+    return [
+        _of_instability(
+            source,
+            instability,
+            implicit=all(floating.isdisjoint(joints[name]) for name in instability.controller.split(", ")),
+        )
+        for instability in instabilities
+    ]
+
+
+def _without_law(bodies: Sequence[Body]) -> Body | None:
+    """The first body of a tree whose joint keeps laws that need the tree's dynamics away; None for a tree of hinges and slides
+    on a fixed base."""
+    return next((body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)), None)
 
 
 def _without_dynamics(source: Source, world: World) -> list[Problem]:
@@ -103,14 +118,14 @@ def _without_dynamics(source: Source, world: World) -> list[Problem]:
     problems = []
     for bodies in trees(world).values():
         joints = {body.joint.name for body in bodies}
-        odd = next((body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)), None)
+        odd = _without_law(bodies)
         problems += [
             source.document.problem(
                 ("control", controller.name),
                 "its law needs a tree of hinges and slides on a fixed base",
                 key=True,
                 found=f"bodies.{odd.name}, with a {odd.joint.kind} joint",
-                hint="law: pd with discretisation: explicit and without gravity_compensation can be used",
+                hint=_explicit_hint(world, controller),
             )
             for controller in world.controllers
             if odd is not None and needs_dynamics(controller) and not joints.isdisjoint(controller.joints)
@@ -118,7 +133,27 @@ def _without_dynamics(source: Source, world: World) -> list[Problem]:
     return problems
 
 
-def _of_instability(source: Source, instability: Instability) -> Problem:
+def _explicit_hint(world: World, controller: Controller) -> str:
+    """The law that a controller of a tree with a free or a ball joint can have, and up to which timestep with its gains."""
+    hint = "law: pd with discretisation: explicit and without gravity_compensation"
+    if controller.law != "pd":
+        return f"{hint} can be used"
+    try:
+        from simspec.control import stability
+    except ModuleNotFoundError:  # without Pinocchio no mass matrix is known
+        return f"{hint} can be used"
+    explicit = dataclasses.replace(controller, discretisation="explicit", gravity_compensation=False)
+    instabilities = stability.unstable(dataclasses.replace(world, controllers=(explicit,)))
+    if not instabilities:
+        return f"{hint} can be used: with these gains it is stable at this timestep"
+    largest = min(instability.largest_stable_step for instability in instabilities)
+    if not largest:
+        return f"{hint} can be used, with other gains: with these it is unstable at any timestep"
+    return f"{hint} can be used: with these gains it is stable up to a physics.timestep of {largest:.3g} s, or use lower gains"
+
+
+def _of_instability(source: Source, instability: Instability, *, implicit: bool) -> Problem:
+    """``implicit``: whether its trees can have implicit laws."""
     # controllers of one tree may be unstable together, each of them stable alone
     names = instability.controller.split(", ")
     who = "the explicit law is" if len(names) == 1 else f"the explicit laws of {' and '.join(names)} are together"
@@ -135,7 +170,8 @@ def _of_instability(source: Source, instability: Instability) -> Problem:
         allowed=f"up to {instability.largest_stable_step:.3g} s{at_most}"
         if instability.largest_stable_step
         else "none: it is unstable at any timestep",
-        hint=f"use discretisation: implicit, lower gains, {'a shorter every, ' if held else ''}or a smaller physics.timestep",
+        hint=("use discretisation: implicit, " if implicit else "use ")
+        + f"lower gains, {'a shorter every, ' if held else ''}or a smaller physics.timestep",
     )
 
 

@@ -1,11 +1,63 @@
-"""Joints whose own damping or spring, and bodies whose resistance by a fluid, diverges at the world's timestep."""
+"""Joints that begin beyond their limits; joints whose own damping or spring, and bodies whose resistance by a fluid, diverges
+at the world's timestep."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
 from simspec.errors import Problem
+from simspec.language.joints import OUTSIDE, scaled_to, within
+from simspec.language.joints import ROUND_OFF as OF_ANGLE
 from simspec.language.locate import locate
 from simspec.language.sources import Source
-from simspec.world.types import World
+from simspec.world.types import Body, World
+
+
+def beginning_within(source: Source, bodies: Sequence[Body]) -> tuple[tuple[Body, ...], list[Problem]]:
+    """The bodies, with initial positions that are beyond a limit by round-off put at the limit; and one problem for each joint
+    that begins beyond its limits by more. Engines move such a joint differently: some in one step, some as a stiff spring
+    does, some never."""
+    placed, problems = [], dict[object, Problem]()
+    for body in bodies:
+        joint, problem = body.joint, None
+        if joint.position_limits is not None:
+            position = within(joint.position[0], joint.position_limits)
+            if position is None:
+                problem = _beyond(source, body, joint.position_limits)
+            elif position != joint.position[0]:
+                body = replace(body, joint=replace(joint, position=(position,)))
+        elif joint.angle_limit is not None:
+            w, *vector = joint.position
+            angle = 2.0 * math.atan2(math.hypot(*vector), abs(w))
+            if angle > joint.angle_limit + OF_ANGLE:
+                shown = ", ".join(f"{value:.9g}" for value in scaled_to(joint.position, joint.angle_limit))
+                problem = _problem(
+                    source,
+                    body,
+                    f"{angle:.9g} rad",
+                    f"0 to {joint.angle_limit:g} rad",
+                    f"position: {{quat: [{shown}]}}",
+                )
+        placed.append(body)
+        if problem is not None:  # once for all copies of a model
+            problems.setdefault(problem.location or problem.path, problem)
+    return tuple(placed), list(problems.values())
+
+
+def _beyond(source: Source, body: Body, limits: tuple[float, float]) -> Problem:
+    position, unit = body.joint.position[0], "rad" if body.joint.kind == "hinge" else "m"
+    allowed = min(max(position, limits[0]), limits[1])
+    spread = f"{limits[0]:.9g} to {limits[1]:.9g} {unit}"
+    return _problem(source, body, f"{position:.9g} {unit}", spread, f"position: {allowed!r}")
+
+
+def _problem(source: Source, body: Body, found: str, allowed: str, nearest: str) -> Problem:
+    path = f"bodies.{body.name}.joint.position"
+    hint = f"{nearest}, the nearest allowed value; `positions:` where the model is placed"
+    message = f"{body.joint.name}: {OUTSIDE}"
+    return Problem(message, path, locate(source, path), found=found, allowed=allowed, hint=hint)
 
 
 def unstable_joints(source: Source, world: World) -> list[Problem]:

@@ -1,5 +1,5 @@
-"""What follows from a world's numbers and is wrong in every engine alike: rotations that gain energy at the timestep, bodies
-that pass others between two steps, joints that begin outside their limits."""
+"""What follows from a world's numbers and is wrong in every engine alike: rotations that gain energy at the timestep, and
+bodies that pass others between two steps."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from simspec.resolve.passing import passages
 from simspec.world.rotations import matrices
 from simspec.world.types import Body, World
 
-OUTSIDE = 1e-9
-"""rad or m by which a position may be outside its limits: limits are printed in degrees, and rounded."""
 WHOLE = 1e-6
 """Steps by which a number of steps may miss a whole one."""
 SAFE = 0.98
@@ -39,7 +37,6 @@ def timestep_warnings(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]
     """All of them, as pairs (kind, problem)."""
     yield from _spinning(spec, world)
     yield from _passing(spec, world)
-    yield from _outside(spec, world)
     yield from _dragged(spec, world)
 
 
@@ -74,26 +71,6 @@ def _passing(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
         found = f"{one.speed:.4g} m/s, a timestep of {world.physics.timestep:g} s"
         hint = "a smaller physics.timestep; or thicker shapes"
         yield "passing", Problem(message, path, spec.locate(path), found, allowed, hint)
-
-
-def _outside(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
-    for body in world.bodies:
-        joint = body.joint
-        path = f"bodies.{body.name}.joint.position"
-        hint = "an initial position within the limits: engines move the joint there each in its way, or leave it"
-        if joint.position_limits is not None:
-            (position,), (low, high) = joint.position, joint.position_limits
-            if not low - OUTSIDE <= position <= high + OUTSIDE:
-                unit = "rad" if joint.kind == "hinge" else "m"
-                message = f"joint {joint.name!r} begins outside its limits"
-                found, allowed = f"{position:.6g} {unit}", f"{low:.6g} to {high:.6g} {unit}"
-                yield "outside", Problem(message, path, spec.locate(path), found, allowed, hint)
-        if joint.angle_limit is not None:
-            angle = 2.0 * math.atan2(math.hypot(*joint.position[1:]), abs(joint.position[0]))
-            if angle > joint.angle_limit + OUTSIDE:
-                message = f"joint {joint.name!r} begins outside its limit"
-                allowed = f"up to {joint.angle_limit:.6g} rad"
-                yield "outside", Problem(message, path, spec.locate(path), f"{angle:.6g} rad", allowed, hint)
 
 
 def _dragged(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:

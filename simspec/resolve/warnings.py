@@ -1,15 +1,16 @@
 """What is allowed and yet looks like a slip: angles in degrees without their unit, a squeeze that no finger can give, bodies
 that begin inside each other, scenes that take no time, lengths and masses of another unit, motions that are too fast for the
-timestep, joints that begin outside their limits."""
+timestep."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from simspec.errors import Location, Problem
 from simspec.language import trees, walk
+from simspec.language.beginning import AT_LIMITS, Start, listed
 from simspec.language.document import Key
 from simspec.language.joints import Joint as SpecJoint
 from simspec.language.load import Spec
@@ -55,6 +56,7 @@ def warnings(spec: Spec, world: World) -> list[Problem]:
     """
     suspicious = [
         *_losses(spec),
+        *_starts(spec),
         *_angles(spec),
         *_time(spec, world),
         *_sizes(spec, world),
@@ -97,6 +99,33 @@ def _losses(spec: Spec) -> Warned:
                 yield problem.message, problem
             for problem in problems(of_physics(source.imported)):
                 yield problem.message, problem
+
+
+def _starts(spec: Spec) -> Warned:
+    """Joints of imported files that begin at a limit, since the file's position is beyond it, and that no spec places."""
+    placed: list[tuple[Source, trees.Bodies, Iterable[str]]] = [
+        (spec.source, bodies, use.positions if use is not None else ()) for _, use, bodies in trees.placed(spec.source)
+    ]
+    if (own := trees.model_of(spec.source)) is not None:
+        placed.append((spec.source, own, ()))
+    elif spec.source.imported is not None:
+        yield from _at_limits(spec.source, spec.source.imported.starts)
+    for source, bodies, positions in placed:
+        chosen = trees.chosen_state(source, bodies)
+        state = trees.states(source, bodies).get(chosen[2]) if chosen is not None else None
+        stated = {*positions, *(state.raw.get("positions", ()) if state is not None else ())}
+        for file in bodies.files:
+            if file.imported is not None:
+                of_state = [start for start in file.imported.starts if chosen is not None and start.state == chosen[2]]
+                own_starts = [one for one in file.imported.starts if not one.state and one.joint not in stated]
+                moved = [one for one in of_state if one.joint not in positions and state is not None]
+                yield from _at_limits(file, [*own_starts, *moved])
+
+
+def _at_limits(source: Source, starts: Sequence[Start]) -> Warned:
+    if starts:
+        hint = "positions: where the model is placed"
+        yield "start", source.document.problem(starts[0].path, AT_LIMITS, found=listed(starts), hint=hint)
 
 
 # --- angles ------------------------------------------------------------------------------------------------------------

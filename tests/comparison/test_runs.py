@@ -7,12 +7,15 @@ import math
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations, load_floor, measure_floor, save_floor
 from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, diff, summary
 from simspec.errors import SpecError
+from simspec.report.differences import differences
+from simspec.report.plain import diff_data
 from simspec.world import frames
-from simspec.world.types import Joint
+from simspec.world.types import Body, Joint
 from tests.runner.synthetic import column, free_body, run, world
 
 TWO = world(free_body("still"), free_body("mover"))
@@ -392,3 +395,69 @@ def test_a_floor_is_believed_only_beside_its_own_run(tmp_path):
     parquet.write_table(table.drop_columns(["angle"]), path)
     with pytest.raises(SpecError, match=r"floor.parquet.*angle"):
         load_floor(tmp_path / "run")
+
+
+# --- angles and joint coordinates ----------------------------------------------------------------------------------
+
+
+def linkage():
+    """A link on a hinge through its origin, a slide on it and a ball joint on that."""
+    solid = free_body("link").inertial
+    joints = [
+        Joint("turn", "hinge", None, axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,)),
+        Joint("lift", "slide", "link", axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,)),
+        Joint("eye", "ball", "tip", position=(1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 3),
+    ]
+    names = ("link", "tip", "eye")
+    return world(*(Body(name, "m", solid, joint) for name, joint in zip(names, joints, strict=True)))
+
+
+def moved_by(columns, place=None, engine="first"):
+    """A run in which the coordinates are ``columns`` (rows, 6)."""
+    made = run(linkage(), place, engine=engine)
+    q = made.arrays["q"].copy()
+    q[:, 2] = 1.0
+    for column_number, values in columns.items():
+        q[:, column_number] = values(made.time)
+    return dataclasses.replace(made, arrays={**made.arrays, "q": q})
+
+
+def test_angles_and_joint_coordinates_are_named_with_their_times(capsys):
+    """The link turns about its own origin: its position is the same in both runs."""
+
+    def turning(name, t):
+        return np.array([[0, 0, 0, *frames.from_axis_angle((0.0, 0, 1.0), 0.4 * x * (name == "link"))] for x in t])
+
+    a = moved_by({})
+    turns = {0: lambda t: 0.4 * t, 1: lambda t: np.where(t == 0.5, -3e-3, 1e-4), 3: np.sin, 2: np.cos}
+    found = diff(a, moved_by(turns, turning, "second"), tolerance=1.0)
+    assert found.worst.position_largest == 0.0
+    assert (found.worst_angle.body, found.worst_angle.time_of_largest_angle) == ("link", 1.0)
+    assert found.worst_angle.angle_largest == pytest.approx(0.4)
+    joints = {joint.joint: (joint.unit, joint.largest, joint.time) for joint in found.joints}
+    assert joints == {
+        "eye": ("rad", pytest.approx(2.0), 1.0),
+        "turn": ("rad", pytest.approx(0.4), 1.0),
+        "lift": ("m", pytest.approx(3e-3), 0.5),
+    }
+    assert found.worst_joint.joint == "eye"
+    data = diff_data(found)
+    assert [joint["joint"] for joint in data["joints"]] == ["eye", "turn", "lift"]
+    Console(width=80, no_color=True).print(differences([found]))
+    shown = capsys.readouterr().out
+    assert all(len(line) <= 80 for line in shown.splitlines())
+    for words in ("0.4 rad: link at 1 s", "2 rad: joint eye at 1 s", "3 mm: joint lift at 0.5 s"):
+        assert words in " ".join(shown.split()).replace("second ", "")
+
+
+def test_a_turn_more_is_a_difference_of_the_joint_alone():
+    a, b = moved_by({}), moved_by({0: lambda t: 2.0 * np.pi * t}, engine="second")
+    found = diff(a, b)
+    assert found.worst_angle.angle_largest == 0.0
+    assert found.worst_joint.largest == pytest.approx(2.0 * np.pi)
+
+
+def test_a_coordinate_that_is_not_finite_is_the_largest():
+    b = moved_by({0: lambda t: np.where(t > 0.45, np.nan, 0.0)}, engine="second")
+    (worst, *_) = diff(moved_by({}), b).joints
+    assert (worst.joint, worst.largest, worst.time) == ("turn", np.inf, pytest.approx(0.5))

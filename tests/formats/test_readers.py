@@ -14,7 +14,6 @@ from simspec.audit.audit import loaded
 from simspec.audit.exported import (
     Reader,
     differences,
-    files_of,
     foreseen_differences,
     freedoms,
     reader_losses,
@@ -52,7 +51,7 @@ def plain_of(name, language, profile):
 def parts(name, language, profile):
     """The files of a world, each with what it has."""
     world = exported_world(name)
-    files = files_of(world, language, plain_of(name, language, profile).files)
+    files = formats()[language].parts(world, plain_of(name, language, profile).files)
     return {file: Exported(world, bodies, language) for file, bodies in files.items()}
 
 
@@ -117,6 +116,38 @@ def test_a_reader_has_the_worlds_model_but_for_what_is_foreseen(language, profil
         if back is not None and not {"joint.type", "body"} & {quantity for quantity, _ in found}:
             assert freedoms(back.bodies) == freedoms(part.bodies), (name, file)
     assert compared or len(refused) == len(rows)
+
+
+@pytest.mark.parametrize(("count", "dies"), [(13, False), (14, True)])
+def test_planes_and_many_moving_shapes_end_drake(count, dies, tmp_path):
+    """The one reader that dies: the list says so where it happens, and only there."""
+    reader = next(one for one in readers("sdf") if one.name == "drake")
+    if not installed(reader):
+        pytest.skip("drake is not installed")
+    world = balls_on_a_plane(count)
+    write(formats()["sdf"].plain(world).files, tmp_path)
+    foreseen_rows = foreseen(reader.reads.effects, Exported(world, world.bodies, "sdf"), "1.9")
+    assert [effect.quantity for effect, _ in foreseen_rows].count(REFUSED) == dies
+    loading = loaded(reader.name, Meaning(tmp_path / "world.sdf", "sdf"), None, 60.0)
+    assert (loading.error is not None) is dies
+
+
+def balls_on_a_plane(count):
+    scene = exported_world("scene")
+    ground, ball = scene.bodies[0], next(body for body in scene.bodies if body.name == "ball")
+    balls = tuple(
+        dataclasses.replace(
+            ball,
+            name=f"ball{number}",
+            model=f"ball{number}",
+            joint=dataclasses.replace(
+                ball.joint, name=f"ball{number}_joint", position=(float(number), *ball.joint.position[1:])
+            ),
+            shapes=tuple(dataclasses.replace(shape, name=f"ball{number}_0") for shape in ball.shapes),
+        )
+        for number in range(count)
+    )
+    return dataclasses.replace(scene, bodies=(ground, *balls))
 
 
 CHANGES = {

@@ -122,7 +122,7 @@ def test_initial_states_that_differ_are_a_difference_all_the_same():
 def test_the_terminal_says_so(capsys):
     (found,) = nothing().diffs
     pairs, bodies = shown(differences([found]), capsys), shown(diff_tables(found)[0], capsys)
-    assert "first – second – – – inconclusive: nothing was compared 1 rad 0 s (chaos)" in pairs
+    assert "inconclusive: 1 rad second nothing was 0 s compared (chaos)" in pairs
     assert "noise has outgrown the tolerance at 0.1 s" in pairs
     assert "mover – – – – 1 rad inconclusive: not compared" in bodies
     assert "not before" not in pairs + bodies
@@ -191,9 +191,9 @@ def test_pairs_that_were_compared_further_are_said_apart():
     study = a_study({"a": quiet, "b": quiet, "c": chaos(0.5)}, {"b": 2e-4})
     told = [one.text for one in verdict(study) if one.text.startswith("Motion")]
     assert told == [
-        "Motion: within 1 mm and 0.001 rad of each other until 1 s: a – b. Largest difference: 0.",
+        "Motion: within 1 mm and 0.001 rad of each other until 1 s: a – b. Largest difference: 0, 0.0002 rad.",
         "Motion: within 1 mm and 0.001 rad of each other until 0.4 s, beyond which the engines' own noise has outgrown that: "
-        "a – c, b – c. Largest difference: 0.",
+        "a – c, b – c. Largest difference: 0, 8e-05 rad.",
     ]
     assert "move alike until 0.4 s, where chaos begins in some of them" in verdict(study)[0].text
 
@@ -203,7 +203,7 @@ def test_pairs_of_which_nothing_was_compared_are_in_no_sentence_of_agreement():
     first, *_ = verdict(study)
     assert "whether they move alike is inconclusive" in first.text
     told = [one.text for one in verdict(study) if one.text.startswith("Motion")]
-    assert told[0] == "Motion: within 1 mm and 0.001 rad of each other until 1 s: a – b. Largest difference: 0."
+    assert told[0] == "Motion: within 1 mm and 0.001 rad of each other until 1 s: a – b. Largest difference: 0, 0 rad."
     assert told[1].startswith("Motion: a – c, b – c: agreement within 1 mm and 0.001 rad is inconclusive")
 
 
@@ -231,8 +231,9 @@ def test_the_quantity_that_exceeded_its_tolerance_is_named_with_its_value(capsys
     assert out.position_out == pytest.approx(0.8e-4)
     row = shown(differences([found]), capsys)
     assert "(tolerance 1 mm and 0.001 rad, or 3 ×" in row
-    assert "mover at 0.2 s, free motion:" in row
-    assert "angle 0.002 rad, largest 0.01 rad" in row
+    assert "600 µm: still at 1 s mover at 0.2 s," in row
+    assert "0.01 rad: mover at 1 s free motion:" in row
+    assert "angle 0.002 rad" in row
     assert "(free motion): angle 0.002 rad" in shown(diff_tables(found)[0], capsys)
     study = Study(TWO, None, {}, {}, {}, {}, (found,))
     assert any("0.001 rad (angle 0.002 rad)" in one.text for one in verdict(study))

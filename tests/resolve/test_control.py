@@ -238,6 +238,22 @@ def test_a_law_that_needs_the_dynamics_of_a_tree_that_has_none_is_refused_at_its
     spec(BODIES, robot={"joints": ["elbow"], **law}).resolve()
 
 
+def test_on_a_free_base_no_hint_names_a_law_that_is_refused_there():
+    """What the hint of the one error says is no other error."""
+    free = {**ARM, next(iter(ARM)): {key: value for key, value in SOLID.items() if key != "fixed"}}
+    step = 1.1 * LARGEST
+    with pytest.raises(SpecError, match="unstable at this timestep") as caught:
+        at(step, GAINS, free)
+    (problem,) = caught.value.problems
+    assert "implicit" not in problem.hint
+    with pytest.raises(SpecError, match="needs a tree of hinges and slides") as caught:
+        at(step, {**GAINS, "discretisation": "implicit"}, free)
+    (problem,) = caught.value.problems
+    largest = float(problem.hint.partition("physics.timestep of ")[2].partition(" s")[0])
+    assert largest < step
+    at(0.99 * largest, GAINS, free)
+
+
 def test_what_no_timestep_helps_is_said(monkeypatch):
     from simspec.control import stability
 

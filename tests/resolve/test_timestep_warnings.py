@@ -173,30 +173,6 @@ def test_what_slides_on_ground_is_looked_at_too(tmp_path):
     assert [one.obstacle for one in passages(loaded(tmp_path, text).resolve())] == ["wall"]
 
 
-LIMITED = """
-simspec: 1
-name: limited
-physics: {{duration: 1 s}}
-bodies:
-  arm:
-    mass: 1
-    inertia: {{principal: [1, 1, 1]}}
-    joint: {{type: {kind}, axis: [0, 0, 1], limits: {{position: {limits}}}}}
-"""
-
-
-@pytest.mark.parametrize(("kind", "unit"), [("hinge", "rad"), ("slide", "m")])
-def test_a_joint_that_begins_outside_its_limits_without_a_word_is_warned_of(tmp_path, kind, unit):
-    """A position that is written there is an error; one that nobody wrote is 0."""
-    for limits, count in (("[0.3, 1]", 1), ("[-1, -1.0e-5]", 1), ("[0, 1]", 0), ("[-1, 1]", 0)):
-        problems = loaded(tmp_path, LIMITED.format(kind=kind, limits=limits)).warnings()
-        assert len(problems) == count, limits
-        for problem in problems:
-            assert "begins outside its limits" in problem.message
-            assert problem.found == f"0 {unit}"
-            assert str(problem.location).endswith("spec.yaml:9:5")
-
-
 DRAG = """
 simspec: 1
 name: leaf

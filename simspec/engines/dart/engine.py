@@ -37,6 +37,7 @@ from simspec.engines.dart.settings import SETTINGS
 from simspec.engines.dart.simulation import Simulation, import_dartpy
 from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs
+from simspec.engines.kit.blunt import BLUNT, blunted
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
@@ -355,6 +356,13 @@ class Dart(SteppedEngine[Simulation]):
         chosen = {"settings.collision_detector": detector, "settings.contact_solver": chosen_solver(world, settings)}
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, settings, plan, neutral, detector) | expected_labels(cls, world) | chosen
+
+    @classmethod
+    def thicker(cls, world: World) -> Mapping[str, float]:
+        detector = detector_of(world, cls.NAME, str(resolve_settings(cls, world)["collision_detector"]))
+        if detector != "bullet":
+            return {}
+        return dict.fromkeys((shape.name for kind in ("cylinder", "mesh") for shape in blunted(kind, world)), BLUNT)
 
     @classmethod
     def overlooks(cls, world: World) -> frozenset[tuple[str, str]]:

@@ -25,12 +25,18 @@ HOW: Final = "pydrake.multibody.parsing.Parser(plant).AddModels(file)"
 MEASURED: Final = "1.51.1"
 FRICTION: Final = Effect("joint.dry_friction", "dry friction", "drops the dry friction of joints")
 SPRINGS: Final = Effect("joint.spring_stiffness", "spring of a hinge or a slide", "drops the springs of joints")
+CRASH: Final = Effect(
+    REFUSED,
+    "a plane and 14 or more moving shapes",
+    "ends the process (SIGSEGV) where a plane comes before 14 moving shapes",
+)
 STEP: Final = Effect("timestep", "timestep other than 1 ms", "reads no timestep: the plant has its own")
 URDF_EFFECTS: Final = (
     FRICTION,
     Effect("joint.effort_limit", "effort limit", "drops effort limits: URDF without <transmission> has no actuators"),
 )
 SDF_EFFECTS: Final = (
+    CRASH,
     Effect(
         REFUSED, "a loop", "refuses files whose joints form a loop; --profile 1.6 leaves loops out", profiles=("1.9",)
     ),
@@ -40,6 +46,7 @@ SDF_EFFECTS: Final = (
     Effect("gravity", "gravity other than 9.81 m/s² down", "reads no gravity: 9.81 m/s² along -z"),
 )
 MJCF_EFFECTS: Final = (
+    CRASH,
     FRICTION,
     Effect(
         "joint.effort_limit", "effort limit without a controller", "drops the effort limits of joints without actuators"

@@ -171,8 +171,9 @@ class Engine:
 
     @classmethod
     def thicker(cls, world: World) -> Mapping[str, float]:
-        """By name the collision shapes of ``world`` that it holds thicker than they are, since it has none so thin, and how far
-        (m) outside of where they should be their faces may be; what it declares approximate by name, measured."""
+        """By name the collision shapes of ``world`` whose surfaces it holds elsewhere than they are, since it has none so thin,
+        or finds distances to them inexactly, and how far (m) outside or inside of where they should be they may be felt; what
+        it declares approximate by name, measured."""
         return {}
 
     # --- to be written by each engine; what ``capabilities.METHODS`` names, unless the engine lacks it -----------------

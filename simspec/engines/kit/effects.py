@@ -13,10 +13,12 @@ from typing import Final, Literal
 import numpy as np
 
 from simspec.control.native import Drive, drives
-from simspec.formats.sdf.constraints import loops_within
+from simspec.formats.kit.contract import Format, formats
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.support.declarations import Level
+from simspec.support.features import Feature
 from simspec.world.frames import IDENTITY
-from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Pose, Shape, World
 
@@ -26,6 +28,8 @@ REFUSED: Final = "file"
 """The quantity of a file that a reader refuses: nothing else of it is foreseen."""
 EARTH: Final = (0.0, 0.0, -9.81)
 """Gravity (m/s²) that readers take where they read none."""
+MANY: Final = 14
+"""Moving shapes."""
 UNIFORM: Final = 1e-9
 """Relative: how far a tensor may be from that of a uniform shape and be the same."""
 
@@ -57,6 +61,16 @@ class Exported:
     world: World
     bodies: tuple[Body, ...]
     language: str
+
+    @property
+    def written(self) -> Format:
+        """The format."""
+        return formats()[self.language]
+
+    @property
+    def balls_are_hinges(self) -> bool:
+        """Whether the format has three hinges, through two links, in place of a ball joint."""
+        return self.written.SUPPORT[Feature.JOINT_BALL].level is not Level.EXACT
 
     @property
     def still(self) -> set[str]:
@@ -134,14 +148,13 @@ def _several_bodies(exported: Exported) -> bool:
 
 
 def _as_hinges(exported: Exported, body: Body) -> bool:
-    """Whether a body is on a ball joint, which URDF has as three hinges through two links."""
-    return exported.language == "urdf" and body.joint.kind == "ball"
+    """Whether a body is on a ball joint, of which the file has three hinges."""
+    return body.joint.kind == "ball" and exported.balls_are_hinges
 
 
 def _limited(exported: Exported, body: Body) -> bool:
     """Whether a joint has position limits, or a format's stand-in for none."""
-    stand_in = {"urdf": ("slide",), "mjcf": SCALAR_JOINTS}.get(exported.language, ())
-    return body.joint.position_limits is not None or body.joint.kind in stand_in
+    return body.joint.position_limits is not None or body.joint.kind in exported.written.RANGED
 
 
 def _below_balls(exported: Exported) -> Iterator[str]:
@@ -157,16 +170,19 @@ def _driven(exported: Exported, body: Body) -> Drive | None:
     return next((drive for drive in drives(exported.world) if drive.joint == body.joint.name), None)
 
 
-def _loop(exported: Exported) -> bool:
-    """Whether a file of SDF has a joint that closes a loop: of a loop that is open at zero it has none."""
-    return any(loops_within(exported.world, bodies) for bodies in trees(exported.world).values())
-
-
 def _static_tree(exported: Exported, body: Body) -> bool:
     """Whether a body is the root of a tree that cannot move, whose joint to the world is not in the file."""
     joint = body.joint
     tree = {one.name for one in exported.bodies if one.model == body.model}
     return _fixed_root(body) and tree <= exported.still and joint.name == f"{body.name}_joint"
+
+
+def _plane_and_many(exported: Exported) -> bool:
+    """Whether a file has a plane, and ``MANY`` shapes or more of bodies that move."""
+    still = exported.still
+    moving = sum(len(_solids(body)) for body in exported.bodies if body.name not in still)
+    planes = any(shape.kind == "plane" for body in exported.bodies for shape in _solids(body))
+    return planes and moving >= MANY
 
 
 CASES: Final[Mapping[str, Case]] = {
@@ -200,7 +216,7 @@ CASES: Final[Mapping[str, Case]] = {
     "a ball joint": _file(lambda exported: any(body.joint.kind == "ball" for body in exported.bodies)),
     "several links": _file(_several_links),
     "several bodies in a tree": _file(_several_bodies),
-    "a loop": _file(_loop),
+    "a loop": _file(lambda exported: exported.written.closes_loops(exported.world)),
     "root on a ball joint": _bodies(lambda _, body: body.joint.kind == "ball" and body.joint.parent is None),
     "several bodies in a tree, or a hinge or a slide": _file(
         lambda exported: any(body.joint.parent is not None or _scalar(body) for body in exported.bodies)
@@ -217,6 +233,7 @@ CASES: Final[Mapping[str, Case]] = {
     ),
     "cylinder": _bodies(lambda _, body: any(shape.kind in ("cylinder", "capsule") for shape in _solids(body))),
     "plane": _bodies(lambda _, body: any(shape.kind == "plane" for shape in _solids(body))),
+    "a plane and 14 or more moving shapes": _file(_plane_and_many),
     "a shape that is no sphere": _file(
         lambda exported: any(
             shape.kind not in ("sphere", "ellipsoid") for body in exported.bodies for shape in _solids(body)

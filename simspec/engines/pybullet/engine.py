@@ -52,7 +52,7 @@ from simspec.engines.pybullet.ground import HOW as GROUND
 from simspec.engines.pybullet.ground import ground_held
 from simspec.engines.pybullet.holding import loops_held, within_one_tree
 from simspec.engines.pybullet.inventory import inventory, neutral
-from simspec.engines.pybullet.margins import LANDING, THICK, meshes_held, thick_enough, thicker
+from simspec.engines.pybullet.margins import DULL, LANDING, THICK, meshes_held, thick_enough, thicker
 from simspec.engines.pybullet.meshes import KEPT
 from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
@@ -165,7 +165,7 @@ class PyBullet(SimulatedEngine[Simulation]):
             "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R beside the axis, as it "
             "should",
             refine=lambda world: thick_enough(PyBullet, "cylinder", world),
-            cases=(THICK["cylinder"],),
+            cases=(THICK["cylinder"], DULL["cylinder"]),
         ),
         Feature.SHAPE_PLANE: Support(
             Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
@@ -175,7 +175,7 @@ class PyBullet(SimulatedEngine[Simulation]):
             f"the convex hull to {KEPT:g} of its extent, computed with whole numbers; on links other than bases of "
             "trees told 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
             refine=lambda world: meshes_held(PyBullet, world),
-            cases=(LANDING, THICK["mesh"]),
+            cases=(LANDING, THICK["mesh"], DULL["mesh"]),
         ),
         Feature.SHAPE_HEIGHTFIELD: Support(Level.EXACT, GROUND, refine=_ground_held),
         Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),

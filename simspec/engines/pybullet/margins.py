@@ -7,6 +7,7 @@ from typing import Final
 
 from simspec.contact.plan import contact_plan
 from simspec.dialects.pybullet.hulls import faces_meet, margins_of
+from simspec.engines.kit.blunt import BLUNT, blunted
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.pybullet.meshes import KEPT
@@ -39,6 +40,19 @@ THICK = {
     for kind in ("mesh", *HALVES)
 }
 """By the kind of shape."""
+DULL = {
+    "cylinder": Refinement(
+        Level.APPROXIMATE,
+        f"the curved side of a cylinder of 1 to 30 mm length is felt up to {1e3 * BLUNT:g} mm inside of where it is (measured)",
+        short=f"the side of a short cylinder is felt up to {1e3 * BLUNT:g} mm inside of where it is",
+    ),
+    "mesh": Refinement(
+        Level.APPROXIMATE,
+        f"faces of a hull with edges shorter than 1 cm are felt up to {1e3 * BLUNT:g} mm inside of where they are (measured)",
+        short=f"faces of a fine hull are felt up to {1e3 * BLUNT:g} mm inside of where they are",
+    ),
+}
+"""By the kind of shape."""
 
 
 def meshes_held(engine: type[Engine], world: World) -> Refinement | None:
@@ -51,18 +65,39 @@ def meshes_held(engine: type[Engine], world: World) -> Refinement | None:
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
     lands = any("mesh" in pair and not set(pair) & set(ROUND) for pair in meeting_kinds(world))
     landing = LANDING if lands and not faces_meet(world, plan, _base_margin(engine, world)) else None
-    return _told("mesh", found, landing) if found else landing
+    return _together(landing, _blunt("mesh", world), _told("mesh", found) if found else None)
 
 
 def thick_enough(engine: type[Engine], kind: str, world: World) -> Refinement | None:
-    """Approximate where boxes or cylinders are thinner than the margin that PyBullet keeps within them."""
+    """Approximate where boxes or cylinders are thinner than the margin that PyBullet keeps within them, and where cylinders
+    are so short that their sides are felt inside."""
     found = _outside(engine, world, kind)
-    return _told(kind, found) if found else None
+    return _together(_blunt(kind, world), _told(kind, found) if found else None)
 
 
 def thicker(engine: type[Engine], world: World) -> dict[str, float]:
-    """By name the shapes that PyBullet holds thicker than they are, and how far (m) outside their faces are."""
-    return {name: size for kind in ("mesh", *HALVES) for name, size in _outside(engine, world, kind).items()}
+    """By name the shapes whose faces PyBullet holds elsewhere than they are, and how far (m) outside or inside they are."""
+    blunt = dict.fromkeys((shape.name for kind in DULL for shape in blunted(kind, world)), BLUNT)
+    thick = {name: size for kind in ("mesh", *HALVES) for name, size in _outside(engine, world, kind).items()}
+    return {name: max(blunt.get(name, 0.0), thick.get(name, 0.0)) for name in (blunt | thick)}
+
+
+def _blunt(kind: str, world: World) -> Refinement | None:
+    """Approximate where shapes of a kind are felt inside of where they are."""
+    found = list(blunted(kind, world))
+    if not found:
+        return None
+    dull = DULL[kind]
+    return Refinement(Level.APPROXIMATE, f"{dull.how}: {found[0].name!r}", short=dull.short)
+
+
+def _together(*parts: Refinement | None) -> Refinement | None:
+    """One of several approximations, or all of them in the order given."""
+    found = [part for part in parts if part is not None]
+    if len(found) < 2:
+        return found[0] if found else None
+    how = "; ".join(part.how for part in found if part.how)
+    return Refinement(Level.APPROXIMATE, how, short="; ".join(part.short for part in found if part.short))
 
 
 def _base_margin(engine: type[Engine], world: World) -> float:
@@ -95,8 +130,8 @@ def _short(shape: Shape, margins: set[float]) -> float:
         raise ValueError(f"PyBullet keeps {max(margins):g} m around the mesh {shape.name!r}: {error}") from error
 
 
-def _told(kind: str, found: Mapping[str, float], besides: Refinement | None = None) -> Refinement:
+def _told(kind: str, found: Mapping[str, float]) -> Refinement:
     name = max(found, key=lambda name: found[name])
     thick = THICK[kind]
     how = f"{thick.how}: faces of {name!r} are felt {1e3 * found[name]:.2g} mm outside of where they are, of no {kind} more"
-    return Refinement(Level.APPROXIMATE, how if besides is None else f"{besides.how}; {how}", short=thick.short)
+    return Refinement(Level.APPROXIMATE, how, short=thick.short)

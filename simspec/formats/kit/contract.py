@@ -11,7 +11,7 @@ from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.formats.kit.plain import Plain
 from simspec.plugins import Offered, offered
 from simspec.support.declarations import Table, check_total
-from simspec.world.types import World
+from simspec.world.types import Body, World
 
 
 class Format:
@@ -24,6 +24,11 @@ class Format:
     PROFILES: ClassVar[tuple[str, ...]] = ()
     """Names of the ways in which the same plain files can be laid out, the default first."""
 
+    RANGED: ClassVar[tuple[str, ...]] = ()
+    """Kinds of joints to which plain files give a range where the world has no limits."""
+    DRIVES: ClassVar[bool] = False
+    """Whether plain files say a joint's spring and damper and the gains of its controller as one."""
+
     SINGLE: ClassVar[tuple[str, ...]] = ()
     """Ends of the names of single files that the same plain files can be written as."""
 
@@ -35,6 +40,14 @@ class Format:
         """The format whose plain files are laid out so. Raises SpecError for a name that is not of ``PROFILES``."""
         allowed = ", ".join(self.PROFILES) or f"none: {self.NAME} has one layout"
         raise SpecError([Problem(f"{self.NAME} has no profile {name!r}", allowed=allowed)])
+
+    def parts(self, world: World, files: Mapping[str, str]) -> Mapping[str, tuple[Body, ...]]:
+        """Those of the plain files of a world that readers load, each with the bodies that it has."""
+        return {}
+
+    def closes_loops(self, world: World) -> bool:
+        """Whether plain files have joints that close loops."""
+        return False
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)

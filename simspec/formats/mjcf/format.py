@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -16,7 +16,9 @@ from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.plain import SUPPORT, model_and_losses
 from simspec.formats.mjcf.reading import read_document
 from simspec.formats.mjcf.tree import Body, Model
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Table
+from simspec.world import types
 from simspec.world.types import World
 
 MODEL: Final = "model.xml"
@@ -29,6 +31,7 @@ class Mjcf(Format):
 
     NAME: ClassVar[str] = "mjcf"
     SUPPORT: ClassVar[Table] = SUPPORT
+    RANGED: ClassVar[tuple[str, ...]] = SCALAR_JOINTS
 
     def write(self, tree: Any) -> dict[str, str]:
         """``model.xml`` of a Model (``tree.py``), and the files of its meshes. Raises ValueError for numbers that are not
@@ -44,6 +47,10 @@ class Mjcf(Format):
         """``model.xml`` in the language's own words. Raises UnsupportedError for joints that the language refuses."""
         model, more = model_and_losses(world)
         return Plain(self.write(model), losses(world, SUPPORT, more))
+
+    def parts(self, world: World, files: Mapping[str, str]) -> Mapping[str, tuple[types.Body, ...]]:
+        """``model.xml``."""
+        return {MODEL: world.bodies}
 
     def read(self, folder: Path) -> Document:
         """The document of ``model.xml`` in ``folder``, with the files of meshes below it; files that it includes are not read.

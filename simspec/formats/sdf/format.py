@@ -7,6 +7,7 @@ Poses are a position and a quaternion, which the language has since that version
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -16,10 +17,12 @@ from simspec.formats.kit.plain import Plain, losses
 from simspec.formats.kit.text import environment, number
 from simspec.formats.kit.xml_elements import Element, read_xml
 from simspec.formats.sdf.classic import CLASSIC, OLDER, classic
+from simspec.formats.sdf.constraints import loops_within
 from simspec.formats.sdf.plain import SIZES, SUPPORT, more_losses, plain_tree
 from simspec.formats.sdf.tree import Joint, Link, Shape, World
 from simspec.support.declarations import Table
 from simspec.world import frames, types
+from simspec.world.kinematics import trees
 from simspec.world.types import Pose
 
 WORLD: Final = "world.sdf"
@@ -88,6 +91,14 @@ class Sdf(Format):
         if self.profile == CLASSIC:
             return Plain(self.write(classic(tree)), losses(world, {**SUPPORT, **OLDER}, more_losses(world)))
         return Plain(self.write(tree), losses(world, SUPPORT, more_losses(world)))
+
+    def parts(self, world: types.World, files: Mapping[str, str]) -> Mapping[str, tuple[types.Body, ...]]:
+        """``world.sdf``."""
+        return {WORLD: world.bodies}
+
+    def closes_loops(self, world: types.World) -> bool:
+        """Whether some tree has a loop that is closed at zero: of others, and of profile 1.6, files have none."""
+        return any(loops_within(world, bodies) for bodies in trees(world).values())
 
     def read(self, folder: Path) -> Element:
         """The outermost element of ``world.sdf`` in ``folder``: its meaning is the importer's matter.

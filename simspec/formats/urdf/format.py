@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,6 +17,7 @@ from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.plain import PLACEMENT, PROFILES, SUPPORT, placeholders, robots_and_placement
 from simspec.formats.urdf.tree import Geometry, Robots
 from simspec.support.declarations import Table
+from simspec.world import types
 from simspec.world.types import World
 
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -27,6 +29,7 @@ class Urdf(Format):
 
     NAME: ClassVar[str] = "urdf"
     SUPPORT: ClassVar[Table] = SUPPORT
+    RANGED: ClassVar[tuple[str, ...]] = ("slide",)
     PROFILES: ClassVar[tuple[str, ...]] = PROFILES
 
     def __init__(self, profile: str = PROFILES[0]):
@@ -48,6 +51,14 @@ class Urdf(Format):
         """One file for each distinct tree; where the trees stand and how they begin goes into ``placement.json``."""
         robots, placement = robots_and_placement(world, self.profile)
         return Plain({**self.write(robots), PLACEMENT: placement}, losses(world, SUPPORT, placeholders(world)))
+
+    def parts(self, world: World, files: Mapping[str, str]) -> Mapping[str, tuple[types.Body, ...]]:
+        """The file of each distinct tree, with the bodies of the first tree that has it."""
+        bodies = {body.name: body for body in world.bodies}
+        found: dict[str, tuple[types.Body, ...]] = {}
+        for tree in json.loads(files[PLACEMENT])["trees"]:
+            found.setdefault(tree["file"], tuple(bodies[link["name"]] for link in tree["links"]))
+        return found
 
     def read(self, folder: Path) -> Document:
         """All robots of a folder, with the files of meshes below it. Raises ValueError, which names the place."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -13,6 +14,7 @@ from simspec.formats.usd.support import SUPPORT, more_losses
 from simspec.formats.usd.text import text
 from simspec.formats.usd.tree import Stage
 from simspec.support.declarations import Table
+from simspec.world import types
 from simspec.world.types import World
 
 WORLD: Final = "world.usda"
@@ -23,6 +25,7 @@ class Usd(Format):
 
     NAME: ClassVar[str] = "usd"
     SUPPORT: ClassVar[Table] = SUPPORT
+    DRIVES: ClassVar[bool] = True
     PROFILES: ClassVar[tuple[str, ...]] = ("flat", "nested")
     SINGLE: ClassVar[tuple[str, ...]] = (TEXT, BINARY, PACKAGE)
 
@@ -42,6 +45,10 @@ class Usd(Format):
         """``world.usda``."""
         tree = stage_of(world, nested=self.profile == "nested")
         return Plain(self.write(tree), losses(world, SUPPORT, more_losses(world)))
+
+    def parts(self, world: types.World, files: Mapping[str, str]) -> Mapping[str, tuple[types.Body, ...]]:
+        """``world.usda``."""
+        return {WORLD: world.bodies}
 
     def single(self, plain: Plain, suffix: str) -> bytes:
         """The stage as text, as a binary file, or as a package. Raises SpecError where usd-core is needed and not installed."""

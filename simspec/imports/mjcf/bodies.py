@@ -19,6 +19,7 @@ from simspec.errors import Location
 from simspec.imports.elements import Element
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, Compiled
 from simspec.imports.mjcf.features import Features
+from simspec.language.beginning import Start
 from simspec.language.document import Path_
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
@@ -115,6 +116,8 @@ class Bodies:
     """Files that the spec names, by the texts that name them."""
     constraint_names: Names = field(default_factory=Names)
     constraint_places: dict[str, Location] = field(default_factory=dict)
+    begun: dict[int, float] = field(default_factory=dict)
+    """Where joints begin whose reference is beyond their limits, by their numbers (rad or m)."""
     held_tendons: dict[int, float] = field(default_factory=dict)
     """The values at which constraints keep sums of joint positions, by the tendon's number."""
 
@@ -169,9 +172,18 @@ class Bodies:
             self.joints[number] = given
         return self.joints[number]
 
+    def starts(self, around: Path_) -> list[Start]:
+        """Joints that begin at a limit, since their reference is beyond it; ``around``: the path of the bodies in the spec."""
+        found = []
+        for number, position in self.begun.items():
+            body = self.names[int(self.model["jnt_bodyid"][number])]
+            found.append(Start(self.joints.get(number, f"{body}_joint"), (*around, body), position, 0.0))
+        return found
+
     def leave_start(self, number: int) -> None:
         """A joint that follows another begins where that one says."""
         self.joint_data(number).pop("position", None)
+        self.begun.pop(number, None)
 
     def make(self) -> None:
         """All bodies but the world, without shapes."""
@@ -306,7 +318,7 @@ class Bodies:
             lower, upper = (float(value) - reference for value in model["jnt_range"][number])
             limits["position"] = numbers([lower, upper])
             if not lower <= 0.0 <= upper:
-                joint["position"] = min(max(0.0, lower), upper)
+                joint["position"] = self.begun[number] = min(max(0.0, lower), upper)
                 self.features.add("joint.start", element)
             if float(model["jnt_margin"][number]):
                 self.features.add("joint.margin", element)

@@ -158,7 +158,7 @@ FEATURES: Final = {
     "key": Feature(
         "key/*",
         _INFORMATION,
-        "a named state is carried where the file has one tree, and its joints are within their limits",
+        "a named state is carried where the file has one tree; joints beyond a limit are at the limit",
         "positions: where the model is placed",
     ),
     "key.driven": Feature(

@@ -87,7 +87,8 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
         around["frames"] = named
     if constraints:
         around["constraints"] = constraints
-    if alone and (states := add_states(bodies, constraints, actuators)):
+    starts = bodies.starts(at)
+    if alone and (states := add_states(bodies, constraints, actuators, starts)):
         data["model"]["states"] = states
     if actuators:
         around["actuators"] = actuators
@@ -105,7 +106,13 @@ def imported(assembly: Assembly, bodies: Bodies, files: Files) -> Imported:
     if actuators:
         comments["model.actuators" if alone else "actuators"] = NOTE
     return Imported(
-        _tidy(data), places, account(assembly, features), files=bodies.files, read=files.read, comments=comments
+        _tidy(data),
+        places,
+        account(assembly, features),
+        files=bodies.files,
+        read=files.read,
+        comments=comments,
+        starts=starts,
     )
 
 

@@ -3,34 +3,43 @@ not in them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
 from simspec.imports.mjcf.bodies import Bodies, Names, numbers, pose, rotated
 from simspec.imports.mjcf.compiled import BALL, FREE
+from simspec.language.beginning import Start
+from simspec.language.joints import ROUND_OFF, nearest, scaled_to, within
 
 MOST_STATES: Final = 1000
-ROUND_OFF: Final = 1e-9
-"""rad or m by which a position may be beyond a limit and is then taken for it."""
 
 
 def add_states(
-    bodies: Bodies, constraints: Mapping[str, Any], actuators: Mapping[str, Mapping[str, Any]]
+    bodies: Bodies,
+    constraints: Mapping[str, Any],
+    actuators: Mapping[str, Mapping[str, Any]],
+    starts: list[Start],
 ) -> dict[str, dict[str, Any]]:
-    """The states of a model of one root, by their names; ``actuators``: those of the spec, by theirs. A key that puts a joint
-    beyond its limits is left out: a run does not begin there. What follows another joint begins where that one says."""
+    """The states of a model of one root, by their names; ``actuators``: those of the spec, by theirs. Joints that a key puts
+    beyond their limits are at the nearest limit, and are added to ``starts``. A joint that follows another begins where that
+    one says."""
     model, names = bodies.model, Names()
     following = {held["follow"]["joint"] for held in constraints.values() if "follow" in held}
     states: dict[str, dict[str, Any]] = {}
     for key in range(min(model.numbers["nkey"], MOST_STATES)):
-        state = _state(bodies, model["key_qpos"][key], model["key_qvel"][key], following)
+        moved: list[Start] = []
+        state = _state(bodies, model["key_qpos"][key], model["key_qvel"][key], following, moved)
         if state is not None:
             name = model.part("key", key).name
             if commands := _commands(bodies, model["key_ctrl"][key], actuators, name):
                 state["commands"] = commands
-            states[names.give(name, f"state_{key}")] = state
+            given = names.give(name, f"state_{key}")
+            states[given] = state
+            starts += [replace(one, state=given, path=("model", "states", given)) for one in moved]
             bodies.features.states.add(name)
     return states
 
@@ -55,7 +64,9 @@ def _commands(bodies: Bodies, inputs: Any, actuators: Mapping[str, Mapping[str, 
     return commands
 
 
-def _state(bodies: Bodies, qpos: Any, qvel: Any, following: set[str]) -> dict[str, Any] | None:
+def _state(bodies: Bodies, qpos: Any, qvel: Any, following: set[str], moved: list[Start]) -> dict[str, Any] | None:
+    """A key as a state; None for a joint whose implied name is another's. Joints at a limit, since they would be beyond it, are
+    added to ``moved``."""
     model = bodies.model
     state: dict[str, Any] = {}
     positions: dict[str, Any] = {}
@@ -78,17 +89,23 @@ def _state(bodies: Bodies, qpos: Any, qvel: Any, following: set[str]) -> dict[st
         elif name in following:
             continue
         elif kind == BALL:
-            positions[name] = {"quat": numbers(np.asarray(qpos[at : at + 4]))}
+            orientation = [float(value) for value in qpos[at : at + 4]]
+            largest = bodies.joint_data(joint).get("limits", {}).get("angle", math.pi)
+            angle = 2.0 * math.atan2(math.hypot(*orientation[1:]), abs(orientation[0]))
+            if angle > largest + ROUND_OFF:
+                orientation = list(scaled_to(orientation, largest))
+                moved.append(Start(name, (), largest, angle))
+            positions[name] = {"quat": numbers(orientation)}
             if np.any(qvel[dof : dof + 3]):
                 velocities[name] = numbers(np.asarray(qvel[dof : dof + 3]))
         else:
             reference = float(model["qpos0"][at])
             value = float(qpos[at]) - reference
             if bool(model["jnt_limited"][joint]) and not model.disabled("limit", "constraint"):
-                lower, upper = (float(bound) - reference for bound in model["jnt_range"][joint])
-                if not lower - ROUND_OFF <= value <= upper + ROUND_OFF:
-                    return None
-                value = min(max(value, lower), upper)
+                limits = [float(bound) - reference for bound in model["jnt_range"][joint]]
+                if within(value, limits) is None:
+                    moved.append(Start(name, (), nearest(value, limits), value))
+                value = nearest(value, limits)
             positions[name] = value
             if qvel[dof]:
                 velocities[name] = float(qvel[dof])

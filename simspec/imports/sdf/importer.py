@@ -13,7 +13,6 @@ from simspec.imports import moments
 from simspec.imports.draft import plain
 from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
-from simspec.imports.leading import begin_within
 from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
 from simspec.imports.sdf.contact import excluded, silent
 from simspec.imports.sdf.graph import Graph
@@ -267,8 +266,6 @@ class _Spec:
         around.setdefault("constraints", {}).update(held)
         for name in held:
             self.places[(*path, "constraints", name)] = model.scope.element.location
-        for name, what in begin_within(around["bodies"], held).items():
-            self.comments[".".join(map(str, (*path, "constraints", name)))] = what
 
     def _bodies(self, model: ModelRead, path: tuple[str, ...]) -> dict[str, Any]:
         """The bodies of a model, with their places and comments."""
@@ -292,6 +289,8 @@ class _Spec:
                 place = ".".join((*own, "inertia"))
                 self.repairs.append(Repair(moments.RULE, element.location, body.content.repaired, place))
             bodies[body.name] = data
+        for note in (scope.note for scope in model.scope.within() if scope.note):
+            self.comments[".".join((*path, model.bodies[0].name))] = note
         for body, what in model.repairs:
             place = ".".join((*path, body.name, "fixed"))
             self.repairs.append(Repair(MASSLESS, body.element.location, what, place))

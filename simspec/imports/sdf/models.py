@@ -45,6 +45,8 @@ class Scope:
     joints: dict[str, Element] = field(default_factory=dict)
     frames: dict[str, Element] = field(default_factory=dict)
     models: dict[str, Scope] = field(default_factory=dict)
+    note: str = ""
+    """What is to be said of it in the spec."""
     merged: bool = False
     """Whether the names in it are names of the scope around it too."""
 
@@ -171,6 +173,7 @@ class Reader:
         if uri is None or not uri.text:
             raise element.error("<include> has no <uri>")
         path = find_model(self.files, uri, folder)
+        known = path is None
         if path is None:
             root = self._known(element, called(uri.text))
             path = Path(f"{MODELS}{called(uri.text)}")
@@ -189,6 +192,7 @@ class Reader:
         scope = read(models[0].take(), version_of(root), path.parent, parent, (*chain, path))
         if scope is None:
             return None
+        scope.note = GROUND_NOTE if known else ""
         scope.name, scope.merged = text_of(element, "name", scope.name), merges
         placed = pose_of(element)
         if placed.element is not None:

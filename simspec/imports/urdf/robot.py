@@ -9,7 +9,6 @@ from typing import Any, Final
 from simspec.imports.draft import Draft, names, renamed
 from simspec.imports.elements import MOST_BODIES, SPLIT, Element
 from simspec.imports.files import Files
-from simspec.imports.leading import begin_within
 from simspec.imports.timestep import add_timestep
 from simspec.imports.urdf import chains as chain_rules
 from simspec.imports.urdf import joints as joint_rules
@@ -328,8 +327,6 @@ class Robot:
             renamed(self.root, "name", name)
         self.draft.place((), self.root)
         coupled = constraints([tree.above[name] for name in tree.order if name in tree.above], self.draft)
-        for constraint, what in begin_within(bodies, coupled).items():
-            self.draft.note(("model", "constraints", constraint), what)
         more = {"constraints": coupled} if coupled else {}
         contact = {"contact": {"materials": self.materials}} if self.materials else {}
         return {"simspec": VERSION, "name": name, **contact, "model": {"bodies": bodies, **more}}

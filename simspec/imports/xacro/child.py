@@ -213,8 +213,9 @@ def _absolute(spec: str) -> str:
 
 
 def close_doors(seconds: int, kernel: bool = True) -> str:
-    """From here on this process opens nothing, and ends after so many seconds of processor time. Returns what the kernel does
-    not do of it: where that is something, limits and an audit hook are all that there is. ``kernel``: whether it is asked."""
+    """From here on this process opens nothing, and ends after so many seconds of processor time. Returns the
+    reason where the kernel does not confine it ("": it does); then limits and an audit hook are all that there is. ``kernel``:
+    whether the kernel is requested to."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

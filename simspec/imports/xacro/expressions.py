@@ -143,7 +143,7 @@ class _Checked(ast.NodeTransformer):
 
     def _demand_reading(self, context: ast.expr_context) -> None:
         if not isinstance(context, ast.Load):
-            raise Refused(f"an expression that changes what an object holds: {self._shown}")
+            raise Refused(f"an expression that changes an object: {self._shown}")
 
     def _demand_name(self, name: str) -> None:
         if name.startswith("__"):
@@ -151,7 +151,7 @@ class _Checked(ast.NodeTransformer):
 
 
 def _demand_arithmetic(tree: ast.Expression, shown: str, why: str) -> None:
-    """Raise Refused for what is more than arithmetic."""
+    """Raise Refused for expressions beyond arithmetic."""
     functions = {id(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
     for node in ast.walk(tree):
         known = type(node).__name__ in ARITHMETIC
@@ -180,7 +180,7 @@ def _compiled(expression: str, beyond: str | None) -> CodeType:
 
 
 def evaluator(beyond: str | None) -> Callable[..., Any]:
-    """What takes the place of ``xacro.safe_eval``. ``beyond``: why expressions beyond arithmetic are refused; None: they are
+    """The function that replaces ``xacro.safe_eval``. ``beyond``: why expressions beyond arithmetic are refused; None: they are
     not."""
 
     def evaluate(expression: str, names: dict[str, Any], local: Any = None) -> Any:

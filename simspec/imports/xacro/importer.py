@@ -5,8 +5,9 @@ Elements of the expanded text remember the file and the line that they were writ
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -27,6 +28,7 @@ ARGUMENT: Final = "xacro:arg"
 MOST_NAMED: Final = 12
 """Arguments that a message lists."""
 MANY: Final = ", "
+_USE: Final = re.compile(rb"\$\(arg\s+([^\s()]{1,80})\s*\)")
 _NO_VALUE: Final = re.compile(r"the argument '([^']{1,80})' has no value")
 EXPANDED: Final = "expanded text of"
 """What stands before the name of a file in places that are of no file."""
@@ -55,7 +57,7 @@ class Xacro:
             expanded = expand(files, options.arguments)
         except SpecError as error:
             raise _with_arguments(error, files) from None
-        _check_arguments(expanded, options, shown)
+        _check_arguments(expanded, files, options)
         root = parse(expanded.text.encode(), f"{EXPANDED} {shown}")
         _place(root, expanded)
         _check_kind(root, shown)
@@ -87,15 +89,31 @@ def _place(root: Element, expanded: Expanded) -> None:
         waiting.extend(element.look())
 
 
-def _check_arguments(expanded: Expanded, options: ImportOptions, shown: str) -> None:
-    """An argument that no file declares is an error: it would be without effect."""
+def _check_arguments(expanded: Expanded, files: Files, options: ImportOptions) -> None:
+    """An argument that no file declares or uses is an error: it would be without effect."""
+    unknown = [name for name in options.arguments if name not in expanded.declared]
+    if not unknown:
+        return
+    known = {*expanded.declared, *_used(files)}
     problems = [
-        Problem(f"{shown}: no argument is called {name!r}", allowed=", ".join(sorted(set(expanded.declared))) or "none")
-        for name in options.arguments
-        if name not in expanded.declared
+        Problem(f"{files.shown}: no argument is called {name!r}", allowed=MANY.join(sorted(known)) or "none")
+        for name in unknown
+        if name not in known
     ]
     if problems:
         raise SpecError(problems)
+
+
+def _used(files: Files) -> set[str]:
+    """The arguments that the files use which were read."""
+    return {name.decode(errors="replace") for content in _texts(files) for name in _USE.findall(content)}
+
+
+def _texts(files: Files) -> Iterator[bytes]:
+    """The contents of the files that were read, as far as they can be read again."""
+    for path in list(files.read):
+        with contextlib.suppress(NotReadableError, OSError):
+            yield read_bytes(path, LARGEST_TEXT, links=True)
 
 
 def _with_arguments(error: SpecError, files: Files) -> SpecError:
@@ -116,10 +134,10 @@ def _with_arguments(error: SpecError, files: Files) -> SpecError:
 def _declared(files: Files) -> dict[str, str]:
     """The arguments that the files declare which were read so far, each with its default."""
     found: dict[str, str] = {}
-    for path in list(files.read):
+    for content in _texts(files):
         try:
-            root = parse(read_bytes(path, LARGEST_TEXT, links=True), str(path))
-        except (SpecError, NotReadableError, OSError):
+            root = parse(content, files.shown)
+        except SpecError:
             continue  # not XML, such as a table of sizes
         for element in root.within():
             if element.tag == ARGUMENT and element.has("name"):

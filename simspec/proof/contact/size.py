@@ -34,7 +34,7 @@ MOST_SHAPES = 100
 """Distinct shapes that are probed, the first of the world's order; figures say when there are more."""
 TILT = frames.from_axis_angle((2.0 / 7.0, 3.0 / 7.0, 6.0 / 7.0), 0.7)
 """Orientation of the shapes: along no axis, where detection is easiest to get right."""
-THICKER = "the engine holds no shape so thin, as far outside as it declares"
+THICKER = "the engine feels a shape so thin or fine off its surface, by as much as it declares"
 PART, FIXED_PART = "part", "fixed part"
 """What is welded to a free body, and to a fixed one."""
 SHAPES, BALLS = "shapes", "balls"
@@ -392,7 +392,7 @@ def size_figures(
     trial: SizeTrial, touching: np.ndarray, thicker: Mapping[str, float] = MappingProxyType({})
 ) -> list[Figure]:
     """A figure for each shape, its worst point, from the touching pairs (n, 3): state, then two bodies' indices. ``thicker``:
-    by shape of the trial's world, how far (m) outside an engine declares to hold its faces."""
+    by shape of the trial's world, how far (m) outside or inside an engine declares to hold its faces."""
     seen = {(int(state), int(a), int(b)) for state, a, b in touching}
     figures = []
     for subject, shape, ball, points in trial.shapes:
@@ -413,8 +413,8 @@ def size_figures(
 
 
 def limits(outside: float) -> tuple[float, str]:
-    """The tolerance (m) of a size, and the declared deviation, of a shape that the engine declares to hold so far (m)
-    outside."""
+    """The tolerance (m) of a size, and the declared deviation, of a shape whose surface the engine declares to hold so
+    far (m) outside or inside."""
     if not outside:
         return TOLERANCE, ""
     passed = max(index for index, gap in enumerate(GAPS) if gap <= outside + TOLERANCE)

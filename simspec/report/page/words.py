@@ -10,7 +10,7 @@ from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff, out_words
 from simspec.comparison.study import Study
 from simspec.errors import clipped
 from simspec.proof.certificate import Certificate
-from simspec.report.differences import inconclusive_note, not_compared_words, tolerances
+from simspec.report.differences import angle, inconclusive_note, not_compared_words, tolerances
 from simspec.report.kit import length, number
 from simspec.runner.unphysical import together
 
@@ -160,9 +160,10 @@ def _differences(study: Study) -> Iterator[Sentence]:
         same = list(group)
         chaos = ", beyond which the engines' own noise has outgrown that" if chaotic else ""
         largest = max((diff.worst.position_largest for diff in same if diff.worst is not None), default=0.0)
+        turned = max((diff.worst_angle.angle_largest for diff in same if diff.worst_angle is not None), default=0.0)
         until = f"until {same[0].compared_until:.4g} s{chaos}"
         text = f"Motion: within {tolerances(same[0])} of each other {until}: {_pairs(same)}."
-        yield Sentence(GOOD, f"{text} Largest difference: {length(largest)}.")
+        yield Sentence(GOOD, f"{text} Largest difference: {length(largest)}, {angle(turned)}.")
     nothing = [diff for diff in study.diffs if diff.verdict == INCONCLUSIVE and diff.not_compared]
     for told in dict.fromkeys(map(not_compared_words, nothing)):
         same = [diff for diff in nothing if not_compared_words(diff) == told]

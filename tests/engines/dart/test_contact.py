@@ -201,3 +201,16 @@ def test_visual_only_shapes_are_read_back_and_not_simulated(load_dart):
     held = engine.read_back()
     assert [shape.visual for shape in held.bodies[1].shapes] == [shape.visual for shape in shown.bodies[1].shapes]
     np.testing.assert_array_equal(held.bodies[1].joint.position, engine.get_state()[0])
+
+
+@pytest.mark.parametrize(
+    ("detector", "size", "declared"),
+    [("bullet", (0.03, 0.0077), True), ("bullet", (0.03, 0.05), False), ("ode", (0.03, 0.0077), False)],
+)
+def test_short_cylinders_are_declared_with_the_detector_that_feels_them_inside(detector, size, declared):
+    base = worlds.shapes_world(("cylinder",), 0.0)
+    floor, free = base.bodies
+    shape = dataclasses.replace(free.shapes[0], size=size)
+    world = dataclasses.replace(base, bodies=(floor, dataclasses.replace(free, shapes=(shape,))))
+    chosen = worlds.with_options(world, "dart", settings=(("collision_detector", detector),))
+    assert bool(Dart.thicker(chosen)) == declared

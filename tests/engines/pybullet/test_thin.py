@@ -57,7 +57,7 @@ def test_it_is_held_as_thick_as_it_says_and_proven_so(kind, size):
     checks = verify(world, ["pybullet"], levels=("L0", "L1", "L2", "L4", "L5")).engines["pybullet"].checks
     assert not [check for check in checks if not check.passed]
     (sized,) = (check for check in checks if check.level == "L5" and check.name.startswith("size"))
-    assert "no shape so thin" in sized.detail
+    assert "so thin or fine" in sized.detail
 
 
 def test_on_the_base_of_a_tree_there_is_no_margin():
@@ -67,6 +67,50 @@ def test_on_the_base_of_a_tree_there_is_no_margin():
     world = dataclasses.replace(base, bodies=(floor, thin))
     assert compile_world(world, ["pybullet"])
     assert not PyBullet.thicker(world)
+
+
+def on_a_base(kind: str, size: tuple[float, ...], accept: tuple[str, ...] = ()) -> World:
+    base = worlds.shapes_world(("box",), 0.0)
+    floor, free = base.bodies
+    shape = dataclasses.replace(free.shapes[0], kind=kind, size=size, pose=Pose())
+    bodies = (floor, dataclasses.replace(free, shapes=(shape,)))
+    return dataclasses.replace(base, bodies=bodies, engines=(EngineOptions("pybullet", accept=accept, outside=accept),))
+
+
+def drum(radius: float, length: float, corners: int) -> tuple[float, ...]:
+    """The hull of two regular polygons."""
+    turns = 2.0 * np.pi * np.arange(corners) / corners
+    ring = radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    return size_of(np.array([[x, y, z] for x, y in ring for z in (-length / 2.0, length / 2.0)]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "blunt"),
+    [
+        ("cylinder", (0.03, 0.0077), True),
+        ("cylinder", (0.03, 0.05), False),
+        ("cylinder", (0.003, 0.0077), False),
+        ("mesh", drum(0.03, 0.0077, 64), True),
+        ("mesh", drum(0.1, 0.05, 16), False),
+        ("mesh", drum(0.004, 0.05, 4), False),  # a small box
+    ],
+)
+def test_short_cylinders_and_fine_hulls_are_accepted_by_name_with_the_size(kind, size, blunt):
+    world = on_a_base(kind, size)
+    assert bool(PyBullet.thicker(world)) == blunt
+    if not blunt:
+        assert compile_world(world, ["pybullet"])
+        return
+    with pytest.raises(UnsupportedError, match=r"felt up to 0\.25 mm inside of where") as error:
+        compile_world(world, ["pybullet"])
+    assert f"shape.{kind}" in str(error.value)
+
+
+@pytest.mark.parametrize(("kind", "size"), [("cylinder", (0.03, 0.0077)), ("mesh", drum(0.03, 0.0077, 64))])
+def test_a_short_cylinder_is_felt_as_it_says_and_proven_so(kind, size):
+    world = on_a_base(kind, size, (f"shape.{kind}", "contact.cone.elliptic"))
+    checks = verify(world, ["pybullet"], levels=("L0", "L1", "L2", "L4", "L5")).engines["pybullet"].checks
+    assert not [check for check in checks if not check.passed]
 
 
 def test_a_hull_too_thin_for_the_margin_is_told_as_far_in_as_it_goes():

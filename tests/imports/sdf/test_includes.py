@@ -143,6 +143,7 @@ def test_the_sun_and_the_ground_are_known_without_files(tmp_path, ground):
     assert materials[plane.shapes[0].material]["friction"] == GROUND_FRICTION
     (note,) = [one for one in result.accounts if "ground_plane is not among the files" in one.reason]
     assert note.location.line == 3
+    assert result.comments["bodies.ground_plane"] == note.reason
 
 
 def model_in(name):

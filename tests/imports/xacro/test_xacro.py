@@ -322,6 +322,13 @@ def test_a_missing_argument_says_how_it_is_given_and_which_there_are(legs):
     assert "tall=" in text
 
 
+def test_an_argument_that_is_used_needs_no_declaration(tmp_path):
+    text = robot(f'<link name="a">{MASS.replace("<mass", """<origin xyz="0 0 $(arg z)"/><mass""")}</link>')
+    assert "--arg z=VALUE" in refused(text, tmp_path)
+    assert imported(text, tmp_path, arguments={"z": "2"}).data["model"]["bodies"]["a"]["centre_of_mass"] == [0, 0, 2]
+    assert "allowed: z" in " ".join(refused(text, tmp_path, arguments={"z": "2", "y": "1"}).split())
+
+
 @pytest.mark.parametrize(
     "line",
     [
