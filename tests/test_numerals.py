@@ -260,7 +260,6 @@ READERS = ("imports", "language", "formats", "meshes", "resolve", "commands")
 """The parts of simspec that read what others wrote."""
 ALLOWED = {
     "formats/wbt/reading.py": "the tokenizer has matched it with NUMBER",
-    "imports/leading.py": "of the importer's own text, with a unit",
     "imports/timestep.py": "rounding of a number by its text",
     "imports/urdf/numerals.py": "what NUMBER matched",
     "imports/mjcf/compiled.py": "of the compiler's version and message",
@@ -275,6 +274,7 @@ ALLOWED = {
     "imports/mjcf/surfaces.py": "of arrays of the compiled model",
     "imports/sdf/surfaces.py": "bits in any base of ASCII digits, asked for beside it",
     "imports/xacro/expansion.py": "a line that the process gives",
+    "language/beginning.py": "of the text that simspec wrote, with a unit",
     "language/models.py": "rounding of a number by its text",
     "language/rounding.py": "the same",
     "language/sweep_values.py": "the same",
