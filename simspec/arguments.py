@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from simspec import numerals
 from simspec.errors import EngineError, Problem, SpecError
 from simspec.robot_files import NO_WORDS, RobotFiles
 
 if TYPE_CHECKING:
     from simspec.language.load import Spec
+    from simspec.project import Interpreters
     from simspec.selection import Selection
     from simspec.world.types import World
 
@@ -108,6 +110,13 @@ TimedRuns = Annotated[
         help="For a baseline: runs of each engine for its speed, one at a time; 0: none.",
     ),
 ]
+
+
+NUMBERS: Mapping[str, Callable[[str], float]] = {
+    **dict.fromkeys(("--tolerance", "--fail-on-diff", "--deadline"), numerals.number),
+    **dict.fromkeys(("--jobs", "--windows", "--timed-runs"), numerals.whole),
+}
+"""The options that take numbers, with how these are read before the command line is taken apart."""
 
 
 class SchemaName(StrEnum):
@@ -206,9 +215,12 @@ def spec_file(name: str) -> Path:
     return packaged(text, suffixes()).path if is_packaged(text) else Path(text)
 
 
-def interpreters(words: list[str] | None, engine_words: list[str] | None = None) -> dict[str, str]:
+def interpreters(
+    words: list[str] | None, engine_words: list[str] | None = None, *, starts: bool = True
+) -> Interpreters:
     """The interpreters that ``--python`` and ``--engine`` name, and for other engines those of the project file and the
-    environments that simspec made, by the engine's label."""
+    environments that simspec made, by the engine's label. ``starts``: whether the command starts engines; one that lists, plans
+    or shows starts no interpreter of a project file."""
     from simspec.engines.kit.identity import parse
     from simspec.engines.kit.registry import find_engine
     from simspec.project import load_project
@@ -224,7 +236,15 @@ def interpreters(words: list[str] | None, engine_words: list[str] | None = None)
         if engine.python is not None and typed.setdefault(engine.label, engine.python) != engine.python:
             message = f"{engine.label} is given two interpreters"
             raise SpecError([Problem(message, found=f"{typed[engine.label]} and {engine.python}")])
-    return {**load_project().known_interpreters(), **typed}
+    project = load_project()
+    return (project.known_interpreters() if starts else project.listed_interpreters()).with_named(typed)
+
+
+def demand_trusted(labels: Iterable[str], pythons: Mapping[str, str]) -> None:
+    """Raise NotTrustedError where an engine's interpreter is one of a project file that is not trusted: before anything is
+    started or written."""
+    for label in labels:
+        pythons.get(label)
 
 
 def chosen_engines(words: list[str] | None) -> list[str]:
@@ -273,16 +293,18 @@ def engines_at_work(
 ) -> Selection:
     """The engines that have to run: those that are named, else every installed one. Raises EngineError for a named engine that
     is not installed (unless ``demand`` is false, or ``files_alone`` is true and only its files are ever proven), SpecError when
-    no engine is."""
+    no engine is, NotTrustedError for one whose interpreter a project file names that is not trusted."""
     from simspec import selection
     from simspec.engines.kit.registry import find_engine
 
     if words:
         names = engine_names(words)
+        demand_trusted(names, pythons)
         if demand:
             demand_installed([name for name in names if not (files_alone and find_engine(name).FILES_ALONE)], pythons)
         return selection.named(names, pythons)
     found = selection.available(pythons)
+    demand_trusted(found.engines, pythons)
     if not found.engines:
         raise SpecError([Problem("no engine is installed", hint="pip install 'simspec[all]', or use --engine NAME")])
     return found

@@ -32,6 +32,7 @@ from simspec.cli_files import add_audit, add_imports
 from simspec.commands.guard import command, report_error
 from simspec.ending import in_order
 from simspec.errors import EXIT_OK, Problem, SpecError
+from simspec.numerals import NumeralError, whole
 from simspec.robot_files import NO_WORDS, RobotFiles, reads_robot_files
 
 app = typer.Typer(
@@ -451,7 +452,7 @@ def _main(arguments: list[str]) -> int:
 
         print(f"simspec {version('simspec')}")
         return EXIT_OK
-    if (problem := _empty(arguments) or _not_text(arguments)) is not None:
+    if (problem := _empty(arguments) or _not_text(arguments) or _not_numbers(arguments)) is not None:
         return report_error(SpecError([problem]), "--json" in arguments)
     app(arguments, prog_name="simspec")  # ends with SystemExit, whose code is the command's
     return EXIT_OK
@@ -480,6 +481,22 @@ def _not_text(arguments: list[str]) -> Problem | None:
             word.encode()
         except UnicodeEncodeError:
             return Problem(f"{what} is not UTF-8 text", found=repr(word), hint="rename the file or the folder")
+    return None
+
+
+def _not_numbers(words: list[str]) -> Problem | None:
+    """What is wrong with an option that takes a number, where Python would read one in its word and simspec reads none."""
+    for word, following in zip(words, [*words[1:], ""], strict=True):
+        option, equals, value = word.partition("=")
+        kind = arguments.NUMBERS.get(option)
+        if kind is None:
+            continue
+        text = value if equals else following
+        try:
+            kind(text)
+        except NumeralError as error:
+            what = "a whole number" if kind is whole else "a finite number"
+            return Problem(f"{option} should be {what}: {error}", found=repr(text))
     return None
 
 

@@ -20,6 +20,31 @@ def add_engines(app: typer.Typer) -> None:
     group.command("doctor")(command(doctor_command))
     group.command("install")(command(install_command))
     app.add_typer(group, name="engines")
+    app.command("trust")(command(trust_command))
+
+
+def trust_command(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[FILE]", help="A simspec.toml, or its folder (default: the nearest one).")
+    ] = None,
+    listed: Annotated[bool, typer.Option("--list", help="Print the files that are trusted.")] = False,
+    revoked: Annotated[bool, typer.Option("--revoke", help="Do not trust FILE any more.")] = False,
+    as_json: AsJson = False,
+) -> int:
+    """Let simspec use the interpreters and folders that a project file names, until the file changes.
+
+    A simspec.toml may come from anybody with a repository. Read it first: the interpreters that it names are started, and
+    what a relative path leads to in the repository is not looked at. See docs/project-file.md.
+
+    \b
+    simspec trust
+    simspec trust path/to/simspec.toml
+    simspec trust --list
+    simspec trust --revoke path/to/simspec.toml
+    """
+    from simspec.commands.trust import trust
+
+    return trust(file, listed, revoked, as_json)
 
 
 def engines_command(
@@ -36,6 +61,8 @@ def engines_command(
     as_json: AsJson = False,
 ) -> int:
     """List the engines, their versions, here and in other interpreters, and the features they support.
+
+    Interpreters that simspec.toml names are not started; `simspec engines doctor` starts them.
 
     \b
     simspec engines
@@ -59,7 +86,8 @@ def doctor_command(
     """Say of each engine whether it is installed and works, in which version, and what is missing and why.
 
     A ball falls in each for a tenth of a second, in the engine's own process. Exit code 3 where an installed engine does
-    not work, or an engine that is named is not there.
+    not work, or an engine that is named is not there. Interpreters of simspec.toml are started once `simspec trust` has
+    been said of it.
 
     \b
     simspec engines doctor

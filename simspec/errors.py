@@ -157,3 +157,11 @@ class EngineError(SimspecError):
         # lines of an engine's own words are told apart from simspec's
         first, *rest = visible(message, lines=True).split("\n")
         super().__init__("\n  | ".join([f"{visible(clipped(engine))}: {first}", *rest]))
+
+
+def not_importable(engine: str, module: str, error: ImportError) -> EngineError:
+    """The error of an engine whose Python ``module`` cannot be imported: it is not installed, or it is, and importing it fails
+    for another reason (a library that does not load, a locale)."""
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == module:
+        return EngineError(engine, f"not installed: pip install 'simspec[{engine}]' ({error})")
+    return EngineError(engine, f"is installed, and importing {module} fails: {error}")

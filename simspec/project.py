@@ -3,6 +3,9 @@
 It is found upward from the working folder, up to the root of the repository (the folder with ``.git``) or of the file system.
 Paths in it are relative to it. The command line comes before the file, and the file before the defaults. Only the command line
 reads it: what Python calls is given its engines and interpreters.
+
+A project file comes with a repository, from anybody. The programs and folders that it names are used once the user has trusted
+the file with this content (``outputs/trust.py``): only then are its interpreters started, and files in its folders read.
 """
 
 from __future__ import annotations
@@ -13,9 +16,10 @@ import json
 import os
 import re
 import reprlib
+import shlex
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +27,8 @@ from simspec.engines.kit.environments import environments
 from simspec.engines.kit.identity import parse
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SpecError
-from simspec.outputs.reading import read_text
+from simspec.outputs import trust
+from simspec.outputs.reading import read_bytes, refuse
 
 PROJECT_FILE = "simspec.toml"
 REPOSITORY = ".git"
@@ -38,7 +43,9 @@ KEYS: Mapping[str, str] = {
     "engines": "Options of engines by label: NAME, or NAME@VERSION in quotes",
     "default-engines": "Engines of every command that is given neither --engine nor --all-engines: NAME, or NAME@VERSION",
     "package-paths": "Folders in which packages (package://NAME/...) are sought, relative to this file",
+    "allowed-folders": "Folders outside the project whose files specs and robot files may use, relative to this file",
 }
+FOLDERS = ("package-paths", "allowed-folders")
 ENGINE_KEYS: Mapping[str, str] = {"python": "Python interpreter that has this engine; a path, relative to this file"}
 TITLE = "simspec: a project file"
 _HEADER = re.compile(r"\s*\[\[?([^\[\]]*)\]")
@@ -47,19 +54,98 @@ _KEY = re.compile(r"""[A-Za-z0-9_-]+|"[^"]*"|'[^']*'""")
 _SYNTAX = re.compile(r" \(at line (\d+), column (\d+)\)$")
 
 
+class NotTrustedError(SpecError):
+    """A command needs what a project file names that the user has not trusted."""
+
+
+class Interpreters(Mapping[str, str]):
+    """Interpreters of engines, by label, as a command may use them.
+
+    ``not_trusted``: labels whose interpreter an untrusted project file names. To look one up raises NotTrustedError, so that it
+    is neither started nor replaced in silence by another interpreter. ``not_queried``: labels that have an interpreter which
+    this command does not start; they are contained, and have no value.
+    """
+
+    def __init__(
+        self,
+        paths: Mapping[str, str],
+        not_trusted: Mapping[str, NotTrustedError] | None = None,
+        not_queried: Mapping[str, str] | None = None,
+    ):
+        self._paths = dict(paths)
+        self.not_trusted, self.not_queried = dict(not_trusted or {}), dict(not_queried or {})
+
+    def __getitem__(self, label: str) -> str:
+        if label in self.not_trusted:
+            raise self.not_trusted[label]
+        return self._paths[label]
+
+    def __contains__(self, label: object) -> bool:
+        return label in self._paths or label in self.not_trusted or label in self.not_queried
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self._paths, *self.not_trusted))
+
+    def __len__(self) -> int:
+        return len(self._paths) + len(self.not_trusted)
+
+    def __bool__(self) -> bool:
+        return bool(self._paths or self.not_trusted or self.not_queried)
+
+    def with_named(self, named: Mapping[str, str]) -> Interpreters:
+        """The same with interpreters of the command line, which come first: they are the user's word."""
+        return Interpreters(
+            {**self._paths, **named},
+            {label: error for label, error in self.not_trusted.items() if label not in named},
+            {label: why for label, why in self.not_queried.items() if label not in named},
+        )
+
+
 @dataclass(frozen=True)
 class Project:
     """A project file. ``file``: None where there is none; ``interpreters``: by engine's label; ``default_engines``: empty where
-    the file names none; ``package_paths``: folders."""
+    the file names none; ``package_paths``, ``allowed_folders``: folders; ``not_trusted``: why the user does not trust the file,
+    None where the user does, or where it names nothing that needs it."""
 
     file: Path | None = None
     interpreters: Mapping[str, str] = field(default_factory=dict)
     default_engines: tuple[str, ...] = ()
     package_paths: tuple[Path, ...] = ()
+    allowed_folders: tuple[Path, ...] = ()
+    not_trusted: str | None = None
 
-    def known_interpreters(self) -> dict[str, str]:
-        """Those of the file, and of other labels the environments that simspec made (``engines/kit/environments.py``)."""
-        return {**environments(), **self.interpreters}
+    def known_interpreters(self) -> Interpreters:
+        """Those of the file, and of other labels the environments that simspec made (``engines/kit/environments.py``), for
+        commands that start engines."""
+        if self.not_trusted is None:
+            return Interpreters({**environments(), **self.interpreters})
+        return Interpreters(environments(), dict.fromkeys(self.interpreters, self.refusal("interpreters")))
+
+    def listed_interpreters(self) -> Interpreters:
+        """The same for commands that list, plan or show: none of the file is started, whether it is trusted or not."""
+        made = {label: python for label, python in environments().items() if label not in self.interpreters}
+        return Interpreters(made, not_queried={label: self.why_not_queried(label) for label in self.interpreters})
+
+    def why_not_queried(self, label: str) -> str:
+        """Why a list says no version of a label that the file has an interpreter for."""
+        if self.not_trusted is None:
+            return f"not queried; simspec engines doctor {label} starts it"
+        return f"not queried: {self.not_trusted}; {self.trusting}"
+
+    @property
+    def trusting(self) -> str:
+        """The command that trusts the file."""
+        return trusting(self.file or Path(PROJECT_FILE))
+
+    def refusal(self, what: str) -> NotTrustedError:
+        """The error of a command that needs ``what`` the file names."""
+        message = f"{self.file}: {self.not_trusted}: its {what} are not used"
+        return NotTrustedError([Problem(message, hint=f"read it, then {self.trusting}")])
+
+
+def trusting(file: Path) -> str:
+    """The command that trusts a project file."""
+    return f"simspec trust {shlex.quote(str(file))}"
 
 
 def find_project(start: Path) -> Path | None:
@@ -91,8 +177,17 @@ def _demand_owner(file: Path, start: Path) -> None:
 
 
 def read_project(file: Path) -> Project:
-    """Read one project file. Raises SpecError, with the place of every problem."""
-    text = read_text(file, LARGEST)
+    """Read one project file. Whether it is trusted is asked for the bytes that are read. Raises SpecError, with the place of
+    every problem."""
+    return parse_project(file, read_bytes(file, LARGEST))
+
+
+def parse_project(file: Path, content: bytes) -> Project:
+    """The same, of a file's content."""
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise refuse(file, f"not UTF-8 at byte {error.start}") from None
     for number, line in enumerate(text.split("\n"), 1):
         if len(line) > LONGEST_LINE:
             message = f"a line of {len(line):,} characters, more than the {LONGEST_LINE:,} that are read"
@@ -101,7 +196,10 @@ def read_project(file: Path) -> Project:
         data = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise SpecError([_syntax(file, str(error) if isinstance(error, ValueError) else "nested too deeply")]) from None
-    return _Reader(file, data, _lines(text)).project()
+    project = _Reader(file, data, _lines(text)).project()
+    if not (project.interpreters or project.package_paths or project.allowed_folders):
+        return project
+    return replace(project, not_trusted=trust.why_not(file, content))
 
 
 def _syntax(file: Path, message: str) -> Problem:
@@ -147,6 +245,7 @@ class _Reader:
             dict(self._interpreters()),
             tuple(self._texts("default-engines", self._check_label)),
             tuple(self._file.parent / text for text in self._texts("package-paths", self._check_folder)),
+            tuple(self._file.parent / text for text in self._texts("allowed-folders", self._check_folder)),
         )
         if self._problems:
             raise SpecError(self._problems)
@@ -252,7 +351,7 @@ def schema_text() -> str:
                 "maxProperties": MOST_ENGINES,
                 "additionalProperties": table,
             },
-            **{key: {"description": KEYS[key], **texts} for key in ("default-engines", "package-paths")},
+            **{key: {"description": KEYS[key], **texts} for key in ("default-engines", *FOLDERS)},
         },
     }
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"

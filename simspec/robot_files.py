@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, get_type_hints
 
@@ -31,6 +31,10 @@ class RobotFiles:
     """Folders in which packages are looked for."""
     project_paths: Sequence[str] = ()
     """Folders in which they are looked for after these: ``package-paths`` of the project file."""
+    allowed_folders: Sequence[str] = ()
+    """``allowed-folders`` of the project file: their files may be used from outside of them."""
+    trusting: str = field(default="", compare=False)
+    """The command that trusts the project file, where it names folders of these kinds and is not trusted: they are not used."""
     arg: Sequence[str] = ()
     """``NAME=VALUE``: an argument of a xacro file."""
     self_collision: bool = True
@@ -50,6 +54,8 @@ class RobotFiles:
             tuple(self.repair),
             base=here,
             self_collision=self.self_collision,
+            allowed=tuple(self.allowed_folders),
+            trusting=self.trusting,
         )
 
     def check_effect(self, *specs: Spec) -> None:
@@ -125,10 +131,20 @@ PLACE: Final = "robot_files"
 """The argument of a command that takes all of them."""
 
 
-def _project_paths() -> tuple[str, ...]:
+def project_folders() -> dict[str, Any]:
+    """What the project file says of folders, by fields of :class:`RobotFiles`."""
     from simspec.project import load_project
 
-    return tuple(map(str, load_project().package_paths))
+    project = load_project()
+    paths, allowed = tuple(map(str, project.package_paths)), tuple(map(str, project.allowed_folders))
+    if project.not_trusted is None or not (paths or allowed):
+        return {"project_paths": paths, "allowed_folders": allowed}
+    return {"trusting": project.trusting}
+
+
+def project_options() -> ImportOptions:
+    """How robot files are read where the command line says nothing of them: by the project file."""
+    return RobotFiles(**project_folders()).options()
 
 
 def reads_robot_files(function: Callable[..., int]) -> Callable[..., int]:
@@ -138,7 +154,7 @@ def reads_robot_files(function: Callable[..., int]) -> Callable[..., int]:
     def reading(**words: Any) -> int:
         said: dict[str, Any] = {name: words.pop(name) for name in OPTIONS}
         spoken: dict[str, Any] = {name: () if value is None else value for name, value in said.items()}
-        return function(**words, **{PLACE: RobotFiles(**spoken, project_paths=_project_paths())})
+        return function(**words, **{PLACE: RobotFiles(**spoken, **project_folders())})
 
     hints = get_type_hints(function, include_extras=True)
     parameters: list[inspect.Parameter] = []

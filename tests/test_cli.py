@@ -43,6 +43,7 @@ COMMANDS = (
     "accept",
     "import",
     "export",
+    "trust",
 )
 FALL = """\
 simspec: 1
@@ -234,7 +235,7 @@ def test_another_python_that_is_not_there(folder):
 def test_an_engine_that_answers_nonsense_leaves_the_others_their_runs(folder):
     """With --keep-going: exit code 3, and what the others made of it is on disk."""
     impostor = folder / "python"
-    impostor.write_text('#!/bin/sh\necho "[1, 2]" > "$2"/result.json\n')
+    impostor.write_text('#!/bin/sh\necho "[1, 2]" > "$4"/result.json\n')
     impostor.chmod(0o755)
     words = ("run", "fall.yaml", "--all-engines", "--keep-going", "--no-verify", "--no-repeats")
     done = simspec(*words, "--python", "dart=./python", code=3)
@@ -542,6 +543,8 @@ def project(folder, monkeypatch):
     (folder / "simspec.toml").write_text(PROJECT.format(label=label))
     (folder / "below").mkdir()
     monkeypatch.chdir(folder / "below")
+    monkeypatch.setenv("XDG_DATA_HOME", str(folder.parent / "data"))
+    simspec("trust")
     return label
 
 
@@ -549,11 +552,12 @@ def test_engines_of_the_project_file(project, folder):
     answer = data("engines")
     assert answer["project"] == str(folder / "simspec.toml")
     rows = {one["label"]: one for one in answer["instances"]}
-    assert rows[project]["version"] == engines()["dart"].version()
-    assert rows[project]["python"] == str(folder / "here" / "python")
-    assert rows["mujoco@2"]["version"] is None
-    assert "cannot be started" in rows["mujoco@2"]["problem"]
+    assert rows[project]["version"] is None, "a list starts no interpreter of a project file"
+    assert rows[project]["problem"] == f"not queried; simspec engines doctor {project} starts it"
     assert project in simspec("engines").output
+    found = data("engines", "doctor", project)["engines"][project]
+    assert (found["version"], found["python"]) == (engines()["dart"].version(), str(folder / "here" / "python"))
+    assert "cannot be started" in str(data("engines", "doctor", "mujoco@2", code=3)["engines"]["mujoco@2"]["problems"])
 
 
 def test_two_labels_of_the_project_file_at_work(project, folder):

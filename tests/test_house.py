@@ -22,6 +22,8 @@ ORDER = (
     "markup",
     "reading",
     "scratch",
+    "isolated",
+    "numerals",
     "plugins",
     "mapped",
     "processor_time",

@@ -11,12 +11,14 @@ import jsonschema
 import pytest
 
 from simspec.errors import SpecError
+from simspec.outputs import trust
 from simspec.project import LARGEST, MOST_ENGINES, Project, find_project, load_project, read_project, schema_text
 
 GOOD = """\
 # engines of this project
 default-engines = ["mujoco", "mujoco@3.8"]
 package-paths = ["packages", "../shared"]
+allowed-folders = ["../shared"]
 
 [engines."mujoco@3.8"]
 python = "envs/old/bin/python"
@@ -45,12 +47,16 @@ def problems(folder: Path, text: str | bytes):
     return raised.value.problems
 
 
-def test_everything_is_relative_to_the_file(folder):
+def test_everything_is_relative_to_the_file(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert load_project(folder).not_trusted == "not trusted"
+    trust.trust(folder / "simspec.toml", GOOD.encode())
     assert load_project(folder) == Project(
         folder / "simspec.toml",
         {"mujoco@3.8": str(folder / "envs/old/bin/python"), "dart": "/opt/dart/bin/python"},
         ("mujoco", "mujoco@3.8"),
         (folder / "packages", folder / "../shared"),
+        (folder / "../shared",),
     )
 
 
@@ -94,6 +100,8 @@ def test_the_nearest_file_wins(folder):
         ("\ndefault-engines = [\n 'urdf',\n]", 2, "default-engines", "unknown engine 'urdf'"),
         ("package-paths = ['nowhere']", 1, "package-paths", "not a folder"),
         ("package-paths = ['simspec.toml']", 1, "package-paths", "not a folder"),
+        ("allowed-folders = ['simspec.toml']", 1, "allowed-folders", "not a folder"),
+        ("allowed-folders = '..'", 1, "allowed-folders", "list of strings"),
         ('x = """\npackage-paths = 1\n"""\npackage-paths = 2', 4, "package-paths", "list of strings"),
     ],
 )

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import chosen_engines, engine_names, engines_at_work, interpreters, load_spec
+from simspec.arguments import chosen_engines, demand_trusted, engine_names, engines_at_work, interpreters, load_spec
 from simspec.compiler import missing_options
 from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.registry import engines
@@ -36,6 +36,7 @@ def accept(
     """Write what the engines named by ``engine`` (without: the project's, or those installed) need into the file ``spec``."""
     loaded, world, *_ = load_spec(spec, None, allow_outside, robot_files=robot_files, as_json=as_json, warn=False)
     words, pythons = chosen_engines(engine), interpreters(None, engine)
+    demand_trusted(engine_names(words), pythons)
     # by label: what is accepted may depend on the version
     selection = named(engine_names(words), pythons) if words else engines_at_work(None, pythons)
     return accept_world(loaded, world, selection, as_json)
@@ -49,9 +50,11 @@ def accepted_sets(
     robot_files: RobotFiles = NO_WORDS,
     engine: list[str] | None = None,
     python: list[str] | None = None,
+    starts: bool = True,
 ) -> list[str] | None:
     """``sets`` with the entries of ``accept`` and ``outside`` that ``--accept`` names, for every engine that needs them, and
-    every version of one that ``engine`` names (``python``: interpreters, as given to ``--python``).
+    every version of one that ``engine`` names (``python``: interpreters, as given to ``--python``; ``starts``: whether they may
+    be asked for their versions).
 
     Raises SpecError for a word that is no feature, and for one that no engine needs.
     """
@@ -73,9 +76,8 @@ def accepted_sets(
     world = load_spec(spec, sets, allow_outside, robot_files=robot_files, warn=False).world
     entries: list[str] = []
     used = {EVERY}
-    labels, pythons = [label for label in engine_names(chosen_engines(engine)) if engine_version(label)], {}
-    if labels:
-        pythons = interpreters(python, engine)
+    labels = [label for label in engine_names(chosen_engines(engine)) if engine_version(label)]
+    pythons = interpreters(python, engine, starts=starts) if labels else None
     for name in engines():
         missing: dict[str, dict[str, None]] = {}
         for label in (name, *(one for one in labels if engine_name(one) == name)):

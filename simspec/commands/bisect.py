@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from simspec.analysis.run_figures import find_figure
-from simspec.arguments import interpreters, load_spec, print_json, spec_file
+from simspec.arguments import demand_trusted, interpreters, load_spec, print_json, spec_file
 from simspec.attribution.configuration import Configuration
 from simspec.attribution.models import model_lines, prove
 from simspec.commands.accept import accepted_sets
@@ -82,6 +82,7 @@ def bisect(
         if store is None:
             problems.append(folder_problem(folder.parent, STUDY, [spec_file(spec)]))
         demand(problems)
+        demand_trusted([f"{name}{MARK}{version}" for version in chosen], pythons)
         provide = functools.partial(_provided, kind, pythons, yes, tell)
         for end in (chosen[0], chosen[-1]):
             provide(f"{name}{MARK}{end}")  # before anything is written

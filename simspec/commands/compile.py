@@ -57,7 +57,7 @@ def compile_specs(
         # what is only looked at for being current was warned of when it was written
         spec, world, warnings, _ = load_spec(
             name,
-            accepted_sets(name, sets, accept, allow_outside, robot_files),
+            accepted_sets(name, sets, accept, allow_outside, robot_files, starts=False),
             allow_outside,
             robot_files=robot_files,
             strict=strict,

@@ -29,9 +29,11 @@ def engines(markdown: bool, out: Path, check: bool, as_json: bool) -> int:
         return generated_files(files, check, as_json, "simspec engines --markdown")
     data = matrix.engine_data()
     project = load_project()
-    rows = instances(project.known_interpreters(), project.default_engines)
+    listed = project.listed_interpreters()
+    rows = instances(listed, project.default_engines, listed.not_queried)
     if as_json:
-        print_json({"instances": rows, "project": project.file, "engines": data, "broken": matrix.broken()})
+        told = {"project": project.file, "project_trusted": project.not_trusted is None}
+        print_json({"instances": rows, **told, "engines": data, "broken": matrix.broken()})
         return EXIT_OK
     for table in engine_tables(rows, data, console().width):
         console().print(table)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from simspec.arguments import print_json
+from simspec.arguments import demand_trusted, print_json
 from simspec.confinement import Walls, walls
 from simspec.engines.kit.diagnosis import State, compile_parts, diagnose
 from simspec.engines.kit.installed import instances
@@ -16,18 +16,28 @@ from simspec.proof.fall import fall
 from simspec.report.kit import table
 from simspec.report.screen import console, say
 
-WORKS, FAILS = "works", "fails"
+WORKS, FAILS, NOT_TRUSTED = "works", "fails", "not trusted"
 
 
 def doctor(labels: Sequence[str], every: bool, as_json: bool) -> int:
     """Examine engines (default: all). Exit code 3 where one that is installed does not work, or is so in part or in another
-    version; where one that is named, or with ``every`` any, is not installed."""
+    version; where one that is named, or with ``every`` any, is not installed. Interpreters of a project file that is not
+    trusted are not started: one that is named is an error, others are rows with the reason."""
     project = load_project()
+    interpreters = project.known_interpreters()
     for label in labels:
         find_engine(label)
-    known = instances(project.known_interpreters(), [*project.default_engines, *labels])
+    demand_trusted(labels, interpreters)
+    closed = {label: project.why_not_queried(label) for label in interpreters.not_trusted}
+    wanted_labels = [label for label in interpreters if label not in closed and (not labels or label in labels)]
+    started = {label: interpreters[label] for label in wanted_labels}
+    known = instances(started, [*project.default_engines, *labels], closed)
     rows = {
-        one.label: examined(one.label, one.python, one.problem) for one in known if not labels or one.label in labels
+        one.label: not_examined(one.label, closed[one.label])
+        if one.label in closed
+        else examined(one.label, one.python, one.problem)
+        for one in known
+        if not labels or one.label in labels
     }
     broken = {} if labels else dict(broken_engines())
     wanted = list(rows) if labels or every else []
@@ -35,7 +45,7 @@ def doctor(labels: Sequence[str], every: bool, as_json: bool) -> int:
         label
         for label, row in rows.items()
         if row["state"] != WORKS
-        and (label in wanted or row["state"] not in (State.ABSENT, State.IMPOSSIBLE, State.FILES))
+        and (label in wanted or row["state"] not in (State.ABSENT, State.IMPOSSIBLE, State.FILES, NOT_TRUSTED))
     ]
     code = EXIT_ENGINE if wrong or broken else EXIT_OK
     if as_json:
@@ -52,6 +62,12 @@ def doctor(labels: Sequence[str], every: bool, as_json: bool) -> int:
         say(f"{name}: {why}")
     say(f"confinement of processes that read foreign files: {offered(walls())}")
     return code
+
+
+def not_examined(label: str, why: str) -> dict[str, Any]:
+    """The same of an engine whose interpreter is not started, for the reason ``why``."""
+    nothing = dict.fromkeys(("version", "install", "python", "seconds", "speed_error", "height_error"))
+    return {**nothing, "state": NOT_TRUSTED, "problems": [why]}
 
 
 def offered(kernel: Walls) -> str:

@@ -7,7 +7,6 @@ import os
 import shlex
 import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from simspec.engines.kit.identity import EngineId, parse
 from simspec.engines.kit.installed import Instance, instances
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError, clipped, visible
+from simspec.isolated import ELSEWHERE, isolated
 from simspec.outputs.begun import begin, finish, is_whole
 from simspec.report.screen import say
 
@@ -163,7 +163,7 @@ def _make(
 
 def words(engine: type[Engine]) -> list[list[str]]:
     """The commands that install an engine: pip of this interpreter, and Debian's apt-get."""
-    commands = [[sys.executable, "-m", "pip", "install", f"simspec[{engine.EXTRA}]"]] if engine.EXTRA else []
+    commands = [isolated("-m", "pip", "install", f"simspec[{engine.EXTRA}]")] if engine.EXTRA else []
     if engine.NEEDS.debian:
         commands.append(["apt-get", "update", "--quiet"])
         commands.append(["apt-get", "install", "--yes", "--no-install-recommends", *engine.NEEDS.packages])
@@ -189,6 +189,7 @@ def _run(command: Sequence[str], quiet: bool = False) -> tuple[int | None, str |
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE if quiet else STANDARD_ERROR,
             stderr=subprocess.STDOUT if quiet else None,
+            cwd=ELSEWHERE,
             env=environment,
             timeout=DEADLINE,
             check=False,

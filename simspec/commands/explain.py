@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from simspec.arguments import demand_installed, engine_names, interpreters, load_spec, print_json
@@ -103,7 +103,7 @@ def _of_specs(
     accept: list[str] | None,
     allow_outside: bool,
     robot_files: RobotFiles,
-    pythons: dict[str, str],
+    pythons: Mapping[str, str],
 ) -> tuple[list[Configuration], list[str]]:
     words = engine or []
     if not 1 <= len(words) <= 2:
@@ -165,7 +165,7 @@ def _accepting(
     return said
 
 
-def _other_versions(runs: Sequence[Run], names: Sequence[str], pythons: dict[str, str]) -> list[str]:
+def _other_versions(runs: Sequence[Run], names: Sequence[str], pythons: Mapping[str, str]) -> list[str]:
     """A note for each run that was made with another version of its engine than is asked now."""
     notes = []
     for run, name in zip(runs, names, strict=True):

@@ -14,9 +14,11 @@ from simspec.language.study_specs import load_study_file
 from simspec.outputs.reading import read_bytes
 from simspec.outputs.targets import LARGEST_OWN
 from simspec.outputs.writing import write_file
+from simspec.project import Interpreters
 from simspec.report.screen import say
 from simspec.report.study.page_section import TABLES_FILE, study_tables
 from simspec.report.study.pages import Mark, filled, marks
+from simspec.robot_files import project_options
 from simspec.stored import StudyTables
 
 STUDIES = "studies"
@@ -38,7 +40,7 @@ def pages(
     folders = {path.parent / STUDIES / mark.study for path, own in found.items() for mark in own}
     absent = _absent(found, older)
     kept = {folder: None if folder in absent else _published(folder) for folder in sorted(folders)}
-    pythons = interpreters(python, None)
+    pythons = interpreters(python, None, starts=False)
     why = {folder: {} if folder in absent else _older(folder, pythons, allow_outside) for folder in kept}
     problems: list[str] = []
     written: list[Path] = []
@@ -111,18 +113,16 @@ def _published(folder: Path) -> StudyTables:
     return tables
 
 
-def _older(folder: Path, pythons: dict[str, str], allow_outside: bool) -> dict[str, str]:
+def _older(folder: Path, pythons: Interpreters, allow_outside: bool) -> dict[str, str]:
     """By sweep, why the figures of a published study are older than the code."""
     kept = read_models(folder)
-    source = load_study_file(find_study(kept.source), allow_outside=allow_outside)
+    source = load_study_file(find_study(kept.source), allow_outside=allow_outside, options=project_options())
     sweeps = source.sweeps(kept.small)
-    absent = absent_engines(sweeps, pythons)
-    if absent:
-        say(
-            f"{folder}: {', '.join(absent)} not installed: their versions are taken to be those of the figures",
-            error=True,
-        )
     measured = {model.engine: model.version for own in kept.sweeps.values() for model in own.models}
+    absent = dict.fromkeys(absent_engines(sweeps, pythons), "not installed")
+    absent |= {label: why for label, why in pythons.not_queried.items() if label in measured}
+    for label, reason in absent.items():
+        say(f"{folder}: {label}: {reason}: its version is taken to be that of the figures", error=True)
     assumed = {label: {"engine_version": measured.get(label, "")} for label in absent}
     now = {one.name: sweep_models(source, one, plan_of(one, pythons, assumed=assumed)) for one in sweeps}
     return older_sweeps(kept, now)

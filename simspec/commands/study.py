@@ -52,6 +52,7 @@ from simspec.report.study.registry import shown_of
 from simspec.report.sweep import proof_words
 from simspec.report.terminal import show_error
 from simspec.resources import resource_folder
+from simspec.robot_files import project_options
 from simspec.stored import StudyTables, read_as
 
 RUNS = Path("runs")
@@ -76,8 +77,8 @@ def study(
     publish: Path | None = None,
 ) -> int:
     """Do the sweeps of a study, write and print its tables, and publish them where that is asked for."""
-    source = load_study_file(find_study(name), allow_outside=allow_outside)
-    pythons = interpreters(python, None)
+    source = load_study_file(find_study(name), allow_outside=allow_outside, options=project_options())
+    pythons = interpreters(python, None, starts=not dry_run)
     sweeps = source.sweeps(small)
     absent = absent_engines(sweeps, pythons)
     for label, why in absent.items():

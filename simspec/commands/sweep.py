@@ -6,6 +6,7 @@ import functools
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from simspec.arguments import engines_at_work, interpreters, load_spec, print_json, source_of, spec_file
@@ -29,7 +30,7 @@ from simspec.experiments.versions import versions_of
 from simspec.outputs.marker import STORE, STUDY
 from simspec.outputs.targets import demand, file_problem, folder_problem
 from simspec.outputs.writing import open_folder, write_file
-from simspec.project import load_project
+from simspec.project import Interpreters, load_project
 from simspec.report.progress import progress
 from simspec.report.screen import console, say
 from simspec.report.sweep import CSV_FIRST, csv_text, groups, outcome_data, show_outcome, show_plan
@@ -73,7 +74,7 @@ def sweep(
         loaded, world, warned, _ = load_spec(
             spec, sets, allow_outside, robot_files=robot_files, strict=strict, as_json=as_json
         )
-        pythons = interpreters(python, engine)
+        pythons = interpreters(python, engine, starts=not dry_run)
         named = engine or (loaded.data.sweep.engines if loaded.data.sweep is not None else None)
         words = named or list(load_project().default_engines)
         selection = engines_at_work(words or None, pythons)
@@ -87,7 +88,7 @@ def sweep(
         at_once = side_by_side(jobs, plan) if scheduler is None else 1
         _demand_targets(store, folder, csv, spec_file(spec))
         if dry_run:
-            return _dry_run(plan, folder, at_once, selection, not no_verify, as_json)
+            return _dry_run(plan, folder, at_once, selection, not no_verify, as_json, _not_queried(labels, pythons))
         if store is None:
             open_folder(folder.parent, STUDY)
         opened = Store.open(folder, create=True)
@@ -196,7 +197,20 @@ def _tell(
     return code
 
 
-def _dry_run(plan: Plan, folder: Path, jobs: int, selection: Selection, verify: bool, as_json: bool) -> int:
+def _not_queried(labels: Iterable[str], pythons: Interpreters) -> dict[str, str]:
+    """The engines of a plan whose versions are not known, with the reason: their stored runs count as to do."""
+    return {label: pythons.not_queried[label] for label in labels if label in pythons.not_queried}
+
+
+def _dry_run(
+    plan: Plan,
+    folder: Path,
+    jobs: int,
+    selection: Selection,
+    verify: bool,
+    as_json: bool,
+    not_queried: Mapping[str, str] = MappingProxyType({}),
+) -> int:
     store = Store.open(folder) if folder.is_dir() and any(folder.iterdir()) else None
     index = refresh(store, repair=False) if store is not None else Index()
     done = 0
@@ -216,9 +230,12 @@ def _dry_run(plan: Plan, folder: Path, jobs: int, selection: Selection, verify: 
         told["rounded"] = {name: rounded_data(rounded) for name, rounded in rounding_sets(plan).items()}
         told |= {"to_do": {"runs": left.runs, "steps": left.steps, "seconds": left.seconds}, "notes": index.notes}
         told["proofs"] = None if proofs is None else {"models": proofs.models, "seconds": proofs.total}
+        told["not_queried"] = dict(not_queried)
         print_json({**told, "verify": verify, "not_run": selection.not_taken, "exit_code": EXIT_OK})
         return EXIT_OK
     show_not_taken(selection, console())
+    for label, why in not_queried.items():
+        console().print(f"note: {label}: {why}; its stored runs are not recognised", soft_wrap=True)
     for note in index.notes:
         console().print(f"note: {note}", soft_wrap=True)
     show_plan(plan, done, left, jobs, proofs)

@@ -38,7 +38,7 @@ class LocalSupplies:
     label."""
 
     def __init__(self, pythons: Mapping[str, str] | None = None) -> None:
-        self._pythons = dict(pythons or {})
+        self._pythons = pythons or {}
         self._kept: OrderedDict[tuple[str, str], Prepared] = OrderedDict()
         self._lock = threading.Lock()
 

@@ -136,9 +136,7 @@ def sweep(
         index = refresh(store, repair=True, tell=progress)
         outcome = Outcome(plan, index, verified=verify, notes=list(index.notes))
         supplies = LocalSupplies(pythons)
-        driver = _Driver(
-            outcome, store, supplies, verify, retry_failed, dict(pythons or {}), deadline, source, progress
-        )
+        driver = _Driver(outcome, store, supplies, verify, retry_failed, pythons or {}, deadline, source, progress)
         try:
             executor = start(supplies)
             try:
@@ -161,7 +159,7 @@ class _Driver:
         supplies: LocalSupplies,
         verify: bool,
         retry_failed: bool,
-        pythons: dict[str, str],
+        pythons: Mapping[str, str],
         deadline: float,
         source: Mapping[str, Any] | None,
         progress: Progress,

@@ -21,6 +21,7 @@ from typing import Final
 from simspec.confinement import ANY_LOCALE, PROFILES, confine_calls, confine_files, of_python
 from simspec.ending import end_if_told
 from simspec.exchange import exchange
+from simspec.isolated import search_environment, with_search_path
 from simspec.scratch import scratch_folder
 
 ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -54,12 +55,12 @@ def run(program: Path, arguments: Sequence[str], told: bytes, seconds: float, po
     environment |= {**ONE_THREAD, **ANY_LOCALE, "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     with scratch_folder("import") as folder:
         process = subprocess.Popen(
-            [sys.executable, "-P", __file__, json.dumps(vars(policy)), str(program), *arguments],
+            with_search_path(__file__, json.dumps(vars(policy)), str(program), *arguments),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             cwd=folder,
-            env=environment,
+            env=search_environment(environment),
             start_new_session=True,
         )
         try:

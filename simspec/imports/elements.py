@@ -6,12 +6,12 @@ taken is carried, what was set aside has the fate and the reason that the import
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from simspec import numerals
 from simspec.errors import Location, Problem, SpecError
 from simspec.language.foreign import Account, Fate, Severity
 
@@ -144,7 +144,7 @@ class Element:
         if name not in self.attributes:
             return default
         self._taken.add(name)
-        return self.attributes[name].strip()
+        return self.attributes[name].strip(numerals.SPACE)
 
     def need(self, name: str) -> str:
         """The text of an attribute, taken. Raises SpecError where there is none."""
@@ -175,17 +175,11 @@ class Element:
         return self._read("the text", self.text, count)
 
     def _read(self, name: str, text: str, count: int | None) -> tuple[float, ...]:
-        parts = text.split()
         try:
-            # float() takes 1_000, which no such language does
-            values = tuple(float(part) for part in parts if "_" not in part)
-        except ValueError:
-            values = ()
-        wrong = len(values) != len(parts) or (count is not None and len(values) != count)
-        if wrong or not all(map(math.isfinite, values)):
+            return numerals.numbers(text, count)
+        except numerals.NumeralError as error:
             what = {None: "finite numbers", 1: "a finite number"}.get(count, f"{count} finite numbers")
-            raise self.error(f"{name} of <{self.tag}> should be {what}", found=text[:80])
-        return values
+            raise self.error(f"{name} of <{self.tag}> should be {what}{error.suffix}", found=text[:80]) from None
 
     def child(self, tag: str) -> Element | None:
         """The first child of this tag, taken; None where there is none. Further ones stay untaken, and so are lost."""
@@ -442,7 +436,7 @@ def _tree(root: Any, file: str) -> Element:
 def _element(node: Any, file: str, parent: Element | None) -> Element:
     location = Location(file, node.sourceline or 1, 1)
     attributes = {_name(node, name): value for name, value in node.attrib.items()}
-    return Element(_name(node, str(node.tag)), attributes, location, (node.text or "").strip(), parent)
+    return Element(_name(node, str(node.tag)), attributes, location, (node.text or "").strip(numerals.SPACE), parent)
 
 
 def _name(node: Any, name: str) -> str:

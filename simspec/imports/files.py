@@ -64,7 +64,7 @@ class Files:
         """Folders whose files may be read; empty: any."""
         if self.options.project is None:
             return ()
-        named = [*named_folders(self.options).values(), *package_path(self.options)]
+        named = [*named_folders(self.options).values(), *package_path(self.options), *map(Path, self.options.allowed)]
         # unlike Path.resolve, realpath has an answer for links that lead to themselves: there is nothing below them
         return tuple(Path(os.path.realpath(folder)) for folder in dict.fromkeys((self.options.project, *named)))
 
@@ -139,7 +139,7 @@ class Files:
         except (OSError, RuntimeError):  # links that lead to themselves, names that are too long
             raise MissingFileError([element.problem(NO_FILE[1], found=text[:200])]) from None
         if not self._is_inside(resolved):
-            hint = "--allow-outside allows it; --package-path names a folder of packages"
+            hint = self.options.way_outside("--package-path names a folder of packages")
             raise element.error("leaves the project folder", found=text, hint=hint)
         if not is_file and beside is None and (other := self._above(text)) is not None:
             return other

@@ -105,7 +105,7 @@ class Packages:
         if name in named:
             return _installed(named[name], name)
         damaged: dict[Path, Problem] = {}
-        for levels in self._searches(name):
+        for levels in self._searches(name, element):
             for level in levels:
                 found = self._among(name, level, damaged)
                 if len(found) > 1:
@@ -124,7 +124,7 @@ class Packages:
 
     # --- where they are looked for ----------------------------------------------------------------------------
 
-    def _searches(self, name: str) -> Iterator[Levels]:
+    def _searches(self, name: str, element: Element) -> Iterator[Levels]:
         """Each place that is searched, in their order: above the file and beside each folder above; below the package that the
         file is in, which may have models; along the path; below the project, or below the workspace that the file is in."""
         yield self._above(name)
@@ -132,13 +132,25 @@ class Packages:
             if _has(folder, MANIFEST):
                 yield self._tree(folder).levels()
                 break
-        for folder in self.path:
+        given = len({self.options.base / text for text in self.options.package_path})
+        for number, folder in enumerate(self.path):
+            if number == given:
+                self._demand_trust(name, element)
             yield iter([[folder]] if _has(folder, *MARKS) else [])
             yield iter([self._beside(folder, name)])
             yield self._tree(folder).levels()
+        if given == len(self.path):
+            self._demand_trust(name, element)
         around = self._around()
         if around is not None:
             yield self._tree(around).levels()
+
+    def _demand_trust(self, name: str, element: Element) -> None:
+        """Raise SpecError where the folders of a project file that is not trusted come next: no package that is found later is
+        taken in place of one of theirs."""
+        if self.options.trusting:
+            message = f"the package {name!r} is sought in folders of a project file that is not trusted"
+            raise element.error(message, found=name, hint=self.options.trusting)
 
     def _above(self, name: str) -> Levels:
         for folder in self._folders_above():

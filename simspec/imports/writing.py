@@ -87,7 +87,9 @@ def _entry(root: Node, path: str, index: Index) -> Entry | None:
         if depth > 0 and node.kind == "scalar":
             break
         if node.kind == "list":
-            below = node.entries[int(step)] if step.isdigit() and int(step) < len(node.entries) else None
+            below = (
+                node.entries[int(step)] if step.isascii() and step.isdigit() and int(step) < len(node.entries) else None
+            )
         else:
             if id(node) not in index:
                 index[id(node)] = {one.name: one for one in reversed(node.entries) if one.name is not None}

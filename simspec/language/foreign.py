@@ -139,6 +139,21 @@ class ImportOptions:
         """What messages call a file."""
         return shown_path(path, self.package)
 
+    allowed: tuple[str, ...] = ()
+    """Absolute folders whose files may be used although they are outside of ``project``."""
+    trusting: str = ""
+    """The command by which the user would trust the project file, where it names folders and is not trusted: those folders are
+    neither in ``package_path`` nor in ``allowed``, and what would need them is refused with this command."""
+
+    def allows(self, file: Path) -> bool:
+        """Whether a resolved path is in one of the ``allowed`` folders."""
+        return any(file.is_relative_to(os.path.realpath(folder)) for folder in self.allowed)
+
+    def way_outside(self, more: str = "") -> str:
+        """The hint of an error about a file outside of the project folder; ``more``: a further way."""
+        ways = [f"{self.trusting} lets the folders of the project file be used"] if self.trusting else []
+        return "; ".join([*ways, "--allow-outside allows it", *filter(None, [more])])
+
     def together(self, more: ImportOptions) -> ImportOptions:
         """What a placement says of its file, and what is said of all files (``more``, whose folders are absolute): rules of
         both, the placement's folders first, the arguments of all files and the values of their rules before its own."""
@@ -152,6 +167,8 @@ class ImportOptions:
                 dict.fromkeys((*(word for word in self.repair if _rule_of(word) not in valued), *more.repair))
             ),
             self_collision=self.self_collision and more.self_collision,
+            allowed=more.allowed,
+            trusting=more.trusting,
         )
 
     @property

@@ -49,7 +49,7 @@ def _depth(data: Any, steps: Sequence[Key]) -> int:
     for depth, step in enumerate(steps):
         if isinstance(data, Mapping) and step in data:
             data = data[step]
-        elif isinstance(data, list) and str(step).isdigit() and int(step) < len(data):
+        elif isinstance(data, list) and str(step).isascii() and str(step).isdigit() and int(step) < len(data):
             data = data[int(step)]
         else:
             return depth

@@ -234,9 +234,9 @@ class Collector:
             return None
         if not is_file and path[-1] == "use" and is_robot(text):
             return self._packaged(source, path, text)
-        if project is not None and not target.is_relative_to(project):
+        if project is not None and not target.is_relative_to(project) and not self.options.allows(target):
             allowed = f"files in {shown_path(project)}"
-            hint = "--allow-outside allows it"
+            hint = self.options.way_outside()
             if (name := _installed_name(target)) is not None:
                 hint = f"{name} names this file of an installed package"
             if source.package is not None:

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from simspec.errors import Problem, SpecError
 from simspec.language.document import Document, read
+from simspec.language.foreign import ImportOptions
 from simspec.language.load import Spec, load
 from simspec.language.overrides import Override
 from simspec.language.problems import in_order, of_validation
@@ -35,11 +36,11 @@ class SweepOfStudy:
 class StudySource:
     """A study that was read and checked. ``data``: the model of the file; ``figures``: those that it is held against."""
 
-    def __init__(self, path: Path, document: Document, data: StudyFile, allow_outside: bool):
+    def __init__(self, path: Path, document: Document, data: StudyFile, allow_outside: bool, options: ImportOptions):
         self.path, self.data = path, data
         self._document = document
         self._project = None if allow_outside else project_folder(path)
-        self._allow_outside = allow_outside
+        self._allow_outside, self._options = allow_outside, options
         self.figures: tuple[Figure, ...] = ()
         self.figures_source = ""
 
@@ -87,7 +88,7 @@ class StudySource:
                     Override(key, value, self._document.locate(where, key=True), self._document.locate(where))
                 )
             swept.update(part.get("sweep", {}))
-        spec = load(path, allow_outside=self._allow_outside)
+        spec = load(path, allow_outside=self._allow_outside, options=self._options)
         if swept:
             own = spec.source.document.data.get("sweep", {})
             here = self._document.locate((*place, "sweep"), key=True)
@@ -133,22 +134,26 @@ class StudySource:
             there = False
         if not there:
             raise SpecError([self._document.problem(place, "no such file", found=show(text))])
-        if self._project is not None and not target.is_relative_to(self._project):
-            hint = "--allow-outside allows it"
+        inside = self._project is None or target.is_relative_to(self._project) or self._options.allows(target)
+        if not inside:
+            hint = self._options.way_outside()
             raise SpecError([self._document.problem(place, "leaves the project folder", found=text, hint=hint)])
         return path
 
 
-def load_study_file(path: str | Path, *, allow_outside: bool = False) -> StudySource:
+def load_study_file(
+    path: str | Path, *, allow_outside: bool = False, options: ImportOptions | None = None
+) -> StudySource:
     """Read and validate a study and its file of figures. The scenarios are read by :meth:`StudySource.sweeps`.
 
-    ``spec`` and ``figures`` may leave the study's project folder only with ``allow_outside``. Raises SpecError with every
+    ``spec`` and ``figures`` may leave the study's project folder only with ``allow_outside``, or into a folder that ``options``
+    allow, by which robot files are read too. Raises SpecError with every
     problem, located.
     """
     path = Path(path)
     document = read(path)
     data = _model(document, StudyFile, "a study starts with simspec_study: 1")
-    source = StudySource(path, document, data, allow_outside)
+    source = StudySource(path, document, data, allow_outside, options or ImportOptions())
     source.read_figures()
     return source
 

@@ -101,7 +101,11 @@ def _dimensions() -> Mapping[str, Dimension]:
 
 DIMENSIONS: Mapping[str, Dimension] = _dimensions()
 
-_QUANTITY = re.compile(r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?)\s*(.*?)\s*", re.DOTALL)
+_QUANTITY = re.compile(
+    r"[ \t\r\n\f\v]*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?)(?:\s*(\S(?:.*\S)?))?[ \t\r\n\f\v]*",
+    re.DOTALL,
+)
+"""A number and its unit. Spaces of other kinds than ASCII's stand between the two alone."""
 _TERM = re.compile(r"(?P<operator>\s*[*/]\s*|\s+|)(?P<name>[A-Za-z_]+)(?:(?:\^|\*\*)(?P<power>-?[1-9])(?![0-9.]))?")
 _SIGNS = (("%", "percent"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("·", "*"), ("²", "^2"), ("³", "^3"), ("−", "-"))
 _LONGEST = 80
@@ -179,7 +183,7 @@ def split(text: str) -> tuple[Fraction, str]:
     shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "...")
     if match is None:
         raise UnitError("expected a number, with or without a unit", shown, "a number, or one with a unit")
-    number, unit = match.groups()
+    number, unit = match.groups("")
     if unit:
         _known_factor(unit, shown, "a number, or one with a unit")
     value = Fraction(number)
@@ -221,7 +225,7 @@ def parse(text: str, dimension: str) -> float:
     shown = repr(text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "...")
     if match is None:
         raise UnitError(f"expected {article(dimension)}, found no number", shown, allowed)
-    number, unit = match.groups()
+    number, unit = match.groups("")
     factor = Fraction(1)
     if unit:
         factor, exponents = _known_factor(unit, shown, allowed)

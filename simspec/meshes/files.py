@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import urllib.parse
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from simspec import numerals
 from simspec.errors import UNSEEN_CHARACTERS
 from simspec.reading import NotReadableError, parse_json, read_bytes
 
@@ -44,9 +46,37 @@ class MeshFile:
         return digest.hexdigest()
 
 
+_NUMBERS: Mapping[str, re.Pattern[bytes]] = {
+    ".obj": re.compile(rb"^[ \t]*(?:v[tnp]?|f)[ \t]([^\n#]*)", re.MULTILINE),
+    ".stl": re.compile(rb"^[ \t]*(?:vertex|facet[ \t]+normal)[ \t]([^\n]*)", re.MULTILINE | re.IGNORECASE),
+    ".ply": re.compile(rb"\Aply\s[^\0]*?^format[ \t]+ascii[^\0]*?^end_header[ \t\r]*\n(.*)", re.MULTILINE | re.DOTALL),
+    ".dae": re.compile(
+        rb"<(?:float_array|int_array|p|v|h|vcount|matrix|translate|rotate|scale|skew|lookat)\b[^>]*>([^<]*)<"
+    ),
+}
+"""Where the numbers of a text are, by the end of its name."""
+_UNUSUAL = re.compile(rb"[^\t-\r -~]|[_&]")
+
+
+def _demand_numerals(suffix: str, content: bytes) -> None:
+    """Raise MeshError where numbers of a text have digits other than 0 to 9, underscores or other spaces, which some readers
+    take and others do not (:mod:`simspec.numerals`)."""
+    if suffix not in _NUMBERS or (content.isascii() and b"_" not in content and b"&" not in content):
+        return
+    if suffix == ".stl" and not (content[:5].lower() == b"solid" and b"endfacet" in content.lower()):
+        return  # binary
+    for found in _NUMBERS[suffix].finditer(content):
+        if wrong := _UNUSUAL.search(found[1]):
+            line = 1 + content.count(b"\n", 0, found.start(1) + wrong.start())
+            text = found[1][max(0, wrong.start() - 20) :].strip()[:40].decode("utf-8", "replace")
+            why = numerals.refusal(text).python_alone or "a character that is part of no number"
+            raise MeshError(f"line {line}: {text!r} should be numbers: {why}")
+
+
 def open_mesh(path: Path) -> MeshFile:
     """A file with the buffers that it needs, which must lie in its folder or below. Raises MeshError."""
     content = _bytes(path, LARGEST_FILE)
+    _demand_numerals(path.suffix.lower(), content)
     if path.suffix.lower() not in (".gltf", ".glb"):
         return MeshFile(path, content)
     beside: dict[str, bytes] = {}

@@ -6,7 +6,6 @@ runs outside of Python (W3C, Portable Network Graphics, third edition: chunks in
 
 from __future__ import annotations
 
-import re
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from simspec import numerals
 from simspec.language.heightfield import FEWEST, MOST_HEIGHTS
 from simspec.language.units import LARGEST
 from simspec.meshes.files import MeshError
@@ -21,8 +21,6 @@ from simspec.reading import NotReadableError, read_bytes
 
 LARGEST_FILE = 16 * 2**20
 """Bytes of one file: the most heights, as text of 60 characters each."""
-NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,4})?")
-"""What a text may say; what Python reads besides (1_000, inf, digits of other scripts) is no number there."""
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 GREY = 0
 """PNG's number of pictures without colours and opacity."""
@@ -61,8 +59,8 @@ def _text(content: bytes) -> Array:
     for number, line in enumerate(lines, 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        words = line.split(",") if "," in line else line.split()
-        rows.append([_number(word.strip(), number) for word in words])
+        words = line.split(",") if "," in line else numerals.parts_of(line)
+        rows.append([_number(word.strip(numerals.SPACE), number) for word in words])
         if len(words) != len(rows[0]):
             raise MeshError(f"{len(words)} numbers in line {number}, where the first row has {len(rows[0])}")
         if len(rows) * len(words) > MOST_HEIGHTS:
@@ -72,7 +70,11 @@ def _text(content: bytes) -> Array:
 
 
 def _number(word: str, line: int) -> float:
-    if NUMBER.fullmatch(word) is None or not abs(value := float(word)) <= LARGEST:
+    try:
+        value = numerals.number(word)
+    except numerals.NumeralError as error:
+        raise MeshError(f"{word[:40]!r} in line {line} is no usable number{error.suffix}") from None
+    if abs(value) > LARGEST:
         raise MeshError(f"{word[:40]!r} in line {line} is no usable number")
     return value
 

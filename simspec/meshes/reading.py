@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from simspec.confinement import ANY_LOCALE
 from simspec.exchange import exchange
+from simspec.isolated import ELSEWHERE, with_search_path
 from simspec.meshes.files import MeshError, MeshFile
 from simspec.reading import NotReadableError, parse_json
 from simspec.world.solid import Points, Triangles
@@ -85,11 +85,12 @@ def _process(asked: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes
     environment |= ANY_LOCALE
     one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     process = subprocess.Popen(
-        [sys.executable, "-m", "simspec.meshes.child", *needed],
+        # not -I, by which PYTHONHASHSEED would have no effect; the environment has no other PYTHON variable of the user
+        with_search_path("-m", "simspec.meshes.child", *needed),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        cwd="/",  # the working folder is on the path of python -m, and may have a json.py
+        cwd=ELSEWHERE,
         env={**environment, **one_thread, "PYTHONNOUSERSITE": "1", "PYTHONHASHSEED": "0"},
         start_new_session=True,
     )

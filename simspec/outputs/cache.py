@@ -42,6 +42,8 @@ def _folder_of_user(variable: str, usual: str, name: str) -> Path | None:
     base = os.environ.get(variable, "")
     if os.path.isabs(base):  # the specification of these variables: a relative path is to be ignored
         return Path(base) / "simspec" / name
+    if not os.path.isabs(os.environ.get("HOME", "/")):
+        return None  # a relative HOME is a folder of whatever project the command is started in
     try:
         return Path.home() / usual / "simspec" / name
     except RuntimeError:
@@ -50,9 +52,11 @@ def _folder_of_user(variable: str, usual: str, name: str) -> Path | None:
 
 def written_by_others(folder: Path) -> str | None:
     """Why other users may have written into a folder, or put another in its place: a part of its path that is another user's
-    (but root's), or that everybody can write (but a folder with the sticky bit, as /tmp). None where nobody else can."""
-    place = Path(os.path.realpath(folder))
-    for part in (place, *place.parents):
+    (but root's), or that everybody can write (but a parent with the sticky bit, as /tmp). Both the path as it is given and the
+    one without links count: a link in a folder that everybody can write leads where its last writer wants. None where nobody
+    else can."""
+    given, place = Path(os.path.abspath(folder)), Path(os.path.realpath(folder))
+    for part in dict.fromkeys((place, *place.parents, *given.parents)):
         try:
             status = os.stat(part)
         except OSError:
@@ -62,6 +66,12 @@ def written_by_others(folder: Path) -> str | None:
         if status.st_mode & stat.S_IWOTH and (part == place or not status.st_mode & stat.S_ISVTX):
             return f"everybody can write {part}"
     return None
+
+
+def demand_private(folder: Path) -> None:
+    """Raise PermissionError where others may have written into a folder: what stands there is run."""
+    if (why := written_by_others(folder)) is not None:
+        raise PermissionError(f"the folder {folder} is not used: {why}")
 
 
 def built(place: Path, build: Callable[[Path], None], patience: float, anew: bool = False, keep: int = KEPT) -> Path:
@@ -78,6 +88,7 @@ def built(place: Path, build: Callable[[Path], None], patience: float, anew: boo
     if not anew and is_there(place):
         return place
     folder = place.parent
+    demand_private(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with _locked(folder, patience):
         _clean(folder, place, keep)
@@ -100,6 +111,7 @@ def is_there(place: Path) -> bool:
         status = os.lstat(place)
     except FileNotFoundError:
         return False
+    demand_private(place.parent)
     if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o022:
         raise PermissionError(f"{place} is not a file that this user alone can write: remove it")
     with contextlib.suppress(OSError):  # a folder that is only read: its files leave by when they were made

@@ -11,6 +11,8 @@ import re
 import shutil
 from pathlib import Path
 
+from simspec.outputs.cache import demand_private
+
 LOCK = "lock"
 
 _held: list[int] = []
@@ -22,6 +24,7 @@ def hold(folder: Path, made: re.Pattern[str], most: int) -> None:
     the library reads files that it has seen to be there. Those stay that were made last, since a library leaves no mark of use;
     what has no name as in ``made`` is nobody's here, and stays. Raises OSError where the folder cannot be written, and
     PermissionError where others than this user can write it, since the library runs what it finds there."""
+    demand_private(folder)
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     status = os.lstat(folder)
     if status.st_uid != os.geteuid() or status.st_mode & 0o022:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 import tokenize
 import zipfile
 import zlib
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simspec import numerals
 from simspec.errors import SpecError
 from simspec.language.document import LARGEST_FILE, read_text
 from simspec.language.trajectory import MOST_NUMBERS, MOST_POINTS
@@ -27,8 +27,6 @@ LONGEST_NAME = 200
 """Characters of a joint's or an array's name."""
 MOST_ARRAYS = 20
 """Arrays of a file; six mean something."""
-NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,4})?")
-"""What a CSV may say; what Python reads besides (1_000, inf, digits of other scripts) is no number there."""
 SUFFIXES = {"": "positions", "velocity": "velocities", "acceleration": "accelerations", "effort": "efforts"}
 """What stands behind the colon in a CSV's header, and what it is."""
 QUANTITIES = tuple(SUFFIXES.values())
@@ -148,9 +146,10 @@ def _columns(header: list[str], table: Table) -> dict[str, dict[str, int]]:
 
 def _number(text: str) -> float | None:
     """A number that may be used, None for anything else."""
-    if not NUMBER.fullmatch(text.strip()):
+    try:
+        value = numerals.number(text)
+    except numerals.NumeralError:
         return None
-    value = float(text)
     return value if abs(value) <= LARGEST else None
 
 

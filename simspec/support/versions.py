@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-_RELEASE = re.compile(r"v?(\d+(?:\.\d+)*)")
+_RELEASE = re.compile(r"v?([0-9]+(?:\.[0-9]+)*)")
 
 
 def release(version: str) -> tuple[int, ...]:

@@ -152,7 +152,7 @@ def test_a_version_that_cannot_be_installed_says_what_pip_said(tmp_path, monkeyp
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     monkeypatch.setattr(released, "_listed", lambda engine, package: RELEASED)
     script = """#!/bin/sh
-if [ "$2" = venv ]; then mkdir -p "$3/bin" && cp "$0" "$3/bin/python"; exit; fi
+if [ "$3" = venv ]; then mkdir -p "$4/bin" && cp "$0" "$4/bin/python"; exit; fi
 echo 'ERROR: No matching distribution found'; exit 1
 """
     monkeypatch.setattr(sys, "executable", str(program(tmp_path / "python", script)))

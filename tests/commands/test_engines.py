@@ -189,6 +189,9 @@ def test_an_interpreter_without_the_engine_is_told(tmp_path, monkeypatch, capsys
     python = program(tmp_path / "python", "#!/bin/sh\nexit 3\n")
     (tmp_path / "simspec.toml").write_text(f'[engines."mujoco@3"]\npython = "{python}"\n')
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert cli.main(["trust"]) == 0
+    capsys.readouterr()
     row = answer(capsys, "doctor", "mujoco@3", code=3)["mujoco@3"]
     assert row["state"] == "fails"
     assert "gave no version, exit code 3" in row["problems"][0]
@@ -213,13 +216,13 @@ def commands(tmp_path, monkeypatch):
     return lambda: log.read_text().splitlines() if log.exists() else []
 
 
-PIP = "python -m pip install simspec[toy]"
+PIP = "python -I -m pip install simspec[toy]"
 APT = ["apt-get update --quiet", "apt-get install --yes --no-install-recommends libtoys-dev gcc"]
 
 
 def test_the_words_are_printed_and_run_only_where_that_is_asked(packages, commands, capsys):
     [told] = answer(capsys, "install", "toy")["toy"]["commands"]
-    assert told == {"words": f"{sys.executable} -m pip install 'simspec[toy]'", "ran": False, "code": None}
+    assert told == {"words": f"{sys.executable} -I -m pip install 'simspec[toy]'", "ran": False, "code": None}
     assert shlex.split(told["words"])[0] == sys.executable
     assert commands() == []
     assert cli.main(["engines", "install", "toy"]) == 0

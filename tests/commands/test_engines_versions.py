@@ -15,12 +15,13 @@ from simspec.engines.kit.identity import parse
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.outputs import begun
+from simspec.project import NotTrustedError
 from tests.files import program
 
 VENV = """#!/bin/sh
 echo "$@" >> {log}
-if [ "$2" = venv ]; then mkdir -p "$3/bin" && cp "$0" "$3/bin/python"; exit; fi
-if [ "$1" = -c ]; then echo '{{"version": "'$(cat {version})'", "numpy": "2.0"}}'; exit; fi
+if [ "$3" = venv ]; then mkdir -p "$4/bin" && cp "$0" "$4/bin/python"; exit; fi
+if [ "$3" = -c ]; then echo '{{"version": "'$(cat {version})'", "numpy": "2.0"}}'; exit; fi
 exit $(cat {code} 2>/dev/null || echo 0)
 """
 
@@ -44,21 +45,21 @@ def answer(capsys, *words: str, code: int = 0):
 
 def asked(place) -> list[str]:
     log = place.parents[2] / "log"
-    return [line for line in log.read_text().splitlines() if line.startswith("-m")] if log.exists() else []
+    return [line for line in log.read_text().splitlines() if line.startswith("-I -m")] if log.exists() else []
 
 
 def test_a_version_gets_an_environment_that_its_label_finds(made, capsys):
     place = made / "mujoco@3.17"
     [venv, pip] = [one["words"] for one in answer(capsys, "install", "mujoco@3.17")["mujoco@3.17"]["commands"]]
-    assert venv == f"{sys.executable} -m venv {place}"
-    assert pip.startswith(f"{place}/bin/python -m pip install 'mujoco==3.17.*' numpy 'pin")
+    assert venv == f"{sys.executable} -I -m venv {place}"
+    assert pip.startswith(f"{place}/bin/python -I -m pip install 'mujoco==3.17.*' numpy 'pin")
     assert not made.exists()  # nothing is run unasked
     assert asked(made) == []
     assert interpreters(None) == {}
 
     row = answer(capsys, "install", "mujoco@3.17", "--yes")["mujoco@3.17"]
     assert (row["state"], row["version"], row["problem"]) == ("installed", "3.17.4", None)
-    assert [words.split()[1] for words in asked(made)] == ["venv", "pip"]
+    assert [words.split()[2] for words in asked(made)] == ["venv", "pip"]
     assert interpreters(None) == {"mujoco@3.17": str(place / "bin" / "python")}
     assert interpreters(["mujoco@3.17=/other"]) == {"mujoco@3.17": "/other"}
     assert cli.main(["engines", "--json"]) == 0
@@ -73,6 +74,9 @@ def test_a_version_gets_an_environment_that_its_label_finds(made, capsys):
 def test_the_project_file_comes_before_what_simspec_made(made, capsys, tmp_path):
     answer(capsys, "install", "mujoco@3.17", "--yes")
     (tmp_path / "simspec.toml").write_text('[engines."mujoco@3.17"]\npython = "/mine/python"\n')
+    with pytest.raises(NotTrustedError, match="simspec trust"):
+        interpreters(None)["mujoco@3.17"]  # and not the one that simspec made
+    assert cli.main(["trust"]) == 0
     assert interpreters(None) == {"mujoco@3.17": "/mine/python"}
 
 

@@ -88,10 +88,14 @@ def test_each_of_them_is_needed(folder, capsys, name):
 
 
 @pytest.mark.parametrize("name", ["import", "check of a scenario", "run"])
-def test_the_project_file_says_where_packages_are(folder, capsys, name):
+def test_the_project_file_says_where_packages_are(folder, capsys, name, monkeypatch):
     """For every command, and after what the command line says."""
     said = [*SAID[:2], *SAID[4:]]
+    monkeypatch.setenv("XDG_DATA_HOME", str(folder.parent / "data"))
     (folder / "simspec.toml").write_text('package-paths = ["../elsewhere"]\n')
+    assert cli.main([*COMMANDS[name], *said]) == 2
+    assert f"simspec trust {folder / 'simspec.toml'}" in " ".join(capsys.readouterr().err.split())
+    assert cli.main(["trust"]) == 0
     code = cli.main([*COMMANDS[name], *said])
     captured = capsys.readouterr()
     assert code == SUCCEEDS.get(name, 0), captured.out + captured.err

@@ -16,7 +16,7 @@ from simspec.engines.dart.coordinates import NAME, Coordinates, Turner, vector_o
 from simspec.engines.dart.efforts import Efforts
 from simspec.engines.dart.nodes import Nodes
 from simspec.engines.kit.captured import captured
-from simspec.errors import EngineError
+from simspec.errors import EngineError, not_importable
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.skel.format import WORLD
 from simspec.formats.skel.reading import without_visual_shapes
@@ -42,7 +42,7 @@ def import_dartpy() -> Any:
     try:
         import dartpy
     except ImportError as error:
-        raise EngineError(NAME, f"not installed: pip install 'simspec[dart]' ({error})") from error
+        raise not_importable(NAME, "dartpy", error) from error
     return dartpy
 
 

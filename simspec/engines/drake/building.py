@@ -22,7 +22,7 @@ import numpy as np
 
 from simspec.engines.drake.corners import ANY_RESOLUTION, FACED, corners, hydroelastic
 from simspec.engines.drake.memory import too_large
-from simspec.errors import EngineError
+from simspec.errors import EngineError, not_importable
 from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, Shape
 from simspec.world.types import VELOCITY_SIZE, Pose
 
@@ -47,7 +47,7 @@ def import_drake() -> Drake:
     try:
         return Drake()
     except ImportError as error:
-        raise EngineError(NAME, f"not installed: pip install 'simspec[drake]' ({error})") from error
+        raise not_importable(NAME, "pydrake", error) from error
 
 
 class Drake:

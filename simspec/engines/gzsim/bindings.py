@@ -109,7 +109,7 @@ def version() -> str | None:
     for pattern in LIBRARIES:
         for file in sorted(glob.glob(f"{pattern}/libgz-sim{there.number}.so.*.*.*")):
             return file.rpartition(".so.")[2]
-    return there.number or "of no number"
+    return there.number or "0 of no number"
 
 
 def why_not() -> str:

@@ -89,9 +89,12 @@ def checked_run(operation: Operation, result: dict[str, Any], arrays: dict[str, 
     for part in parts(rows, 8, planned, arrays["step"]):
         planned[part] = np.minimum(np.arange(part.start, part.stop) * asked["every"], asked["steps"])
         same = same and np.array_equal(arrays["step"][part], planned[part])
-    whole = rows == planned_rows(operation)
-    if not (rows and same and result["steps"] == planned[-1] and (whole or failed)):
+    if not rows or (rows != planned_rows(operation) and not failed):
         raise BadAnswerError(f"{rows} rows, should be {planned_rows(operation)}, one every {asked['every']} steps")
+    if not same:
+        raise BadAnswerError(f"the steps of its {rows} rows are not one every {asked['every']} of {asked['steps']}")
+    if result["steps"] != planned[-1]:
+        raise BadAnswerError(f"its last row is of step {planned[-1]}, and it reports {result['steps']} steps")
     if failed is not None and (failed["channel"] not in arrays or failed["step"] != result["steps"]):
         raise BadAnswerError("it reports a failure, but not after its last step")
     certain = rows - (failed is not None)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from simspec.control.reference import driven_joints
 from simspec.engines.kit import worker
 from simspec.engines.kit.arrays import SECONDS
+from simspec.engines.kit.identity import STATED
 from simspec.world.kinematics import layout_of
 from simspec.world.types import ReadBack, World
 
@@ -177,11 +178,17 @@ class Entry(Strict):
     arrays: dict[Name, Described]
 
 
+def _stated(version: str) -> str:
+    if STATED.fullmatch(version) is None:
+        raise ValueError("not a version: at most 64 letters, digits and marks, with a digit")
+    return version
+
+
 class Result(Strict):
     schema_: Literal[worker.SCHEMA] = Field(alias="schema")  # type: ignore[valid-type]
     status: Literal["ok"]
     engine: Name
-    engine_version: Name | None
+    engine_version: Annotated[str, AfterValidator(_stated)] | None
     numpy_version: Name
     python_version: Name
     platform: Name

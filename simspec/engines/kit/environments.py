@@ -5,7 +5,6 @@ A folder ``engines/NAME@VERSION`` is one environment, whole or begun (``outputs/
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Final
 
@@ -18,8 +17,9 @@ from simspec.engines.kit.installed import too_old
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.engines.kit.released import package_of
 from simspec.errors import EngineError, SpecError
+from simspec.isolated import isolated
 from simspec.outputs.begun import is_whole
-from simspec.outputs.cache import data_folder
+from simspec.outputs.cache import data_folder, written_by_others
 
 FOLDER: Final = "engines"
 BESIDE: Final = ("numpy",)
@@ -40,10 +40,10 @@ def python_of(place: Path) -> Path:
 
 
 def environments() -> dict[str, str]:
-    """The interpreters of every whole environment in the user's data folder, by label."""
+    """The interpreters of every whole environment in the user's data folder, by label; none where others can write in it."""
     folder = data_folder(FOLDER)
     try:
-        places = sorted(folder.iterdir()) if folder is not None else []
+        places = sorted(folder.iterdir()) if folder is not None and written_by_others(folder) is None else []
     except OSError:
         return {}  # there is no such folder, or it is not the user's to read: what is named and missing is told by label
     found = {place.name: str(python_of(place)) for place in places if _known(place.name) and is_whole(place) is True}
@@ -84,9 +84,11 @@ def making(label: EngineId) -> list[list[str]]:
     place = place_of(label.label)
     if place is None:
         raise EngineError(label.label, "there is no home folder to keep it in: XDG_DATA_HOME can name another")
+    if (why := written_by_others(place.parent)) is not None:
+        raise EngineError(label.label, f"the folder {place.parent} is not used: {why}; XDG_DATA_HOME can name another")
     asked = requirement(engine, label.version)
     laws = [str(one).partition(";")[0].strip() for one in requirements(LAWS)]
     return [
-        [sys.executable, "-m", "venv", str(place)],
-        [str(python_of(place)), "-m", "pip", "install", asked, *BESIDE, *engine.BESIDE, *laws],
+        isolated("-m", "venv", str(place)),
+        isolated("-m", "pip", "install", asked, *BESIDE, *engine.BESIDE, *laws, python=str(python_of(place))),
     ]

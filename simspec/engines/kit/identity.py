@@ -18,6 +18,10 @@ VERSION = re.compile(r"[0-9][0-9A-Za-z.+_-]{0,39}")
 """What a label may have for a version: it is a part of folders' names."""
 
 
+STATED = re.compile(r"(?=[^0-9]*[0-9])[0-9A-Za-z][0-9A-Za-z .+_~!-]{0,63}")
+"""What an interpreter or a process may state as the version of an engine: it stands in tables, keys and certificates."""
+
+
 @dataclass(frozen=True, slots=True)
 class EngineId:
     """An engine by name; ``version`` is the beginning of its version (``3.8`` for 3.8.1) or empty for any; ``python`` is the

@@ -12,15 +12,17 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import IO
 
 import numpy as np
 
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.identity import engine_name, other_version, program_of
+from simspec.engines.kit.identity import STATED, engine_name, other_version, program_of
 from simspec.engines.kit.installing import left_out, not_installed
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.errors import EngineError, clipped, visible
+from simspec.isolated import ELSEWHERE, search_environment, with_search_path
 from simspec.support.versions import is_wholly_before
 
 PATIENCE = 30.0
@@ -62,12 +64,17 @@ class Instance:
     numpy: str | None = None
 
 
-def instances(interpreters: Mapping[str, str], labels: Iterable[str] = ()) -> list[Instance]:
+def instances(
+    interpreters: Mapping[str, str],
+    labels: Iterable[str] = (),
+    not_queried: Mapping[str, str] = MappingProxyType({}),
+) -> list[Instance]:
     """Every known engine and, beside it, its versions that ``interpreters`` (by label) and ``labels`` name.
 
     Interpreters are asked side by side, within ``PATIENCE``; one that gives no version is an instance with a problem.
+    ``not_queried``: labels whose interpreter is not started, each with the reason, which is the problem of its instance.
     """
-    named = dict.fromkeys([*interpreters, *labels])
+    named = dict.fromkeys([*interpreters, *not_queried, *labels])
     ordered = [
         word for name in engines() for word in dict.fromkeys([name, *(w for w in named if engine_name(w) == name)])
     ]
@@ -76,9 +83,20 @@ def instances(interpreters: Mapping[str, str], labels: Iterable[str] = ()) -> li
         asked = {
             label: stack.enter_context(_asked(interpreters[label], find_engine(label)))
             for label in ordered
-            if label in interpreters
+            if label in interpreters and label not in not_queried
         }
-        return [_instance(label, interpreters.get(label), asked.get(label), ends) for label in ordered]
+        return [
+            _closed(label, not_queried[label])
+            if label in not_queried
+            else _instance(label, interpreters.get(label), asked.get(label), ends)
+            for label in ordered
+        ]
+
+
+def _closed(label: str, why: str) -> Instance:
+    """An engine whose interpreter is not started."""
+    engine = find_engine(label)
+    return Instance(label, engine.NAME, None, None, engine.DIALECT, format_of(engine), why)
 
 
 def _instance(label: str, python: str | None, asked: _Asked | None, ends: float) -> Instance:
@@ -139,12 +157,12 @@ def _asked(python: str, engine: type[Engine]) -> Iterator[_Asked]:
     """The interpreter ``python``, started; nothing of it is left at the end of the block."""
     try:
         process = subprocess.Popen(
-            [program_of(python), "-c", _ASK, *engine.distributions()],
+            with_search_path("-c", _ASK, *engine.distributions(), python=program_of(python)),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            cwd="/",  # the working folder is on the path of python -c, and may have a json.py
-            env={**os.environ, "PYTHONNOUSERSITE": "1"},  # as an engine's process has it
+            cwd=ELSEWHERE,
+            env=search_environment(os.environ),  # as an engine's process has it
             start_new_session=True,
         )
     except (OSError, ValueError) as error:
@@ -179,6 +197,8 @@ def _answer(asked: _Asked, ends: float) -> tuple[str | None, str | None]:
     if code or not isinstance(answer, dict) or not (version is None or isinstance(version, str)):
         said = f": {clipped(visible(lines[-1]), MOST_REASON)}" if lines[-1] else ""
         raise NoVersionError(f"gave no version, exit code {code}{said}")
+    if version is not None and STATED.fullmatch(version) is None:
+        raise NoVersionError(f"gave no version: {clipped(visible(version), MOST_REASON)}")
     numpy = answer.get("numpy")
     return version, numpy if isinstance(numpy, str) else None
 

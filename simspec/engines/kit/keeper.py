@@ -199,5 +199,6 @@ def _prctl(option: int, value: int) -> bool:
 
 
 if __name__ == "__main__":
-    sys.path.pop(0)  # this script's own folder: a module of it would shadow an engine's package of the same name
+    if not sys.flags.safe_path:
+        sys.path.pop(0)  # this script's own folder: a module of it would shadow an engine's package of the same name
     sys.exit(keep(Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), sys.argv[4:]))

@@ -35,6 +35,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.request import write_request
 from simspec.engines.kit.warm import Forked, WarmProcesses
 from simspec.errors import EngineError, clipped, visible
+from simspec.isolated import search_environment, with_search_path
 from simspec.mapped import RECORDED_BYTES
 from simspec.reading import NotReadableError, parse_json, read_bytes
 from simspec.scratch import scratch_folder
@@ -188,7 +189,7 @@ def begin(engine: str, python: str | None, warm: WarmProcesses | None) -> None:
 
 def _environment() -> dict[str, str]:
     """The environment of engines' processes."""
-    return {**ONE_THREAD, **os.environ, **ANY_LOCALE, "PYTHONNOUSERSITE": "1"}
+    return search_environment({**ONE_THREAD, **os.environ, **ANY_LOCALE})
 
 
 def at_work(say: Callable[[str], None], work: str, doing: str) -> None:
@@ -219,7 +220,8 @@ class Running:
         environment = _environment()
         # the process itself starts in its own folder
         program = program_of(python)
-        words = [program, keeper.__file__, str(folder), str(deadline + GRACE), str(RECORDED_BYTES), *(command or ())]
+        given = (str(folder), str(deadline + GRACE), str(RECORDED_BYTES), *(command or ()))
+        words = with_search_path(keeper.__file__, *given, python=program)
         forked = None
         if warm is not None and command is None:
             asked = (program, deadline + GRACE, RECORDED_BYTES)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 from collections.abc import Iterable, Sequence
 from typing import Final
 
@@ -13,6 +12,7 @@ from packaging.version import InvalidVersion, Version
 
 from simspec.engines.kit.contract import Engine
 from simspec.errors import EngineError, clipped, visible
+from simspec.isolated import ELSEWHERE, isolated
 
 PATIENCE: Final = 120.0
 """s that the client may take for the list of one package."""
@@ -73,20 +73,16 @@ def _reaches(engine: type[Engine], rule: str, lowest: Version, highest: Version)
 
 def _listed(engine: type[Engine], package: str) -> Sequence[str]:
     """The client's listing of a package. It is started from the root, so that no file of the user's is imported."""
-    words = [
-        sys.executable,
-        "-I",
-        "-m",
-        "pip",
-        "--disable-pip-version-check",
-        "--no-input",
-        "index",
-        "versions",
-        package,
-    ]
+    words = isolated("-m", "pip", "--disable-pip-version-check", "--no-input", "index", "versions", package)
     try:
         done = subprocess.run(
-            words, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE, cwd="/", check=False
+            words,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            cwd=ELSEWHERE,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         raise EngineError(

@@ -22,6 +22,7 @@ from typing import IO, Any, Self
 
 from simspec.engines.kit import warm_server
 from simspec.engines.kit.contract import Engine
+from simspec.isolated import ELSEWHERE, search_environment, with_search_path
 
 START = 60.0
 """s that a warm process may take to import its engine: the slowest takes 2 on a quiet machine."""
@@ -66,11 +67,12 @@ class _Server:
         self._connection, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
             self._process = subprocess.Popen(
-                [python, warm_server.__file__, program, str(other.fileno())],
+                with_search_path(warm_server.__file__, program, str(other.fileno()), python=python),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                env=dict(environment),
+                cwd=ELSEWHERE,
+                env=search_environment(environment),
                 pass_fds=[other.fileno()],
                 start_new_session=True,
             )

@@ -108,5 +108,6 @@ def _keep(keeper: Any, asked: dict[str, Any], descriptors: list[int]) -> None:
 
 
 if __name__ == "__main__":
-    sys.path.pop(0)  # this script's own folder: a module of it would shadow an engine's package of the same name
+    if not sys.flags.safe_path:
+        sys.path.pop(0)  # this script's own folder: a module of it would shadow an engine's package of the same name
     serve(sys.argv[1], int(sys.argv[2]))

@@ -27,7 +27,7 @@ from simspec.engines.mujoco.between import Between
 from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.equality import Equalities
 from simspec.engines.mujoco.readback import JOINT_KINDS, frame_sites, read_back
-from simspec.errors import EngineError
+from simspec.errors import EngineError, not_importable
 from simspec.formats.mjcf.format import MODEL
 from simspec.formats.mjcf.names import file_name
 from simspec.world.rotations import cross
@@ -366,11 +366,11 @@ class MujocoSimulation(Engine, abstract=True):
 
 
 def import_mujoco() -> Any:
-    """MuJoCo's module. Raises EngineError where it is not installed."""
+    """MuJoCo's module. Raises EngineError where it cannot be imported."""
     try:
         import mujoco
     except ImportError as error:
-        raise EngineError("mujoco", f"not installed: pip install 'simspec[mujoco]' ({error})") from error
+        raise not_importable("mujoco", "mujoco", error) from error
     return mujoco
 
 

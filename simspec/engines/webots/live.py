@@ -12,7 +12,6 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ import numpy as np
 
 from simspec.engines.webots.program import INSTALLED, NAME
 from simspec.errors import EngineError, clipped, visible
+from simspec.isolated import isolated
 from simspec.processor_time import counted
 from simspec.scratch import scratch_folder
 
@@ -70,7 +70,7 @@ class Live:
         ours, theirs = socket.socketpair()
         self._channel = self._resources.enter_context(ours)
         with theirs, open(folder / "controller.txt", "wb") as said:
-            words = [sys.executable, "-I", str(CONTROLLER), str(INSTALLED.library()), str(theirs.fileno())]
+            words = isolated(str(CONTROLLER), str(INSTALLED.library()), str(theirs.fileno()))
             self._said = folder / "controller.txt"
             self._program(words, folder, {**environment, "WEBOTS_CONTROLLER_URL": address}, said, theirs.fileno())
         self._send_json({"bodies": list(bodies), "tops": list(tops)})

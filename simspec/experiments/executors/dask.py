@@ -35,7 +35,7 @@ from simspec.experiments.executors.remote import (
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-ADDRESS = re.compile(r"(tcp|tls)://[^\s/@]+:\d{1,5}")
+ADDRESS = re.compile(r"(tcp|tls)://[^\s/@]+:[0-9]{1,5}")
 PATIENCE = 10.0
 """s in which a scheduler answers the first time. On a local network it takes milliseconds."""
 SILENCE = 60.0

@@ -52,7 +52,7 @@ class LocalExecutor:
     ):
         if jobs < 1:
             raise ValueError(f"{jobs} jobs")
-        self._supplies, self._jobs, self._pythons = supplies, jobs, dict(pythons or {})
+        self._supplies, self._jobs, self._pythons = supplies, jobs, pythons or {}
         self._warm = warm
         self._do_run = do_run or self._in_a_process
         self._alone = jobs == 1 and do_run is not None  # it may be timed

@@ -97,7 +97,7 @@ def _parsed(content: bytes, file: str) -> tuple[Array, Indices]:
             continue
         if words[0] == "o":
             objects += 1
-        elif words[0] in rows and len(words) == 4:
+        elif words[0] in rows and len(words) == 4 and "_" not in line:  # numpy reads 1_000
             rows[words[0]].append(words[1:])
         else:
             raise ValueError(f"{file}:{number}: {line[:60]!r} is no vertex of three numbers and no triangle")

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+from simspec import numerals
 from simspec.resources import resource_folder
 from simspec.world.canonical import to_plain
 
@@ -34,11 +35,10 @@ def numbers(values: Any) -> str:
 def finite_numbers(text: str, count: int | None = None) -> tuple[float, ...]:
     """The numbers in ``text``, by white space. Raises ValueError where they are none, not finite, or not ``count``."""
     try:
-        values = tuple(map(float, text.split()))
-    except ValueError:
-        raise ValueError(f"is {text[:60]!r}, should be numbers") from None
-    if not all(map(math.isfinite, values)):
-        raise ValueError(f"is {text[:60]!r}, should be finite numbers")
+        values = numerals.numbers(text)
+    except numerals.NumeralError as error:
+        what = "finite numbers" if str(error) == "not finite" else f"numbers{error.suffix}"
+        raise ValueError(f"is {text[:60]!r}, should be {what}") from None
     if count is not None and len(values) != count:
         raise ValueError(f"has {len(values)} numbers, should have {count}")
     return values

@@ -6,11 +6,11 @@ its :class:`Node`, the element as it stands in the file; :func:`strangers` finds
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from simspec import numerals
 from simspec.world.types import Vector3
 
 SINGLE: Final = "single"
@@ -107,13 +107,10 @@ class Node:
         if text is None:
             return None
         try:
-            values = tuple(float(part) for part in text.split() if "_" not in part)
-        except ValueError:
-            values = ()
-        if len(values) != count or len(text.split()) != count or not all(map(math.isfinite, values)):
+            return numerals.numbers(text, count)
+        except numerals.NumeralError:
             what = "a finite number" if count == 1 else f"{count} finite numbers"
-            raise self.error(f"{name}={text[:60]!r} of <{self.tag}>, should be {what}")
-        return values
+            raise self.error(f"{name}={text[:60]!r} of <{self.tag}>, should be {what}") from None
 
     def number(self, name: str) -> float | None:
         """One finite number of an attribute; None where there is no such attribute. Raises ValueError for others."""

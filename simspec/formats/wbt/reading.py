@@ -21,9 +21,9 @@ MOST_DEPTH: Final = 20_000
 """Nodes and lists in one another: a chain of bodies nests each in its parent, four deep."""
 MOST_VALUES: Final = 4_000_000
 """Numbers, texts and flags of a file: each takes some 50 bytes of memory."""
-HEADER: Final = re.compile(r"#VRML_SIM (R\d{4}[a-z]) utf8[ \t]*\r?(?:\n|\Z)")
+HEADER: Final = re.compile(r"#VRML_SIM (R[0-9]{4}[a-z]) utf8[ \t]*\r?(?:\n|\Z)")
 TOKEN: Final = re.compile(r'[\s,]+|#[^\n]*|("(?:[^"\\]|\\.)*")|([\[\]{}])|([^\s,\[\]{}"#]+)', re.DOTALL)
-NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 WORD: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 CONSTANTS: Final = {"TRUE": True, "FALSE": False, "NULL": None}
 NOT_READ: Final = {

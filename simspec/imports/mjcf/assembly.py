@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
+from simspec import numerals
 from simspec.imports.elements import DEEPEST, MOST_BODIES, SPLIT, Element, parse
 from simspec.imports.files import Files
 from simspec.imports.packages import MissingFileError
@@ -189,7 +190,9 @@ class _Builder:
 
     def _attributes(self, element: Element, folders: _Folders, path: Path) -> dict[str, str]:
         attributes = {
-            name: " ".join(value.split()) for name, value in element.attributes.items() if not name.startswith("{")
+            name: " ".join(numerals.parts_of(value))
+            for name, value in element.attributes.items()
+            if not name.startswith("{")
         }
         if element.tag == "compiler":
             for name in ("meshdir", "texturedir", "assetdir", "strippath"):
@@ -336,17 +339,17 @@ def _count(element: Element, name: str) -> int:
     """A whole number of an attribute, at least 1."""
     text = element.attributes.get(name, "1")
     try:
-        return min(max(1, int(text.split()[0])), MOST_COPIES)
-    except (ValueError, IndexError):
+        return min(max(1, numerals.whole(numerals.parts_of(text)[0])), MOST_COPIES)
+    except (numerals.NumeralError, IndexError):
         raise element.error(f"{name} of <{element.tag}> should be a whole number", found=text[:80]) from None
 
 
 def _cells(element: Element) -> int:
     """The product of the counts of a composite."""
     product = 1
-    for text in element.attributes.get("count", "1").split():
+    for text in numerals.parts_of(element.attributes.get("count", "1")):
         try:
-            product = min(product * max(1, int(text)), MOST_COPIES)
-        except ValueError:
+            product = min(product * max(1, numerals.whole(text)), MOST_COPIES)
+        except numerals.NumeralError:
             raise element.error(f"count of <{element.tag}> should be whole numbers", found=text[:80]) from None
     return product

@@ -118,6 +118,6 @@ def _contact(contact: Element) -> None:
 
 def _has_first_bit(text: str) -> bool:
     try:
-        return int(text, 0) % 2 == 1
+        return text.isascii() and "_" not in text and int(text, 0) % 2 == 1
     except ValueError:
         return False

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from simspec import numerals
 from simspec.imports.draft import angle
 from simspec.imports.elements import Element
 from simspec.language.foreign import Fate, Severity
@@ -35,12 +36,9 @@ def number_of(parent: Element, tag: str, default: float) -> float:
 def number(element: Element) -> float:
     """The number of an element; ``inf`` is one. Raises SpecError for others."""
     try:
-        value = float(element.text) if "_" not in element.text else math.nan
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
-        raise element.error(f"<{element.tag}> should be a number", found=element.text[:80])
-    return value
+        return numerals.number(element.text, infinite=True)
+    except numerals.NumeralError as error:
+        raise element.error(f"<{element.tag}> should be a number{error.suffix}", found=element.text[:80]) from None
 
 
 def finite_of(parent: Element, tag: str, default: float) -> float:

@@ -10,6 +10,7 @@ from typing import Final
 
 from simspec.imports.draft import Draft
 from simspec.imports.elements import Element
+from simspec.numerals import NUMBER, SPACE, parts_of
 
 DAMAGED: Final = "damaged-numbers"
 RULES: Final = {
@@ -29,8 +30,7 @@ COUNTS: Final[Mapping[str, Mapping[str, int]]] = {
     "mimic": {"multiplier": 1, "offset": 1},
 }
 """How many numbers an attribute has, by elements."""
-SEPARATOR: Final = re.compile(r"[\s,;]+")
-NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+SEPARATOR: Final = re.compile(rf"[{SPACE},;]+")
 BEHIND: Final = re.compile(r"\.?[fF]?")
 """What may follow a number's digits: a second point, the mark of single precision."""
 
@@ -65,7 +65,7 @@ def _mend(element: Element, draft: Draft) -> None:
 
 
 def _is_whole(text: str, count: int) -> bool:
-    parts = text.split()
+    parts = parts_of(text)
     return len(parts) == count and all(NUMBER.fullmatch(part) for part in parts)
 
 

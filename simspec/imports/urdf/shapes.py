@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from simspec import numerals
 from simspec.errors import Problem, SpecError
 from simspec.imports.draft import Draft, names, numbers, plain, pose, renamed
 from simspec.imports.elements import Element
@@ -113,8 +114,8 @@ def _colour(material: Element) -> list[float] | None:
     if element is None or not element.has("rgba"):
         return None
     try:
-        rgba = [float(part) for part in element.attributes["rgba"].split()]
-    except ValueError:
+        rgba = list(numerals.numbers(element.attributes["rgba"]))
+    except numerals.NumeralError:
         rgba = []
     if len(rgba) not in (3, 4) or not all(0.0 <= value <= 1.0 for value in rgba):
         element.set_aside("rgba", LOST, "a colour is 3 or 4 numbers between 0 and 1", APPEARANCE)

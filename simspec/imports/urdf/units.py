@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from simspec import numerals
 from simspec.imports.draft import Draft
 from simspec.imports.elements import Element
 from simspec.imports.urdf.joints import Joint
@@ -103,10 +104,10 @@ def _scale(element: Element, name: str) -> None:
 
 def _numbers(text: str) -> list[float] | None:
     try:
-        values = [float(part) for part in text.split()]
-    except ValueError:
+        values = list(numerals.numbers(text))
+    except numerals.NumeralError:
         return None
-    return values if values and all(map(math.isfinite, values)) else None
+    return values or None
 
 
 # --- meshes -----------------------------------------------------------------------------------------------------------

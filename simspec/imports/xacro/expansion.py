@@ -14,23 +14,26 @@ import os
 import re
 import selectors
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from simspec import numerals
 from simspec.confinement import walls
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element
 from simspec.imports.files import Files, is_missing
 from simspec.imports.xacro.limits import CPU_SECONDS, LARGEST_TEXT, PLACE_NOW, SECONDS
+from simspec.isolated import ELSEWHERE, isolated
 
 LARGEST_ANSWER: Final = 4 * LARGEST_TEXT
 """Bytes from the process: a text of the largest size, each character escaped."""
 
 
+VALUE: Final = re.compile(r"""(?:value|default)\s*=\s*(["'])([^"'<]*)\1""")
+"""What a property or an argument is given: xacro reads as a number what Python does."""
 HALF: Final = re.compile(r"[\ud800-\udfff]")
 """What no file holds by itself: a program can make it."""
 TOO_MUCH: Final = "needs more computing time or memory than a robot takes"
@@ -52,6 +55,9 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
     """The text that the file expands to. Raises SpecError with file and line for all that stands in the way."""
     text = _decoded(files.content(), files.shown, Location(files.shown, 1, 1))
     expansion = _Expansion(files, [files.shown])
+    for name, value in arguments.items():
+        if (why := numerals.like_a_number(value)) is not None:
+            raise SpecError([Problem(f"the argument {name}: {value[:40]!r} is no number: {why}")])
     if importlib.util.find_spec("xacro") is None:
         hint = 'pip install "simspec[import]"'
         raise SpecError([Problem(f"{files.shown}: the package xacro is not installed", hint=hint)])
@@ -68,11 +74,12 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
 @contextlib.contextmanager
 def _process(memory: int) -> Iterator[subprocess.Popen[bytes]]:
     process = subprocess.Popen(
-        [sys.executable, "-I", "-m", "simspec.imports.xacro.child", str(memory)],
+        isolated("-m", "simspec.imports.xacro.child", str(memory)),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env={},
+        cwd=ELSEWHERE,
         pass_fds=(memory,),
     )
     try:
@@ -173,9 +180,14 @@ def _decoded(content: bytes, name: str, place: Location) -> str:
     if len(content) > LARGEST_TEXT:
         raise _refused(f"{name}: the file is too large", place)
     try:
-        return content.decode("utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise _refused(f"{name}: not UTF-8", place) from None
+    for found in () if text.isascii() else VALUE.finditer(text):
+        if (why := numerals.like_a_number(found[2])) is not None:
+            line = 1 + text.count("\n", 0, found.start())
+            raise _refused(f"{found[2][:40]!r} is no number: {why}", Location(name, line, 1))
+    return text
 
 
 def _whole(value: object) -> str:

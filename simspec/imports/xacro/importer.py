@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from simspec import numerals
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element, outermost, parse
 from simspec.imports.files import Files
@@ -69,13 +70,17 @@ class Xacro:
         return imported
 
 
+def _is_place(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) <= numerals.MOST_DIGITS
+
+
 def _place(root: Element, expanded: Expanded) -> None:
     """Give every element the place that it was written at; one that a program made keeps that in the expanded text."""
     waiting = [root]
     while waiting:
         element = waiting.pop()
         number, _, line = element.attributes.pop(PLACE, "").partition(":")
-        if number.isdigit() and line.isdigit() and int(number) < len(expanded.names):
+        if _is_place(number) and _is_place(line) and int(number) < len(expanded.names):
             element.location = Location(expanded.names[int(number)], max(1, int(line)), 1)
         for name, value in element.attributes.items():
             for scheme in SCHEMES:

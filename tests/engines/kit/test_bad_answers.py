@@ -83,14 +83,14 @@ def good(tmp_path_factory):
 
 
 def program(place: Path, words: str) -> str:
-    """A program in place of the interpreter: $1 is the keeper, $2 the folder."""
+    """A program in place of the interpreter: $3 is the keeper, $4 the folder."""
     place.write_text(f"#!/bin/sh\n{words}\n")
     place.chmod(0o755)
     return str(place)
 
 
 def answering(place: Path, answer: Path, more: str = "") -> str:
-    return program(place, f'cp -R {answer}/* "$2"/\n{more}')
+    return program(place, f'cp -R {answer}/* "$4"/\n{more}')
 
 
 # --- ways to spoil an answer; each gets the folder with the good one ----------------------------------------------------
@@ -184,6 +184,8 @@ BAD = {
     "unknown key": told(lambda content: content.update(more=1)),
     "version of a list": told(lambda content: content.update(engine_version=[4, 0])),
     "long version": told(lambda content: content.update(engine_version="9" * 1_000_000)),
+    "version of words": told(lambda content: content.update(engine_version="what it likes")),
+    "version that is not seen": told(lambda content: content.update(engine_version="1.0\u202e")),
     "log of a word": entry(lambda one: one.update(log="words")),
     "log without end": entry(lambda one: one.update(log=["x"] * 100_000)),
     "NaN seconds": entry(lambda one: one.update(seconds=float("nan"))),
@@ -255,23 +257,23 @@ BY_SCRIPT = {
     "code 7": ("exit 7", "ended with code 7 without a result"),
     "killed": ("kill -9 $$", "signal 9"),
     "aborted": ("kill -6 $$", "signal 6"),
-    "result.json a FIFO": ('rm "$2"/result.json; mkfifo "$2"/result.json', "FIFO"),
-    "array a FIFO": ('rm "$2"/0.pose.bin; mkfifo "$2"/0.pose.bin', "FIFO"),
-    "result.json a link": ('mv "$2"/result.json "$2"/r; ln -s r "$2"/result.json', "symbolic link"),
-    "array a link": ('mv "$2"/0.pose.bin "$2"/r; ln -s r "$2"/0.pose.bin', "symbolic link"),
-    "array a device": ('rm "$2"/0.pose.bin; ln -s /dev/zero "$2"/0.pose.bin', "symbolic link"),
-    "the folder gone": ('rm -r "$2"', "without a result"),
-    "the folder a link": ('rm -r "$2"; ln -s / "$2"', "without a result"),
-    "unreadable": ('rm "$2"/result.json; mkdir "$2"/result.json', "folder"),
+    "result.json a FIFO": ('rm "$4"/result.json; mkfifo "$4"/result.json', "FIFO"),
+    "array a FIFO": ('rm "$4"/0.pose.bin; mkfifo "$4"/0.pose.bin', "FIFO"),
+    "result.json a link": ('mv "$4"/result.json "$4"/r; ln -s r "$4"/result.json', "symbolic link"),
+    "array a link": ('mv "$4"/0.pose.bin "$4"/r; ln -s r "$4"/0.pose.bin', "symbolic link"),
+    "array a device": ('rm "$4"/0.pose.bin; ln -s /dev/zero "$4"/0.pose.bin', "symbolic link"),
+    "the folder gone": ('rm -r "$4"', "without a result"),
+    "the folder a link": ('rm -r "$4"; ln -s / "$4"', "without a result"),
+    "unreadable": ('rm "$4"/result.json; mkdir "$4"/result.json', "folder"),
     "hangs": ("exec sleep 20", "deadline"),
     "hangs below": ("sleep 20 & sleep 20", "deadline"),
     "hangs and will not end": ("trap '' TERM INT HUP; while :; do sleep 20; done", "deadline"),
-    "progress a FIFO": ('mkfifo "$2"/progress.txt; exec sleep 20', "deadline"),
-    "progress of words": ('echo much > "$2"/progress.txt; exec sleep 20', "deadline"),
-    "progress NaN": ('echo nan > "$2"/progress.txt; exec sleep 20', "deadline"),
-    "doing a FIFO": ('mkfifo "$2"/doing.txt; exec sleep 20', "deadline"),
-    "doing without end": ('yes 1 | head -c 3000 > "$2"/doing.txt; exec sleep 20', "deadline"),
-    "progress without end": ('yes 1 | head -c 3000000 > "$2"/progress.txt; exec sleep 20', "deadline"),
+    "progress a FIFO": ('mkfifo "$4"/progress.txt; exec sleep 20', "deadline"),
+    "progress of words": ('echo much > "$4"/progress.txt; exec sleep 20', "deadline"),
+    "progress NaN": ('echo nan > "$4"/progress.txt; exec sleep 20', "deadline"),
+    "doing a FIFO": ('mkfifo "$4"/doing.txt; exec sleep 20', "deadline"),
+    "doing without end": ('yes 1 | head -c 3000 > "$4"/doing.txt; exec sleep 20', "deadline"),
+    "progress without end": ('yes 1 | head -c 3000000 > "$4"/progress.txt; exec sleep 20', "deadline"),
     "prints without end": ("head -c 60000000 /dev/zero; exit 3", "ended with code 3"),
 }
 
@@ -337,7 +339,7 @@ def test_what_an_engine_does_that_takes_long_is_told_on_one_line(good, tmp_path,
     """And that it is done."""
     monkeypatch.setattr(process, "LOOK_EVERY", 0.02)
     monkeypatch.setattr(process.keeper, "PATIENCE", 0.1)
-    words = 'printf "compiling\\nits   step" > "$2"/doing.txt; sleep 0.3; rm "$2"/doing.txt; exec sleep 20'
+    words = 'printf "compiling\\nits   step" > "$4"/doing.txt; sleep 0.3; rm "$4"/doing.txt; exec sleep 20'
     busy = answering(tmp_path / "busy", good["dart"].answer, words)
     said = []
     with (
@@ -378,9 +380,9 @@ def test_links_that_an_answer_leaves_are_not_followed_when_it_is_removed(good, t
     mine.mkdir()
     (mine / "kept").write_text("kept")
     for words in (
-        f'ln -s {mine} "$2"/there',
-        f'rm -r "$2"; ln -s {mine} "$2"',
-        f'rm -r "$2"; mkdir "$2"; ln -s {mine} "$2"',
+        f'ln -s {mine} "$4"/there',
+        f'rm -r "$4"; ln -s {mine} "$4"',
+        f'rm -r "$4"; mkdir "$4"; ln -s {mine} "$4"',
     ):
         bad = program(tmp_path / "bad", words)
         with pytest.raises(EngineError):
@@ -468,7 +470,7 @@ def test_operations_without_a_world_take_their_sizes_from_each_other(tmp_path):
         for name, shape in {"time": [3], "pose": [3, 2, 7], "velocity": [3, 1, 6]}.items()
     }
     one = {"op": "drive", "load_seconds": 0.0, "seconds": 0.0, "log": [], "result": {}, "arrays": described}
-    names = dict.fromkeys(("engine", "engine_version", "numpy_version", "python_version", "platform", "machine"), "x")
+    names = dict.fromkeys(("engine", "engine_version", "numpy_version", "python_version", "platform", "machine"), "x1")
     (tmp_path / "result.json").write_text(
         json.dumps({"schema": worker.SCHEMA, "status": "ok", **names, "operations": [one]})
     )
@@ -487,7 +489,7 @@ def test_every_operation_declares_its_answer():
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="counts open files in /proc")
 def test_bad_answers_leave_no_file_open(good, tmp_path):
-    bad = program(tmp_path / "bad", 'mkfifo "$2"/result.json')
+    bad = program(tmp_path / "bad", 'mkfifo "$4"/result.json')
     before = len(os.listdir("/proc/self/fd"))
     for _ in range(3):
         with pytest.raises(EngineError):

@@ -1,0 +1,278 @@
+"""No file of the folder that a command is started in is imported: by simspec, what it starts, or what it tells to start."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from simspec import isolated
+from simspec.engines.kit.registry import engines
+
+PACKAGE = Path(isolated.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+FORMS = {"isolated", "with_search_path"}
+STARTS = {
+    *("Popen", "run", "call", "check_call", "check_output", "getoutput", "getstatusoutput", "system", "popen"),
+    *("execv", "execve", "execvp", "execvpe", "execl", "execle", "execlp", "posix_spawn", "posix_spawnp", "spawnv"),
+    *("spawnve", "create_subprocess_exec", "create_subprocess_shell"),
+}
+OWNERS = {"subprocess", "os", "asyncio"}
+OTHERS = {
+    "engines/kit/compiled.py": "a compiler, which imports nothing",
+    "engines/kit/keeper.py": "an engine that is a program of its own",
+    "engines/webots/live.py": "Webots, and its controller by `isolated`",
+    "engines/kit/process.py": "a keeper, whose words are made a few lines above, in a folder of its own",
+    "commands/engines_install.py": "commands of `environments.making` and `words`, which are made here and there by `isolated`",
+}
+"""Modules that start what is given to them, with the reason."""
+EXECUTABLE = {"isolated.py", "engines/kit/process.py"}
+"""Modules that say `sys.executable`: the second hands it on to `with_search_path`."""
+OPTIONS = {"-m", "-c", "-I", "-P", "-E", "-s"}
+
+
+def starts(tree: ast.AST) -> list[ast.Call]:
+    """Calls that start a program."""
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)]
+    return [
+        call
+        for call in calls
+        if isinstance(call.func, ast.Attribute)
+        and call.func.attr in STARTS
+        and isinstance(call.func.value, ast.Name)
+        and call.func.value.id in OWNERS
+        and (call.func.value.id, call.func.attr) != ("asyncio", "run")
+    ]
+
+
+def is_form(node: ast.expr | None, tree: ast.AST) -> bool:
+    """Whether what is started is made by one of the two forms, there or where its name is given its value."""
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        return node.func.id in FORMS
+    if not isinstance(node, ast.Name):
+        return False
+    values = [
+        one.value
+        for one in ast.walk(tree)
+        if isinstance(one, ast.Assign) and any(isinstance(t, ast.Name) and t.id == node.id for t in one.targets)
+    ]
+    return bool(values) and all(is_form(value, tree) for value in values if not isinstance(value, ast.Name))
+
+
+def wrong(path: str, text: str) -> list[str]:
+    """What a module has that starts an interpreter in another way."""
+    tree = ast.parse(text)
+    found = []
+    for call in starts(tree):
+        if path not in OTHERS and not is_form(call.args[0] if call.args else None, tree):
+            found.append(f"{path}:{call.lineno}: started without isolation")
+        if path not in ("engines/kit/compiled.py", "engines/kit/keeper.py") and "cwd" not in {
+            key.arg for key in call.keywords
+        }:
+            found.append(f"{path}:{call.lineno}: started in the working folder")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and node.attr == "executable" and path not in EXECUTABLE:
+            found.append(f"{path}:{node.lineno}: sys.executable")
+        words = [one.value for one in getattr(node, "elts", []) if isinstance(one, ast.Constant)]
+        has_options = isinstance(node, ast.List | ast.Tuple) and bool(OPTIONS & set(map(str, words[:3])))
+        if has_options and path not in ("isolated.py", "engines/kit/compiled.py"):
+            found.append(f"{path}:{node.lineno}: words of an interpreter")
+        if isinstance(node, ast.ImportFrom) and node.module in OWNERS and STARTS & {one.name for one in node.names}:
+            found.append(f"{path}:{node.lineno}: started by a bare name")
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_every_interpreter_is_started_by_one_of_two_forms(path):
+    assert not wrong(path.relative_to(PACKAGE).as_posix(), path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "subprocess.run([sys.executable, '-c', code], cwd='/')",
+        "subprocess.Popen([python, script], cwd='/')",
+        "subprocess.run(isolated('-c', code))",
+        "words = [python, '-m', 'pip']",
+        "words = [python, script]\nsubprocess.run(words, cwd='/')",
+        "os.execvp(python, [python, script])",
+        "from subprocess import run",
+    ],
+)
+def test_another_form_is_seen(text):
+    assert wrong("some.py", text)
+
+
+def test_the_forms_are_seen_as_such():
+    text = "words = isolated('-m', 'pip')\nsubprocess.run(words, cwd='/')\nsubprocess.Popen(with_search_path(a), cwd=b)"
+    assert not wrong("some.py", text)
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        (":/a", "/a"),
+        ("/a:", "/a"),
+        ("", None),
+        (":", None),
+        (".:/a:b:/c", "/a:/c"),
+        (None, None),
+    ],
+)
+def test_the_working_folder_is_not_on_the_search_path(given, kept):
+    environment = {"HOME": "/h"} | ({} if given is None else {"PYTHONPATH": given})
+    cleaned = isolated.search_environment(environment)
+    assert cleaned.get("PYTHONPATH") == kept
+    assert (cleaned["HOME"], cleaned["PYTHONNOUSERSITE"]) == ("/h", "1")
+
+
+# --- commands ---------------------------------------------------------------------------------------------------------
+
+NAMES = (
+    *(
+        "json",
+        "re",
+        "os",
+        "io",
+        "struct",
+        "ctypes",
+        "socket",
+        "tempfile",
+        "subprocess",
+        "importlib",
+        "typing",
+        "signal",
+    ),
+    *(
+        "numpy",
+        "pip",
+        "venv",
+        "ensurepip",
+        "trimesh",
+        "collada",
+        "xacro",
+        "yaml",
+        "mujoco",
+        "pxr",
+        "pybullet",
+        "simspec",
+    ),
+    *("sitecustomize", "usercustomize", "resource", "contextlib", "pathlib", "dataclasses"),
+)
+"""Modules that are planted: what simspec and what it starts import, and what every interpreter does."""
+PLANT = "open({mark!r}, 'a').write(__name__ + '\\n')\nraise SystemExit(77)\n"
+INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+FILES = {
+    "robot.urdf": f"""<robot name="r"><link name="base"><inertial><mass value="1"/>{INERTIA}</inertial>
+<collision><geometry><mesh filename="part.obj"/></geometry></collision></link></robot>""",
+    "robot.urdf.xacro": f"""<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:property name="m" value="${{1 + 1}}"/>
+<link name="base"><inertial><mass value="${{m}}"/>{INERTIA}</inertial></link></robot>""",
+    "robot.xml": '<mujoco><worldbody><body><freejoint/><geom type="sphere" size="0.1"/></body></worldbody></mujoco>',
+    "robot.usda": """#usda 1.0
+(
+    metersPerUnit = 1
+    upAxis = "Z"
+)
+def Xform "ball" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"])
+{
+    float physics:mass = 1
+    float3 physics:diagonalInertia = (1, 1, 1)
+}
+""",
+    "part.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n",
+    "fall.yaml": """simspec: 1
+name: fall
+physics: {timestep: 1 ms, duration: 2 ms}
+bodies:
+  ball: {mass: 1 kg, inertia: {principal: [1, 1, 1]}}
+sweep:
+  over:
+    physics.timestep: [1 ms, 2 ms]
+""",
+}
+ENGINE = "mujoco"
+VERSION = engines()[ENGINE].version() or ""
+COMMANDS = [
+    (0, "check", "robot.urdf"),
+    (0, "check", "robot.urdf.xacro"),
+    (0, "import", "robot.xml"),
+    (0, "import", "robot.usda"),
+    (0, "compile", "fall.yaml"),
+    (0, "verify", "fall.yaml", "--engine", ENGINE),
+    (0, "run", "fall.yaml", "--engine", ENGINE, "--engine", f"{ENGINE}@{VERSION}={sys.executable}"),
+    (0, "run", "fall.yaml", "--engine", "dart", "--engine", "pybullet"),
+    (0, "sweep", "fall.yaml", "--engine", ENGINE),
+    (0, "explain", "fall.yaml", "--engine", ENGINE, "--engine", "dart"),
+    (0, "engines", "doctor", ENGINE),
+    (0, "audit", "robot.urdf", "--engine", ENGINE),
+    (3, "bisect", "fall.yaml", "--engine", ENGINE, "--from", "3.4.0", "--to", "3.8.0", "--figure", "ball.z"),
+    (3, "engines", "install", f"{ENGINE}@3.17", "--yes"),
+]
+
+
+@pytest.fixture
+def hostile(tmp_path):
+    """A folder with modules that leave a mark when they are imported, a home with some, and the environment of a command."""
+    mark, folder, home = tmp_path / "mark", tmp_path / "folder", tmp_path / "home"
+    own = home / ".local" / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
+    for place in (folder, own):
+        place.mkdir(parents=True)
+        for name in NAMES:
+            (place / f"{name}.py").write_text(PLANT.format(mark=str(mark)))
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    # an index that has nothing: pip is started, and installs nothing
+    environment |= {
+        "HOME": str(home),
+        "XDG_DATA_HOME": str(tmp_path / "data"),
+        "PIP_INDEX_URL": (tmp_path / "i").as_uri(),
+    }
+    environment |= {"PYTHONNOUSERSITE": "1", "PIP_RETRIES": "0"}  # of simspec itself; what it starts must see to itself
+    return folder, mark, environment
+
+
+def simspec(folder: Path, environment: dict[str, str], *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-I", "-m", "simspec", *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(("code", "words"), [(code, words) for code, *words in COMMANDS], ids=lambda one: str(one)[:70])
+def test_no_command_imports_from_the_working_folder(hostile, code, words):
+    folder, mark, environment = hostile
+    done = simspec(folder, environment, *words)
+    assert not mark.exists(), mark.read_text()
+    assert done.returncode == code, done.stdout + done.stderr
+
+
+def test_nor_do_the_printed_words_that_install_engines(hostile, tmp_path):
+    folder, mark, environment = hostile
+    environment.pop("PYTHONNOUSERSITE")
+    done = simspec(folder, environment, "engines", "install", f"{ENGINE}@3.17", "--json")
+    rows = json.loads(done.stdout)["engines"][f"{ENGINE}@3.17"]["commands"]
+    for row in rows:
+        subprocess.run(shlex.split(row["words"]), cwd=folder, env=environment, capture_output=True, check=False)
+    assert len(rows) == 2
+    assert (tmp_path / "data" / "simspec" / "engines" / f"{ENGINE}@3.17" / "bin" / "python").exists()
+    assert not mark.exists(), mark.read_text()
+
+
+def test_a_planted_module_leaves_its_mark(hostile):
+    folder, mark, environment = hostile
+    subprocess.run(
+        [sys.executable, "-m", "venv", "--help"], cwd=folder, env=environment, capture_output=True, check=False
+    )
+    assert mark.exists()
