@@ -9,14 +9,12 @@ import numpy as np
 
 from simspec.comparison.floor import DEVIATION_BYTES, Floor
 from simspec.errors import Problem, SpecError
+from simspec.language.vocabulary import TREE_JOINTS
 from simspec.mapped import parts, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run
 from simspec.world.kinematics import layout_of
 from simspec.world.types import Inertial, Joint
-
-JOINT_COORDINATES = ("hinge", "slide", "ball")
-"""Kinds of joints whose coordinates are compared; those of a free joint are its body's pose."""
 
 
 class Common:
@@ -80,7 +78,7 @@ class Common:
         return [
             body.joint
             for body in self._runs[0].world.bodies
-            if body.joint.kind in JOINT_COORDINATES and kinds.get(body.joint.name) == body.joint.kind
+            if body.joint.kind in TREE_JOINTS and kinds.get(body.joint.name) == body.joint.kind
         ]
 
     def coordinates(self, joint: Joint, part: slice) -> tuple[np.ndarray, np.ndarray]:
