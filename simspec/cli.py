@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -29,10 +27,9 @@ from simspec.arguments import (
 from simspec.cli_engines import add_engines
 from simspec.cli_experiments import add_experiments, add_reports
 from simspec.cli_files import add_audit, add_imports
-from simspec.commands.guard import command, report_error
+from simspec.commands.guard import command, report_error, wrong_words
 from simspec.ending import in_order
-from simspec.errors import EXIT_OK, Problem, SpecError
-from simspec.numerals import NumeralError, whole
+from simspec.errors import EXIT_OK, SpecError
 from simspec.robot_files import NO_WORDS, RobotFiles, reads_robot_files
 
 app = typer.Typer(
@@ -452,52 +449,10 @@ def _main(arguments: list[str]) -> int:
 
         print(f"simspec {version('simspec')}")
         return EXIT_OK
-    if (problem := _empty(arguments) or _not_text(arguments) or _not_numbers(arguments)) is not None:
+    if (problem := wrong_words(arguments)) is not None:
         return report_error(SpecError([problem]), "--json" in arguments)
     app(arguments, prog_name="simspec")  # ends with SystemExit, whose code is the command's
     return EXIT_OK
-
-
-def _empty(arguments: list[str]) -> Problem | None:
-    """What is wrong with arguments of which one is empty: as a path it would be the current folder, and no name is empty."""
-    for index, word in enumerate(arguments):
-        if not word or (word.startswith("--") and word.endswith("=")):
-            before = f" after {arguments[index - 1]}" if index and not word else ""
-            return Problem(
-                f"an argument of the command line is empty: the word {index + 1}{before}",
-                found=" ".join(map(repr, arguments)),
-                hint="is a variable of the shell empty? write . for the current folder",
-            )
-    return None
-
-
-def _not_text(arguments: list[str]) -> Problem | None:
-    """What is wrong with arguments, or a current folder, that are not UTF-8: no spec, certificate or engine can name them."""
-    told = [(f"the word {index + 1} of the command line", word) for index, word in enumerate(arguments)]
-    with contextlib.suppress(FileNotFoundError):  # a folder that was removed; said where a file is asked for in it
-        told.append(("the path of the current folder", os.getcwd()))
-    for what, word in told:
-        try:
-            word.encode()
-        except UnicodeEncodeError:
-            return Problem(f"{what} is not UTF-8 text", found=repr(word), hint="rename the file or the folder")
-    return None
-
-
-def _not_numbers(words: list[str]) -> Problem | None:
-    """What is wrong with an option that takes a number, where Python would read one in its word and simspec reads none."""
-    for word, following in zip(words, [*words[1:], ""], strict=True):
-        option, equals, value = word.partition("=")
-        kind = arguments.NUMBERS.get(option)
-        if kind is None:
-            continue
-        text = value if equals else following
-        try:
-            kind(text)
-        except NumeralError as error:
-            what = "a whole number" if kind is whole else "a finite number"
-            return Problem(f"{option} should be {what}: {error}", found=repr(text))
-    return None
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import numpy as np
 from simspec.engines.kit.effects import REFUSED, Effect
 from simspec.engines.kit.foreign import MESH, HeldLink, Reads, bodies_of_links, support, told_apart
 from simspec.formats.kit.passes import tensor
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Vector3
 
@@ -293,7 +294,7 @@ def _usd_joint(stage: Any, kind: str, held: Any) -> tuple[Joint, Vector3]:
     if held is None:
         return Joint("", kind), (0.0, 0.0, 0.0)
     anchor, name = _vector(held.localPose1Position), _called(stage, str(held.primPath))
-    if kind not in ("hinge", "slide"):
+    if kind not in SCALAR_JOINTS:
         return Joint(name, kind), anchor
     degrees = math.pi / 180.0 if kind == "hinge" else 1.0
     unit = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}[str(held.axis.name)[-1]]

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from simspec.language.document import Path_, dotted
 from simspec.language.joints import nearest, within
+from simspec.language.vocabulary import SCALAR_JOINTS
 
 UNSEEN: Final = 1e-5
 """rad or m below which a position that is moved to a limit is not mentioned but in the comment: files have single precision, or
@@ -118,7 +119,7 @@ def _joints(bodies: Mapping[str, dict[str, Any]], around: Path_) -> Iterator[tup
     for body, data in bodies.items():
         single = [data["joint"]] if "joint" in data else []
         for index, joint in enumerate(single or data.get("joints", ())):
-            if joint.get("type") in ("hinge", "slide"):
+            if joint.get("type") in SCALAR_JOINTS:
                 implied = f"{body}_joint" if single else f"{body}_joint_{index}"
                 yield joint.get("name", implied), _Joint(joint, (*around, body), body)
 

@@ -43,7 +43,7 @@ COMPILER: Final[tuple[tuple[str, str], ...]] = (
     ("strippath", "false"),
     ("inertiafromgeom", "false"),
 )
-"""Attributes of the extension ``<mujoco><compiler/></mujoco>``, without which its reader merges links on fixed joints, drops
+"""Attributes of the extension ``<compiler>`` (:func:`_complete`), without which its reader merges links on fixed joints, drops
 visual shapes, drops folders of meshes, and takes inertias of shapes. Other readers skip the element."""
 LEAST: Final[tuple[tuple[str, str], ...]] = (("boundmass", "1e-9"), ("boundinertia", "1e-12"))
 """The same where a link without mass moves, which that reader refuses."""

@@ -22,6 +22,7 @@ from simspec.imports.usd.scene import contact_data, physics_data, tidy
 from simspec.imports.usd.shapes import GEOMETRY, Shape, ShapeReader, pose_data
 from simspec.imports.usd.stage import Prim, Stage, agree
 from simspec.language.foreign import Fate, Severity
+from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
 from simspec.resolve.poses import direction
 from simspec.world import frames
@@ -307,7 +308,8 @@ class Assembly:
             if said is None:
                 continue
             leader, other = of_prim.get(said.leader, (None, ""))
-            if leader is None or other != model or [one.kind for one in leader.freedoms] not in (["hinge"], ["slide"]):
+            kinds = [] if leader is None or other != model else [one.kind for one in leader.freedoms]
+            if leader is None or len(kinds) != 1 or kinds[0] not in SCALAR_JOINTS:
                 reason = "it is to follow what is no hinge or slide of its model: the joint moves on its own"
                 joint.prim.set_aside("newton:mimicJoint", Fate.LOST, reason)
                 continue
