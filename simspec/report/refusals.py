@@ -33,7 +33,7 @@ class WaysOut:
     """The ways out of what engines refuse of one spec.
 
     accepted     by engine that supports the spec once these are accepted: the features by option (``accept``, ``outside``)
-    unsupported  by engine that nothing accepted helps: the features that it does not support, or the messages of problems
+    unsupported  by engine that nothing accepted helps: the features that it does not support, or the subjects of problems
                  that are of no feature
     by_none      features that none of the engines supports
     command      writes what is missing into the spec; empty where there is nothing to accept, or no file to write
@@ -83,7 +83,7 @@ def ways_out(
     unsupported: dict[str, list[str]] = {}
     labels = {engine_name(label): label for label in engines}
     for engine, refusals in by_engine.items():
-        lacking = [one.feature or one.message for one in refusals if not one.option]
+        lacking = [_subject(one) for one in refusals if not one.option]
         if not lacking and world is not None and not acceptable(world, labels.get(engine, engine), pythons):
             lacking = ["its files, whatever is accepted"]
         if lacking:
@@ -121,7 +121,7 @@ def brief(problems: Iterable[Problem]) -> list[str]:
     groups: dict[str, list[Refusal]] = {}
     for problem in problems:
         if isinstance(problem, Refusal):
-            groups.setdefault(problem.feature or f"{problem.engine}: {problem.message}", []).append(problem)
+            groups.setdefault(_subject(problem), []).append(problem)
     lines = []
     for what, refusals in groups.items():
         levels: dict[Level, dict[str, None]] = {}
@@ -129,7 +129,7 @@ def brief(problems: Iterable[Problem]) -> list[str]:
             levels.setdefault(_LEVELS.get(one.option, Level.UNSUPPORTED), {})[one.engine] = None
         place = f"{refusals[0].location}: " if refusals[0].location else ""
         told = "; ".join(f"{_WORDS[level]} {', '.join(levels[level])}" for level in _WORDS if level in levels)
-        lines.append(f"{place}{what}: {told}" if refusals[0].feature else f"{place}{what}")
+        lines.append(f"{place}{what}" if what.startswith(f"{refusals[0].engine}: ") else f"{place}{what}: {told}")
     return lines
 
 
@@ -149,6 +149,14 @@ def with_ways_out(
         if found is not None and not error.ending:
             error.ending, error.ways_out = found.lines(), {spec: vars(found)}
         raise
+
+
+def _subject(refusal: Refusal) -> str:
+    """What an engine refuses: the feature, or of a problem of no feature the part of the message before its reason."""
+    if refusal.feature:
+        return refusal.feature
+    subject = refusal.message.partition(": ")[0].removeprefix(f"{refusal.engine} does not support ")
+    return subject if subject != refusal.message else f"{refusal.engine}: {subject}"
 
 
 def _some(features: Sequence[str]) -> str:

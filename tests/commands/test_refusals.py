@@ -128,6 +128,8 @@ def test_a_problem_of_no_engine_has_no_such_way_out():
     assert ways_out([Problem("a timestep that is wrong")], "rig.yaml", ENGINES) is None
     (line,) = brief([Refusal("does not write this", "bodies.a", engine="mujoco"), Problem("another")])
     assert line == "mujoco: does not write this"
+    why = "dart does not support contact between mesh and mesh: an overlap of 1 mm is reported as 69 mm"
+    assert brief([Refusal(why, engine="dart")]) == ["contact between mesh and mesh: not supported by dart"]
 
 
 def test_a_scenario_of_the_library_is_not_to_be_written(capsys):
