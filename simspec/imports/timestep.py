@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import SpecError
+from simspec.language.beginning import begin_within
 from simspec.language.foreign import Imported
 from simspec.language.load import Spec
 from simspec.language.mesh import named_files
@@ -95,6 +96,7 @@ def _resolved(data: dict[str, Any], meshes: dict[str, Path]) -> World:
     for body in _bodies(timed).values():
         if "mass" in body and "inertia" in body:
             body.pop("shapes", None)  # their mass is not asked for: meshes need not be read
+    begin_within(timed, {})  # as the spec will: beyond their limits joints are refused
     timed.setdefault("physics", {})["timestep"] = RESOLVED
     here = Path.cwd()
     for path, text in list(named_files(timed)):

@@ -25,3 +25,12 @@ def test_the_timestep_follows_from_the_dampers(moment, damping, step, tmp_path):
     assert imported.data.get("physics", {}).get("timestep") == step
     assert ("physics.timestep" in imported.comments) is (step is not None)
     assert load(path).resolve().physics.timestep == (step or 1e-3)
+
+
+def test_a_joint_that_begins_at_a_limit_has_its_timestep_too(tmp_path):
+    limited = ROBOT.replace("continuous", "revolute").replace("<dynamics", '<limit lower="0.3" upper="1"/><dynamics')
+    path = tmp_path / "arm.urdf"
+    path.write_text(limited.format(INERTIAL.format(0.001), 4.0), encoding="utf-8")
+    world = load(path).resolve()
+    assert world.physics.timestep == 2e-4
+    assert [body.joint.position for body in world.bodies if body.joint.name == "turn"] == [(0.3,)]
