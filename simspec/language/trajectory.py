@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
 
-from simspec.language.joint_names import JointNames
+from simspec.language.joint_names import JointNames, NamePattern, too_many
 from simspec.language.joints import DIMENSION, read_by_joint
 from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
@@ -32,8 +32,8 @@ _DERIVATIVES = ("velocities", "accelerations")
 
 @dataclass(frozen=True)
 class ByJoint(Reader):
-    """A mapping of numbers by the joint's name. Kept as written: the unit follows from the joint's type, which shows when the
-    spec is resolved (:meth:`number`). What suits no type of joint is refused here.
+    """A mapping of numbers by the joint's name, with ``patterns`` also by a pattern. Kept as written: the unit follows from the
+    joint's type, which shows when the spec is resolved (:meth:`number`). Values that suit no type of joint are refused here.
 
     ``quantity`` names the entry of ``joints.DIMENSION`` that gives the dimension; ``rate``: a plain number, per second of it.
     """
@@ -41,6 +41,7 @@ class ByJoint(Reader):
     quantity: str
     unit_text: str
     rate: bool = False
+    patterns: bool = True
 
     def number(self, kind: str) -> Number:
         """The number of a joint of a type (hinge or slide)."""
@@ -49,13 +50,19 @@ class ByJoint(Reader):
     def read(self, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or not value:
             raise fault(f"expected {self.describe()}", show(value) if value else "{}", "{JOINT: number, ...}")
-        return read_by_joint(value, Name(path=True).read, self.number)
+        if (many := too_many(value)) is not None:
+            raise many
+        return read_by_joint(value, self._name, self.number)
+
+    def _name(self, entry: Any) -> str:
+        pattern = self.patterns and isinstance(entry, str) and "*" in entry
+        return NamePattern(path=True).read(entry) if pattern else Name(path=True).read(entry)
 
     def unit(self) -> str:
         return self.unit_text
 
     def describe(self) -> str:
-        return "numbers by joint"
+        return "numbers by joint" + ("; `*` matches any text" if self.patterns else "")
 
     def schema(self) -> dict[str, Any]:
         number = Number("number").schema()
@@ -71,6 +78,7 @@ BY_JOINT: Mapping[str, ByJoint] = {
 """What a point says of its joints."""
 
 Positions = Annotated[dict[str, Any], BY_JOINT["positions"]]
+Postures = Annotated[dict[str, Any], ByJoint("position", "rad or m", patterns=False)]
 Time = Annotated[float, Number("time", 0)]
 Lasting = Annotated[float, Number("time", 0, above=True)]
 Share = Annotated[float, Number("number", 0, 1)]
@@ -78,10 +86,12 @@ FullName = Annotated[str, Name(path=True)]
 
 
 class TrajectoryPoint(Strict):
-    """Where joints should be at a time. All points of a trajectory name the same joints."""
+    """Where joints should be at a time. All points of a trajectory have the same entries."""
 
     at: Time = Field(..., description="Time; later than that of the point before")
-    positions: Positions = Field(..., description="By the joint's full name")
+    positions: Positions = Field(
+        ..., description="By the joint's full name, or by a pattern, which means driven joints"
+    )
     velocities: Maybe[Annotated[dict[str, Any], BY_JOINT["velocities"]]] = Field(
         ABSENT, description="For cubic and quintic: in all points or in none"
     )
@@ -185,8 +195,8 @@ class Grasp(Strict):
     """How a hand opens and closes, by the names of the model's joints, and what it presses with when closed: feed-forward
     efforts Jᵀ F on the grasp's joints, with J at the closed posture."""
 
-    open: Positions = Field(..., description="Joint positions at `grip: 0`")
-    closed: Positions = Field(..., description="Joint positions at `grip: 1`; the same joints")
+    open: Postures = Field(..., description="Joint positions at `grip: 0`")
+    closed: Postures = Field(..., description="Joint positions at `grip: 1`; the same joints")
     forces: list[GraspForce] = Field([], description="Forces at `squeeze: 1`")
 
     @classmethod

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Unpack
 
 import numpy as np
 
 from simspec.errors import Problem
 from simspec.language.document import Details, Key
+from simspec.language.joint_names import CLASH_HINT, Clash, chosen, clash_words, entry_of
 from simspec.language.load import Spec
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
-from simspec.language.trajectory import BY_JOINT
+from simspec.language.trajectory import BY_JOINT, MOST_NUMBERS, TrajectoryPoint
 from simspec.resolve.grasps import Grasp, grasps
 from simspec.resolve.tables import QUANTITIES, read_table
 from simspec.world.control import Trajectory
@@ -108,16 +109,49 @@ def _unusable(world: World, names: tuple[str, ...]) -> Iterator[tuple[str, str, 
             yield name, message, {"found": name, "hint": "control: {NAME: {joints: [...]}}"}
 
 
+def _driven(world: World) -> list[str]:
+    """Joints that controllers drive, in the order of the world's bodies."""
+    driven = {joint for controller in world.controllers for joint in controller.joints}
+    return [body.joint.name for body in world.bodies if body.joint.name in driven]
+
+
+def _entries(points: Sequence[TrajectoryPoint], world: World) -> tuple[dict[str, str], list[Clash]]:
+    """The entry of the points that each joint has its values from, and the joints to which patterns give different values: see
+    :func:`simspec.language.joint_names.entry_of`. A pattern means driven joints; a name is taken as it is."""
+    driven = _driven(world)
+    present = [quantity for quantity in QUANTITIES if getattr(points[0], quantity) is not None]
+    values = {
+        entry: [getattr(point, quantity)[entry] for quantity in present for point in points]
+        for entry in points[0].positions
+    }
+    return entry_of(values, lambda entry: chosen(entry, driven) if "*" in entry else [entry])
+
+
 def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft | None:
     points = required(required(source.content.trajectory).points)
-    joints = tuple(points[0].positions)
 
     def path(row: int, joint: str, quantity: str = "positions") -> tuple[Key, ...]:
-        return ("trajectory", "points", row, quantity, joint)
+        return ("trajectory", "points", row, quantity, entries.get(joint, joint))
 
-    for name, message, more in _unusable(world, joints):
+    entries, clashes = _entries(points, world)
+    driven = _driven(world)
+    for entry in points[0].positions:
+        if "*" in entry and not chosen(entry, driven):
+            allowed = ", ".join(driven[:20])
+            message = f"no driven joint that {entry!r} could mean"
+            problems.append(source.document.problem(path(0, entry), message, key=True, allowed=allowed))
+    for clash in clashes:
+        problems.append(source.document.problem(path(0, clash.other), clash_words(clash), key=True, hint=CLASH_HINT))
+    for name, message, more in _unusable(world, tuple(entries)):
         details: Details = {**more, "key": True}
         problems.append(source.document.problem(path(0, name), message, **details))
+    joints = tuple(entries)
+    if len(points) * len(joints) > MOST_NUMBERS:
+        found = f"{len(points)} points of {len(joints)} joints"
+        allowed = f"up to {MOST_NUMBERS}"
+        problems.append(
+            source.document.problem(("trajectory", "points"), "too many numbers", found=found, allowed=allowed)
+        )
     if problems:
         return None
     kinds = {body.joint.name: body.joint.kind for body in world.bodies}
@@ -130,7 +164,7 @@ def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft 
             number = BY_JOINT[quantity].number(kinds[joint])
             for row, point in enumerate(points):
                 try:
-                    array[row, column] = number.read(getattr(point, quantity)[joint])
+                    array[row, column] = number.read(getattr(point, quantity)[entries[joint]])
                 except Faults as error:
                     place = path(row, joint, quantity)
                     problems += [
@@ -334,7 +368,10 @@ def dwell_overshoots(spec: Spec, world: World) -> Iterator[Problem]:
         if away <= DWELL * way[column]:
             continue
         joint, row = path.joints[column], int(np.searchsorted(times, time, side="right"))
-        place = ("trajectory", "file") if written.points is None else ("trajectory", "points", row, "positions", joint)
+        place: tuple[Key, ...] = ("trajectory", "file")
+        if written.points is not None:
+            entry = _entries(written.points, world)[0][joint]
+            place = ("trajectory", "points", row, "positions", entry)
         yield spec.source.document.problem(
             place,
             f"{joint} leaves two equal points by {away:.3g} {_UNITS[kinds[joint]][0]} at {time:.4g} s: between them the "

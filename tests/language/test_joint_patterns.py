@@ -211,3 +211,49 @@ def test_the_exact_name_counts_else_any_pattern_and_different_ones_clash(entries
         elif fitting:
             assert found[name] in fitting
         assert (name in {clash.name for clash in clashes}) == (name not in entries and len(values) > 1)
+
+
+# --- points of a trajectory -------------------------------------------------------------------------------------------
+
+CONTROL = {"hand": {"law": "pd", "joints": ["hand/index_0", "hand/index_1", "hand/thumb_0"], "kp": 4, "kd": 0.1}}
+WITHIN = {"positions": {"thumb_0": 0.3}}
+
+
+def moved(make, *points, **more):
+    points = [{"at": index, "positions": positions} for index, positions in enumerate(points)]
+    return make(WITHIN, control=CONTROL, trajectory={"interpolation": "linear", "points": points}, **more)
+
+
+def test_points_of_a_trajectory_take_patterns(make):
+    """A pattern means driven joints alone: index_2 matches too, and nobody drives it."""
+    path = moved(make, {"hand/index_*": "10 deg", "hand/thumb_0": 0.4}, {"hand/index_*": 0.2, "hand/thumb_0": 0.5})
+    found = path.resolve().trajectory
+    columns = dict(zip(found.joints, zip(*found.positions, strict=True), strict=True))
+    ten = pytest.approx((0.17453292519943295, 0.2))
+    assert columns == {"hand/index_0": ten, "hand/index_1": ten, "hand/thumb_0": (0.4, 0.5)}
+
+
+def test_the_world_is_that_of_the_names(make):
+    patterns = moved(make, {"*": 0.4, "hand/index_1": 0.1}, {"*": 0.5, "hand/index_1": 0.2}).resolve()
+    names = [
+        {"hand/index_0": 0.4, "hand/index_1": 0.1, "hand/thumb_0": 0.4},
+        {"hand/index_0": 0.5, "hand/index_1": 0.2, "hand/thumb_0": 0.5},
+    ]
+    assert patterns == moved(make, *names).resolve()
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([{"hand/eye*": 0.1}], ["no driven joint that 'hand/eye*' could mean", "hand/index_0"]),
+        ([{"hand/*_2": 0.1}], ["no driven joint that 'hand/*_2' could mean"]),
+        ([{"*index*": 0.1, "*_1": 0.1}, {"*index*": 0.1, "*_1": 0.2}], ["hand/index_1 has two values"]),
+        ([{"hand/index_*": 0.1}, {"hand/index_0": 0.1}], ["not the joints of the first point"]),
+        ([{"hand/index_*/x": 0.1}], ["not a valid name or pattern"]),
+        ([{"*": 0.1}], ["hand/thumb_0 exceeds its limits"]),
+    ],
+)
+def test_points_that_no_joint_can_follow(make, points, words):
+    text = str(refused(moved, make, *points))
+    for word in words:
+        assert word in text
