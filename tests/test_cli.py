@@ -500,7 +500,7 @@ def test_diff_of_two_specs_is_about_their_meaning(folder):
     assert "no differences" in simspec("diff", "fall.yaml", "same.yaml").output
     (folder / "other.yaml").write_text(FALL.replace("mass: 1,", "mass: 1.5,"))
     (change,) = data("diff", "fall.yaml", "other.yaml", code=1)["changes"]
-    assert change == {"path": "bodies.ball.inertial.mass", "kind": "changed", "before": 1.0, "after": 1.5}
+    assert change == {"path": "bodies.ball.inertial.mass", "kind": "changed", "before": 1.0, "after": 1.5, "joint": ""}
 
 
 def test_diff_wants_two_of_a_kind(folder):

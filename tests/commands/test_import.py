@@ -182,6 +182,6 @@ def test_check_lists_what_all_repaired_and_a_run_keeps_it(folder):
     (row,) = json.loads(simspec("check", "good.urdf", "--repair", "all", "--json").stdout)["specs"]
     assert row["repairs"] == []
     spec = load("bad.urdf", options=ImportOptions(repair=("all",)))
-    source = source_of("bad.urdf", None, RobotFiles(repair=("all",)), spec)
+    source = source_of("bad.urdf", None, spec, RobotFiles(repair=("all",)))
     assert [repair["rule"] for repair in source["repairs"]] == ["triangle-inequality"]
     assert "# repaired (triangle-inequality): " in simspec("import", "bad.urdf", "--repair", "all").stdout

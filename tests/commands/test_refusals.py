@@ -9,6 +9,7 @@ import pytest
 
 from simspec import cli
 from simspec.compiler import compile_world
+from simspec.engines.kit.registry import engines
 from simspec.errors import Problem, Refusal, UnsupportedError
 from simspec.language.load import load
 from simspec.report.refusals import brief, ways_out
@@ -92,8 +93,13 @@ def test_the_full_texts_are_there_on_request_and_everything_as_data(rig, capsys)
     assert ways["command"] == "simspec accept rig.yaml -e mujoco -e pybullet"
 
 
+INSTALLED = all(engines()[name].version() for name in ENGINES)
+
+
 @pytest.mark.parametrize("command", ["run", "verify", "compile"])
 def test_other_commands_end_with_the_same_lines(rig, capsys, command):
+    if command != "compile" and not INSTALLED:
+        pytest.skip("an engine is not installed, which run and verify say first")
     assert cli.main([command, "rig.yaml", *WORDS]) == 2
     *_, accept, lack = capsys.readouterr().err.strip().splitlines()
     assert "simspec accept rig.yaml -e mujoco -e pybullet" in accept

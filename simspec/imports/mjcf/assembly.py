@@ -335,11 +335,18 @@ def _in_folder(text: str, folder: str, strip: bool) -> str:
     return f"{folder.rstrip('/')}/{text}"
 
 
+def _copies(text: str) -> int:
+    """A number of copies, at least 1 and at most MOST_COPIES. Raises NumeralError."""
+    if numerals.WHOLE.fullmatch(text) and len(text) > numerals.MOST_DIGITS:
+        return 1 if text.startswith("-") else MOST_COPIES
+    return min(max(1, numerals.whole(text)), MOST_COPIES)
+
+
 def _count(element: Element, name: str) -> int:
     """A whole number of an attribute, at least 1."""
     text = element.attributes.get(name, "1")
     try:
-        return min(max(1, numerals.whole(numerals.parts_of(text)[0])), MOST_COPIES)
+        return _copies(numerals.parts_of(text)[0])
     except (numerals.NumeralError, IndexError):
         raise element.error(f"{name} of <{element.tag}> should be a whole number", found=text[:80]) from None
 
@@ -349,7 +356,7 @@ def _cells(element: Element) -> int:
     product = 1
     for text in numerals.parts_of(element.attributes.get("count", "1")):
         try:
-            product = min(product * max(1, numerals.whole(text)), MOST_COPIES)
+            product = min(product * _copies(text), MOST_COPIES)
         except numerals.NumeralError:
             raise element.error(f"count of <{element.tag}> should be whole numbers", found=text[:80]) from None
     return product

@@ -64,7 +64,8 @@ def _moving(model: ModelRead) -> Iterator[list[BodyRead]]:
 
 
 def _mass(body: BodyRead) -> float:
-    return float(body.content.mass.get("mass", 0.0))
+    mass: float = body.content.mass.get("mass", 0.0)
+    return mass
 
 
 def _filled(body: BodyRead) -> bool:
@@ -101,7 +102,7 @@ def _wrong_moments(body: BodyRead, alone: bool) -> tuple[float, ...] | None:
 
 
 def _six(tensor: dict[str, Any]) -> list[float]:
-    return [float(tensor.get(name, 0.0)) for name in MOMENTS]
+    return [tensor.get(name, 0.0) for name in MOMENTS]
 
 
 def _give_moments(body: BodyRead, moments: Sequence[float], requested: RequestedRepairs) -> list[Problem]:

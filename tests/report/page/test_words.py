@@ -23,7 +23,7 @@ def test_what_is_said_of_runs_that_part():
     assert first == "bad: The engines have the same model; their motions part at 0.1 s, and 1 expectation failed."
     assert "good: Models: proven equal to the spec in first, second and third, by 12 comparisons." in others
     assert [line for line in others if "Motion" in line] == [
-        "good: Motion: within 1 mm and 0.001 rad of each other until 2 s: first – second. Largest difference: 20 µm.",
+        "good: Motion: within 1 mm and 0.001 rad of each other until 2 s: first – second. Largest difference: 20 µm, 0 rad.",
         "warning: Motion: first – third part at 0.1 s, in free motion: mover is the first to differ by more than 1 mm or "
         "0.001 rad (40 mm); the engines' own noise is then at most 0.",
         "warning: Motion: second – third part at 0.1 s, in free motion: mover is the first to differ by more than 1 mm or "
