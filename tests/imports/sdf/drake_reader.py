@@ -31,9 +31,10 @@ def read(file: str, positions: dict[str, float]) -> dict[str, Any]:
         if joint.num_velocities() == 1:
             scope = plant.GetModelInstanceName(joint.model_instance())
             names[f"{scope}::{joint.name()}"] = joint.velocity_start()
-            if joint.name() in positions:
+            position = positions.get(f"{scope}::{joint.name()}", positions.get(joint.name()))
+            if position is not None:
                 q = plant.GetPositions(context)
-                q[joint.position_start()] = positions[joint.name()]
+                q[joint.position_start()] = position
                 plant.SetPositions(context, q)
     bodies = {}
     for number in range(plant.num_bodies()):
