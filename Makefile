@@ -70,11 +70,9 @@ stale: setup
 test: setup
 	$(MAKE) -j2 check suite
 
-# DART's tests in a process of their own: its reader of .skel died there of a signal, three times of three, in a worker that had the
-# libraries of other engines too; alone, and in one process with any of them, it did not
+# a worker that died ends the tests: without it, the others wait for its files until somebody ends them
 suite: setup
-	$(BIN)/pytest tests/engines/dart
-	$(BIN)/pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --ignore tests/engines/dart
+	$(BIN)/pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 
 # the language, the world, formats, comparisons, reports: all that needs no engine at work
 QUICK := tests/language tests/world tests/control tests/comparison tests/report tests/dynamics \

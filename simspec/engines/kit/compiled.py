@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simspec.errors import EngineError
+from simspec.isolated import ELSEWHERE, isolated
 from simspec.outputs.cache import built, cache_folder
 
 SCHEMA = 1
@@ -110,6 +111,16 @@ class Compiled:
         except OSError as error:
             raise self._error(Missing.LOADS, f"its library {file} does not load: {error}") from None
 
+    def check(self, deadline: float = DEADLINE) -> None:
+        """Compile it, and load a library in a process of its own: the libraries of two engines may clash in one process, which
+        they never leave. Raises CompileError as :meth:`load` does."""
+        file = self._file(deadline)
+        if self.program or not _why_not_loaded(file, deadline):
+            return
+        file = self._file(deadline, anew=True)
+        if why := _why_not_loaded(file, deadline):
+            raise self._error(Missing.LOADS, f"its library {file} does not load: {why}")
+
     def lacking(self) -> CompileError | None:
         """Why it cannot be compiled here, as far as that is known without doing it; None where nothing is known to lack."""
         try:
@@ -158,6 +169,28 @@ class Compiled:
     def _error(self, missing: Missing, why: str) -> CompileError:
         names = ", ".join(source.name for source in self.sources)
         return CompileError(self.engine, missing, f"{self.name} ({names}) cannot be compiled: {why}")
+
+
+_LOAD = "import ctypes, sys\ntry:\n    ctypes.CDLL(sys.argv[1])\nexcept OSError as error:\n    sys.exit(str(error))"
+
+
+def _why_not_loaded(file: Path, deadline: float) -> str:
+    """Why a fresh process does not load a library; empty where it does."""
+    try:
+        done = subprocess.run(
+            isolated("-c", _LOAD, str(file)),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            cwd=ELSEWHERE,
+            timeout=deadline,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"no end within {deadline:g} s"
+    return (
+        (done.stderr.strip()[:MOST_SAID] or f"the process ended with code {done.returncode}") if done.returncode else ""
+    )
 
 
 @dataclass(frozen=True)

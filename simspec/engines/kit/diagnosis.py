@@ -63,10 +63,7 @@ def compile_parts(engine: type[Engine]) -> tuple[str, ...]:
     problems = []
     for part in engine.NEEDS.parts:
         try:
-            if part.program:
-                part.file()
-            else:
-                part.load()
+            part.check()
         except EngineError as error:
             problems.append(_reason(engine, error))
     return tuple(problems)

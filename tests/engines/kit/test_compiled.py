@@ -122,6 +122,20 @@ def test_a_damaged_library_is_compiled_again(place):
     assert count(place) == 2
 
 
+def test_a_check_loads_in_a_process_of_its_own(place):
+    """Libraries of two engines in one process may be the end of it."""
+    file = of(place).file()
+    of(place).check()
+    assert str(file) not in Path("/proc/self/maps").read_text(encoding="utf-8")
+    file.write_bytes(file.read_bytes()[:100])
+    of(place).check()
+    assert count(place) == 2
+    absent = of(place, "double absent(void); double twice(double x) { return absent() * x; }\n", flags=("-Wl,-z,now",))
+    with pytest.raises(CompileError, match="undefined symbol: absent") as raised:
+        absent.check()
+    assert raised.value.missing is Missing.LOADS
+
+
 def test_a_library_that_never_loads_is_an_error(place):
     what = of(place, "double absent(void); double twice(double x) { return absent() * x; }\n", flags=("-Wl,-z,now",))
     with pytest.raises(CompileError, match="undefined symbol: absent") as raised:
