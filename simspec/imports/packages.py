@@ -55,10 +55,6 @@ class MissingFileError(SpecError):
     """A file or a package that is not there."""
 
 
-class MissingPackageError(MissingFileError):
-    """A package that is not found: the file may be whole, and the search path incomplete."""
-
-
 def named_folders(options: ImportOptions) -> dict[str, Path]:
     """The folders of packages that are named one by one."""
     return {name: options.base / folder for name, folder in options.packages.items()}
@@ -120,7 +116,7 @@ class Packages:
             raise SpecError([problem, *list(damaged.values())[:4]])
         if any(tree.is_cut for tree in self._below.values()):
             problem = element.problem(f"{problem.message} in the first {MOST_FOLDERS:,} folders", found=name, hint=hint)
-        raise MissingPackageError([problem])
+        raise MissingFileError([problem])
 
     # --- where they are looked for ----------------------------------------------------------------------------
 

@@ -48,14 +48,14 @@ RULES: Final[Mapping[str, Rule]] = MappingProxyType(
                 "along some axis the second moment of the mass about its centre exceeds m·a·b by more than the factor 2.25; "
                 "a, b: how far the shapes reach from it along both directions, at least 5 % of their size",
                 "no distribution of mass within the shapes has such an inertia; the link turns too slowly for a given torque",
-                "compute the inertia from the shapes (leave it out beside a mass), or check its unit: kg m²",
+                "compute the inertia from the shapes (leave it out where a mass is given), or check its unit: kg m²",
             ),
             Rule(
                 "inertia-too-small",
                 "a principal moment is below a tenth of the homogeneous solid's of the same mass and shapes",
                 "the mass would be concentrated near its centre; the link turns too fast for a given torque, and explicit "
                 "damping and control become unstable",
-                "compute the inertia from the shapes (leave it out beside a mass), or check its unit: kg m²",
+                "compute the inertia from the shapes (leave it out where a mass is given), or check its unit: kg m²",
             ),
             Rule(
                 "density-high",

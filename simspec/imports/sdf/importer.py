@@ -118,7 +118,7 @@ def _outermost(reader: Reader, root: Element, path: Path) -> tuple[list[Scope], 
     if worlds:
         if root.look("model", "include"):
             raise root.look("model", "include")[0].error(
-                "a model beside a world is not supported", hint="put it into the world"
+                "a file with both a world and a model next to it is not supported", hint="put it into the world"
             )
         world = Scope(worlds[0].word("name") or "world", worlds[0].take(), version)
         reader.fill(world, folder, chain)

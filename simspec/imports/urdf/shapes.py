@@ -12,7 +12,7 @@ from simspec.errors import Problem, SpecError
 from simspec.imports.draft import Draft, names, numbers, plain, pose, renamed
 from simspec.imports.elements import Element
 from simspec.imports.meshes import NamedMesh, find_mesh, kept_vertices, read_meshes, reduced_meshes
-from simspec.imports.packages import MissingFileError, MissingPackageError
+from simspec.imports.packages import MissingFileError
 from simspec.imports.urdf.planar import across
 from simspec.imports.urdf.table import APPEARANCE, INFORMATION, LOST
 from simspec.language.foreign import Fate
@@ -286,7 +286,7 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> Shape | None:
     try:
         mesh = find_mesh(text, scale, kind, draft.files)
     except MissingFileError as error:
-        _without(element, draft, error.problems[0], named=isinstance(error, MissingPackageError))
+        _without(element, draft, error.problems[0])
         return None
     except SpecError as error:
         if text.lower().endswith(MESHES):
@@ -301,13 +301,12 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> Shape | None:
     return Shape(element, element.tag == "collision", {"mesh": mesh.data(), **_pose(element)}, mesh=mesh)
 
 
-def _without(element: Element, draft: Draft, why: Problem, rule: str = MISSING, named: bool = False) -> None:
-    """Leave a mesh out: one that is only seen, or by the rule, which has to be ``named`` where the search path may be what is
-    wrong; else it is a defect."""
+def _without(element: Element, draft: Draft, why: Problem, rule: str = MISSING) -> None:
+    """Leave a mesh out: one that is only seen, or by the rule; else it is a defect."""
     found = f": {why.found}" if why.found else ""
     if element.tag == "visual":
         element.set_aside(None, LOST, f"{why.message}{found}", APPEARANCE, why.hint or "")
-    elif draft.options.repairs.is_named(rule) if named else draft.repairing(rule):
+    elif draft.repairing(rule):
         element.set_aside(None, LOST, f"left out by the rule {rule}: {why.message}{found}")
         draft.repaired(rule, element, f"a mesh is left out: {why.message}{found}", ("model", "bodies"))
     else:

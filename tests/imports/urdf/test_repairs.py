@@ -181,13 +181,15 @@ def test_what_no_rule_repairs_stays_refused(tmp_path):
     assert "an axis of length 0" in refused(two_links('<axis xyz="0 0 0"/>'), tmp_path, "all")[0]
 
 
-def test_a_package_that_is_not_found_has_to_be_left_out_by_name(tmp_path):
-    text = two_links(arm=SOLID + shape('mesh filename="package://nowhere/a.stl"'))
-    (problem,) = refused(text, tmp_path, "all")
-    assert "the package 'nowhere' is not found" in problem
-    assert [repair.rule for repair in read(text, tmp_path, "missing-meshes").repairs] == ["missing-meshes"]
-    gone = two_links(arm=SOLID + shape('mesh filename="gone.stl"'))
-    assert [repair.rule for repair in read(gone, tmp_path, "all").repairs] == ["missing-meshes"]
+@pytest.mark.parametrize("path", ["package://nowhere/a.stl", "gone.stl"])
+def test_meshes_of_missing_packages_are_left_out_and_listed(path, tmp_path):
+    """Also with ``all``: each mesh is a repair of its own, and names the package."""
+    text = two_links(arm=SOLID + shape(f'mesh filename="{path}"'))
+    assert "not found" in refused(text, tmp_path)[0] or "no such file" in refused(text, tmp_path)[0]
+    for rules in ("all", "missing-meshes"):
+        (repair,) = read(text, tmp_path, rules).repairs
+        assert repair.rule == "missing-meshes"
+        assert ("the package 'nowhere' is not found" if "nowhere" in path else "gone.stl") in repair.what
 
 
 def test_the_comment_of_a_repaired_joint_stands_at_a_body_of_another_name(tmp_path):
