@@ -7,7 +7,9 @@ from typing import Final
 from simspec.engines.kit.effects import REFUSED, Effect
 
 MEASURED: Final = "6.20.0"
-LIMITS: Final = Effect("limits_enforced", "a position limit", "does not enforce position limits unless they are enabled")
+LIMITS: Final = Effect(
+    "limits_enforced", "a position limit", "does not enforce position limits unless they are enabled"
+)
 SELF: Final = Effect("self_collision", "several bodies in a tree", "lets no links of one tree touch each other")
 EARTH: Final = Effect("gravity", "gravity other than 9.81 m/s² down", "reads no gravity: 9.81 m/s² along -z")
 RATINGS: Final = (

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 
 from simspec.contact.plan import ContactPlan
 from simspec.engines.kit.expected_filter import Carrier, expected_apart
+from simspec.world.gathering import NOTHING
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import excluded_pairs, meeting_laws, solid_shapes
 from simspec.world.types import Body, HeldValue, PairContact, World
@@ -64,7 +65,8 @@ def expected(
             if not still:
                 own |= {"gyroscopic_forces_enabled": False, "allow_fast_rotation": True, "sleeps": False}
             else:
-                mass = body.inertial
+                # Rapier keeps no moments without a mass; those of a fixed body have no effect
+                mass = body.inertial if body.inertial.mass else NOTHING
                 own |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
             own["colliders"] = " ".join(sorted(owns.get(body.name, ())))
             found |= {f"{at}.{name}": value for name, value in own.items()}

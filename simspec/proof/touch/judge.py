@@ -69,26 +69,43 @@ def touch_checks(
     """
     rules, place = _Rules(world, meetings), {(s.body, s.name): s.number for s in meetings.solids}
     solids_of = [tuple(place[body, name] for name in names if (body, name) in place) for body, names in units]
+    owners: dict[int, list[int]] = {}
+    for unit, numbers in enumerate(solids_of):
+        for number in dict.fromkeys(numbers):
+            owners.setdefault(number, []).append(unit)
+    copied = {number for number, some in owners.items() if len(some) > 1}
     wrong: dict[tuple[str, str], str] = {}
-    reported: dict[tuple[int, int, int], bool] = {}  # whether the pair is told apart from others of its bodies
+    reported: set[tuple[int, int, int]] = set()
+    forbidden: dict[tuple[int, int], bool] = {}
     by: dict[tuple[int, int, int], tuple[int, int]] = {}
     for state, first, other in touching.tolist():
-        pairs = [(min(i, j), max(i, j)) for i, j in itertools.product(solids_of[first], solids_of[other])]
-        if first == other or not any(rules.allow(*pair) for pair in pairs):
+        reported.add((state, min(first, other), max(first, other)))
+        if (first, other) not in forbidden:
+            # once for two units: links have up to a hundred shapes each, and touch in most states
+            product = itertools.product(solids_of[first], solids_of[other])
+            forbidden[first, other] = first == other or not any(rules.allow(*sorted(pair)) for pair in product)
+        if forbidden[first, other]:
             names = tuple("/".join(units[unit][1]) or f"a shape of body {units[unit][0]}" for unit in (first, other))
             wrong.setdefault((min(names), max(names)), "should not touch")
-        for pair in pairs:
-            if by.setdefault((state, *pair), (first, other)) != (first, other):
-                wrong.setdefault(_names(meetings, pair), "should touch once, not by several pairs of their copies")
-            reported[(state, *pair)] = reported.get((state, *pair), False) or len(pairs) == 1
+        if copied.isdisjoint(solids_of[first]) and copied.isdisjoint(solids_of[other]):
+            continue
+        for pair in itertools.product(solids_of[first], solids_of[other]):
+            i, j = sorted(pair)
+            if by.setdefault((state, i, j), (first, other)) != (first, other):
+                wrong.setdefault(_names(meetings, (i, j)), "should touch once, not by several pairs of their copies")
     seen: dict[Pair, bool] = {}
     unclear: set[Pair] = set()
     for state, i, j, alone in meetings.tried.tolist():
-        told = reported.get((state, i, j))
-        if told is not None and not told and not alone and rules.allow(i, j):
+        # True: told apart from others of its bodies
+        told = [
+            len(solids_of[first]) == len(solids_of[other]) == 1
+            for first, other in itertools.product(owners.get(i, ()), owners.get(j, ()))
+            if (state, min(first, other), max(first, other)) in reported
+        ]
+        if told and not any(told) and not alone and rules.allow(i, j):
             unclear.add((i, j))  # the link touches, by this shape or by another of it
-            told = None
-        seen[i, j] = seen.get((i, j), False) or told is not None
+            told = []
+        seen[i, j] = seen.get((i, j), False) or bool(told)
     unclear = {pair for pair in unclear if not seen[pair]}
     missed = {pair for pair, touches in seen.items() if rules.allow(*pair) and not touches and pair not in unclear}
     overlooked = _overlooked(meetings, missed, {pair for pair, touches in seen.items() if touches}, overlooks)
