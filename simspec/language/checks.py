@@ -401,6 +401,7 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
     document = bodies.source.document
     own = _part(bodies.source, "materials")
     alone = not bodies.placed and bodies.model and not materials
+    without: list[tuple[Key, ...]] = []
     for name in bodies.raw:
         group = bodies.field(name, "collision_group")
         if isinstance(group, str) and group not in groups:
@@ -414,13 +415,17 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
             material, place = shape.get("material"), (*bodies.path, name, "shapes", index)
             if material is None:
                 if shape.get("collision") is not False and len(own) != 1 and len(materials) != 1 and not alone:
-                    allowed = _some(materials)
-                    hint = "material: NAME" if materials else "contact: {materials: {NAME: {friction: 0.5}}}"
-                    yield document.problem(place, "a colliding shape needs a material", allowed=allowed, hint=hint)
+                    without.append(place)
             elif isinstance(material, str) and material not in materials:
                 hint = near(material, materials)
                 message = f"there is no material {material!r}"
                 yield document.problem((*place, "material"), message, allowed=_some(materials), hint=hint)
+    if without:
+        others = len(without) - 1
+        more = f" (and {others} other{'s' * (others > 1)} in this file)" if others else ""
+        hint = "material: NAME" if materials else "contact: {materials: {NAME: {friction: 0.5}}}"
+        message = f"a colliding shape needs a material{more}"
+        yield document.problem(without[0], message, allowed=_some(materials), hint=hint)
 
 
 def _lists_of_pairs(source: Source) -> Iterator[tuple[tuple[Key, ...], Any]]:

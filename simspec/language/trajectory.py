@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -258,6 +258,11 @@ class Trajectory(Strict):
             yield from _points(points, data.get("interpolation", "cubic"))
 
 
+def _entries(value: Any) -> Iterator[str]:
+    if isinstance(value, Mapping):
+        yield from (entry for entry in value if isinstance(entry, str))
+
+
 def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
     """Times that do not increase, joints that come and go, quantities that are there in some points only."""
     rows = [point if isinstance(point, Mapping) else getattr(point, "__dict__", {}) for point in points]
@@ -276,6 +281,8 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
         before = time
     first = rows[0].get("positions") if rows else None
     joints = set(first) if isinstance(first, Mapping) else None
+    # which joints a pattern means, the world says (``resolve/trajectory.py``)
+    patterns = any("*" in entry for row in rows for key in _QUANTITIES for entry in _entries(row.get(key)))
     quantities = {key for key in _QUANTITIES if rows and rows[0].get(key) is not None}
     for index, row in enumerate(rows):
         for key in _QUANTITIES:
@@ -286,7 +293,7 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
                 yield Fault(
                     ("points", index), f"{there} has {key}, {lacks} has none", None, "in all points, or in none"
                 )
-            elif isinstance(value, Mapping) and joints is not None and set(value) != joints:
+            elif isinstance(value, Mapping) and joints is not None and set(value) != joints and not patterns:
                 odd = sorted(map(str, set(value) ^ joints))
                 yield Fault(place, "not the joints of the first point", f"differs in {', '.join(odd[:6])}")
     wrong = {"hold": _DERIVATIVES, "linear": _DERIVATIVES, "cubic": ("accelerations",)}.get(interpolation, ())

@@ -37,19 +37,24 @@ def _shows_nothing(figure: Figure, law: Law, deviation: Deviation) -> bool:
 
 
 def _laws(one: Deviation) -> Iterator[Law]:
-    bounces = sorted({one.restitution, max(one.restitution, RESTITUTION)})
+    bounces = sorted({one.restitution, _usual(RESTITUTION, one.restitution, one.below[1])})
     for restitution, threshold in itertools.product(bounces, (0.0, 0.1)):
         pair = PairContact(
             "a",
             "b",
-            max(one.friction, FRICTION),
+            _usual(FRICTION, one.friction, one.below[0]),
             restitution,
             restitution_threshold=threshold,
             torsional_friction=0.01,
             rolling_friction=0.001,
             hardness=_hardness(one.hardness or "common"),
         )
-        yield Law(pair, one.friction_cone or "elliptic", max(one.timestep, TIMESTEP))
+        yield Law(pair, one.friction_cone or "elliptic", _usual(TIMESTEP, one.timestep, one.below[2]))
+
+
+def _usual(usual: float, least: float, below: float) -> float:
+    """The usual value, or where the declaration does not count for it one for which it does."""
+    return least if usual >= below else max(least, usual)
 
 
 def _hardness(kind: str) -> Hardness:

@@ -134,9 +134,16 @@ def _deviations(engine: type[Engine]) -> Iterator[str]:
             "",
         )
         yield from ("| probe | size | where | reason |", "|---|---|---|---|")
-        for one in engine.CONTACT_DEVIATIONS:
+        everywhere = [one for one in engine.CONTACT_DEVIATIONS if not one.is_local]
+        for one in everywhere:
             size = f"{100.0 * one.size:.3g} %" if one.relative else f"{one.size:.3g}"
             yield f"| {one.probe} | {size} | {_cell(_where(one))} | {_cell(one.why)} |"
+        if local := len(engine.CONTACT_DEVIATIONS) - len(everywhere):
+            yield from (
+                "",
+                f"{local:,} more count around single values of friction, restitution, timestep and ratio of masses "
+                "(`between.csv` of the engine).",
+            )
         yield ""
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
-from simspec.errors import Problem
+from simspec.errors import MOST_PROBLEMS, Problem
 from simspec.language.document import Details, Key
-from simspec.language.joint_names import CLASH_HINT, Clash, chosen, clash_words, entry_of
+from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.load import Spec
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
@@ -115,37 +115,63 @@ def _driven(world: World) -> list[str]:
     return [body.joint.name for body in world.bodies if body.joint.name in driven]
 
 
-def _entries(points: Sequence[TrajectoryPoint], world: World) -> tuple[dict[str, str], list[Clash]]:
-    """The entry of the points that each joint has its values from, and the joints to which patterns give different values: see
-    :func:`simspec.language.joint_names.entry_of`. A pattern means driven joints; a name is taken as it is."""
-    driven = _driven(world)
-    present = [quantity for quantity in QUANTITIES if getattr(points[0], quantity) is not None]
-    values = {
-        entry: [getattr(point, quantity)[entry] for quantity in present for point in points]
-        for entry in points[0].positions
-    }
-    return entry_of(values, lambda entry: chosen(entry, driven) if "*" in entry else [entry])
+Entries = Mapping[str, str]
+"""By joint the entry of a mapping that it has its value from."""
+
+
+class _Entries:
+    """Of every quantity of every point the entry that each joint has its value from. A pattern means driven joints; a name is
+    taken as it is, and has precedence (:func:`simspec.language.joint_names.entry_of`)."""
+
+    def __init__(self, points: Sequence[TrajectoryPoint], world: World):
+        self.driven = _driven(world)
+        self.problems: list[tuple[int, str, str, str, Details]] = []
+        """Point, quantity, entry (empty: all of it), what is wrong, and more."""
+        self._known: dict[tuple[str, ...], Entries] = {}
+        self._of: dict[tuple[int, str], Entries] = {}
+        for row, point in enumerate(points):
+            for quantity in QUANTITIES:
+                if (values := getattr(point, quantity)) is not None:
+                    self._of[row, quantity] = self._read(row, quantity, values)
+        first = self._of[0, "positions"]
+        for (row, quantity), entries in self._of.items():
+            if odd := sorted(entries.keys() ^ first.keys()):
+                found: Details = {"found": f"differs in {', '.join(odd[:6])}"}
+                self.problems.append((row, quantity, "", "not the joints of the first point", found))
+        self.joints = tuple(first)
+
+    def of(self, row: int, quantity: str) -> Entries:
+        """By joint; empty where the point has no such quantity."""
+        return self._of.get((row, quantity), {})
+
+    def _read(self, row: int, quantity: str, values: Mapping[str, Any]) -> Entries:
+        if not any("*" in entry for entry in values):
+            return self._known.setdefault(tuple(values), dict(zip(values, values, strict=True)))
+        entries, clashes = entry_of(values, lambda entry: chosen(entry, self.driven) if "*" in entry else [entry])
+        for entry in values:
+            if "*" in entry and not chosen(entry, self.driven):
+                allowed: Details = {"allowed": ", ".join(self.driven[:20])}
+                self.problems.append((row, quantity, entry, f"no driven joint that {entry!r} could mean", allowed))
+        for clash in clashes:
+            self.problems.append((row, quantity, clash.other, clash_words(clash), {"hint": CLASH_HINT}))
+        return entries
 
 
 def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft | None:
     points = required(required(source.content.trajectory).points)
+    entries = _Entries(points, world)
 
     def path(row: int, joint: str, quantity: str = "positions") -> tuple[Key, ...]:
-        return ("trajectory", "points", row, quantity, entries.get(joint, joint))
+        return ("trajectory", "points", row, quantity, entries.of(row, quantity).get(joint, joint))
 
-    entries, clashes = _entries(points, world)
-    driven = _driven(world)
-    for entry in points[0].positions:
-        if "*" in entry and not chosen(entry, driven):
-            allowed = ", ".join(driven[:20])
-            message = f"no driven joint that {entry!r} could mean"
-            problems.append(source.document.problem(path(0, entry), message, key=True, allowed=allowed))
-    for clash in clashes:
-        problems.append(source.document.problem(path(0, clash.other), clash_words(clash), key=True, hint=CLASH_HINT))
-    for name, message, more in _unusable(world, tuple(entries)):
-        details: Details = {**more, "key": True}
+    for row, quantity, entry, message, more in entries.problems[:MOST_PROBLEMS]:
+        place: tuple[Key, ...] = ("trajectory", "points", row, quantity, *([entry] if entry else []))
+        at_entry: Details = {**more, "key": bool(entry)}
+        problems.append(source.document.problem(place, message, **at_entry))
+    for name, message, about in _unusable(world, entries.joints):
+        details: Details = {**about, "key": True}
         problems.append(source.document.problem(path(0, name), message, **details))
-    joints = tuple(entries)
+    joints = entries.joints
     if len(points) * len(joints) > MOST_NUMBERS:
         found = f"{len(points)} points of {len(joints)} joints"
         allowed = f"up to {MOST_NUMBERS}"
@@ -164,7 +190,7 @@ def _of_points(source: Source, world: World, problems: list[Problem]) -> _Draft 
             number = BY_JOINT[quantity].number(kinds[joint])
             for row, point in enumerate(points):
                 try:
-                    array[row, column] = number.read(getattr(point, quantity)[entries[joint]])
+                    array[row, column] = number.read(getattr(point, quantity)[entries.of(row, quantity)[joint]])
                 except Faults as error:
                     place = path(row, joint, quantity)
                     problems += [
@@ -370,7 +396,7 @@ def dwell_overshoots(spec: Spec, world: World) -> Iterator[Problem]:
         joint, row = path.joints[column], int(np.searchsorted(times, time, side="right"))
         place: tuple[Key, ...] = ("trajectory", "file")
         if written.points is not None:
-            entry = _entries(written.points, world)[0][joint]
+            entry = _Entries(written.points, world).of(row, "positions")[joint]
             place = ("trajectory", "points", row, "positions", entry)
         yield spec.source.document.problem(
             place,

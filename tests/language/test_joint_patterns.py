@@ -242,9 +242,24 @@ def test_the_world_is_that_of_the_names(make):
     assert patterns == moved(make, *names).resolve()
 
 
+def test_points_may_say_the_same_joints_differently(make):
+    """The whole hand at first, then finger by finger."""
+    mixed = moved(
+        make, {"*": 0.4}, {"hand/index_*": 0.1, "hand/thumb_0": 0.5}, {"*": 0.4, "hand/index_0": 0.2}
+    ).resolve()
+    names = [
+        {"hand/index_0": index, "hand/index_1": other, "hand/thumb_0": thumb}
+        for index, other, thumb in ((0.4, 0.4, 0.4), (0.1, 0.1, 0.5), (0.2, 0.4, 0.4))
+    ]
+    assert mixed == moved(make, *names).resolve()
+
+
 @pytest.mark.parametrize(
     ("points", "words"),
     [
+        ([{"*": 0.4}, {"hand/index_*": 0.1}], ["not the joints of the first point", "differs in hand/thumb_0"]),
+        ([{"*": 0.4}, {"hand/index_*": 0.1, "hand/no": 1, "hand/thumb_0": 1}], ["differs in hand/no"]),
+        ([{"*": 0.4}, {"*": 0.1, "hand/no*": 1}], ["no driven joint that 'hand/no*' could mean"]),
         ([{"hand/eye*": 0.1}], ["no driven joint that 'hand/eye*' could mean", "hand/index_0"]),
         ([{"hand/*_2": 0.1}], ["no driven joint that 'hand/*_2' could mean"]),
         ([{"*index*": 0.1, "*_1": 0.1}, {"*index*": 0.1, "*_1": 0.2}], ["hand/index_1 has two values"]),

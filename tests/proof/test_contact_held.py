@@ -220,7 +220,7 @@ def test_probes_have_the_world_wide_numbers_of_the_scenario(tmp_path):
     world = worlds.table(PAIRS)
     _, plain = pairs_in_probe(world, tmp_path / "plain")
     rolling = tuple(
-        dataclasses.replace(pair, rolling_friction=0.001) if pair.first != pair.second else pair
+        dataclasses.replace(pair, rolling_friction=1e-4) if pair.first != pair.second else pair
         for pair in world.contact.pairs
     )
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=rolling))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.dart.expected import chosen_solver
+from simspec.engines.kit.between import tables
 from simspec.engines.kit.coupled import (
     SLIDING,
     SLIDING_RATIOS,
@@ -18,7 +19,6 @@ from simspec.engines.kit.coupled import (
     even_pressure,
     heavy_on_light,
     in_force,
-    measured,
     self_locking,
 )
 from simspec.engines.kit.deviations import Deviation
@@ -55,8 +55,8 @@ def _in_force(world: World) -> Mapping[str, Any]:
     return {**settings, "contact_solver": chosen_solver(world, settings)}
 
 
-_MEASURED: tuple[Deviation, ...] = measured(
-    Path(__file__).with_name("coupled.csv"),
+_MEASURED: tuple[Deviation, ...] = tables(
+    Path(__file__).parent,
     (
         Reason("rod* clamp* jam* pile*", _LEANS, _DANTZIG),
         Reason("edge*", _TOGETHER, _DANTZIG),

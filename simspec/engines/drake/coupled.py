@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.between import tables
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Support
 
@@ -27,8 +28,8 @@ _FIFTH = (
 _CREEPS = "friction is proportional to slip below the stiction tolerance, and has its full size above it alone"
 _UNKNOWN = "measured; the cause is not known"
 
-DEVIATIONS: tuple[Deviation, ...] = measured(
-    Path(__file__).with_name("coupled.csv"),
+DEVIATIONS: tuple[Deviation, ...] = tables(
+    Path(__file__).parent,
     (
         Reason("cross*", _CORNERS),
         Reason("squeeze*", _FIFTH, "contact_approximation=tamsi"),

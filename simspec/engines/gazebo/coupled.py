@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.between import tables
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Level, Refinement, Support
 
@@ -24,8 +25,8 @@ _NEAR = (
 )
 _FEW = "steps of some ms are few for what slips, clamps or spins"
 
-DEVIATIONS: tuple[Deviation, ...] = measured(
-    Path(__file__).with_name("coupled.csv"),
+DEVIATIONS: tuple[Deviation, ...] = tables(
+    Path(__file__).parent,
     (
         Reason("rod-slips pile-slips slide-spin", _PYRAMID, cone="elliptic"),
         Reason("stack*", _SWEEPS, _PGS),

@@ -110,12 +110,13 @@ def _deviations(row: Mapping[str, str], why: str) -> Iterator[Deviation]:
                 timestep=1e-3 * ABOVE * float(before),
                 restitution=SOME if row["restitution"] == ">0" else 0.0,
                 friction_cone=row["cone"],
-                setting=_setting(row["setting"]),
+                setting=setting_of(row["setting"]),
                 ratio=(SLIDING_RATIOS if row["probe"] in SLIDING else RATIOS)[row["ratio"]],
             )
 
 
-def _setting(text: str) -> tuple[str, str] | None:
+def setting_of(text: str) -> tuple[str, str] | None:
+    """The setting of a row, as ``name=value``; None where it counts for all."""
     name, _, value = text.partition("=")
     return (name, value) if value else None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from types import MappingProxyType
 from typing import Any
 
@@ -19,7 +20,8 @@ class Deviation:
     else it is in the figure's unit. It counts for pairs with at least this ``friction`` and ``restitution``, from this
     ``timestep`` (s) on, and under this ``friction_cone``, kind of ``hardness`` and ``setting`` (name, value) of the engine
     alone, where these are given, in worlds where bodies of at least this ``ratio`` of masses may touch, and in releases before
-    ``until`` ("": in all), where the release is known.
+    ``until`` ("": in all), where the release is known; and below the values of ``below``: friction, restitution, timestep,
+    ratio.
     """
 
     probe: str
@@ -34,6 +36,12 @@ class Deviation:
     setting: tuple[str, Any] | None = None
     ratio: float = 0.0
     until: str = ""
+    below: tuple[float, float, float, float] = (inf, inf, inf, inf)
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it counts around single values alone."""
+        return min(self.below) < inf
 
     def counts_for(
         self,
@@ -55,4 +63,8 @@ class Deviation:
             and ratio >= self.ratio
             and self.friction_cone in ("", friction_cone)
             and self.hardness in ("", pair.hardness.kind)
+            and pair.friction < self.below[0]
+            and pair.restitution < self.below[1]
+            and timestep < self.below[2]
+            and ratio < self.below[3]
         )

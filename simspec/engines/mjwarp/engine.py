@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from simspec.contact.rules import Rules
+from simspec.dialects.mujoco.contact import moment_hardness
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
@@ -23,6 +24,7 @@ from simspec.engines.mujoco.expected import expected_inventory
 from simspec.engines.mujoco.rewritten import NO_EQUALITIES, met_exactly, no_friction, without_coulomb
 from simspec.support.declarations import EXACT, Level, Refinement, Support, Table, never
 from simspec.support.features import Feature
+from simspec.world.meeting import meeting_laws
 from simspec.world.types import HeldValue, World
 
 SEARCHED = (
@@ -43,7 +45,9 @@ _TORSIONAL = MuJoCo.SUPPORT[Feature.TORSIONAL_FRICTION]
 
 
 def _torsional(world: World) -> Refinement | None:
-    return torsional_alone(world, float(resolve_settings(MjWarp, world)["high_impratio"]))
+    settings = resolve_settings(MjWarp, world)
+    needed = moment_hardness(world.physics.timestep, meeting_laws(world).values())
+    return torsional_alone(world, max(float(settings["impratio"]), min(float(settings["high_impratio"]), needed)))
 
 
 def _of_kind(kind: str) -> Support:
@@ -94,7 +98,7 @@ class MjWarp(MjWarpSimulation):
         Feature.MASSLESS: Support(Level.EXACT, "of what touches nothing with friction", refine=weightless_rub),
         Feature.TORSIONAL_FRICTION: dataclasses.replace(
             _TORSIONAL,
-            how=f"beside rolling friction, or at a high_impratio of up to {MOST_TORSIONAL_RATIO:g}: {_TORSIONAL.how}",
+            how=f"beside rolling friction, or at an impratio of up to {MOST_TORSIONAL_RATIO:g}: {_TORSIONAL.how}",
             refine=_torsional,
         ),
         Feature.CONTROL_NATIVE: never("simspec drives MuJoCo Warp by efforts"),

@@ -26,7 +26,7 @@ PYRAMID = (
     "under the pyramid a box with friction that is pushed becomes no number (NaN), in single precision (L5; measured)"
 )
 MOST_TORSIONAL_RATIO = 1000.0
-"""``high_impratio`` up to which torsional friction by itself is met."""
+"""``impratio`` up to which torsional friction by itself is met."""
 
 
 def weightless_rub(world: World) -> Refinement | None:
@@ -44,14 +44,14 @@ def weightless_rub(world: World) -> Refinement | None:
 
 
 def torsional_alone(world: World, ratio: float) -> Refinement | None:
-    """Refused where two shapes that may meet have torsional friction and no rolling friction; ``ratio``: high_impratio."""
+    """Refused where two shapes that may meet have torsional friction and no rolling friction; ``ratio``: impratio."""
     if ratio <= MOST_TORSIONAL_RATIO:
         return None
     for pair, law in sorted(meeting_laws(world).items()):
         if law.torsional_friction and not law.rolling_friction:
             return not_here(
                 f"{' and '.join(map(repr, pair))} have torsional friction and no rolling friction: a ball that lands so is no "
-                f"number (NaN), in single precision at high_impratio {ratio:g} (measured); give them rolling friction, or set "
+                f"number (NaN), in single precision at impratio {ratio:g} (measured); give them rolling friction, or set "
                 f"engines.mjwarp.settings.high_impratio to {MOST_TORSIONAL_RATIO:g}, at which friction on springs creeps faster"
             )
     return None

@@ -12,7 +12,8 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.between import tables
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Refine, Refinement, Support, approximate
 from simspec.support.features import Feature
@@ -33,8 +34,8 @@ _UNKNOWN = "measured; the cause is not known"
 HELD = "friction of what is carried by a loop around MuJoCo's solver at every step (friction: coulomb)"
 _NATIVE, _INSCRIBED = "friction=native", "pyramid-inscribed"
 
-DEVIATIONS: tuple[Deviation, ...] = measured(
-    Path(__file__).with_name("coupled.csv"),
+DEVIATIONS: tuple[Deviation, ...] = tables(
+    Path(__file__).parent,
     (
         Reason("row*", _ROW),
         Reason("strike* edge*", _TOGETHER),

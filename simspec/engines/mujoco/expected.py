@@ -141,11 +141,18 @@ class _Expected:
         return bool(self.settings["friction"] == "coulomb")
 
     def _impratio(self) -> float:
-        soft = any(
-            law.torsional_friction or law.rolling_friction or (law.friction and law.hardness.kind in COMPLIANT)
-            for law in self.laws.values()
-        )
-        return float(self.settings["high_impratio" if soft else "impratio"])
+        least, most = float(self.settings["impratio"]), float(self.settings["high_impratio"])
+        needed = 0.0
+        for law in self.laws.values():
+            if law.friction and law.hardness.kind in COMPLIANT:
+                return most
+            for moment in (law.torsional_friction, law.rolling_friction):
+                if law.friction and moment:
+                    # 1e4 at 0.5 ms and c = μ mm, with the inverse square of both
+                    needed = max(needed, 1e4 * (law.friction * 1e-3 / moment) ** 2 * (0.5e-3 / self.dt) ** 2)
+        powers = (float(f"1e{exponent}") for exponent in range(-30, 30))
+        raised = next(power for power in powers if power >= 0.999 * needed)
+        return max(least, min(most, raised))
 
     def _options(self) -> dict[str, Any]:
         """What simspec says; all else is MuJoCo's own, and without effect (``o_*`` without override) or off."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.between import tables
+from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Level, Refinement, Support
 
@@ -25,8 +26,8 @@ _PASSES = (
 )
 _UNKNOWN = "measured; the cause is not known"
 
-DEVIATIONS: tuple[Deviation, ...] = measured(
-    Path(__file__).with_name("coupled.csv"),
+DEVIATIONS: tuple[Deviation, ...] = tables(
+    Path(__file__).parent,
     (
         Reason("stack*", _SWEEPS, _QUICK),
         Reason("stack-slides* stack-stays*", _PASSES),

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from simspec.engines.kit.between import tables
 from simspec.engines.kit.coupled import (
     SLIDING_RATIOS,
     Reason,
     even_pressure,
     heavy_on_light,
     in_force,
-    measured,
     self_locking,
 )
 from simspec.engines.kit.deviations import Deviation
@@ -31,8 +31,8 @@ _ANCHORED = (
 )
 
 DEVIATIONS: tuple[Deviation, ...] = (
-    *measured(
-        Path(__file__).with_name("coupled.csv"),
+    *tables(
+        Path(__file__).parent,
         (
             Reason("stack*", _SWEEPS),
             Reason("jam*", _MADE),

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, measured, self_locking
+from simspec.engines.kit.between import tables
+from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation
 from simspec.support.declarations import Support
 
@@ -20,8 +21,8 @@ _SWEEPS = "sweeps over one contact after another leave overlaps and wrong fricti
 _MADE = "sweeps end before friction has made the normal force of a clamp that jams"
 _FEW = "steps of some ms are few for what slips or clamps"
 
-DEVIATIONS: tuple[Deviation, ...] = measured(
-    Path(__file__).with_name("coupled.csv"),
+DEVIATIONS: tuple[Deviation, ...] = tables(
+    Path(__file__).parent,
     (
         Reason("stack*", _SWEEPS),
         Reason("jam*", _MADE),

@@ -34,7 +34,8 @@ ERROR_REDUCTION = 0.01
 """β of the common hardness (see ``world.types.Hardness``)."""
 OVERLAPS = (1e-5, 5e-5)
 """Initial overlaps (m): of rest and build, and small enough for engines that limit the speed of recovery (measured:
-to 1 mm/s) to have the law."""
+to 1 mm/s) to have the law. Below ``OVERLAPS_FROM`` (s) they are less, in proportion to the timestep, for the same speeds."""
+OVERLAPS_FROM = 5e-4
 OVERLAP_SHARE = 0.02
 """Of the expected speed: what a solver of finite accuracy may miss, ten times what any core engine does."""
 OVERLAP_GRAVITY = 2e-3
@@ -238,13 +239,13 @@ class Overlap(Probe):
 
     def trials(self, law: Law) -> Sequence[Trial]:
         bodies: list[Body] = [floor(law)]
-        for column, overlap in enumerate(OVERLAPS):
+        for column, overlap in enumerate(overlaps(law)):
             bodies.append(ball(law, f"ball_{column}", SPHERE, 1.0, (3.0 * column, 0.0, SPHERE - overlap)))
         return [Trial(tuple(bodies), (Phase(1),))]
 
     def wanted(self, law: Law) -> Sequence[Figure]:
         figures = []
-        for overlap in OVERLAPS:
+        for overlap in overlaps(law):
             expected = ERROR_REDUCTION * overlap / law.timestep
             tolerance = OVERLAP_SHARE * expected + OVERLAP_GRAVITY * GRAVITY * law.timestep
             named = (self.NAME, subject(law), f"overlap {overlap * 1e6:g} µm", "speed", "m/s")
@@ -254,6 +255,11 @@ class Overlap(Probe):
     def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         speeds = (float(motions[0].velocity[f"ball_{column}"][1, 2]) for column in range(len(OVERLAPS)))
         return [replace(figure, measured=speed) for figure, speed in zip(self.wanted(law), speeds, strict=True)]
+
+
+def overlaps(law: Law) -> tuple[float, ...]:
+    """m: how deep each ball is in the floor."""
+    return tuple(overlap * min(1.0, law.timestep / OVERLAPS_FROM) for overlap in OVERLAPS)
 
 
 def subject(law: Law) -> str:

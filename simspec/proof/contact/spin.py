@@ -14,8 +14,9 @@ from simspec.world.types import Body
 
 RADIUS, MASS = 0.1, 1.0
 """Of the balls (m, kg), where the law does not want larger ones."""
-STEPS = 300
-"""Steps in which a ball is slowed down to rest: one step more or less, as a probe's resolution, is 0.3 %."""
+STEPS, TIME = 300, 0.15
+"""In the longer of the two (steps, s) a ball is slowed down to rest: one step more or less, as a probe's resolution, is 0.3 %,
+and where friction takes slip back at a rate of 100/s, its fading is over within the last 7 %."""
 MEASURED = (0.1, 0.6)
 """Shares of these steps between which the deceleration is taken: after the contact has settled, and before the last tenth
 of the speed, where engines whose friction takes slip back by a rate fade out instead of stopping."""
@@ -28,9 +29,13 @@ SLENDERNESS = 10.0
 """Least ratio of the ball's radius to c/μ: a ball that rolls to rest needs the sliding friction (5/7) c/r, here at most
 1/14 of what there is."""
 LARGEST_RADIUS = 2.0
-"""m: laws whose balls would have to be larger (c above 0.2 μ m) are not measured by rolling."""
+"""m: laws whose balls would have to be larger are not measured by rolling (c above 0.2 μ m), or by spin (c above 2.7 m at 1 ms,
+0.7 m at 2 ms): such moments stop whatever spins within a step."""
 BALL_INERTIA = 0.4
 """I / (m r²) of a solid ball."""
+LARGEST_TURN = 0.005
+"""rad in a step: the fastest spin. Large moments get a larger ball for it: at 0.5 rad in a step MuJoCo's balls leave the spot
+and lose 6 to 40 % of the moment (measured, c of 0.02 to 1 m)."""
 SPINS = {"left": 1.0, "right": -1.0}
 DIRECTIONS = (0.0, 35.0, 90.0, 180.0)
 """Degrees from the x axis: along the axes, which some engines' friction directions follow, and off them."""
@@ -43,22 +48,28 @@ class Torsional(Probe):
     MEANING = "spin-down of a ball about the normal, against c N / I"
 
     def applies(self, law: Law) -> bool:
-        return law.pair.collide and law.pair.torsional_friction > 0.0
+        """See ``LARGEST_RADIUS``."""
+        return law.pair.collide and law.pair.torsional_friction > 0.0 and self._radius(law) <= LARGEST_RADIUS
+
+    def _radius(self, law: Law) -> float:
+        turned = law.pair.torsional_friction * GRAVITY * steps_of(law) * law.timestep**2
+        return max(RADIUS, math.sqrt(turned / (BALL_INERTIA * LARGEST_TURN)))
 
     def _deceleration(self, law: Law) -> float:
-        return law.pair.torsional_friction * GRAVITY / (BALL_INERTIA * RADIUS * RADIUS)
+        return law.pair.torsional_friction * GRAVITY / (BALL_INERTIA * self._radius(law) ** 2)
 
     def trials(self, law: Law) -> Sequence[Trial]:
-        speed = self._deceleration(law) * STEPS * law.timestep
+        radius, speed = self._radius(law), self._deceleration(law) * steps_of(law) * law.timestep
         bodies: list[Body] = [floor(law)]
         for column, (name, sign) in enumerate(SPINS.items()):
             velocity = (0.0, 0.0, 0.0, 0.0, 0.0, sign * speed)
-            bodies.append(ball(law, name, RADIUS, MASS, (3.0 * column, 0.0, RADIUS), velocity))
-        return [Trial(tuple(bodies), (Phase(2 * STEPS),))]
+            at = (30.0 * radius * column, 0.0, radius)
+            bodies.append(ball(law, name, radius, MASS, at, velocity))
+        return [Trial(tuple(bodies), (Phase(2 * steps_of(law)),))]
 
     def wanted(self, law: Law) -> Sequence[Figure]:
         expected = self._deceleration(law)
-        return _wanted(self.NAME, law, expected, expected * STEPS * law.timestep, "spin", "rad/s")
+        return _wanted(self.NAME, law, expected, expected * steps_of(law) * law.timestep, "spin", "rad/s")
 
     def reference(self, law: Law, figure: Figure) -> Figure | None:
         return _of_quantity(self.wanted(law), figure)
@@ -90,18 +101,18 @@ class Rolling(Probe):
 
     def trials(self, law: Law) -> Sequence[Trial]:
         radius = self._radius(law)
-        speed = self._deceleration(law) * STEPS * law.timestep
+        speed = self._deceleration(law) * steps_of(law) * law.timestep
         bodies: list[Body] = [floor(law)]
         for row, angle in enumerate(DIRECTIONS):
             along, across = math.cos(math.radians(angle)), math.sin(math.radians(angle))
             turn = speed / radius
             velocity = (speed * along, speed * across, 0.0, -turn * across, turn * along, 0.0)
             bodies.append(ball(law, f"ball_{row}", radius, MASS, (0.0, 5.0 * radius * row, radius), velocity))
-        return [Trial(tuple(bodies), (Phase(2 * STEPS),))]
+        return [Trial(tuple(bodies), (Phase(2 * steps_of(law)),))]
 
     def wanted(self, law: Law) -> Sequence[Figure]:
         expected = self._deceleration(law)
-        return _wanted(self.NAME, law, expected, expected * STEPS * law.timestep, "speed", "m/s")
+        return _wanted(self.NAME, law, expected, expected * steps_of(law) * law.timestep, "speed", "m/s")
 
     def reference(self, law: Law, figure: Figure) -> Figure | None:
         return _of_quantity(self.wanted(law), figure)
@@ -112,6 +123,11 @@ class Rolling(Probe):
             along = np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
             speeds[f"rolling at {angle:g}°"] = motions[0].velocity[f"ball_{row}"][:, :2] @ along
         return _deceleration_figures(self.NAME, law, speeds, self._deceleration(law), "speed", "m/s")
+
+
+def steps_of(law: Law) -> int:
+    """Steps in which a ball comes to rest."""
+    return max(STEPS, math.ceil(TIME / law.timestep))
 
 
 def _wanted(probe: str, law: Law, expected: float, initial: float, quantity: str, unit: str) -> list[Figure]:
@@ -161,8 +177,8 @@ def _off(measured: float, expected: float) -> float:
 
 
 def deceleration(speed: np.ndarray, timestep: float) -> float:
-    """Mean deceleration in the measured part of the speeds (n,) at every step."""
-    start, end = (int(share * STEPS) for share in MEASURED)
+    """Mean deceleration in the measured part of the speeds (n,) at every step, which end at twice the time to rest."""
+    start, end = (int(share * (len(speed) - 1) / 2) for share in MEASURED)
     return float((speed[start] - speed[end]) / ((end - start) * timestep))
 
 

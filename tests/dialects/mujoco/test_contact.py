@@ -173,13 +173,24 @@ def test_a_margin_is_noticed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "law", [{}, {"torsional_friction": 0.01}, {"rolling_friction": 0.01}, {"hardness": HARDNESS["time-constant"]}]
+    ("law", "timestep", "hardness"),
+    [
+        ({}, 1e-3, 1e3),
+        ({"torsional_friction": 0.01}, 1e-3, 1e3),
+        ({"rolling_friction": 5e-4}, 1e-3, 1e4),  # 0.01 (0.5/5e-4)² / 4 = 2,500
+        ({"rolling_friction": 5e-4}, 5e-4, 1e4),  # exactly
+        ({"rolling_friction": 5e-4}, 2.5e-4, 1e5),
+        ({"torsional_friction": 0.01, "rolling_friction": 1e-4}, 5e-4, 1e6),
+        ({"rolling_friction": 1e-8}, 5e-4, 1e7),
+        ({"hardness": HARDNESS["time-constant"]}, 1e-3, 1e7),
+    ],
 )
-def test_friction_is_harder_where_it_must_carry_more(law):
+def test_friction_is_harder_where_it_must_carry_more(law, timestep, hardness):
     world = laws(worlds.table(dict.fromkeys(TABLE, 0.5)), **law)
+    world = dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=timestep))
     option = ElementTree.fromstring(emit(world)[MODEL]).find("option")
     assert option is not None
-    assert option.attrib["impratio"] == ("10000000" if law else "1000")
+    assert float(option.attrib["impratio"]) == hardness
 
 
 # --- which shapes touch -------------------------------------------------------------------------------------------

@@ -57,10 +57,18 @@ def test_what_weighs_nothing_and_rubs_is_refused_where_its_solver_makes_no_numbe
     assert compile_world(accepting(dataclasses.replace(world, contact=contact), "mjwarp"), ["mjwarp"])
 
 
-@pytest.mark.parametrize(("rolling", "ratio", "taken"), [(0.0, None, False), (0.0, 1000.0, True), (0.001, None, True)])
-def test_torsional_friction_alone_is_refused_where_what_lands_would_be_no_number(rolling, ratio, taken):
+@pytest.mark.parametrize(
+    ("torsional", "rolling", "ratio", "taken"),
+    [
+        (1e-4, 0.0, None, False),
+        (1e-4, 0.0, 1000.0, True),
+        (1e-4, 0.001, None, True),
+        (0.01, 0.0, None, True),  # needs no more than an impratio of 1000
+    ],
+)
+def test_torsional_friction_alone_is_refused_where_what_lands_would_be_no_number(torsional, rolling, ratio, taken):
     world = WORLDS["rolling"]("mjwarp")
-    law = dataclasses.replace(world.contact.pairs[0], rolling_friction=rolling)
+    law = dataclasses.replace(world.contact.pairs[0], torsional_friction=torsional, rolling_friction=rolling)
     world = dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=(law,)))
     world = with_options(world, "mjwarp", settings=() if ratio is None else (("high_impratio", ratio),))
     if taken:
