@@ -122,6 +122,9 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
     if precision.name != DOUBLE:
         floor = max(_floor(trial, oracle, rubbed, strength, rough, precision) for trial in trials if trial.slides)
         tolerance = max(precision.sliding, precision.factor * floor)
+    else:
+        tolerance = precision.sliding
+    if tolerance > SLIDE_TOLERANCE:
         trials = tuple(replace(trial, tolerance=tolerance) if trial.slides else trial for trial in trials)
     return DryFriction(trials, rough, strength[rough])
 

@@ -182,8 +182,9 @@ _PYRAMID = "under the pyramid friction has no reference of its own, and what sli
 _NATIVE = "MuJoCo's own contact has no reference of its own for friction, and what slides hops"
 _RESTLESS = "with e near 1 a body never comes to rest; it bounces on at up to 1.6 times (1 + e) g dt"
 _CUSHION = "on the cushion of frictional contact gravity acts until the depth balances it"
-_UP_TO = tuple(0.00045 * 1.25**step for step in range(18))
-"""Timesteps (s), up to 20 ms, between which deviations that grow with the timestep are those of the longer one."""
+_STEPS = tuple((0.0 if step < 1 else 5.25e-4 * 2.0 ** ((step - 1) / 3), 5e-4 * 2.0 ** (step / 3)) for step in range(17))
+"""Ranges of timesteps (s) up to 20 ms in which deviations that grow with the timestep are those of the second: a row counts
+from the first on, which is 1.05 times the second of the range before."""
 _LIVELY = 0.9
 """Least restitution of what does not come to rest."""
 
@@ -373,10 +374,7 @@ _OWN: tuple[Deviation, ...] = (
         friction_cone="pyramid-inscribed",
     ),
     # a step's gravity, and the recovery that is missing; some friction is any friction
-    *(
-        Deviation("overlap", 10.0 * longest, _CUSHION, False, 1e-9, shortest)
-        for shortest, longest in pairwise((0.0, *_UP_TO))
-    ),
+    *(Deviation("overlap", 10.5 * dt, _CUSHION, False, 1e-9, start) for start, dt in _STEPS),
 )
 """Of MuJoCo's own friction: the largest of what the contact probes show at 0.5, 1, 2, 4, 8 and 16 ms, for μ of 0.05 to 1.45 in
 steps of 0.05 with e of 0, 0.3 and 0.8 (up to 8 ms), and for some of them with e up to 1; of oblique impacts in each row what
@@ -396,14 +394,8 @@ _EITHER: tuple[Deviation, ...] = (
     ),
     *_rows("stop-oblong", _NATIVE, {0.0005: {0.9: 0.05, 1.25: 0.075}}, hardness="native"),
     Deviation("stick", 0.5, _RESTLESS, relative=False, restitution=_LIVELY),
-    *(
-        Deviation("steady", 31.0 * longest, _RESTLESS, False, timestep=shortest, restitution=_LIVELY)
-        for shortest, longest in pairwise((0.0, *_UP_TO))
-    ),
-    *(
-        Deviation("rest", 41.0 * longest**2, _RESTLESS, False, timestep=shortest, restitution=_LIVELY)
-        for shortest, longest in pairwise((0.0, *_UP_TO))
-    ),
+    *(Deviation("steady", 31.0 * dt, _RESTLESS, False, timestep=start, restitution=_LIVELY) for start, dt in _STEPS),
+    *(Deviation("rest", 41.0 * dt * dt, _RESTLESS, False, timestep=start, restitution=_LIVELY) for start, dt in _STEPS),
     *(
         Deviation("rest", 1.1 * _SUNK * longest**2, _DEEP, False, timestep=shortest)
         for shortest, longest in pairwise((0.01, 0.0125, 0.016, 0.02, 0.025, 0.033))
@@ -429,10 +421,7 @@ _COULOMB: tuple[Deviation, ...] = (
         for row in _rows(probe, _SET_DOWN, {0.008: {1.25: 0.033}, 0.016: {0.7: 0.04, 0.9: 0.062, 1.25: 0.2}})
     ),
     Deviation("steady", 0.022, _RESTLESS, False, timestep=0.00045, restitution=_LIVELY),
-    *(
-        Deviation("rest", 50.0 * longest**2, _RESTLESS, False, timestep=shortest, restitution=_LIVELY)
-        for shortest, longest in pairwise((0.0, *_UP_TO))
-    ),
+    *(Deviation("rest", 50.0 * dt * dt, _RESTLESS, False, timestep=start, restitution=_LIVELY) for start, dt in _STEPS),
 )
 """The same of Coulomb's law, with which nothing hops, and impacts are within 1.4 % from 0.5 to 16 ms."""
 _CARRIED = tuple(dataclasses.replace(one, probe="carry") for one in _OWN if one.probe == "stop")

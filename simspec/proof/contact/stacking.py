@@ -24,7 +24,7 @@ TIME, STEPS = 0.8, 400
 slowest that is called wrong sinks or slides 0.2 mm/s)."""
 SIDEWAYS = 1e-4
 """m: friction holds a stack, so that it moves sideways no further than it may sink."""
-ADRIFT = 0.1 * EDGE
+ADRIFT = 0.01 * EDGE
 """m: how far cubes without friction may have moved sideways where their depth is measured. Nothing holds them there: the
 unevenness that a solver leaves in the pressure over a face drives them apart ever faster, until the upper falls off (measured
 in PyBullet after 0.1 to 0.8 s at a ratio of 300), which says nothing of how far it sinks in."""

@@ -249,9 +249,10 @@ def test_a_deviation_counts_only_where_it_was_measured():
 
     for probe in ("push", "stop", "stick", "restitution", "torsional", "rolling", "compliance", "rest", "size"):
         assert sizes(probe, 1e-3) == []
-    assert sizes("push", 1e-3, friction=1.0) == [0.03]
+    assert min(sizes("push", 1e-3, friction=1.0)) == 0.03
+    assert max(sizes("push", 1e-3, friction=1.0)) < 0.05
     assert sizes("push", 1e-3, mode="coulomb", friction=1.0) == []
-    assert max(sizes("push", 4e-3)) == 0.12
+    assert max(sizes("push", 4e-3)) < 0.16
     assert sizes("push", 1e-3, restitution=0.5)
     assert sizes("push", 1e-3, hardness=Hardness("native"))
     assert sizes("push", 1e-3, cone="pyramid-inscribed")

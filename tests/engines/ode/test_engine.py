@@ -17,6 +17,7 @@ from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
+from simspec.testing import worlds as shipped
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, World
 from tests import worlds
 from tests.engines.drake.scenes import boxes
@@ -262,3 +263,26 @@ def test_a_box_on_a_ramp_of_redundant_points_feels_friction_in_every_step(load):
     engine.step(500)
     assert abs(engine.get_state()[0][0]) < 9.81 * DT**2  # the first step, in which nothing overlaps yet
     assert engine.log() == []
+
+
+@pytest.mark.parametrize("part", ["mass", "moments"])
+@pytest.mark.parametrize(("ratio", "taken"), [(1e6, True), (1e8, False)])
+def test_trees_of_masses_out_of_all_proportion_are_refused(part, ratio, taken):
+    """There the mass matrix is more than 1e-9 off: joints are constraints between bodies."""
+    world = shipped.hinges()
+    heavy, light = world.bodies[1], world.bodies[2]
+    inertial = dataclasses.replace(heavy.inertial, mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    share = {"mass": 1.0 / ratio} if part == "mass" else {"inertia": tuple(value / ratio for value in inertial.inertia)}
+    own = dataclasses.replace(inertial, **share)
+    bodies = (
+        world.bodies[0],
+        dataclasses.replace(heavy, inertial=inertial),
+        dataclasses.replace(light, inertial=own),
+        *world.bodies[3:],
+    )
+    world = dataclasses.replace(world, bodies=bodies)
+    if taken:
+        compile_world(world, ["ode"])
+        return
+    with pytest.raises(UnsupportedError, match=f"ODE loses digits .*here 1e\\+08: {light.name!r} has [13]e-08 kg"):
+        compile_world(world, ["ode"])

@@ -285,3 +285,16 @@ def test_a_box_on_a_table_is_not_thrown_through_it(load):
         q, v = engine.get_state()
         assert q[2] == pytest.approx(0.3, abs=1e-6)
         engine.set_state(np.array([0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0]), 0.0 * v)
+
+
+def test_a_fixed_body_without_mass_may_have_moments(load):
+    """SDF of a static model often has both so; Rapier keeps no moments without a mass, and nothing depends on them."""
+    ground = dataclasses.replace(
+        ball("ground", (0.0, 0.0, 0.0)),
+        joint=Joint("ground_joint", "fixed", origin=Pose()),
+        inertial=Inertial(0.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),
+    )
+    world = scene(ground, ball("ball", (0.0, 0.0, 1.0)))
+    held = load(world).read_back()
+    (check,) = inventory_checks(Rapier.expected_inventory(world, held.neutral), held.inventory, PRECISIONS["single"])
+    assert check.passed, check.detail
