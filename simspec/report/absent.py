@@ -54,7 +54,7 @@ def _laws(one: Deviation) -> Iterator[Law]:
 
 def _usual(usual: float, least: float, below: float) -> float:
     """The usual value, or where the declaration does not count for it one for which it does."""
-    return least if usual >= below else max(least, usual)
+    return max(least, below / 2.0) if usual >= below else max(least, usual)
 
 
 def _hardness(kind: str) -> Hardness:
