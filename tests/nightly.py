@@ -61,6 +61,7 @@ CASES = {
     "report/test_contact.py::test_the_plot_is_the_same_bytes_every_time": 3,
     "test_bad_input.py::test_a_bad_spec_is_refused_in_bounded_work": 3,
     "test_endings.py::test_a_signal_at_work_leaves_no_process_and_no_folder": 2,
+    "test_isolated.py::test_no_command_imports_from_the_working_folder": 3,
     "test_endings.py::test_kills_at_random_moments_leave_nothing_that_the_next_call_does_not_remove": 3,
 }
 """Of these each commit runs one case in so many, the first among them."""
