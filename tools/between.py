@@ -130,7 +130,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
         for some in _alike(by, [point[2 if along == "ratio" else 0] for point in points(_probe(probe))]):
             size, relative = max(_size(row) for row in some), bool(some[0]["expected"])
             cells = [_cell(name, some) for name in LIMITS]
-            limits = (f"{limit:.4g}" for cell in cells for limit in cell)
+            limits = (f"{limit:.6g}" for cell in cells for limit in cell)
             lines.append(",".join((setting, cone, probe, *limits, f"{size:.3g}", "yes" if relative else "no")))
     return "\n".join(lines) + "\n"
 
