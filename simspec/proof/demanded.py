@@ -72,10 +72,12 @@ def _of_motion(motion: Motion, precision: Precision) -> Demand:
 
 def _of_friction(probes: Probes) -> Demands:
     found: Demands = {}
-    for trial in () if probes.rubbing is None else probes.rubbing.trials:
+    if probes.rubbing is None:
+        return found
+    for trial in probes.rubbing.trials:
         name = SLIDING_CHECK if trial.slides else REST_CHECK
         before = found.get(("L6", name))
-        count = len(probes.rubbing.places if probes.rubbing else ()) + (0 if before is None else before.count)
+        count = int(probes.rubbing.compared(trial).sum()) + (0 if before is None else before.count)
         floors = trial.tolerance > probes.precision.sliding and trial.slides
         found["L6", name] = Demand(count, count, LEEWAY * trial.tolerance if floors else trial.tolerance)
     return found

@@ -21,7 +21,7 @@ from simspec.world.types import World
 
 OF_LOOPS = 10.0
 """Rows of constraints that close loops are redundant, or nearly so, and engines that solve them by iteration end at their own
-tolerance: MuJoCo is 1.0e-9 off in a gripper of two four-bars and 1.3e-9 in a biped whose shins are loops, and 3.2e-8 of a speed
+tolerance: one is 1.0e-9 off in a gripper of two four-bars and 1.3e-9 in a biped whose shins are loops, and 3.2e-8 of a speed
 beside dry friction (measured), where mass matrix and bias force agree to 1e-15."""
 Rounded = Callable[[np.ndarray], np.ndarray]
 

@@ -34,8 +34,8 @@ LARGEST_RADIUS = 2.0
 BALL_INERTIA = 0.4
 """I / (m r²) of a solid ball."""
 LARGEST_TURN = 0.005
-"""rad in a step: the fastest spin. Large moments get a larger ball for it: at 0.5 rad in a step MuJoCo's balls leave the spot
-and lose 6 to 40 % of the moment (measured, c of 0.02 to 1 m)."""
+"""rad in a step: the fastest spin. Large moments get a larger ball for it: at 0.5 rad in a step balls leave the spot in one
+engine, and lose 6 to 40 % of the moment (measured, c of 0.02 to 1 m)."""
 SPINS = {"left": 1.0, "right": -1.0}
 DIRECTIONS = (0.0, 35.0, 90.0, 180.0)
 """Degrees from the x axis: along the axes, which some engines' friction directions follow, and off them."""

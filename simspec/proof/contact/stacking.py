@@ -27,7 +27,7 @@ SIDEWAYS = 1e-4
 ADRIFT = 0.01 * EDGE
 """m: how far cubes without friction may have moved sideways where their depth is measured. Nothing holds them there: the
 unevenness that a solver leaves in the pressure over a face drives them apart ever faster, until the upper falls off (measured
-in PyBullet after 0.1 to 0.8 s at a ratio of 300), which says nothing of how far it sinks in."""
+in an engine after 0.1 to 0.8 s at a ratio of 300), which says nothing of how far it sinks in."""
 SAMPLES = 200
 """States of a stack without friction."""
 SPACING = 1.0
