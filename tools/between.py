@@ -34,10 +34,11 @@ from simspec.world.types import PairContact
 TIMESTEPS = (20.0, 16.0, 12.5, 10.0, 8.0, 5.0, 4.0, 3.0, 2.0, 1.5, 1.0, 0.7, 0.5, 0.2)
 """ms; pairs of bodies at all, several bodies at ``COUPLED_TIMESTEPS``."""
 COUPLED_TIMESTEPS = (20.0, 16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.2)
-RATIOS = (1.0, 1.5, 2.0, 2.5, 3.0, 5.0, 7.0, 14.0, 20.0, 30.0, 50.0, 100.0, 150.0, 300.0, 600.0)
+RATIOS = (1.0, 1.5, 2.0, 2.5, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0, 30.0, 50.0, 100.0, 150.0, 300.0, 600.0, 1000.0)
 FRICTIONS, RESTITUTIONS = (0.07, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0), (0.0, 0.25, 0.6, 0.9)
 COUPLED_FRICTIONS = (0.25, 0.7, 0.9, 1.1, 1.5, 2.0)
 IMPACT_FRICTIONS, IMPACT_RESTITUTIONS = (0.5, 0.8, 1.5), (0.0, 0.5)
+STACK_FRICTIONS = (0.0, 0.25, 0.5, 0.8, 1.0, 1.5)
 SLIDING_FRICTIONS = (0.2, 0.45, 0.8, 1.0, 1.5)
 ALIKE = 1.5
 """Ratio of the sizes of neighbouring points up to which one row declares both."""
@@ -52,8 +53,8 @@ def points(probe: Probe) -> Iterator[tuple[float, float, float]]:
     if probe.NAME in sliding_stacks.PROBES:
         yield from itertools.product(SLIDING_FRICTIONS, resting, RATIOS)
     elif probe.NAME in stacking.PROBES:
-        yield from itertools.product((0.0,), (0.0,), sorted({*coupled.RATIOS, *RATIOS}))
-        yield from itertools.product((0.5,), resting, RATIOS)
+        yield from itertools.product(STACK_FRICTIONS, (0.0,), RATIOS)
+        yield from itertools.product((0.5,), (DROP_RESTITUTION,), RATIOS)
     elif probe.NAME in together.PROBES:
         yield from itertools.product(IMPACT_FRICTIONS, IMPACT_RESTITUTIONS, (1.0,))
     elif probe.NAME in SEVERAL:

@@ -29,6 +29,7 @@ from simspec.proof.probes import FEW_STATES, LARGE, STATES
 from simspec.proof.realised import realised
 from simspec.proof.sum_limits import TOLERANCE as STOPS_TOLERANCE
 from simspec.world.canonical import sha256
+from simspec.world.gathering import gathered
 from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World
@@ -151,7 +152,19 @@ def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Ite
     moving = sum(groups[body.name] != "world" for body in world.bodies)
     states = STATES if layout_of(world).nv <= LARGE else FEW_STATES
     least = {(level, "bodies"): 1 for level in ("L0", "L1")}
-    least |= {(level, name): moving for level in ("L0", "L1") for name in ("mass", "centre of mass", "inertia tensor")}
+    # of a rigid group that engines are told as one the sum, and of nothing no centre
+    told = gathered(world)
+    weighed = [
+        told.get(body.name, body.inertial)
+        for body in world.bodies
+        if groups[body.name] == body.name or (groups[body.name] != "world" and body.name not in told)
+    ]
+    weights = {
+        "mass": len(weighed),
+        "inertia tensor": len(weighed),
+        "centre of mass": sum(one.mass > 0 for one in weighed),
+    }
+    least |= {(level, name): count for level in ("L0", "L1") for name, count in weights.items()}
     least |= {(level, name): len(world.bodies) for level in ("L0", "L2") for name in ("joint type", "parent")}
     least |= {("L2", name): states for name in ("pose, position", "pose, orientation", "body velocity")}
     solid = [SHAPES[shape.kind] for body in world.bodies for shape in body.shapes if shape.collision]
