@@ -106,7 +106,7 @@ def _repairs(file: Path) -> list[str]:
     return sorted({repair["rule"] for spec in specs for repair in spec.get("repairs", ())})
 
 
-FEATURE = re.compile(r"(?:does not support|supports) ([a-z_]+(?:\.[a-z_-]+)+)")
+FEATURE = re.compile(r"(?:does not support|supports) (?:contact between )?([a-z_]+(?:\.[a-z_-]+)+|[a-z]+ and [a-z]+)")
 
 
 def page(into: Path) -> str:
@@ -131,7 +131,7 @@ def page(into: Path) -> str:
         f"{len(imported)} are imported with no flag but `--repair all`, {unrepaired} of them without a repair. Of {len(pairs)} "
         f"proofs {valid} are valid, with what an engine needs accepted by name (`--accept all`), and levels L0 to L7. "
         "✓: valid; ✓ᵃ: valid, and by a declared deviation an effect of contact may be absent (the certificate names it); "
-        "✗: not valid; a word: the first feature that the engine does not support.",
+        "✗: not valid; words: the first feature, or pair of shapes in contact, that the engine does not support.",
         "",
         "| file | repairs | " + " | ".join(names) + " |",
         "|---|---|" + "---|" * len(names),

@@ -13,6 +13,7 @@ from typing import Any
 from simspec.engines.dart.expected import chosen_solver
 from simspec.engines.kit.between import tables
 from simspec.engines.kit.coupled import (
+    RATIOS,
     SLIDING,
     SLIDING_RATIOS,
     Reason,
@@ -74,6 +75,10 @@ _BULLET = ("collision_detector", "bullet")
 _MOVING = "bullet's points of contact on a plane change as a body slides, and press on it unevenly"
 DEVIATIONS: tuple[Deviation, ...] = (
     *_MEASURED,
+    # now and then, at 1 ms and μ = 0.8: 0.13 mm at a ratio of 20.9, 0.19 mm at 100, and nothing at others between
+    Deviation(
+        "stack-sideways", 2.4e-4, _SWEEPS, False, 0.6, 9e-4, setting=("contact_solver", "nsgs"), ratio=RATIOS["100"]
+    ),
     # by dantzig at frictions of 0.1 to 1.5, without restitution: 19 to 25 % at a ratio of 1, 29 % at 4, 60 % at 10 (4 ms)
     Deviation("stack-slides-plane", 0.29, _MOVING, setting=_BULLET),
     Deviation("stack-slides-plane", 0.34, _MOVING, setting=_BULLET, ratio=SLIDING_RATIOS["4"]),
