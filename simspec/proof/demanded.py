@@ -43,7 +43,7 @@ def demanded(world: World, precision: str) -> Demands:
     probes = prepare(world, ("L6", "L7"), precision)
     found: Demands = {}
     if probes.motion is not None:
-        found["L6", "motion"] = _of_motion(probes.motion, probes.precision)
+        found["L6", "motion"] = _of_motion(probes.motion, probes.motion.precision)
     found |= _of_friction(probes)
     for trial in () if probes.stops is None else probes.stops.trials:
         before = found.get(("L6", trial.check))

@@ -77,11 +77,11 @@ class DryFriction:
     strength: np.ndarray
 
     def compared(self, trial: Trial) -> np.ndarray:
-        """Which of the joints are compared in a trial (joints,)."""
+        """Which of the joints are compared in a trial (joints,): those that slide, or all where constraints hold every one."""
         if not trial.slides:
             return np.ones(len(self.places), dtype=bool)
         found: np.ndarray = np.abs(trial.along[self.places]) >= SLIDES * self.strength
-        return found
+        return found if found.any() else np.ones(len(self.places), dtype=bool)
 
     def operation(self, world: World) -> Operation:
         """What an engine is asked (see ``engines/kit/worker.py``)."""
@@ -132,9 +132,6 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
     if precision.name != DOUBLE:
         floor = max(_floor(trial, oracle, rubbed, strength, rough, precision) for trial in trials if trial.slides)
         tolerance = max(precision.sliding, precision.factor * floor)
-    else:
-        tolerance = precision.sliding
-    if tolerance > SLIDE_TOLERANCE:
         trials = tuple(replace(trial, tolerance=tolerance) if trial.slides else trial for trial in trials)
     return DryFriction(trials, rough, strength[rough])
 

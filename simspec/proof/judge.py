@@ -152,12 +152,12 @@ def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Ite
     moving = sum(groups[body.name] != "world" for body in world.bodies)
     states = STATES if layout_of(world).nv <= LARGE else FEW_STATES
     least = {(level, "bodies"): 1 for level in ("L0", "L1")}
-    # of a rigid group that engines are told as one the sum, and of nothing no centre
-    told = gathered(world)
+    # engines have one inertia of a gathered rigid group, and a body without mass has no centre
+    whole = gathered(world)
     weighed = [
-        told.get(body.name, body.inertial)
+        whole.get(body.name, body.inertial)
         for body in world.bodies
-        if groups[body.name] == body.name or (groups[body.name] != "world" and body.name not in told)
+        if groups[body.name] == body.name or (groups[body.name] != "world" and body.name not in whole)
     ]
     weights = {
         "mass": len(weighed),

@@ -25,7 +25,7 @@ from simspec.proof.precision import PRECISIONS, Precision, Rounded
 from simspec.proof.resting import at_rest
 from simspec.world.kinematics import initial_state, rubbing
 from simspec.world.rotations import rotation_error
-from simspec.world.types import Body, Record, World
+from simspec.world.types import Body, Follow, Record, World
 
 STEPS = 2000
 WORK = 2_600_000
@@ -115,6 +115,8 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
     Worlds that differ in nothing but their name, what is recorded and expected, and engines' options share a motion, whose
     arrays are not to be changed: it takes seconds, and comparing worlds milliseconds.
     """
+    if any(not isinstance(one, Follow) for one in world.constraints):
+        precision = precision.of_loops()
     same = dataclasses.replace(world, name="", record=Record(), expectations=(), engines=(), frames=())
     known = _kept.get((same, precision))
     if known is None:

@@ -17,12 +17,11 @@ import numpy as np
 
 from simspec.engines.kit.precision import DOUBLE, ROUNDING, SINGLE
 from simspec.proof.checks import MODEL_TOLERANCE
-from simspec.world.types import World
 
 OF_LOOPS = 10.0
 """Rows of constraints that close loops are redundant, or nearly so, and engines that solve them by iteration end at their own
-tolerance: one is 1.0e-9 off in a gripper of two four-bars and 1.3e-9 in a biped whose shins are loops, and 3.2e-8 of a speed
-beside dry friction (measured), where mass matrix and bias force agree to 1e-15."""
+tolerance: one is 1.0e-9 off in a gripper of two four-bars and 1.3e-9 in a biped whose shins are loops (measured), where mass
+matrix and bias force agree to 1e-15."""
 Rounded = Callable[[np.ndarray], np.ndarray]
 
 
@@ -45,11 +44,9 @@ class Precision:
         """Of a motion with a round-off floor."""
         return max(self.motion, self.factor * floor)
 
-    def in_world(self, world: World) -> Precision:
-        """That of a world: where constraints close loops, tolerances of motion in doubles are ``OF_LOOPS`` times as large."""
-        if self.name != DOUBLE or not world.constraints:
-            return self
-        return replace(self, motion=OF_LOOPS * self.motion, sliding=OF_LOOPS * self.sliding)
+    def of_loops(self) -> Precision:
+        """For motion (L6) of a world in which constraints close loops: in doubles the least tolerance is larger."""
+        return replace(self, motion=OF_LOOPS * self.motion) if self.name == DOUBLE else self
 
     def beginning(self, state: np.ndarray, generator: np.random.Generator) -> np.ndarray:
         """A state from which a disturbed motion begins."""

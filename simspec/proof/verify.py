@@ -89,9 +89,7 @@ class Probes:
         if self.precision.name == engine.PRECISION:
             return self
         if engine.PRECISION not in self._others:
-            self._others[engine.PRECISION] = _planned_for(
-                self, PRECISIONS[engine.PRECISION].in_world(self.oracle.world)
-            )
+            self._others[engine.PRECISION] = _planned_for(self, PRECISIONS[engine.PRECISION])
         return self._others[engine.PRECISION]
 
     def operations(self, engine: type[Engine]) -> list[Operation]:
@@ -130,7 +128,7 @@ class Probes:
 def prepare(world: World, levels: Iterable[str] = LEVELS, precision: str = DOUBLE) -> Probes:
     """Choose the probes for ``world`` and run the oracle. ``precision``: of the engine that is asked first; others get
     theirs from :meth:`Probes.of`."""
-    numbers = PRECISIONS[precision].in_world(world)
+    numbers = PRECISIONS[precision]
     oracle = touch.oracle_of(world)
     q, v = random_states(world, STATES if oracle.nv <= LARGE else FEW_STATES)
     wanted = set(levels)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -41,6 +42,13 @@ def test_torsional_friction(engine, length, tmp_path):
     radius = max(0.1, math.sqrt(length * GRAVITY * 300 * 1e-3**2 / (0.4 * 0.005)))
     assert found[0].expected == pytest.approx(length * GRAVITY / (0.4 * radius**2))
     assert all(figure.passed for figure in found), found
+
+
+@pytest.mark.parametrize("timestep", [5e-4, 0.016, 0.02])
+def test_moments_are_measured_at_every_timestep(timestep):
+    for length, measured in ((0.001, True), (0.02, True), (0.2, True), (0.21, False)):
+        one = dataclasses.replace(law(torsional_friction=length), timestep=timestep)
+        assert TORSIONAL.applies(one) is measured
 
 
 @pytest.mark.parametrize("engine", WITH_MOMENTS)

@@ -16,7 +16,7 @@ PLACES = np.array([1, 2])
     [
         ([9.0, 1.0, -1.5], True, [True, True]),
         ([9.0, 0.5 * SLIDES * 2.0, -1.5], True, [False, True]),
-        ([9.0, 0.0, 0.0], True, [False, False]),
+        ([9.0, 0.0, 0.0], True, [True, True]),  # constraints hold all: nothing else would be compared
         ([0.0, 0.0, 0.0], False, [True, True]),
     ],
 )

@@ -90,7 +90,7 @@ SETTINGS: Mapping[str, Setting] = {
         "friction c: MuJoCo makes friction as soft as its contact, and moments softer by (μ/c)². At an impratio of 10 a box "
         "on springs creeps 8e-3 m/s at 60 % of the limit, at 1e7 7e-6. For moments impratio is raised to 0.01 (μ/c)² "
         "(0.5 ms/dt)², from which on spinning and rolling stop within 2 % (measured, c of 0.1 mm to 20 mm); no further, since "
-        "at 1e7 what leans, jams and is squeezed slips up to 30 mm further than at 1e4 (2 ms), and heaps jitter at 2e-4 m/s.",
+        "at 1e7 piled and squeezed bodies slip up to 38 mm further than at 1e4 (2 ms), and heaps jitter at 2e-4 m/s.",
         minimum=1e-6,
         group=Group.FRICTION,
     ),

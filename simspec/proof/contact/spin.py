@@ -29,8 +29,9 @@ SLENDERNESS = 10.0
 """Least ratio of the ball's radius to c/μ: a ball that rolls to rest needs the sliding friction (5/7) c/r, here at most
 1/14 of what there is."""
 LARGEST_RADIUS = 2.0
-"""m: laws whose balls would have to be larger are not measured by rolling (c above 0.2 μ m), or by spin (c above 2.7 m at 1 ms,
-0.7 m at 2 ms): such moments stop whatever spins within a step."""
+"""m: laws whose balls would have to be larger (c above 0.2 μ m) are not measured by rolling."""
+LARGEST_MOMENT = 0.2
+"""m: laws with a larger c are not measured by spin. No contact face is as large, and the balls would be tens of metres."""
 BALL_INERTIA = 0.4
 """I / (m r²) of a solid ball."""
 LARGEST_TURN = 0.005
@@ -48,8 +49,8 @@ class Torsional(Probe):
     MEANING = "spin-down of a ball about the normal, against c N / I"
 
     def applies(self, law: Law) -> bool:
-        """See ``LARGEST_RADIUS``."""
-        return law.pair.collide and law.pair.torsional_friction > 0.0 and self._radius(law) <= LARGEST_RADIUS
+        """See ``LARGEST_MOMENT``."""
+        return law.pair.collide and 0.0 < law.pair.torsional_friction <= LARGEST_MOMENT
 
     def _radius(self, law: Law) -> float:
         turned = law.pair.torsional_friction * GRAVITY * steps_of(law) * law.timestep**2

@@ -96,16 +96,16 @@ def touch_checks(
     seen: dict[Pair, bool] = {}
     unclear: set[Pair] = set()
     for state, i, j, alone in meetings.tried.tolist():
-        # True: told apart from others of its bodies
-        told = [
+        # of each report whether it distinguishes this shape from others of its body
+        reports = [
             len(solids_of[first]) == len(solids_of[other]) == 1
             for first, other in itertools.product(owners.get(i, ()), owners.get(j, ()))
             if (state, min(first, other), max(first, other)) in reported
         ]
-        if told and not any(told) and not alone and rules.allow(i, j):
+        if reports and not any(reports) and not alone and rules.allow(i, j):
             unclear.add((i, j))  # the link touches, by this shape or by another of it
-            told = []
-        seen[i, j] = seen.get((i, j), False) or bool(told)
+            reports = []
+        seen[i, j] = seen.get((i, j), False) or bool(reports)
     unclear = {pair for pair in unclear if not seen[pair]}
     missed = {pair for pair, touches in seen.items() if rules.allow(*pair) and not touches and pair not in unclear}
     overlooked = _overlooked(meetings, missed, {pair for pair, touches in seen.items() if touches}, overlooks)
