@@ -14,7 +14,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 Exponents = tuple[int, int, int, int]
 """Powers of metre, kilogram, second, radian."""
@@ -25,44 +24,44 @@ SMALLEST = 1e-30
 """Smaller sizes, masses and densities are refused, 0 aside: volumes and moments of them would round to zero."""
 
 _BASE = ("metre", "kilogram", "second", "radian")
-_DEFINITIONS = f"""
-yocto- = 1e-24 = y-
-nano- = 1e-9 = n-
-micro- = 1e-6 = u-
-milli- = 1e-3 = m-
-centi- = 1e-2 = c-
-deci- = 1e-1 = d-
-hecto- = 1e2 = h-
-kilo- = 1e3 = k-
-mega- = 1e6 = M-
-giga- = 1e9 = G-
-metre = [length] = m = meter = metres = meters
-kilogram = [mass] = kg = kilograms
-second = [time] = s = sec = seconds
-radian = [angle] = rad = radians
-gram = 1e-3 * kilogram = g = grams
-tonne = 1000 * kilogram = t = tonnes
-minute = 60 * second = min = minutes
-hour = 3600 * second = h = hours
-degree = {Fraction(math.pi).numerator} / {Fraction(math.pi).denominator * 180} * radian = deg = degrees
-revolution = {2 * Fraction(math.pi).numerator} / {Fraction(math.pi).denominator} * radian = rev = revolutions = turn
-rpm = revolution / minute
-hertz = 1 / second = Hz
-newton = kilogram * metre / second ** 2 = N = newtons
-joule = newton * metre = J = joules
-watt = joule / second = W = watts
-pascal = newton / metre ** 2 = Pa = pascals
-litre = 1e-3 * metre ** 3 = l = liter = L = litres
-inch = 0.0254 * metre = in = inches
-foot = 0.3048 * metre = ft = feet
-yard = 0.9144 * metre = yd
-pound = 0.45359237 * kilogram = lb = pounds
-ounce = 0.028349523125 * kilogram = oz
-pound_force = 0.45359237 * 9.80665 * newton = lbf
-kilogram_force = 9.80665 * newton = kgf
-percent = 0.01
-"""
-"""Every unit of the language; exact definitions (SI, and the international yard and pound)."""
+_LENGTH, _MASS, _TIME, _ANGLE, _FORCE = (1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1), (1, 1, -2, 0)
+_PI, _POUND, _GRAVITY = Fraction(math.pi), Fraction("0.45359237"), Fraction("9.80665")
+_DEFINITIONS: tuple[tuple[str, Fraction | str, Exponents], ...] = (
+    ("metre m meter metres meters", "1", _LENGTH),
+    ("kilogram kg kilograms", "1", _MASS),
+    ("second s sec seconds", "1", _TIME),
+    ("radian rad radians", "1", _ANGLE),
+    ("gram g grams", "1/1000", _MASS),
+    ("tonne t tonnes", "1000", _MASS),
+    ("minute min minutes", "60", _TIME),
+    ("hour h hours", "3600", _TIME),
+    ("degree deg degrees", _PI / 180, _ANGLE),
+    ("revolution rev revolutions turn", 2 * _PI, _ANGLE),
+    ("rpm", 2 * _PI / 60, (0, 0, -1, 1)),
+    ("hertz Hz", "1", (0, 0, -1, 0)),
+    ("newton N newtons", "1", _FORCE),
+    ("joule J joules", "1", (2, 1, -2, 0)),
+    ("watt W watts", "1", (2, 1, -3, 0)),
+    ("pascal Pa pascals", "1", (-1, 1, -2, 0)),
+    ("litre l liter L litres", "1/1000", (3, 0, 0, 0)),
+    ("inch in inches", "0.0254", _LENGTH),
+    ("foot ft feet", "0.3048", _LENGTH),
+    ("yard yd", "0.9144", _LENGTH),
+    ("pound lb pounds", _POUND, _MASS),
+    ("ounce oz", _POUND / 16, _MASS),
+    ("pound_force lbf", _POUND * _GRAVITY, _FORCE),
+    ("kilogram_force kgf", _GRAVITY, _FORCE),
+    ("percent", "1/100", (0, 0, 0, 0)),
+)
+"""Every unit: its names, its factor to SI and its powers of the base units; exact definitions (SI, and the international
+yard and pound)."""
+_UNITS = {name: (Fraction(factor), powers) for names, factor, powers in _DEFINITIONS for name in names.split()}
+_PREFIXES = {
+    **{"": 0, "yocto": -24, "y": -24, "nano": -9, "n": -9, "micro": -6, "u": -6, "milli": -3, "m": -3},
+    **{"centi": -2, "c": -2, "deci": -1, "d": -1, "hecto": 2, "h": 2, "kilo": 3, "k": 3, "mega": 6, "M": 6},
+    **{"giga": 9, "G": 9},
+}
+"""Prefixes of units, as powers of 10."""
 
 
 @dataclass(frozen=True)
@@ -120,37 +119,28 @@ class UnitError(ValueError):
         self.found, self.allowed, self.hint = found, allowed, hint
 
 
-@functools.cache
-def _registry() -> Any:
-    import pint
-
-    registry: Any = pint.UnitRegistry(None, non_int_type=Fraction)
-    registry.load_definitions(_DEFINITIONS.strip().splitlines())
-    return registry
-
-
 def unit_names() -> list[str]:
-    """Every name a unit may be written with, prefixes aside."""
-    names: list[str] = []
-    for line in _DEFINITIONS.strip().splitlines():
-        parts = [part.strip() for part in line.split("=")]
-        if not parts[0].endswith("-"):
-            names += [parts[0], *(part for part in parts[2:] if part.isidentifier())]
-    return names
+    """Every name that a unit may be written with, without prefixes."""
+    return list(_UNITS)
 
 
 @functools.lru_cache(maxsize=1024)
 def _unit(name: str) -> tuple[Fraction, Exponents]:
-    """The factor to SI and the powers of the base units of one unit. Raises ValueError for an unknown name."""
-    import pint
-
-    registry = _registry()
-    try:
-        factor, base = registry.get_root_units(registry.parse_units(name))
-    except pint.UndefinedUnitError:
-        raise ValueError(name) from None
-    powers = dict(base._units)
-    return Fraction(factor), tuple(int(powers.get(unit, 0)) for unit in _BASE)  # type: ignore[return-value]
+    """The factor to SI and the powers of the base units of one unit: its name, or a prefix and a name, or that with a
+    plural ``s``. Raises ValueError for an unknown name."""
+    if name == "dimensionless":
+        return Fraction(1), (0, 0, 0, 0)
+    if name in _UNITS:
+        return _UNITS[name]
+    for plural in ("", "s") if name.endswith("s") else ("",):
+        stem = name.removesuffix(plural)
+        for prefix, power in _PREFIXES.items():
+            unit = stem.removeprefix(prefix) if stem.startswith(prefix) else ""
+            if unit not in _UNITS or (plural and len(unit) == 1):
+                continue
+            factor, powers = _UNITS[unit]
+            return factor * Fraction(10) ** power, powers
+    raise ValueError(name)
 
 
 @functools.lru_cache(maxsize=1024)

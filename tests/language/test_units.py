@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from fractions import Fraction
+from itertools import product
+from pathlib import Path
 
+import pint
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from simspec.language import units
 from simspec.language.units import DIMENSIONS, LARGEST, UnitError, parse, unit_names
 
 
@@ -107,3 +112,31 @@ def test_every_unit_fits_exactly_the_dimensions_of_its_name(name):
     assert all("wrong unit" in reason for reason in reasons)
     assert len(set(fits)) <= 1
     assert all(0 < value < LARGEST for value in fits)
+
+
+def test_units_are_those_of_pint():
+    """Names, prefixes and plurals are accepted as pint accepts them, with the same exact factors."""
+    definitions = (Path(__file__).parent / "data/units.txt").read_text().splitlines()
+    registry = pint.UnitRegistry(None, non_int_type=Fraction)
+    registry.load_definitions(definitions)
+    prefixes = ["", *re.findall(r"\b([A-Za-z]+)-", "\n".join(definitions))]
+    assert set(prefixes) == set(units._PREFIXES)
+    words = {f"{prefix}{name}{end}" for prefix, name, end in product(prefixes, unit_names(), ("", "s", "ss"))}
+    words |= {f"{prefix}{letter}" for prefix, letter in product(prefixes, "abcdefghijklmnopqrstuvwxyz_sS")} - {""}
+    for word in sorted({*words, "dimensionless", "per", "sq", "pi", "e", "nan", "inf", "True", "yocto", "delta_m"}):
+        if word == "dimensionless":  # pint's own name
+            assert units._unit(word) == (1, (0, 0, 0, 0))
+        elif word in registry._units:
+            assert units._unit(word) == _of_pint(registry, "", word)
+        elif not (found := registry.parse_unit_name(word)):
+            with pytest.raises(ValueError, match=f"^{word}$"):
+                units._unit(word)
+        else:
+            assert units._unit(word) == _of_pint(registry, *found[0][:2]), word
+
+
+def _of_pint(registry, prefix, name):
+    factor, base = registry.get_root_units(name)
+    scale = registry._prefixes[prefix].value if prefix else 1
+    powers = tuple(int(base._units.get(unit, 0)) for unit in ("metre", "kilogram", "second", "radian"))
+    return Fraction(factor) * Fraction(scale), powers
