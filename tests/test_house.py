@@ -237,19 +237,22 @@ def test_data_goes_one_way(path):
 
 
 def imported_modules(tree: ast.Module) -> set[str]:
-    """The modules of simspec that a module imports when it is imported itself, not inside functions or for types alone."""
+    """The modules of simspec that a module imports, also inside functions; not those for types alone."""
+    types_only = {
+        node
+        for test in nodes(tree)
+        if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.dump(test.test)
+        for statement in test.body
+        for node in ast.walk(statement)
+    }
     imported = set()
-    waiting: list[ast.stmt] = list(tree.body)
-    while waiting:
-        node = waiting.pop()
+    for node in nodes(tree):
+        if node in types_only:
+            continue
         if isinstance(node, ast.Import):
             imported.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            imported.update({str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)})
-        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.dump(node.test):
-            waiting += [*node.body, *node.orelse]
-        elif isinstance(node, ast.Try):
-            waiting += [*node.body, *node.orelse, *node.finalbody]
+            imported.update(f"{node.module}.{alias.name}" for alias in node.names)
     return imported
 
 
@@ -265,11 +268,23 @@ def circle(imports: dict[str, set[str]]) -> list[str]:
             return []
 
 
+LAZY_CIRCLES = {
+    ("simspec.runner.run", "simspec.runner.store"): "an import within a function, to be removed",
+}
+"""Imports (importer, imported) that close a circle although they are within functions. No new entries."""
+
+
 def test_no_module_imports_itself_by_way_of_others():
-    imports = {}
-    for path in MODULES:
-        name = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
-        imports[name] = asked(path)[imported_modules]
+    names = {
+        ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in MODULES
+    }
+    imports = {
+        name: {other if other in names else other.rpartition(".")[0] for other in asked(path)[imported_modules]}
+        for name, path in names.items()
+    }
+    for importer, imported in LAZY_CIRCLES:
+        imports.get(importer, set()).discard(imported)
     assert not circle(imports)
 
 
@@ -278,7 +293,7 @@ def test_a_circle_is_seen():
     assert circle({"a": {"b", "x"}, "b": set()}) == []
     text = "import simspec.a\nif TYPE_CHECKING:\n    import simspec.b\ndef f():\n    import simspec.c\n"
     text += "try:\n    from simspec import d\nfinally:\n    pass"
-    assert imported_modules(ast.parse(text)) == {"simspec.a", "simspec", "simspec.d"}
+    assert imported_modules(ast.parse(text)) == {"simspec.a", "simspec.c", "simspec.d"}
 
 
 def packages(home: str) -> set[str]:

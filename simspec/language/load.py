@@ -118,14 +118,14 @@ class Spec:
         """The world: frozen, SI, every default filled. Raises SpecError with every problem found."""
         from simspec.resolve import resolve
 
-        return resolve(self)
+        return resolve(self.source)
 
     def warnings(self, world: World | None = None) -> list[Problem]:
         """What looks like a slip though it is allowed, each with its place and the way out; ``world`` where the spec has been
         resolved already. Raises SpecError as :meth:`resolve`."""
         from simspec.resolve.warnings import warnings
 
-        return warnings(self, world or self.resolve())
+        return warnings(self.source, world or self.resolve())
 
     def to_yaml(self) -> str:
         """The spec as YAML text in the canonical layout, overrides included."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from simspec.errors import Problem, SpecError
-from simspec.language.load import Spec
 from simspec.language.problems import in_order
+from simspec.language.sources import Source
 from simspec.language.strict import bounded_suggestions
 from simspec.resolve.actuators import commanded
 from simspec.resolve.bodies import expand
@@ -35,35 +35,35 @@ from simspec.world.types import World
 __all__ = ["resolve"]
 
 
-def resolve(spec: Spec) -> World:
+def resolve(spec: Source) -> World:
     """The world of a spec. Raises SpecError with every problem that shows only when things are expanded: names that are
     taken twice, references to bodies and joints that do not exist, times that are not recorded; and, where all else is
     right, joints and controllers that are unstable at the timestep."""
-    whole = physics(spec.data.physics)
-    expansion = expand(spec.source, boxes=whole.fluid is not None)
-    time = shortened(whole, None if spec.data.trajectory is None else spec.data.trajectory.until)
-    recorded = record(spec.data.record, time)
+    whole = physics(spec.content.physics)
+    expansion = expand(spec, boxes=whole.fluid is not None)
+    time = shortened(whole, None if spec.content.trajectory is None else spec.content.trajectory.until)
+    recorded = record(spec.content.record, time)
     with bounded_suggestions():
-        named, misnamed = named_frames(spec.source, expansion.bodies, expansion.arrays)
-        held = constraints(spec.source, expansion, named)
+        named, misnamed = named_frames(spec, expansion.bodies, expansion.arrays)
+        held = constraints(spec, expansion, named)
         expansion.bodies = held.bodies
         expansion.held += held.joined
         beyond: list[Problem] = []
         if not expansion.problems and not held.problems:
-            expansion.bodies, beyond = beginning_within(spec.source, expansion.bodies)
-        moved = motions(spec.source, expansion.bodies, () if expansion.problems else expansion.kinematic)
+            expansion.bodies, beyond = beginning_within(spec, expansion.bodies)
+        moved = motions(spec, expansion.bodies, () if expansion.problems else expansion.kinematic)
         expansion.bodies = moved.bodies
         expansion.excluded += moved.apart
-        laws, problems = contact(spec.source, expansion, time.timestep)
-        driven = controllers(spec.source, expansion.bodies, held.followers)
+        laws, problems = contact(spec, expansion, time.timestep)
+        driven = controllers(spec, expansion.bodies, held.followers)
         applied, pushed = (
-            ((), []) if expansion.problems else forces(spec.source, expansion.bodies, whole, expansion.kinematic, named)
+            ((), []) if expansion.problems else forces(spec, expansion.bodies, whole, expansion.kinematic, named)
         )
-        expected, more = expectations(spec.source, expansion.bodies, whole, time, recorded)
-    shown = unknown_shown(spec.source, expansion.bodies) if not expansion.problems else []
-    weightless = [] if expansion.problems else without_inertia(spec.source, expansion.bodies)
-    weightless += [] if expansion.problems or weightless else dependent_joints(spec.source, expansion.bodies)
-    weightless += [] if expansion.problems else unlike_weights(spec.source, expansion.bodies, expansion.kinematic)
+        expected, more = expectations(spec, expansion.bodies, whole, time, recorded)
+    shown = unknown_shown(spec, expansion.bodies) if not expansion.problems else []
+    weightless = [] if expansion.problems else without_inertia(spec, expansion.bodies)
+    weightless += [] if expansion.problems or weightless else dependent_joints(spec, expansion.bodies)
+    weightless += [] if expansion.problems else unlike_weights(spec, expansion.bodies, expansion.kinematic)
     problems = [
         *expansion.problems,
         *misnamed,
@@ -83,13 +83,13 @@ def resolve(spec: Spec) -> World:
     if whole.fluid is not None:
         bodies = boxed(bodies, expansion.kinematic)
     world = World(
-        name=spec.name,
+        name=spec.content.name,
         bodies=bodies,
         contact=laws,
         physics=time,
         record=recorded,
         expectations=expected,
-        engines=engines(spec.data.engines, time.timestep),
+        engines=engines(spec.content.engines, time.timestep),
         controllers=driven.controllers,
         constraints=held.constraints,
         forces=applied,
@@ -97,13 +97,13 @@ def resolve(spec: Spec) -> World:
         sums=held.sums,
         frames=named,
     )
-    path, problems = trajectory(spec.source, world, driven.velocity_limits)
-    path, more = commanded(spec.source, path, driven.aims, world.bodies)
+    path, problems = trajectory(spec, world, driven.velocity_limits)
+    path, more = commanded(spec, path, driven.aims, world.bodies)
     problems = [*problems, *more]
     if problems:
         raise SpecError(in_order(problems))
     world = dataclasses.replace(world, trajectory=path)
-    problems = unstable_joints(spec.source, world) or unstable(spec.source, world)
-    if problems := [*problems, *too_much(spec.source, world), *fixed_for_ever(spec.source, world)]:
+    problems = unstable_joints(spec, world) or unstable(spec, world)
+    if problems := [*problems, *too_much(spec, world), *fixed_for_ever(spec, world)]:
         raise SpecError(in_order(problems))
     return world

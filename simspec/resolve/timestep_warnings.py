@@ -10,7 +10,8 @@ import numpy as np
 
 from simspec.dynamics.spinning import THRESHOLD, gains
 from simspec.errors import Problem
-from simspec.language.load import Spec
+from simspec.language.locate import locate
+from simspec.language.sources import Source
 from simspec.resolve.passing import passages
 from simspec.world.rotations import matrices
 from simspec.world.types import Body, World
@@ -33,14 +34,14 @@ def _step(seconds: float, world: World) -> str:
     return f"{(whole or fitting)[0]:.4g} s"
 
 
-def timestep_warnings(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
+def timestep_warnings(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
     """All of them, as pairs (kind, problem)."""
     yield from _spinning(spec, world)
     yield from _passing(spec, world)
     yield from _dragged(spec, world)
 
 
-def _spinning(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
+def _spinning(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
     joints = {body.name: body.joint for body in world.bodies}
     for gain in gains(world):
         free = joints[gain.body].kind == "free"
@@ -55,10 +56,10 @@ def _spinning(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
         allowed = f"a timestep of up to {_step(gain.largest_step, world)}, with which it gains {THRESHOLD:g}"
         hint = "a smaller physics.timestep; or a rotation about a principal axis"
         found = f"{gain.turn / world.physics.timestep:.4g} rad/s, a timestep of {world.physics.timestep:g} s"
-        yield "spin", Problem(message, path, spec.locate(path), found, allowed, hint)
+        yield "spin", Problem(message, path, locate(spec, path), found, allowed, hint)
 
 
-def _passing(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
+def _passing(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
     for one in passages(world):
         way = one.speed * world.physics.timestep
         path = f"bodies.{one.body}." + ("kinematic" if one.kinematic else "pose" if one.falls else "velocity.linear")
@@ -70,10 +71,10 @@ def _passing(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
         allowed = f"a timestep of up to {_step(one.room / one.speed, world)}"
         found = f"{one.speed:.4g} m/s, a timestep of {world.physics.timestep:g} s"
         hint = "a smaller physics.timestep; or thicker shapes"
-        yield "passing", Problem(message, path, spec.locate(path), found, allowed, hint)
+        yield "passing", Problem(message, path, locate(spec, path), found, allowed, hint)
 
 
-def _dragged(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
+def _dragged(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
     """Single free bodies that the drag of the fluid, which grows with the square of the speed, makes faster from the first step
     on: explicit in time, it turns a speed v into (1 − x) v, and |1 − x| > 1 from x = 2 on."""
     fluid = world.physics.fluid
@@ -93,7 +94,7 @@ def _dragged(spec: Spec, world: World) -> Iterator[tuple[str, Problem]]:
             )
             allowed = f"a timestep of up to {_step(2.0 * step / most, world)}"
             found = f"a timestep of {step:g} s"
-            yield "drag", Problem(message, path, spec.locate(path), found, allowed, "a smaller physics.timestep")
+            yield "drag", Problem(message, path, locate(spec, path), found, allowed, "a smaller physics.timestep")
 
 
 def _drag_rates(body: Body, density: float, wind: tuple[float, float, float]) -> Iterator[float]:

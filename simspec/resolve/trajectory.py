@@ -11,7 +11,6 @@ import numpy as np
 from simspec.errors import MOST_PROBLEMS, Problem
 from simspec.language.document import Details, Key
 from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
-from simspec.language.load import Spec
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
 from simspec.language.trajectory import BY_JOINT, MOST_NUMBERS, TrajectoryPoint
@@ -364,10 +363,10 @@ DWELL = 0.01
 a cubic spline passes them by 9 to 25 % of the move, two segments later by 1 %."""
 
 
-def dwell_overshoots(spec: Spec, world: World) -> Iterator[Problem]:
+def dwell_overshoots(spec: Source, world: World) -> Iterator[Problem]:
     """Warnings of points that follow each other with equal positions, between which the spline leaves these, one for each
     joint: the largest deviation, measured from the spline (rad, m)."""
-    path, written = world.trajectory, spec.data.trajectory
+    path, written = world.trajectory, spec.content.trajectory
     if path is None or written is None or written.program or path.velocities or len(path.times) < 3:
         return
     if path.interpolation not in ("cubic", "quintic"):
@@ -398,7 +397,7 @@ def dwell_overshoots(spec: Spec, world: World) -> Iterator[Problem]:
         if written.points is not None:
             entry = _Entries(written.points, world).of(row, "positions")[joint]
             place = ("trajectory", "points", row, "positions", entry)
-        yield spec.source.document.problem(
+        yield spec.document.problem(
             place,
             f"{joint} leaves two equal points by {away:.3g} {_UNITS[kinds[joint]][0]} at {time:.4g} s: between them the "
             f"{path.interpolation} spline overshoots",

@@ -14,7 +14,7 @@ from simspec.language.beginning import AT_LIMITS, Start, listed
 from simspec.language.document import Key
 from simspec.language.joint_names import initial_meant, matches
 from simspec.language.joints import Joint as SpecJoint
-from simspec.language.load import Spec
+from simspec.language.locate import locate
 from simspec.language.losses import of_physics, problems
 from simspec.language.mesh import HULL
 from simspec.language.models import File
@@ -51,7 +51,7 @@ STRONGEST_GRAVITY = 100.0
 """m/s²: four times Jupiter's. A bare `-9810` meant mm/s²."""
 
 
-def warnings(spec: Spec, world: World) -> list[Problem]:
+def warnings(spec: Source, world: World) -> list[Problem]:
     """What looks like a slip in ``spec``, whose world is ``world``; in file order, each with its place and the way out.
 
     Of several at one place the first is given, with their number; at most ``MOST_WARNINGS`` in all.
@@ -94,9 +94,9 @@ def _counted(group: list[Problem]) -> Problem:
 # --- files of other languages --------------------------------------------------------------------------------------------
 
 
-def _losses(spec: Spec) -> Warned:
+def _losses(spec: Source) -> Warned:
     """What looks like a slip to importers, and what they lost of physics, each kind once."""
-    for source in spec.source.all():
+    for source in spec.all():
         if source.imported is not None:
             for problem in source.imported.suspicious:
                 yield problem.message, problem
@@ -104,15 +104,15 @@ def _losses(spec: Spec) -> Warned:
                 yield problem.message, problem
 
 
-def _starts(spec: Spec) -> Warned:
+def _starts(spec: Source) -> Warned:
     """Joints of imported files that begin at a limit, since the file's position is beyond it, and that no spec places."""
     placed: list[tuple[Source, trees.Bodies, Iterable[str]]] = [
-        (spec.source, bodies, use.positions if use is not None else ()) for _, use, bodies in trees.placed(spec.source)
+        (spec, bodies, use.positions if use is not None else ()) for _, use, bodies in trees.placed(spec)
     ]
-    if (own := trees.model_of(spec.source)) is not None:
-        placed.append((spec.source, own, ()))
-    elif spec.source.imported is not None:
-        yield from _at_limits(spec.source, spec.source.imported.starts)
+    if (own := trees.model_of(spec)) is not None:
+        placed.append((spec, own, ()))
+    elif spec.imported is not None:
+        yield from _at_limits(spec, spec.imported.starts)
     for source, bodies, positions in placed:
         chosen = trees.chosen_state(source, bodies)
         state = trees.states(source, bodies).get(chosen[2]) if chosen is not None else None
@@ -139,21 +139,21 @@ def _at_limits(source: Source, starts: Sequence[Start]) -> Warned:
 # --- angles ------------------------------------------------------------------------------------------------------------
 
 
-def _angles(spec: Spec) -> Warned:
-    for source in spec.source.all():
+def _angles(spec: Source) -> Warned:
+    for source in spec.all():
         for path, value in _bare_angles(File, source.document.data, ()):
             yield _angle(source, path, value)
-    for _, use, bodies in trees.placed(spec.source):
+    for _, use, bodies in trees.placed(spec):
         kinds = {
             joint: kind
             for name in bodies.raw
             for joint, kind in zip(bodies.joint_names(name), bodies.joint_types(name), strict=True)
         }
-        following = trees.followers(spec.source, bodies)
-        places = [(state.source, state.path, state.raw) for state in trees.states(spec.source, bodies).values()]
+        following = trees.followers(spec, bodies)
+        places = [(state.source, state.path, state.raw) for state in trees.states(spec, bodies).values()]
         if use is not None:
-            raw = spec.source.document.data["models"][bodies.placed[1]]
-            places.insert(0, (spec.source, bodies.placed, raw))
+            raw = spec.document.data["models"][bodies.placed[1]]
+            places.insert(0, (spec, bodies.placed, raw))
         for source, place, raw in places:
             values = raw.get("positions", {})
             for entry, value in values.items():
@@ -210,18 +210,21 @@ def _large(value: Any, path: tuple[Key, ...]) -> Iterator[tuple[tuple[Key, ...],
 # --- time, sizes -----------------------------------------------------------------------------------------------------
 
 
-def _time(spec: Spec, world: World) -> Warned:
-    if not world.physics.steps and spec.data.model is None:
+def _time(spec: Source, world: World) -> Warned:
+    if not world.physics.steps and spec.content.model is None:
         message = "the run has zero duration: nothing will move"
-        found = f"{spec.data.physics.duration:g} s"
-        yield "time", Problem(message, "physics.duration", spec.locate("physics.duration"), found, hint="duration: 2 s")
+        found = f"{spec.content.physics.duration:g} s"
+        yield (
+            "time",
+            Problem(message, "physics.duration", locate(spec, "physics.duration"), found, hint="duration: 2 s"),
+        )
     size = math.hypot(*world.physics.gravity)
     if size > STRONGEST_GRAVITY:
         message, where = f"gravity of {size:g} m/s²", "physics.gravity"
-        yield "gravity", Problem(message, where, spec.locate(where), hint="lengths are in metres: [0, 0, -9.81]")
+        yield "gravity", Problem(message, where, locate(spec, where), hint="lengths are in metres: [0, 0, -9.81]")
 
 
-def _sizes(spec: Spec, world: World) -> Warned:
+def _sizes(spec: Source, world: World) -> Warned:
     groups = rigid_groups(world)
     kinematic = {motion.body for motion in world.motions}
     written = _written_densities(spec)
@@ -239,25 +242,25 @@ def _sizes(spec: Spec, world: World) -> Warned:
         mass, path = body.inertial.mass, f"bodies.{body.name}.mass"
         if mass and body.name not in kinematic and not MASSES[0] <= mass <= MASSES[1]:
             hint = "a bare number is in kg"
-            yield "mass", Problem(f"a moving body of {mass:.4g} kg", path, spec.locate(path), hint=hint)
+            yield "mass", Problem(f"a moving body of {mass:.4g} kg", path, locate(spec, path), hint=hint)
         for index, shape in enumerate(body.shapes):
             size = SHAPES[shape.kind].outer_radius(shape.size)
             if LARGEST_MOVING < size < math.inf:
                 path = f"bodies.{body.name}.shapes.{index}"
                 message = f"a moving body with a {shape.kind} that reaches {size:.4g} m from its centre"
                 hint = "a bare number is in metres: write mm if millimetres are intended"
-                yield "size", Problem(message, path, spec.locate(path), hint=hint)
+                yield "size", Problem(message, path, locate(spec, path), hint=hint)
         place = body.joint.position[:3] if body.joint.kind == "free" else body.joint.origin.position
         if math.hypot(*place) > LARGEST_PLACE:
             path = f"bodies.{body.name}.{'pose' if body.joint.parent is None else 'joint.origin'}"
             message = f"{math.hypot(*place):.4g} m away from its parent"
             hint = "a bare number is in metres: write mm if millimetres are intended"
-            yield "place", Problem(message, path, spec.locate(path), hint=hint)
+            yield "place", Problem(message, path, locate(spec, path), hint=hint)
 
 
-def _written_densities(spec: Spec) -> Iterator[tuple[str, Location | None, float]]:
+def _written_densities(spec: Source) -> Iterator[tuple[str, Location | None, float]]:
     """Densities out of ``DENSITIES`` that a shape states, of all trees; 0 is a way to say "no mass"."""
-    for bodies in trees.every(spec.source):
+    for bodies in trees.every(spec):
         for name, body in bodies.typed.items():
             for index, shape in enumerate(body.shapes if body is not None else ()):
                 density = shape.density
@@ -266,10 +269,10 @@ def _written_densities(spec: Spec) -> Iterator[tuple[str, Location | None, float
                     yield ".".join(map(str, path)), bodies.source.document.locate(path), density
 
 
-def _meshes(spec: Spec) -> Warned:
+def _meshes(spec: Source) -> Warned:
     """What a hull adds to a mesh, what it loses by fewer vertices, and solids that may be counted twice."""
-    meshes = read_meshes(spec.source) if any(True for _ in mesh_shapes(spec.source)) else {}
-    for shape in mesh_shapes(spec.source):
+    meshes = read_meshes(spec) if any(True for _ in mesh_shapes(spec)) else {}
+    for shape in mesh_shapes(spec):
         made = meshes[shape.file, shape.options]
         if shape.shape.collision and made.enclosed is not None and len(made.parts) == 1:
             ratio = made.hull_volume / made.enclosed.volume
@@ -291,7 +294,7 @@ def _meshes(spec: Spec) -> Warned:
 # --- squeeze, overlap --------------------------------------------------------------------------------------------------
 
 
-def _squeeze(spec: Spec, world: World) -> Warned:
+def _squeeze(spec: Source, world: World) -> Warned:
     """Feed-forward efforts beyond what their actuators give: clipped in silence, a squeeze would be a weaker one."""
     path = world.trajectory
     if path is None or not path.efforts:
@@ -310,19 +313,19 @@ def _squeeze(spec: Spec, world: World) -> Warned:
             clipped = f"gives at most {limits[joint]:g}: the effort is clipped"
             message = f"{joint} is commanded {asked:.4g} {units[joint]} and {clipped}"
             hint = "a smaller squeeze (or smaller forces of the grasp), or a stronger actuator"
-            yield "squeeze", Problem(message, where, spec.locate(where), hint=hint)
+            yield "squeeze", Problem(message, where, locate(spec, where), hint=hint)
 
 
-def _squeeze_place(spec: Spec) -> str:
+def _squeeze_place(spec: Source) -> str:
     """The first step of the program that squeezes; else the trajectory."""
-    program = spec.data.trajectory.program if spec.data.trajectory is not None else None
+    program = spec.content.trajectory.program if spec.content.trajectory is not None else None
     for index, step in enumerate(program or ()):
         if getattr(step, "squeeze", None):
             return f"trajectory.program.{index}.squeeze"
     return "trajectory"
 
 
-def _overlaps(spec: Spec, world: World) -> Warned:
+def _overlaps(spec: Source, world: World) -> Warned:
     index = {shape.name: (body.name, k) for body in world.bodies for k, shape in enumerate(body.shapes)}
     moving = {name for name, group in rigid_groups(world).items() if group != "world"}
     for overlap in deep_overlaps(world):
@@ -332,4 +335,4 @@ def _overlaps(spec: Spec, world: World) -> Warned:
         path = f"bodies.{body}.shapes.{number}"
         message = f"{overlap.first_body} and {overlap.second_body} overlap by {1e3 * overlap.depth:.4g} mm at the start"
         hint = "move one of them; or contact: exclude, or groups, if they are intended to pass through each other"
-        yield "overlap", Problem(message, path, spec.locate(path), f"{overlap.first} in {overlap.second}", hint=hint)
+        yield "overlap", Problem(message, path, locate(spec, path), f"{overlap.first} in {overlap.second}", hint=hint)

@@ -11,13 +11,14 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.errors import SpecError
 from simspec.language.load import Spec
-from simspec.resolve import resolve
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.testing import worlds
 from simspec.world.gathering import gathered, rigid_members, singular, summed
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Inertial, Pose, World
+
+resolve = Spec.resolve
 
 SOLID = {"mass": 2, "inertia": {"principal": [0.3, 0.2, 0.2]}, "centre_of_mass": [0.1, 0, 0.2]}
 POINT = {"mass": 1, "inertia": {"principal": [0, 0, 0]}}

@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 
 from simspec.errors import SpecError
 from simspec.language.load import Spec, load
-from simspec.resolve import resolve
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import poses, trees
 from simspec.world.types import Contact, Hardness, Inertial, Joint, PairContact, Physics, Pose, Record, World
+
+resolve = Spec.resolve
 
 TABLE = Path(__file__).parents[1] / "language" / "data" / "table.yaml"
 ARM = TABLE.parent / "models" / "arm.yaml"

@@ -11,12 +11,13 @@ from simspec.dynamics.oracle import Oracle
 from simspec.errors import SpecError
 from simspec.formats.mjcf.from_world import inertial_of
 from simspec.language.load import Spec, load
-from simspec.resolve import resolve
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.world.carriers import carried
 from simspec.world.kinematics import CollisionFilter, initial_state, trees
 from simspec.world.types import World
+
+resolve = Spec.resolve
 
 SOLID = {"mass": 2, "inertia": {"principal": [0.3, 0.2, 0.2]}}
 BALL = {"shapes": [{"sphere": {"radius": 1}, "material": "m"}]}
