@@ -142,7 +142,7 @@ def _deviations(engine: type[Engine]) -> Iterator[str]:
             yield from (
                 "",
                 f"{local:,} more count around single values of friction, restitution, timestep and ratio of masses "
-                "(`between.csv` of the engine).",
+                "(`contact_deviations.csv` of the engine).",
             )
         yield ""
 

@@ -1,10 +1,17 @@
-"""Known deviations of an engine from the contact law, each measured."""
+"""Known deviations of an engine from the contact law, each measured.
+
+Those of several bodies stand in the table ``contact_deviations.csv`` of an engine, which ``tools/deviations.py`` writes; the
+engine's module ``coupled.py`` gives reasons.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from math import inf
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -68,3 +75,72 @@ class Deviation:
             and timestep < self.below[2]
             and ratio < self.below[3]
         )
+
+
+LIMITS = ("friction", "restitution", "timestep", "ratio")
+COLUMNS = (
+    "setting",
+    "cone",
+    "probe",
+    *(f"{name}{end}" for name in LIMITS for end in ("", "_below")),
+    "size",
+    "relative",
+)
+"""Columns of a table. A row counts from ``friction``, ``restitution``, ``timestep`` (ms) and ``ratio`` on and below the limits
+``_below``; an empty cell is no limit. ``setting``: ``name=value``. ``size``: a share of the expected value where ``relative``
+is ``yes``, else in the figure's unit; it includes a margin."""
+BETWEEN_VALUES = "measured between the values of the engine's other tables"
+"""Reason of a local deviation that no reason of the engine covers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why probes deviate: ``probes`` are patterns of their names, separated by spaces, for a setting (``name=value``) and a
+    friction cone alone where these are given."""
+
+    probes: str
+    why: str
+    setting: str = ""
+    cone: str = ""
+
+    def covers(self, row: Mapping[str, str]) -> bool:
+        return (
+            any(fnmatchcase(row["probe"], pattern) for pattern in self.probes.split())
+            and self.setting in ("", row["setting"])
+            and self.cone in ("", row["cone"])
+        )
+
+
+def read_deviations(table: Path, reasons: Sequence[Reason]) -> tuple[Deviation, ...]:
+    """The deviations of a table, each with the first reason that covers it. Raises ValueError for a row without upper limits
+    that no reason covers, and for a reason without such a row."""
+    unused, found = list(reasons), list[Deviation]()
+    with table.open(newline="", encoding="utf-8") as lines:
+        for row in csv.DictReader(lines):
+            low = {name: float(row[name] or 0.0) for name in LIMITS}
+            below = {name: float(row[f"{name}_below"] or inf) for name in LIMITS}
+            reason = next((reason for reason in reasons if reason.covers(row)), None)
+            if min(below.values()) == inf:
+                if reason is None:
+                    raise ValueError(f"{table}: no reason is given for {row['probe']} {row['setting']} {row['cone']}")
+                if reason in unused:
+                    unused.remove(reason)
+            setting, _, value = row["setting"].partition("=")
+            found.append(
+                Deviation(
+                    row["probe"],
+                    float(row["size"]),
+                    reason.why if reason else BETWEEN_VALUES,
+                    relative=row["relative"] == "yes",
+                    friction=low["friction"],
+                    timestep=low["timestep"] / 1e3,
+                    restitution=low["restitution"],
+                    friction_cone=row["cone"],
+                    setting=(setting, value) if value else None,
+                    ratio=low["ratio"],
+                    below=(below["friction"], below["restitution"], below["timestep"] / 1e3, below["ratio"]),
+                )
+            )
+    for reason in unused:
+        raise ValueError(f"{table}: no row is of the reason for {reason.probes} {reason.setting} {reason.cone}")
+    return tuple(found)

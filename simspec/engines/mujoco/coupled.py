@@ -1,6 +1,6 @@
 """Contact of several bodies in MuJoCo: what has to be accepted by name, and how far it is from the law.
 
-The table is measured with MuJoCo 4.0.1 by ``tools/coupled.py`` at 0.5 to 16 ms, frictions of 0.05 to 1.2, restitutions of 0
+The table is measured with MuJoCo 4.0.1 by ``tools/deviations.py`` at 0.5 to 16 ms, frictions of 0.05 to 1.2, restitutions of 0
 to 1 and ratios of masses of 1 to 1000. MuJoCo's friction takes slip back at 100/s (setting
 ``friction_rate``) instead of within a step, so that it lags where normal forces change quickly or the direction of slip
 turns. Coulomb's law around the solver (``friction: coulomb``) has none of that up to 4 ms.
@@ -12,9 +12,8 @@ import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.between import tables
-from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, self_locking
-from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
+from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.support.declarations import Refine, Refinement, Support, approximate
 from simspec.support.features import Feature
 from simspec.world.types import World
@@ -34,8 +33,8 @@ _UNKNOWN = "measured; the cause is not known"
 HELD = "friction of what is carried by a loop around MuJoCo's solver at every step (friction: coulomb)"
 _NATIVE, _INSCRIBED = "friction=native", "pyramid-inscribed"
 
-DEVIATIONS: tuple[Deviation, ...] = tables(
-    Path(__file__).parent,
+DEVIATIONS: tuple[Deviation, ...] = read_deviations(
+    Path(__file__).with_name("contact_deviations.csv"),
     (
         Reason("row*", _ROW),
         Reason("strike* edge*", _TOGETHER),

@@ -1,6 +1,6 @@
 """How far ODE 0.16.2 is from the law in contact of several bodies, and what of it must be accepted by name.
 
-The table is measured by ``tools/coupled.py`` at 1 to 16 ms, frictions of 0.05 to 1.2, restitutions of 0 to 1 and ratios of
+The table is measured by ``tools/deviations.py`` at 1 to 16 ms, frictions of 0.05 to 1.2, restitutions of 0 to 1 and ratios of
 masses of 1 to 1000.
 """
 
@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.between import tables
-from simspec.engines.kit.coupled import Reason, even_pressure, heavy_on_light, in_force, self_locking
-from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
+from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.support.declarations import Level, Refinement, Support
 
 _STEP, _QUICK = "solver=step", "solver=quick-step"
@@ -26,8 +25,8 @@ _PASSES = (
 )
 _UNKNOWN = "measured; the cause is not known"
 
-DEVIATIONS: tuple[Deviation, ...] = tables(
-    Path(__file__).parent,
+DEVIATIONS: tuple[Deviation, ...] = read_deviations(
+    Path(__file__).with_name("contact_deviations.csv"),
     (
         Reason("stack*", _SWEEPS, _QUICK),
         Reason("stack-slides* stack-stays*", _PASSES),

@@ -1,6 +1,6 @@
 """How far Rapier 0.36.1 is from the law in contact of several bodies, and what of it must be accepted by name.
 
-The table is measured by ``tools/coupled.py`` at 1 to 16 ms, frictions of 0.05 to 1.2, restitutions of 0 to 1 and ratios of
+The table is measured by ``tools/deviations.py`` at 1 to 16 ms, frictions of 0.05 to 1.2, restitutions of 0 to 1 and ratios of
 masses of 1 to 1000.
 """
 
@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simspec.engines.kit.between import tables
-from simspec.engines.kit.coupled import Reason, heavy_on_light, in_force, self_locking
-from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.coupled import heavy_on_light, in_force, self_locking
+from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.support.declarations import Support
 
 _ASIDE = (
@@ -21,8 +20,8 @@ _SWEEPS = "sweeps over one contact after another leave overlaps and wrong fricti
 _MADE = "sweeps end before friction has made the normal force of a clamp that jams"
 _FEW = "steps of some ms are few for what slips or clamps"
 
-DEVIATIONS: tuple[Deviation, ...] = tables(
-    Path(__file__).parent,
+DEVIATIONS: tuple[Deviation, ...] = read_deviations(
+    Path(__file__).with_name("contact_deviations.csv"),
     (
         Reason("stack*", _SWEEPS),
         Reason("jam*", _MADE),
