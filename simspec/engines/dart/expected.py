@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from simspec.contact.parts import parts
 from simspec.contact.plan import ContactPlan
 from simspec.engines.dart.inventory import finite, part_name
-from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed
+from simspec.engines.kit.inventory import Carrier, expected_apart, listed
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.meeting import balls_alone, frictionless
 from simspec.world.types import VELOCITY_SIZE, Body, HeldValue, World

@@ -13,7 +13,7 @@ from typing import Any
 
 from simspec.engines.dart.nodes import collision_nodes
 from simspec.engines.dart.simulation import Simulation
-from simspec.engines.kit.expected_filter import listed, named_set
+from simspec.engines.kit.inventory import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.world.types import HeldValue, PlainValue
 

@@ -13,7 +13,7 @@ from simspec.control.native import natives
 from simspec.engines.drake.building import ERROR_REDUCTION
 from simspec.engines.drake.corners import ANY_RESOLUTION, FACED, Part, corners, held_at, hydroelastic, reach_of
 from simspec.engines.drake.inventory import finite
-from simspec.engines.kit.expected_filter import Carrier, expected_apart, listed, named_set
+from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named_set
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.world import frames
 from simspec.world.gathering import NOTHING

@@ -24,7 +24,7 @@ from simspec.engines.drake.readback import (
     surface,
 )
 from simspec.engines.drake.simulation import Simulation
-from simspec.engines.kit.expected_filter import listed, named_set
+from simspec.engines.kit.inventory import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.world.types import HeldValue
 

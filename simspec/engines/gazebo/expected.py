@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from simspec.contact.parts import parts
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.expected_filter import Carrier, expected_apart
+from simspec.engines.kit.inventory import Carrier, expected_apart
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.gathering import NOTHING, gathered
 from simspec.world.kinematics import rigid_groups, trees

@@ -10,7 +10,7 @@ import numpy as np
 from simspec.engines.gazebo.library import asked
 from simspec.engines.gazebo.readback import held_body, held_unit, unit_name
 from simspec.engines.gazebo.simulation import Simulation
-from simspec.engines.kit.expected_filter import named_set
+from simspec.engines.kit.inventory import named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.world.types import HeldValue, Pose
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.expected_filter import Carrier, expected_apart
+from simspec.engines.kit.inventory import Carrier, expected_apart
 from simspec.engines.ode.building import ERROR_REDUCTION
 from simspec.world.gathering import told_inertial
 from simspec.world.kinematics import rigid_groups

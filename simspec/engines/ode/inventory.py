@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from simspec.engines.kit.expected_filter import named_set
+from simspec.engines.kit.inventory import named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.ode.building import SOLVERS
 from simspec.engines.ode.readback import asked, told_law

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.expected_filter import Carrier, expected_apart, named_set
+from simspec.engines.kit.inventory import Carrier, expected_apart, named_set
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import HeldValue, World

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.kit.expected_filter import named_set
+from simspec.engines.kit.inventory import named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.physx.building import SCALE
 from simspec.engines.physx.filters import touches

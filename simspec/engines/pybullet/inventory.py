@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from simspec.engines.kit.expected_filter import listed, named_set
+from simspec.engines.kit.inventory import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.pybullet.bullet_file import Block, plain
 from simspec.engines.pybullet.dump import COLLIDER, colliders, dump, dump_of

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.expected_filter import Carrier, expected_apart
+from simspec.engines.kit.inventory import Carrier, expected_apart
 from simspec.world.gathering import NOTHING
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import excluded_pairs, meeting_laws, solid_shapes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from simspec.engines.kit.expected_filter import named_set
+from simspec.engines.kit.inventory import named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.rapier.readback import inertial, kind_of
 from simspec.engines.rapier.simulation import Simulation

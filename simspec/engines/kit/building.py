@@ -1,0 +1,171 @@
+"""One walk over a ``world.json`` for all engines that are built by calls of their API.
+
+A :class:`Walk` numbers the bodies, the collision shapes and their copies, places each body in the body that moves it, and lists
+the pairs that must not touch. An engine's ``building.py`` creates one object of the engine for each row, and derives nothing.
+:func:`refuse` raises the EngineErrors that several engines share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simspec.errors import EngineError
+from simspec.formats.world.tree import AxisJoint, Body, Copy, Document, FixedJoint, Shape, rows_of
+from simspec.world import frames
+from simspec.world.types import Pose
+
+STATIC = -1
+"""The row of the world, as a parent, and as the carrier of a body that cannot move."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedBody:
+    """A body of the document, with the rows of its ``parent`` and of the ``root`` of its tree. ``carrier`` is the row of the
+    body whose joint moves its rigid group: its own row unless it is fixed to another body, :data:`STATIC` where nothing moves it.
+    ``pose`` is its pose in the frame of the carrier, or in the world."""
+
+    row: int
+    body: Body
+    parent: int
+    root: int
+    carrier: int
+    pose: Pose
+
+    @property
+    def moves(self) -> bool:
+        return self.carrier != STATIC
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedShape:
+    """A collision shape: its ``number`` among all of the document, and its ``place`` among the shapes of its body. ``pose`` is
+    in the frame of the body's carrier, or of the body itself where that is static."""
+
+    number: int
+    owner: PlacedBody
+    place: int
+    shape: Shape
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """One copy of a collision shape, with the numbers of its layer; ``number`` counts the copies of all shapes."""
+
+    number: int
+    of: PlacedShape
+    copy: Copy
+
+    @property
+    def kind(self) -> tuple[str, str, int]:
+        """(collision group, material, layer): units of equal kind touch the same others, but for excluded bodies."""
+        return (self.of.owner.body.group, self.of.shape.material, self.copy.layer)
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """A document in rows. ``excluded``: sorted pairs of rows of bodies that must not touch."""
+
+    document: Document
+    bodies: tuple[PlacedBody, ...]
+    shapes: tuple[PlacedShape, ...]
+    units: tuple[Unit, ...]
+    excluded: tuple[tuple[int, int], ...]
+    _layers: dict[frozenset[str], int] = field(repr=False)
+    _ignored: frozenset[frozenset[str]] = field(repr=False)
+
+    @classmethod
+    def of(cls, document: Document) -> Walk:
+        rows = rows_of(document.bodies)
+        bodies: list[PlacedBody] = []
+        for row, body in enumerate(document.bodies):
+            parent, pose = rows.parents[row], Pose()
+            if isinstance(body.joint, FixedJoint):
+                above = Pose() if parent < 0 else bodies[parent].pose
+                pose = body.joint.origin if parent < 0 else frames.compose(above, body.joint.origin)
+            bodies.append(PlacedBody(row, body, parent, rows.roots[row], rows.groups[row], pose))
+        solid = [
+            (owner, place, shape) for owner in bodies for place, shape in enumerate(owner.body.shapes) if shape.copies
+        ]
+        shapes = tuple(
+            PlacedShape(
+                number, owner, place, shape, frames.compose(owner.pose, shape.pose) if owner.moves else shape.pose
+            )
+            for number, (owner, place, shape) in enumerate(solid)
+        )
+        copies = [(shape, copy) for shape in shapes for copy in shape.shape.copies]
+        names = {body.name: row for row, body in enumerate(document.bodies)}
+        pairs = {(min(names[a], names[b]), max(names[a], names[b])) for a, b in document.apart.bodies}
+        return cls(
+            document,
+            tuple(bodies),
+            shapes,
+            tuple(Unit(number, shape, copy) for number, (shape, copy) in enumerate(copies)),
+            tuple(sorted(pairs)),
+            {frozenset((one, other)): layer for one, other, layer in document.meets},
+            frozenset(frozenset(pair) for pair in document.apart.groups),
+        )
+
+    @property
+    def trees(self) -> dict[int, list[int]]:
+        """The rows of each tree, by the row of its root."""
+        found: dict[int, list[int]] = {}
+        for body in self.bodies:
+            found.setdefault(body.root, []).append(body.row)
+        return found
+
+    @property
+    def kinds(self) -> tuple[tuple[str, str, int], ...]:
+        """The distinct kinds of units, in the order of their first units."""
+        return tuple(dict.fromkeys(unit.kind for unit in self.units))
+
+    def meet(self, one: tuple[str, str, int], other: tuple[str, str, int]) -> bool:
+        """Whether units of two kinds touch: in the one layer of their materials, unless their groups ignore each other."""
+        layer = self._layers.get(frozenset((one[1], other[1])), -1)
+        return one[2] == other[2] == layer and frozenset((one[0], other[0])) not in self._ignored
+
+    def excluded_keys(self) -> np.ndarray:
+        """The excluded pairs as sorted numbers (n,): smaller row × bodies + larger row."""
+        return np.array([one * len(self.bodies) + other for one, other in self.excluded], dtype=np.int64)
+
+
+def refuse(
+    walk: Walk,
+    engine: str,
+    *,
+    cones: Collection[str] | None = None,
+    joints: Collection[str] | None = None,
+    shapes: Collection[str] | None = None,
+    servos: bool = True,
+    moving_planes: bool = True,
+    carried_mass: bool = True,
+) -> None:
+    """Raise EngineError for the first part of a document that ``engine`` does not support.
+
+    ``cones``, ``joints``, ``shapes``: the kinds that it supports (None: all). ``servos``: its own controllers;
+    ``moving_planes``: planes on bodies that move; ``carried_mass``: masses of bodies that are fixed to bodies that move.
+    """
+    if cones is not None and walk.document.friction_cone not in cones:
+        raise EngineError(engine, f"does not support the friction cone {walk.document.friction_cone}")
+    for placed in walk.bodies:
+        body, joint = placed.body, placed.body.joint
+        servo = isinstance(joint, AxisJoint) and joint.servo is not None
+        if joints is not None and joint.kind not in joints:
+            raise EngineError(
+                engine, f"does not support the {joint.kind} {joint.name!r}" + " and its controller" * servo
+            )
+        if servo and not servos:
+            raise EngineError(engine, f"has no controller of its own, which joint {joint.name!r} has")
+        if not carried_mass and placed.carrier not in (STATIC, placed.row) and (body.mass or any(body.inertia)):
+            raise EngineError(
+                engine, f"does not support the mass of {body.name!r}, which is fixed to a body that moves"
+            )
+    for solid in walk.shapes:
+        kind, name = solid.shape.kind, solid.shape.name
+        if shapes is not None and kind not in shapes:
+            raise EngineError(engine, f"does not support the {kind} {name!r}")
+        if kind == "plane" and solid.owner.moves and not moving_planes:
+            raise EngineError(engine, f"does not support the plane {name!r} on a body that moves")

@@ -1,0 +1,157 @@
+"""Inventories: every value that an engine stores besides the fields of the read-back, by name, and the value it must have.
+
+Each name stands once, in a table of :class:`Items` in the engine's ``inventory.py``, with two value functions: ``read`` queries
+the engine, ``expect`` derives the value from the world. The proof compares the two: they share no code with each other, and
+``expect`` runs in a process without the engine::
+
+    JOINT = Items[EngineJoint, Body]({
+        "damping": (lambda joint: joint.getDamping(), lambda body: body.joint.damping),
+        "enabled": (lambda joint: joint.isEnabled(), True),        # the same for every world
+        "limit": (lambda joint: joint.getLimit(), limit_of),       # None: the element has no such value
+    })
+    BODY = Items[EngineBody, Body].named(getattr, {"gravity_scale": 1.0, "ccd_enabled": NEUTRAL})
+
+    JOINT.read(joint, "joint.elbow"), JOINT.expect(body, "joint.elbow")   # {"joint.elbow.damping": ...}
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Generic, Self, TypeVar
+
+from simspec.contact.plan import ContactPlan
+from simspec.world.kinematics import rigid_groups
+from simspec.world.types import HeldValue, World
+
+Element = TypeVar("Element")
+"""An element of an engine: a body, a joint, the simulation."""
+Source = TypeVar("Source")
+"""The part of a world from which the values of an element follow."""
+
+
+class Neutral:
+    """The type of :data:`NEUTRAL`."""
+
+
+NEUTRAL: Final = Neutral()
+"""The expectation that a value is the engine's default, read from an element to which simspec passed nothing."""
+Read = Callable[[Element], HeldValue | None]
+Expect = Callable[[Source], HeldValue | None] | HeldValue | Neutral
+
+
+class Items(Generic[Element, Source]):
+    """The values of one kind of element: by name how to read it from the engine, and how to derive it from the world."""
+
+    def __init__(self, table: Mapping[str, tuple[Read[Element], Expect[Source]]]):
+        self.table = table
+
+    @classmethod
+    def named(cls, read: Callable[[Element, str], Any], expect: Mapping[str, Expect[Source]]) -> Self:
+        """Items that are all read alike, by their names: ``read`` is given the element and the name."""
+
+        def reader(name: str) -> Read[Element]:
+            return lambda element: read(element, name)
+
+        return cls({name: (reader(name), expected) for name, expected in expect.items()})
+
+    def __or__(self, other: Items[Element, Source]) -> Items[Element, Source]:
+        return Items({**self.table, **other.table})
+
+    def read(self, element: Element, prefix: str = "") -> dict[str, HeldValue]:
+        """The engine's values, each as ``prefix.NAME``."""
+        return self._named(prefix, {name: read(element) for name, (read, _) in self.table.items()})
+
+    def expect(
+        self, source: Source, prefix: str = "", neutral: Mapping[str, HeldValue] | None = None
+    ) -> dict[str, HeldValue]:
+        """The values that follow from the world, under the same names; ``neutral`` gives the engine's defaults by NAME."""
+        found: dict[str, HeldValue | None] = {}
+        for name, (_, expected) in self.table.items():
+            if isinstance(expected, Neutral):
+                found[name] = None if neutral is None else neutral.get(name)
+            else:
+                found[name] = expected(source) if callable(expected) else expected
+        return self._named(prefix, found)
+
+    @staticmethod
+    def _named(prefix: str, values: Mapping[str, HeldValue | None]) -> dict[str, HeldValue]:
+        start = f"{prefix}." if prefix else ""
+        return {f"{start}{name}": value for name, value in values.items() if value is not None}
+
+
+def below(prefix: str, values: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    """The values whose names begin with ``prefix.``, without that."""
+    start = f"{prefix}."
+    return {name.removeprefix(start): value for name, value in values.items() if name.startswith(start)}
+
+
+MOST_NAMED = 8
+"""A set is written as its names up to this many, beyond as their number and a digest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Carrier:
+    """What an engine filters as one: its name, and the body, material and layer of the shapes that it carries."""
+
+    name: str
+    body: str
+    material: str
+    layer: int
+
+
+def named_set(names: Iterable[str]) -> str:
+    """The names, sorted, with spaces between; of many their number and a digest."""
+    return listed(sorted(names))
+
+
+def listed(names: Sequence[str]) -> str:
+    """The names in their order, with spaces between; of many their number and a digest."""
+    if len(names) <= MOST_NAMED:
+        return " ".join(names)
+    return f"{len(names)} in all, {hashlib.sha256(chr(0).join(names).encode()).hexdigest()[:16]}"
+
+
+def expected_apart(world: World, plan: ContactPlan, carriers: Iterable[Carrier]) -> dict[str, HeldValue]:
+    """For every carrier, as ``apart.NAME``, the others that must not touch it: of its own rigid group, or both still, of groups
+    that ignore each other, of bodies that the world names, of materials that pass through each other, of other layers."""
+    carriers = list(carriers)
+    groups = rigid_groups(world)
+    collision_group = {body.name: body.collision_group for body in world.bodies}
+    ignored = set(world.contact.ignored_groups)
+    kinds: dict[tuple[bool, str, str, int], set[str]] = {}
+    kind_of: dict[str, tuple[bool, str, str, int]] = {}
+    of_body: dict[str, set[str]] = {}
+    of_group: dict[str, set[str]] = {}
+    for one in carriers:
+        kind = (groups[one.body] == "world", collision_group[one.body], one.material, one.layer)
+        kind_of[one.name] = kind
+        kinds.setdefault(kind, set()).add(one.name)
+        of_body.setdefault(one.body, set()).add(one.name)
+        of_group.setdefault(groups[one.body], set()).add(one.name)
+
+    def meet(one: tuple[bool, str, str, int], other: tuple[bool, str, str, int]) -> bool:
+        pair = (min(one[1], other[1]), max(one[1], other[1]))
+        return not (one[0] and other[0]) and pair not in ignored and plan.meet(one[2:], other[2:])
+
+    by_kind = {
+        kind: frozenset(name for other, held in kinds.items() if not meet(kind, other) for name in held)
+        for kind in kinds
+    }
+    named = _named_partners(world, of_body)
+    return {
+        f"apart.{one.name}": named_set(
+            (by_kind[kind_of[one.name]] | named.get(one.body, set()) | of_group[groups[one.body]]) - {one.name}
+        )
+        for one in carriers
+    }
+
+
+def _named_partners(world: World, of_body: Mapping[str, set[str]]) -> dict[str, set[str]]:
+    """For each body that the world excludes from touching another the carriers of those."""
+    found: dict[str, set[str]] = {}
+    for one, other in world.contact.excluded_bodies:
+        found.setdefault(one, set()).update(of_body.get(other, ()))
+        found.setdefault(other, set()).update(of_body.get(one, ()))
+    return found
