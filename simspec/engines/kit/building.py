@@ -24,7 +24,7 @@ STATIC = -1
 @dataclass(frozen=True, slots=True)
 class PlacedBody:
     """A body of the document, with the rows of its ``parent`` and of the ``root`` of its tree. ``carrier`` is the row of the
-    body whose joint moves its rigid group: its own row unless it is fixed to another body, :data:`STATIC` where nothing moves it.
+    body whose joint moves its rigid group: its own unless it is fixed to another body, :data:`STATIC` where nothing moves it.
     ``pose`` is its pose in the frame of the carrier, or in the world."""
 
     row: int
