@@ -5,15 +5,13 @@ from __future__ import annotations
 import ast
 import functools
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.conftest import LONGEST as FIRST
+from tests.modules import MODULES, PACKAGE, TEST_MODULES, TESTS, name_of, offences, parsed
 
-PACKAGE = Path(__file__).resolve().parent.parent / "simspec"
 ORDER = (
     "ending",
     "confinement",
@@ -186,25 +184,15 @@ WRITERS = {
     "mapped.py": "large arrays, in temporary files that have no name",
 }
 
-MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
-
 
 def part(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-@functools.lru_cache(maxsize=1)
-def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
-    """Everything in a module, looked up once for all that is asked of it."""
-    return tuple(ast.walk(tree))
-
-
 @functools.cache
-def asked(path: Path) -> dict[Callable[..., Any], Any]:
-    """The answers of every question about a module of simspec, by question: each is read once for all rules."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    questions = (imported_parts, imported_modules, writes, prints, words_as_written, features_in_one_go)
-    return {question: question(tree) for question in questions}
+def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
+    """All nodes of a module, walked once for all rules."""
+    return tuple(ast.walk(tree))
 
 
 def imported_parts(tree: ast.AST) -> set[str]:
@@ -222,18 +210,19 @@ def imported_parts(tree: ast.AST) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_data_goes_one_way(path):
-    name = path.relative_to(PACKAGE).as_posix()
-    if name in ENTRANCES:
-        return
-    own = part(path)
-    assert own in ORDER, f"{name}: where does this part stand in the house?"
-    for other in asked(path)[imported_parts]:
-        if (name, other) in EXCEPTIONS:
+def test_data_goes_one_way():
+    unordered = {part(path) for path in MODULES if name_of(path) not in ENTRANCES} - set(ORDER)
+    assert not unordered, "these parts have no place in ORDER"
+    backwards = []
+    for path in MODULES:
+        name, package = name_of(path), part(path)
+        if name in ENTRANCES:
             continue
-        assert other in ORDER, f"{name} imports {other}, which has no place in the house"
-        assert ORDER.index(other) <= ORDER.index(own), f"{name} imports from {other}, which stands after {own}"
+        for other in imported_parts(parsed(path)):
+            later = other not in ORDER or ORDER.index(other) > ORDER.index(package)
+            if later and (name, other) not in EXCEPTIONS:
+                backwards.append(f"{name} imports from {other}, which does not stand before {package}")
+    assert not backwards
 
 
 def imported_modules(tree: ast.Module) -> set[str]:
@@ -280,7 +269,7 @@ def test_no_module_imports_itself_by_way_of_others():
         for path in MODULES
     }
     imports = {
-        name: {other if other in names else other.rpartition(".")[0] for other in asked(path)[imported_modules]}
+        name: {other if other in names else other.rpartition(".")[0] for other in imported_modules(parsed(path))}
         for name, path in names.items()
     }
     for importer, imported in LAZY_CIRCLES:
@@ -347,9 +336,8 @@ def named(path: str, text: str) -> list[str]:
 FILES = sorted(path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_engines_and_formats_are_named_only_at_home(path):
-    assert not named(path.relative_to(PACKAGE).as_posix(), path.read_text(encoding="utf-8"))
+def test_engines_and_formats_are_named_only_at_home():
+    assert not [line for path in FILES for line in named(name_of(path), path.read_text(encoding="utf-8"))]
 
 
 def test_the_names_are_those_of_the_packages():
@@ -393,9 +381,9 @@ def test_a_name_at_home_is_not_foreign(path, free, foreign):
     assert named(path, foreign)
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_files_stay_readable(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST
+def test_files_stay_readable():
+    lengths = {name_of(path): len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
+    assert not {name: length for name, length in lengths.items() if length > LONGEST}
 
 
 def writes(tree: ast.AST) -> list[tuple[int, str]]:
@@ -419,27 +407,18 @@ def writes(tree: ast.AST) -> list[tuple[int, str]]:
     return found
 
 
-@pytest.mark.parametrize(
-    "path",
-    [path for path in MODULES if not {part(path), path.relative_to(PACKAGE).as_posix()} & WRITERS.keys()],
-    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
-)
-def test_one_part_writes_for_everybody(path):
-    assert not asked(path)[writes]
+def test_one_part_writes_files():
+    others = [path for path in MODULES if not {part(path), name_of(path)} & WRITERS.keys()]
+    assert not offences(writes, others)
 
 
 SAYERS = {"report/screen.py", "cli.py", "engines/kit/installed.py"}
 """Modules that print: the one that escapes what is not seen or does more than be seen, the version, and a child's script."""
 
 
-@pytest.mark.parametrize(
-    "path",
-    [path for path in MODULES if path.relative_to(PACKAGE).as_posix() not in SAYERS],
-    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
-)
-def test_nothing_is_printed_but_by_what_escapes_it(path):
-    """A file's name may hold what a terminal obeys."""
-    assert not asked(path)[prints]
+def test_texts_are_printed_by_the_module_that_escapes_them():
+    """A file's name may hold control characters of a terminal."""
+    assert not offences(prints, [path for path in MODULES if name_of(path) not in SAYERS])
 
 
 def prints(tree: ast.AST) -> list[int]:
@@ -453,13 +432,13 @@ TEMPORARY = {"scratch.py", "mapped.py", "ending.py"}
 have no name."""
 
 
-@pytest.mark.parametrize(
-    "path",
-    [path for path in MODULES if path.relative_to(PACKAGE).as_posix() not in TEMPORARY],
-    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
-)
-def test_temporary_folders_are_marked(path):
-    assert not {"TemporaryDirectory", "mkdtemp", "NamedTemporaryFile", "mkstemp"} & asked(path)[words_as_written]
+def temporary(tree: ast.AST) -> set[str]:
+    """Names of functions that make temporary files."""
+    return {"TemporaryDirectory", "mkdtemp", "NamedTemporaryFile", "mkstemp"} & words_as_written(tree)
+
+
+def test_temporary_folders_are_marked():
+    assert not offences(temporary, [path for path in MODULES if name_of(path) not in TEMPORARY])
 
 
 def features_in_one_go(tree: ast.AST) -> list[int]:
@@ -477,13 +456,9 @@ def features_in_one_go(tree: ast.AST) -> list[int]:
     return lines
 
 
-@pytest.mark.parametrize(
-    "path",
-    [path for path in MODULES if part(path) in ("formats", "dialects", "engines")],
-    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
-)
-def test_tables_of_support_name_every_feature(path):
-    assert not asked(path)[features_in_one_go]
+def test_tables_of_support_name_every_feature():
+    declaring = [path for path in MODULES if part(path) in ("formats", "dialects", "engines")]
+    assert not offences(features_in_one_go, declaring)
 
 
 def test_tables_that_name_no_feature_are_seen():
@@ -537,13 +512,9 @@ def between_tests(tree: ast.Module) -> list[str]:
     return [name for name in names if name.startswith("tests.") and ".test_" in name]
 
 
-TESTS = sorted(Path(__file__).resolve().parent.rglob("*.py"))
-
-
-@pytest.mark.parametrize("path", TESTS, ids=lambda path: path.relative_to(TESTS[0].parent).as_posix())
-def test_no_test_imports_from_another(path):
-    """What several tests use is in modules of their own."""
-    assert not between_tests(ast.parse(path.read_text(encoding="utf-8")))
+def test_no_test_imports_from_another():
+    """Helpers of several tests are in modules of their own."""
+    assert not offences(between_tests, TEST_MODULES)
 
 
 def test_a_test_that_imports_from_another_is_seen():
@@ -552,4 +523,4 @@ def test_a_test_that_imports_from_another_is_seen():
 
 
 def test_files_that_take_long_are_there_to_be_begun_first():
-    assert [file for file in FIRST if not (Path(__file__).parent / file).is_file()] == []
+    assert [file for file in FIRST if not (TESTS / file).is_file()] == []

@@ -5,13 +5,11 @@ from __future__ import annotations
 import ast
 import inspect
 import typing
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import simspec
 from simspec import arguments, cli, cli_engines, cli_experiments, cli_files, numerals
 from simspec.errors import SpecError
 from simspec.formats.kit.text import finite_numbers
@@ -23,6 +21,7 @@ from simspec.meshes.files import MeshError, open_mesh
 from simspec.meshes.grids import read_grid
 from simspec.numerals import NumeralError, number, numbers, whole
 from simspec.resolve.tables import _number as table_number
+from tests.modules import PACKAGE, offences
 
 ONES = [
     "\u0661",
@@ -239,7 +238,7 @@ def test_no_option_takes_it(option, text, capsys):
 
 # --- the house --------------------------------------------------------------------------------------------------------
 
-PACKAGE = Path(simspec.__file__).parent
+
 TEXTUAL = {
     *("text", "attrib", "attributes", "get", "split", "strip", "partition", "rpartition", "group", "groups", "environ"),
     *("removesuffix", "removeprefix", "argv", "splitlines", "findall", "parts_of"),
@@ -305,15 +304,9 @@ def reads_text(tree: ast.AST) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize(
-    "path",
-    [path for part in READERS for path in sorted((PACKAGE / part).rglob("*.py"))],
-    ids=lambda path: path.relative_to(PACKAGE).as_posix(),
-)
-def test_numbers_of_texts_are_read_in_one_place(path):
-    name = path.relative_to(PACKAGE).as_posix()
-    lines = reads_text(ast.parse(path.read_text(encoding="utf-8")))
-    assert not lines or name in ALLOWED, f"{name}: lines {lines}: use simspec.numerals"
+def test_numbers_of_texts_are_read_in_one_place():
+    readers = [path for part in READERS for path in sorted((PACKAGE / part).rglob("*.py"))]
+    assert not set(offences(reads_text, readers)) - set(ALLOWED), "use simspec.numerals"
 
 
 @pytest.mark.parametrize("text", ["float(text)", "int(match[1])", "list(map(float, line.split()))", "int(e.text)"])

@@ -7,23 +7,21 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from simspec.contact.rules import Rules, combined
 from simspec.language import vocabulary
 from simspec.resolve.contact import RULES
 from simspec.support.features import Feature
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Surface
+from tests.modules import MODULES, PACKAGE, offences
 
-PACKAGE = Path(vocabulary.__file__).resolve().parents[1]
 LISTS = {name: frozenset(words) for name, words in vars(vocabulary).items() if isinstance(words, tuple)}
 LEAST = 3
 """Words of a list that can be no coincidence: two are, as in ("hinge", "slide")."""
 ELSEWHERE = ("dialects", "engines", "formats")
 """Words of an engine or of a file's language that happen to be the same."""
-MODULES = [
+NEUTRAL = [
     path
-    for path in sorted(PACKAGE.rglob("*.py"))
+    for path in MODULES
     if path.relative_to(PACKAGE).parts[0] not in ELSEWHERE and path != Path(vocabulary.__file__)
 ]
 
@@ -39,9 +37,8 @@ def repeated(tree: ast.AST) -> list[str]:
     return lists
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_no_list_stands_twice(path):
-    assert not repeated(ast.parse(path.read_text(encoding="utf-8")))
+def test_no_list_stands_twice():
+    assert not offences(repeated, NEUTRAL)
 
 
 def test_a_second_list_is_seen():
@@ -67,9 +64,8 @@ def joint_kinds_asked(tree: ast.AST) -> list[int]:
     return lines
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_kinds_of_joints_are_asked_for_by_what_they_have(path):
-    assert not joint_kinds_asked(ast.parse(path.read_text(encoding="utf-8")))
+def test_kinds_of_joints_are_asked_for_by_what_they_have():
+    assert not offences(joint_kinds_asked)
 
 
 def test_a_list_of_joint_kinds_is_seen():
