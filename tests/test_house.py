@@ -175,7 +175,7 @@ WRITERS = {
     "engines/kit/worker.py": "in an engine's process: results into the process's own temporary folder",
     "engines/kit/request.py": "requests and artifacts into the temporary folder of an engine's process",
     "engines/kit/recorder.py": "in an engine's process: progress into the process's own temporary folder",
-    "engines/webots/live.py": "in an engine's process: the world that Webots is started on, into a temporary folder",
+    "engines/webots/program.py": "in an engine's process: the world that Webots is started on, into a temporary folder",
     "engines/kit/record_files.py": "in an engine's process: rows into the process's own temporary folder",
     "engines/pybullet/inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "engines/gzsim/server.py": "in an engine's process: a file to load, in a temporary folder of its own",

@@ -26,7 +26,7 @@ OWNERS = {"subprocess", "os", "asyncio"}
 OTHERS = {
     "engines/kit/compiled.py": "a compiler, which imports nothing",
     "engines/kit/keeper.py": "an engine that is a program of its own",
-    "engines/webots/live.py": "Webots, and its controller by `isolated`",
+    "engines/webots/program.py": "Webots, and its controller by `isolated`",
     "engines/kit/process.py": "a keeper, whose words are made a few lines above, in a folder of its own",
     "commands/engines_install.py": "commands of `environments.making` and `words`, which are made here and there by `isolated`",
 }

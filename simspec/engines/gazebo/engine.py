@@ -14,11 +14,18 @@ import numpy as np
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.engines.gazebo import library
-from simspec.engines.gazebo.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING, SWEEPS
-from simspec.engines.gazebo.expected import expected
-from simspec.engines.gazebo.inventory import inventory
-from simspec.engines.gazebo.pairs import CASES, capsules, cylinders
+from simspec.engines.gazebo import building
+from simspec.engines.gazebo.approximations import (
+    CASES,
+    DEVIATIONS,
+    EVEN_PRESSURE,
+    MASS_RATIO,
+    SELF_LOCKING,
+    SWEEPS,
+    capsules,
+    cylinders,
+)
+from simspec.engines.gazebo.inventory import expected, inventory
 from simspec.engines.gazebo.readback import read_back
 from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.armature import armature_felt
@@ -116,7 +123,7 @@ class Gazebo(SteppedEngine[Simulation]):
     DIALECT: ClassVar[str] = "gazebo"
     DISTRIBUTION: ClassVar[str] = ""
     EXTRA: ClassVar[str] = ""
-    NEEDS: ClassVar[Needs] = library.NEEDS
+    NEEDS: ClassVar[Needs] = building.NEEDS
     CLASHES: ClassVar[Mapping[str, str]] = {
         "dartpy": "each brings a version of libdart, whose symbols one takes for its own (a segmentation fault, measured)"
     }
@@ -269,7 +276,7 @@ class Gazebo(SteppedEngine[Simulation]):
 
     @classmethod
     def prepare(cls) -> None:
-        library.library()
+        building.library()
 
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
         return Simulation(folder, sidecar)

@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simspec.engines.gazebo.building import Unit
-from simspec.engines.gazebo.library import NAME, asked, hull_library
+from simspec.engines.gazebo.building import NAME, Unit, asked, hull_library
 from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.hulls import vertices_of
 from simspec.errors import EngineError

@@ -10,8 +10,21 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.kit.world_sidecar import WorldSidecar
-from simspec.engines.gazebo.building import CONE, DETECTOR, KINDS, Plan, losses, proper
-from simspec.engines.gazebo.library import NAME, Integers, Keys, Text, hull_library, library, pointer
+from simspec.engines.gazebo.building import (
+    CONE,
+    DETECTOR,
+    KINDS,
+    NAME,
+    Integers,
+    Keys,
+    Plan,
+    Text,
+    hull_library,
+    library,
+    losses,
+    pointer,
+    proper,
+)
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.hulls import DOUBTED
 from simspec.errors import EngineError

@@ -26,12 +26,21 @@ from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVIT
 from simspec.engines.kit.refinements import planes_still
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
-from simspec.engines.ode import library
-from simspec.engines.ode.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING, SWEEPS
-from simspec.engines.ode.expected import expected
-from simspec.engines.ode.inventory import inventory, neutral
-from simspec.engines.ode.native import JOINTS, SWITCH
-from simspec.engines.ode.pairs import CASES, OVERLOOKED, capsules, cylinders
+from simspec.engines.ode import building
+from simspec.engines.ode.approximations import (
+    CASES,
+    DEVIATIONS,
+    EVEN_PRESSURE,
+    JOINTS,
+    MASS_RATIO,
+    OVERLOOKED,
+    SELF_LOCKING,
+    SWEEPS,
+    SWITCH,
+    capsules,
+    cylinders,
+)
+from simspec.engines.ode.inventory import expected, inventory, neutral
 from simspec.engines.ode.readback import read_back
 from simspec.engines.ode.simulation import Simulation
 from simspec.support.declarations import (
@@ -120,7 +129,7 @@ class Ode(SteppedEngine[Simulation]):
     DIALECT: ClassVar[str] = "ode"
     DISTRIBUTION: ClassVar[str] = ""
     EXTRA: ClassVar[str] = ""
-    NEEDS: ClassVar[Needs] = library.NEEDS
+    NEEDS: ClassVar[Needs] = building.NEEDS
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {
@@ -263,7 +272,7 @@ class Ode(SteppedEngine[Simulation]):
 
     @classmethod
     def prepare(cls) -> None:
-        library.library()
+        building.library()
 
     def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
         return Simulation(folder, sidecar)

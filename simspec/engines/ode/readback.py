@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from simspec.engines.kit.hulls import vertices_of
-from simspec.engines.ode.building import CONES
-from simspec.engines.ode.library import Mass, Numbers, numbers
+from simspec.engines.ode.building import CONES, Mass, Numbers, numbers
 from simspec.engines.ode.simulation import Simulation, quaternions
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint, parent_of

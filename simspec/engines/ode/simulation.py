@@ -12,8 +12,7 @@ import numpy as np
 from simspec.dialects.ode.sidecar import OdeSidecar
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.hulls import DOUBTED
-from simspec.engines.ode.building import Built
-from simspec.engines.ode.library import NAME, Integers, library, pointer
+from simspec.engines.ode.building import NAME, Built, Integers, library, pointer
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import initial_coordinates, parent_of

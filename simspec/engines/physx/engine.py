@@ -25,12 +25,9 @@ from simspec.engines.kit.precision import SINGLE
 from simspec.engines.kit.refinements import no_friction, planes_still, still_or_light
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
-from simspec.engines.physx.building import imported
-from simspec.engines.physx.coupled import DEVIATIONS, MASS_RATIO, SELF_LOCKING
-from simspec.engines.physx.edges import BOXES, MESHES, boxes, meshes
-from simspec.engines.physx.expected import expected
-from simspec.engines.physx.filters import apart, kinds
-from simspec.engines.physx.inventory import inventory, neutral
+from simspec.engines.physx.approximations import BOXES, DEVIATIONS, MASS_RATIO, MESHES, SELF_LOCKING, boxes, meshes
+from simspec.engines.physx.building import apart, imported, kinds
+from simspec.engines.physx.inventory import expected, inventory, neutral
 from simspec.engines.physx.readback import read_back
 from simspec.engines.physx.simulation import Simulation
 from simspec.support.declarations import (

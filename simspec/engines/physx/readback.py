@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.physx.building import AXES, NAME, SCALE
-from simspec.engines.physx.masses import held_tensor, pose_of
+from simspec.engines.physx.building import AXES, NAME, SCALE, held_tensor, pose_of
 from simspec.engines.physx.simulation import Simulation
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames

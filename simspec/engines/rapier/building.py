@@ -7,21 +7,180 @@ without density, so that masses are those that bodies are told. Facts marked *me
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from simspec.dialects.rapier.sidecar import RapierSidecar
 from simspec.engines.kit.single import held_by
-from simspec.engines.rapier.hulls import convex
-from simspec.engines.rapier.laws import Laws
-from simspec.engines.rapier.units import ERROR_REDUCTION, NAME, SCALE, SQUARE, lengths
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, Shape, parent_of
 from simspec.world import frames
+from simspec.world.hull import HullError, hull_of, vertices_of
 from simspec.world.principal import principal_axes
-from simspec.world.types import Pose, Quaternion, Vector3
+from simspec.world.types import Hardness, PairContact, Pose, Quaternion, Vector3
+
+# The unit of length that Rapier is given, and the share of an overlap that a step takes back.
+
+NAME = "rapier"
+SCALE = 1024.0
+"""Rapier is told lengths in 1/1024 m. Its search for nearest points ends by thresholds in its own unit: with the metre 12 % of
+the overlaps of a ball and a hull of 100 corners were missed, half of those with 400, and 13 % of a capsule and a cylinder; from
+four times that to a million times none (0.03 to 5 mm deep, shapes of 0.2 m; shallower ones of cylinders are still missed,
+``cylinders.py``). Of 30 stacks of three boxes as hulls 9 fell with the metre, and some with 1/256 m and more; with 1/1024 m
+none of 60 (measured). A power of two changes no digit of a number."""
+SQUARE = SCALE * SCALE
+"""Its unit of torque, inertia and energy in 1 N m, 1 kg m² and 1 J."""
+
+ERROR_REDUCTION = 0.01
+"""β of the common law (:class:`simspec.world.types.Hardness`)."""
+
+
+def lengths(values: Iterable[float], what: str) -> tuple[float, ...]:
+    """Lengths (m, m/s, m/s²) as Rapier is told them."""
+    return held_by(NAME, (SCALE * value for value in values), what)
+
+
+# What touches what in Rapier, and by which law: a hook that Rapier calls for pairs of colliders.
+#
+# Rapier combines a number of each of two colliders; a table of materials has more numbers than such rules can give. Where all
+# that meets has one law, colliders have its numbers and no hook is called for them. Else the hook writes those of the two
+# materials into each pair of colliders before the solver sees it (measured: exact).
+#
+# Rapier solves a step without restitution first, and then adds to normal impulses, in one sweep over the points, what makes
+# things bounce: a ball that hits two others at once left with 12.5 % more energy than it came with, a box that landed flat with
+# 0.77 of its speed and a spin, and the friction of an impact was that without the bounce (measured). So the hook gives Rapier
+# no restitution: a point that approaches at c has, for the step, the overlap −e c dt / β that error reduction undoes at e c, in
+# the same sweeps as all else (measured: energy to 1e-4, four points and two bodies at once, friction of the whole impulse).
+
+
+def not_held(law: PairContact) -> str | None:
+    """What of a law Rapier does not have; None where it has all."""
+    if law.hardness.kind != "common":
+        return f"the hardness {law.hardness.kind}"
+    if law.hardness != Hardness():
+        return "numbers beside the common hardness"
+    if law.margin is not None:
+        return "a margin"
+    if law.rolling_friction or law.torsional_friction:
+        return "torsional or rolling friction"
+    return None
+
+
+class Laws:
+    """The hook. ``places``: of each collider the row of what carries it (−1: it cannot move) and of its body."""
+
+    def __init__(
+        self,
+        rapier: Any,
+        document: Document,
+        laws: Sequence[PairContact],
+        colliders: Sequence[Any],
+        materials: Sequence[str],
+        groups: Sequence[str],
+        places: Sequence[tuple[int, int]],
+    ):
+        for law in laws:
+            if wrong := not_held(law):
+                raise EngineError(NAME, f"does not support {wrong} of {law.first} and {law.second}")
+        self._flags, self._kinds = rapier.SolverFlags.COMPUTE_IMPULSES, rapier.ActiveHooks
+        self.colliders = list(colliders)
+        self.number = {handle: index for index, handle in enumerate(colliders)}
+        self.materials, self._groups, self._places = list(materials), list(groups), list(places)
+        self.table: dict[tuple[str, str], tuple[float, float, float]] = {}
+        self.named: dict[tuple[str, str], PairContact] = {(law.first, law.second): law for law in laws}
+        for law in laws:
+            row = (law.friction, law.restitution, law.restitution_threshold)
+            self.table[law.first, law.second] = self.table[law.second, law.first] = row
+        self._ignored = {pair for one, other in document.apart.groups for pair in ((one, other), (other, one))}
+        names = {body.name: row for row, body in enumerate(document.bodies)}
+        self._excluded = {
+            pair
+            for one, other in document.apart.bodies
+            for pair in ((names[one], names[other]), (names[other], names[one]))
+        }
+        used = sorted(set(self.materials))
+        own = {self.table[pair] for pair in self.table if set(pair) <= set(used)}
+        friction, restitution, threshold = next(iter(own)) if len(own) == 1 else (0.0, 1.0, 0.0)
+        self.uniform = None if restitution or threshold else (friction, restitution, threshold)
+        """The one law of all that meets, where there is one, without a threshold, and nothing bounces."""
+        self._timestep = document.timestep
+        meets = {material: {other for one, other in self.table if one == material} for material in used}
+        self._asked = [
+            not set(used) <= meets[material]
+            or any(group == one for one, _ in self._ignored)
+            or any(row == one for one, _ in self._excluded)
+            for material, group, (_, row) in zip(self.materials, self._groups, self._places, strict=True)
+        ]
+        self.calls = 0
+
+    def install(self, world: Any) -> None:
+        """Have Rapier ask of the colliders for which it matters."""
+        friction, restitution, _ = self.uniform or (0.0, 0.0, 0.0)
+        for number, handle in enumerate(self.colliders):
+            held = world.colliders[handle]
+            held.friction, held.restitution = friction, restitution
+            flags = self._kinds.FILTER_CONTACT_PAIRS if self._asked[number] else None
+            if self.uniform is None:
+                more = self._kinds.MODIFY_SOLVER_CONTACTS
+                flags = more if flags is None else flags | more
+            if flags is not None:
+                held.active_hooks = flags
+        world.physics_hooks = self
+
+    def apart(self, one: int, other: int) -> bool:
+        """Whether two colliders, by their numbers, do not touch."""
+        (first, body), (second, another) = self._places[one], self._places[other]
+        return (
+            first == second
+            or (self._groups[one], self._groups[other]) in self._ignored
+            or (body, another) in self._excluded
+            or (self.materials[one], self.materials[other]) not in self.table
+        )
+
+    def slippery(self, material: str) -> bool:
+        """Whether a material has no friction with any."""
+        return not any(friction for pair, (friction, *_) in self.table.items() if material in pair)
+
+    # --- what Rapier calls ------------------------------------------------------------------------------------
+
+    def filter_contact_pair(self, ctx: Any) -> Any:
+        return None if self.apart(self.number[ctx.collider1], self.number[ctx.collider2]) else self._flags
+
+    def filter_intersection_pair(self, ctx: Any) -> bool:
+        return False
+
+    def modify_solver_contacts(self, ctx: Any) -> None:
+        one, other = self.number[ctx.collider1], self.number[ctx.collider2]
+        friction, restitution, threshold = self.table[self.materials[one], self.materials[other]]
+        ctx.friction, ctx.restitution = friction, 0.0
+        if restitution:
+            self._bounce(ctx, restitution, threshold)
+
+    def _bounce(self, ctx: Any, restitution: float, threshold: float) -> None:
+        """Have every point of a pair that approaches at ``threshold`` (m/s) or more, and arrives in this step, leave at
+        ``restitution`` times that speed. Rapier's point of attack, halfway between the two surfaces, stays."""
+        pair = [ctx.bodies[handle] for handle in (ctx.rigid_body1, ctx.rigid_body2)]
+        normal = ctx.normal.to_tuple()
+        for number, contact in enumerate(ctx.solver_contacts):
+            points = (contact.point, contact.point2)  # in the world
+            speeds = [body.velocity_at_point(point).to_tuple() for body, point in zip(pair, points, strict=True)]
+            closing = sum((a - b) * n for a, b, n in zip(*speeds, normal, strict=True))
+            if closing <= 0.0 or closing < SCALE * threshold or contact.dist > closing * self._timestep:
+                continue
+            gap = -restitution * closing * self._timestep / ERROR_REDUCTION
+            if gap < contact.dist:
+                shift = tuple(0.5 * (gap - contact.dist) * n for n in normal)
+                one, other = (point.to_tuple() for point in points)
+                ctx.set_solver_contact(
+                    number, point=frames.subtract(one, shift), point2=frames.add(other, shift), dist=gap
+                )
+
+    def law_table(self) -> dict[tuple[str, str], tuple[float, float, float]]:
+        """By sorted materials friction, restitution and threshold."""
+        return {pair: row for pair, row in self.table.items() if pair[0] <= pair[1]}
+
 
 RIGID = 1000.0
 """ω dt of contacts, where their damping ratio is then 49,500: the share ω dt / (ω dt + 2 ζ) of an overlap that a step takes
@@ -189,6 +348,18 @@ def collider_of(rapier: Any, shape: Shape) -> Any:
         case "mesh":
             return convex(rapier, shape.name, size)
     return None
+
+
+def convex(rapier: Any, name: str, size: Sequence[float]) -> Any:
+    """A builder of the collider of a hull (flat vertices, 1/1024 m), of its vertices and the faces that follow from them:
+    Rapier's own hull leaves out vertices where it is thin or has thousands."""
+    try:
+        faces = hull_of(size).triangles
+    except (HullError, ValueError) as error:
+        raise EngineError(NAME, f"has no hull {name!r}: {error}") from error
+    except ImportError as error:
+        raise EngineError(NAME, f"meshes need scipy beside Rapier: {error}") from error
+    return rapier.Collider.convex_mesh(vertices_of(size).astype(np.float32), faces.astype(np.uint32))
 
 
 def configure(rapier: Any, world: Any, timestep: float, settings: Settings) -> None:

@@ -24,12 +24,18 @@ from simspec.engines.kit.precision import SINGLE
 from simspec.engines.kit.refinements import only_balls_slide, planes_still, still_or_light
 from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
-from simspec.engines.rapier.balls import SMALL, balls
-from simspec.engines.rapier.coupled import DEVIATIONS, MASS_RATIO, SELF_LOCKING
-from simspec.engines.rapier.cylinders import CYLINDERS, cylinders
-from simspec.engines.rapier.expected import expected
-from simspec.engines.rapier.hulls import STACKED, hulls_held
-from simspec.engines.rapier.inventory import inventory, neutral
+from simspec.engines.rapier.approximations import (
+    CYLINDERS,
+    DEVIATIONS,
+    MASS_RATIO,
+    SELF_LOCKING,
+    SMALL,
+    STACKED,
+    balls,
+    cylinders,
+    hulls_held,
+)
+from simspec.engines.rapier.inventory import expected, inventory, neutral
 from simspec.engines.rapier.readback import read_back
 from simspec.engines.rapier.simulation import Simulation
 from simspec.support.declarations import (

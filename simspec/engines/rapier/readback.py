@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.rapier.building import AXES
-from simspec.engines.rapier.simulation import Simulation
-from simspec.engines.rapier.turning import held_tensor, pose_of
-from simspec.engines.rapier.units import SCALE
+from simspec.engines.rapier.building import AXES, SCALE
+from simspec.engines.rapier.simulation import Simulation, held_tensor, pose_of
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.world.tree import Body as Told
 from simspec.formats.world.tree import FreeJoint, parent_of

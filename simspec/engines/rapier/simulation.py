@@ -8,6 +8,7 @@ given as a torque before every step, from Rapier's own ω, R and I; what turns f
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,25 +19,81 @@ from simspec.dialects.kit.passive import Passive
 from simspec.dialects.rapier.sidecar import RapierSidecar
 from simspec.engines.kit.arrays import ContactRow, contact_arrays, empty_contacts
 from simspec.engines.kit.single import demand_held
-from simspec.engines.rapier.building import Built
-from simspec.engines.rapier.turning import (
-    SLOW,
-    gyroscopic,
-    held_tensor,
-    pose_of,
-    quaternion_of,
-    tensor_of,
-    turn_of,
-    turned_on,
-)
-from simspec.engines.rapier.units import NAME, SCALE, SQUARE
+from simspec.engines.rapier.building import NAME, SCALE, SQUARE, Built
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import initial_coordinates
 from simspec.world import frames
-from simspec.world.rotations import exponential_of, multiply_of, rotate
+from simspec.world.rotations import exponential_of, matrices, multiply_of, rotate, unit
 from simspec.world.sums import JointSum
 from simspec.world.types import Constraint, Quaternion, Vector3
+
+# Rotation. Rapier's gyroscopic torque is implicit; simspec's law of motion has −ω × Iω at the beginning of the step. Rapier's
+# rotation is the unit quaternion along q + ½ ω q dt, which lags by (|ω| dt)³ / 12. Both are computed per body with Python
+# floats, which for three numbers take a tenth of numpy's time.
+
+SLOW = 1e-3
+"""rad, |ω| dt up to which Rapier's own turn is left: it lags by 8e-11 rad then, a thousandth of a rounding."""
+
+
+def quaternion_of(rotation: Any) -> Quaternion:
+    """w x y z of one of Rapier's rotations, of unit length in double precision."""
+    x, y, z, w = rotation.to_tuple()
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return (w / length, x / length, y / length, z / length)
+
+
+def turn_of(rotation: Any) -> np.ndarray:
+    """The matrix (3, 3) of one of Rapier's rotations."""
+    return matrices(np.array(quaternion_of(rotation)))
+
+
+def pose_of(pose: Any) -> np.ndarray:
+    """x y z w x y z of one of Rapier's poses (m), its quaternion of unit length."""
+    turn = pose.rotation
+    return np.array((*(value / SCALE for value in pose.translation), *unit(np.array((turn.w, turn.i, turn.j, turn.k)))))
+
+
+def held_tensor(body: Any) -> np.ndarray:
+    """The inertia (3, 3, kg m²) of a body about its centre of mass, in its own axes."""
+    held = body.mass_properties
+    turn = turn_of(held.principal_inertia_local_frame)
+    found: np.ndarray = turn @ np.diag(tuple(held.principal_inertia)) @ turn.T
+    return found / SQUARE
+
+
+def tensor_of(inertia: np.ndarray) -> frames.Matrix3 | None:
+    """A tensor in numbers of Python; None of one that is the same about every axis, of which nothing gyroscopic comes."""
+    if np.array_equal(inertia, inertia[0, 0] * np.eye(3)):
+        return None
+    one, two, three = inertia.tolist()
+    return (tuple(one), tuple(two), tuple(three))
+
+
+def gyroscopic(body: Any, inertia: frames.Matrix3) -> Vector3 | None:
+    """−ω × Iω of a body as it is, in world axes; None of one that does not turn."""
+    x, y, z = body.angvel.to_tuple()
+    if not (x or y or z):
+        return None
+    across, along, up = frames.matrix(quaternion_of(body.rotation))
+    own = (
+        across[0] * x + along[0] * y + up[0] * z,
+        across[1] * x + along[1] * y + up[1] * z,
+        across[2] * x + along[2] * y + up[2] * z,
+    )
+    momentum = (frames.dot(inertia[0], own), frames.dot(inertia[1], own), frames.dot(inertia[2], own))
+    torque = frames.cross(momentum, own)
+    return (frames.dot(across, torque), frames.dot(along, torque), frames.dot(up, torque))
+
+
+def turned_on(rotation: Any, spin: Any, timestep: float) -> Quaternion:
+    """The rotation that a body has after a step with the velocity ``spin``, of that which Rapier gave it: the rest of its turn
+    is about the same axis."""
+    angle = timestep * spin.norm()
+    share = (angle - 2.0 * math.atan(0.5 * angle)) / angle * timestep
+    rest = exponential_of((share * spin.x, share * spin.y, share * spin.z))
+    return multiply_of(rest, (rotation.w, rotation.i, rotation.j, rotation.k))
+
 
 LONG = 1.0
 """s, the step by which mass matrix and bias force are asked: what a step of 1 ms adds to a velocity has few digits in it."""

@@ -6,14 +6,30 @@ What this relies on is in its guide: WEBOTS_HOME is the folder of an installatio
 
 from __future__ import annotations
 
+import contextlib
+import json
 import os
+import queue
 import re
+import selectors
 import shutil
+import signal
+import socket
+import struct
+import subprocess
 import sys
+import threading
+import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import IO, Any, Final
 
-from simspec.errors import EngineError
+import numpy as np
+
+from simspec.errors import EngineError, clipped, visible
+from simspec.isolated import isolated
+from simspec.processor_time import counted
+from simspec.scratch import scratch_folder
 
 NAME: Final = "webots"
 HOME: Final = "WEBOTS_HOME"
@@ -128,3 +144,234 @@ def _screen() -> tuple[str, ...]:
         why = f"there is no screen (DISPLAY is not set), and no {SCREEN[0]}, which makes one in memory"
         raise EngineError(NAME, f"{why}: apt-get install xvfb")
     return SCREEN
+
+
+# A Webots at work on a world, and the controller beside it, as two programs that end with this object.
+
+CONTROLLER = Path(__file__).with_name("controller.py")
+ADDRESS = re.compile(r"ipc://\d+/\S+")
+"""What Webots prints for each controller that it waits for (``--extern-urls``)."""
+READY = 180.0
+"""s until Webots has to wait for its controller: ten times what a cold start takes on a slow machine."""
+ANSWER = 600.0
+"""s for one answer, of many steps too; the deadline of the engine's process is for all of them."""
+ENDING = 5.0
+"""s for Webots to end when it is told to."""
+MOST_LINES, MOST_LINE = 200, 500
+"""Of what it says, what is kept."""
+LARGEST = 2**28
+"""Bytes of an answer in JSON: a world of 2,000 bodies has 20 MB."""
+COMPLAINT = re.compile(r"\b(ERROR|WARNING)\b")
+"""Of the lines that Webots prints, those that are passed on."""
+FAILED = re.compile(r"error|cannot", re.IGNORECASE)
+"""Of the lines of its library, those that say why it failed: others come later, out of a buffer."""
+
+
+class Live:
+    """Webots in the state in which a file begins. ``bodies``: names of its nodes; ``tops``: numbers of those that move by
+    themselves. Raises EngineError where Webots, or the connection to it, does not come to be."""
+
+    def __init__(self, text: str, timestep: float, bodies: Sequence[str], tops: Sequence[int]):
+        self._lines: list[str] = []
+        self._count, self._tops = len(bodies), len(tops)
+        self._programs: list[subprocess.Popen[bytes]] = []
+        self._resources = contextlib.ExitStack()
+        try:
+            self._start(text, timestep, bodies, tops)
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self, text: str, timestep: float, bodies: Sequence[str], tops: Sequence[int]) -> None:
+        folder = self._resources.enter_context(scratch_folder("webots"))
+        world = folder / "world.wbt"
+        world.write_text(text, encoding="utf-8")
+        environment = INSTALLED.environment()
+        webots = self._program(INSTALLED.command(world, _free_port()), folder, environment, subprocess.PIPE)
+        address = self._address(webots)
+        ours, theirs = socket.socketpair()
+        self._channel = self._resources.enter_context(ours)
+        with theirs, open(folder / "controller.txt", "wb") as said:
+            words = isolated(str(CONTROLLER), str(INSTALLED.library()), str(theirs.fileno()))
+            self._said = folder / "controller.txt"
+            self._program(words, folder, {**environment, "WEBOTS_CONTROLLER_URL": address}, said, theirs.fileno())
+        self._send_json({"bodies": list(bodies), "tops": list(tops)})
+        told = self._json()
+        if told["missing"]:
+            raise EngineError(NAME, f"Webots read the file without {told['missing'][0]}")
+        if told["time"] != 0.0:
+            raise EngineError(NAME, f"Webots had stepped to {told['time']:g} s when its controller came")
+        if told["timestep"] != round(timestep * 1e3):
+            raise EngineError(NAME, f"Webots steps by {told['timestep']:g} ms, should by {timestep * 1e3:g}")
+        pids = _processes(webots.pid)
+        self._resources.enter_context(counted(lambda: _processor_seconds(pids)))
+
+    def _program(
+        self, words: Sequence[str], folder: Path, environment: dict[str, str], output: Any, descriptor: int = -1
+    ) -> subprocess.Popen[bytes]:
+        try:
+            program = subprocess.Popen(
+                words,
+                cwd=folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                pass_fds=() if descriptor < 0 else (descriptor,),
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise EngineError(NAME, f"{words[0]} cannot be started: {error.strerror}") from None
+        self._programs.append(program)
+        return program
+
+    def _address(self, webots: subprocess.Popen[bytes]) -> str:
+        """Where the controller finds Webots, which says so when it has read the world."""
+        if webots.stdout is None:
+            raise AssertionError("started with a pipe")
+        found: queue.Queue[str] = queue.Queue()
+        reader = threading.Thread(target=self._listen, args=(webots.stdout, found), daemon=True)
+        reader.start()
+        ends = time.monotonic() + READY
+        while time.monotonic() < ends:
+            with contextlib.suppress(queue.Empty):
+                return found.get(timeout=0.1)
+            if webots.poll() is not None:
+                reader.join(1.0)
+                with contextlib.suppress(queue.Empty):
+                    return found.get_nowait()
+                raise EngineError(NAME, f"Webots ended with code {webots.returncode}{self._last()}")
+        raise EngineError(NAME, f"Webots was not ready within {READY:g} s{self._last()}")
+
+    def _listen(self, output: IO[bytes], found: queue.Queue[str]) -> None:
+        """Take what Webots says until it ends, so that it never waits for somebody to read."""
+        with output:
+            while line := output.readline(8 * MOST_LINE):
+                text = clipped(visible(line.decode(errors="replace").strip()), MOST_LINE)
+                if ADDRESS.fullmatch(text):
+                    found.put(text)
+                elif text and len(self._lines) < MOST_LINES:
+                    self._lines.append(text)
+
+    def _last(self) -> str:
+        """What was said last, by the controller or else by Webots, for an error."""
+        with contextlib.suppress(IndexError, OSError, subprocess.TimeoutExpired):
+            self._programs[1].wait(1.0)  # what it said is then written
+            said = self._said.read_bytes()[-8 * MOST_LINE :].decode(errors="replace").strip().splitlines()
+            if worst := [line for line in said if FAILED.search(line)] or said:
+                return f": {clipped(visible(worst[-1]), MOST_LINE)}"
+        return f": {self._lines[-1]}" if self._lines else ""
+
+    # --- messages -------------------------------------------------------------------------------------------------
+
+    def _send(self, content: bytes) -> None:
+        try:
+            self._channel.sendall(content)
+        except OSError as error:
+            raise EngineError(NAME, f"its controller ended ({error.strerror}){self._last()}") from None
+
+    def _received(self, count: int) -> bytes:
+        parts, ends = [], time.monotonic() + ANSWER
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._channel, selectors.EVENT_READ)
+            while count:
+                if not selector.select(min(1.0, max(0.0, ends - time.monotonic()))):
+                    if self._programs[0].poll() is not None:
+                        raise EngineError(NAME, f"Webots ended with code {self._programs[0].returncode}{self._last()}")
+                    if time.monotonic() >= ends:
+                        raise EngineError(NAME, f"Webots gave no answer within {ANSWER:g} s{self._last()}")
+                    continue
+                try:
+                    part = self._channel.recv(count)
+                except OSError as error:
+                    raise EngineError(NAME, f"its controller ended ({error.strerror}){self._last()}") from None
+                if not part:
+                    raise EngineError(NAME, f"its controller ended{self._last()}")
+                parts.append(part)
+                count -= len(part)
+        return b"".join(parts)
+
+    def _send_json(self, content: Any) -> None:
+        text = json.dumps(content).encode()
+        self._send(struct.pack("<I", len(text)) + text)
+
+    def _json(self) -> Any:
+        (count,) = struct.unpack("<I", self._received(4))
+        if count > LARGEST:
+            raise EngineError(NAME, f"its controller answers {count:,} bytes")
+        return json.loads(self._received(count))
+
+    # --- what it is asked -----------------------------------------------------------------------------------------
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """The nodes of the world as Webots holds them (``controller.py``)."""
+        self._send(b"n")
+        nodes: list[dict[str, Any]] = self._json()
+        return nodes
+
+    def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions (n, 3) and rotation matrices (n, 3, 3) of the bodies, velocities (tops, 6), in the file's world axes."""
+        self._send(b"s")
+        numbers = np.frombuffer(self._received(8 * (12 * self._count + 6 * self._tops)), dtype="<f8")
+        if not np.isfinite(numbers).all():
+            raise EngineError(NAME, "a state is not finite")
+        placed = numbers[: 12 * self._count].reshape(-1, 12)
+        return placed[:, :3], placed[:, 3:].reshape(-1, 3, 3), numbers[12 * self._count :].reshape(-1, 6)
+
+    def step(self, count: int, wrenches: np.ndarray | None = None) -> None:
+        """Step ``count`` times; forces at the centres of mass and torques (tops, 6), in the file's world axes, act in the first
+        of them."""
+        push = b"" if wrenches is None else b"f" + np.ascontiguousarray(wrenches, dtype="<f8").tobytes()
+        self._send(push + b"g" + struct.pack("<I", count))
+        (ended,) = struct.unpack("<i", self._received(4))
+        if ended:
+            raise EngineError(NAME, f"Webots ended in a step{self._last()}")
+
+    def complaints(self) -> list[str]:
+        """The errors and warnings that Webots has printed."""
+        return [line for line in self._lines if COMPLAINT.search(line)]
+
+    def close(self) -> None:
+        """End both programs, and all that they started."""
+        for program in reversed(self._programs):
+            _end(program)
+        self._programs = []
+        self._resources.close()
+
+
+def _end(program: subprocess.Popen[bytes]) -> None:
+    for number, patience in ((signal.SIGTERM, ENDING), (signal.SIGKILL, None)):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(program.pid, number)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            program.wait(patience)
+            if number == signal.SIGKILL:
+                return
+
+
+def _free_port() -> int:
+    """A port that nothing listens on now; Webots takes another, and says so, where that has changed."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _processes(session: int) -> list[int]:
+    """The processes of a session: Webots is started by others."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            with contextlib.suppress(OSError, ProcessLookupError):
+                if os.getsid(int(entry.name)) == session:
+                    found.append(int(entry.name))
+    return found
+
+
+def _processor_seconds(pids: Sequence[int]) -> float:
+    """Processor time of processes, to what the system counts by (10 ms)."""
+    ticks = 0
+    for pid in pids:
+        with contextlib.suppress(OSError):
+            fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")

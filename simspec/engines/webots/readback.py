@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from simspec.dialects.webots.raising import raised
-from simspec.engines.webots.live import Live
-from simspec.engines.webots.program import NAME
+from simspec.engines.webots.program import NAME, Live
 from simspec.engines.webots.simulation import Simulation
 from simspec.errors import EngineError
 from simspec.formats.wbt.document import Document, Field, Node, Value

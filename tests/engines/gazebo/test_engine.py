@@ -12,7 +12,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.dialects.kit.sidecar import SIDECAR
-from simspec.engines.gazebo import library
+from simspec.engines.gazebo import building
 from simspec.engines.gazebo.building import Plan, proper
 from simspec.engines.gazebo.engine import Gazebo
 from simspec.engines.kit.compiled import CompileError, Missing
@@ -243,7 +243,7 @@ def test_an_inertia_that_sdf_refuses_is_not_proper(tmp_path):
 
 
 def test_a_missing_library_is_named():
-    missing = dataclasses.replace(library.PART, packages=("ignition-physics99",))
+    missing = dataclasses.replace(building.PART, packages=("ignition-physics99",))
     lacking = missing.lacking()
     assert isinstance(lacking, CompileError)
     assert lacking.missing in (Missing.PACKAGE, Missing.PKG_CONFIG, Missing.COMPILER)

@@ -10,7 +10,7 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.gazebo.building import Plan
 from simspec.engines.gazebo.engine import Gazebo
-from simspec.engines.gzsim.building import Plan as GzSimPlan
+from simspec.engines.gzsim.simulation import Plan as GzSimPlan
 from simspec.testing.worlds import accepting
 from tests.engines.gzsim.worlds import ARMS, world_of
 

@@ -14,8 +14,8 @@ import yaml
 from simspec import Spec, cli
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.gzsim import bindings
-from simspec.engines.gzsim.building import PHYSICS, Plan
 from simspec.engines.gzsim.engine import GzSim
+from simspec.engines.gzsim.simulation import PHYSICS, Plan
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, UnsupportedError
 from simspec.formats.world.format import WorldJson
 from simspec.proof.judge import judge

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
+from simspec.engines.physx.building import apart, kinds, touches
 from simspec.engines.physx.engine import PhysX
-from simspec.engines.physx.filters import apart, kinds, touches
-from simspec.engines.physx.turning import turns
+from simspec.engines.physx.simulation import turns
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.precision import PRECISIONS

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
+from simspec.engines.rapier.approximations import Faces, faces_of
 from simspec.engines.rapier.engine import Rapier
-from simspec.engines.rapier.hulls import Faces, faces_of
 from simspec.errors import EngineError, UnsupportedError
 from simspec.testing.worlds import accepting, with_options
 from simspec.world import frames
@@ -44,7 +44,7 @@ def test_corners_are_held_and_a_change_of_one_is_seen(load):
 def test_hulls_of_all_forms_are_held():
     import rapier3d
 
-    from simspec.engines.rapier.hulls import convex
+    from simspec.engines.rapier.building import convex
 
     for size in many(60):
         told = np.array(size).astype(np.float32).reshape(-1, 3)

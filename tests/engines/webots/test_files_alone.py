@@ -11,8 +11,7 @@ from simspec import cli
 from simspec.commands.verify import verify as verify_command
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.installing import not_installed
-from simspec.engines.webots.engine import Webots
-from simspec.engines.webots.touching import kept_apart
+from simspec.engines.webots.engine import Webots, kept_apart
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, UnsupportedError
 from simspec.language.load import load
 from simspec.proof.certificate import Certificate

@@ -22,9 +22,10 @@ from simspec.dialects.webots.sidecar import WebotsSidecar
 from simspec.engines.kit.diagnosis import State, diagnose
 from simspec.engines.kit.session import Session
 from simspec.engines.ode.engine import Ode
-from simspec.engines.webots import live, program
+from simspec.engines.webots import program
+from simspec.engines.webots import program as live
 from simspec.engines.webots.engine import Webots
-from simspec.engines.webots.states import States
+from simspec.engines.webots.simulation import States
 from simspec.errors import EXIT_OK, EngineError
 from simspec.formats.wbt.format import Wbt
 from simspec.formats.wbt.reading import parse

@@ -1,16 +1,19 @@
-"""How far DART 6.12 of Gazebo is from the law in contact of several bodies, and what of it must be accepted by name.
+"""Contact that Gazebo's DART 6.12 computes approximately.
 
-The table is measured by ``tools/deviations.py`` at 1 to 16 ms, frictions of 0.05 to 1.2, restitutions of 0 to 1 and ratios of
-masses of 1 to 1000.
+``tools/deviations.py`` measures the tables of contact of several bodies at 1 to 16 ms, frictions of 0.05 to 1.2, restitutions
+of 0 to 1, and ratios of masses of 1 to 1000.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.support.declarations import Level, Refinement, Support
+from simspec.world.meeting import meeting_kinds
+from simspec.world.types import World
 
 _PGS = "contact_solver=pgs"
 _PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted"
@@ -62,3 +65,37 @@ SWEEPS = Refinement(
     "itself creeps by 1.3 mm in 0.3 s (1 ms), by 14 mm at 4 ms; contact_solver: dantzig",
     short="by pgs clamps creep by 1.3 mm in 0.3 s at 1 ms, 14 mm at 4 ms",
 )
+
+# Shapes that DART's detector ``ode`` gives one point of contact where they touch along a line or on a face. gz-physics makes
+# a box of a plane.
+
+_PORTAL = "by libccd, to 1 µm in depth (overlaps below that can be missed)"
+_LINE = "along a line or on a face in one point, on which they rock"
+APPROXIMATE: Mapping[tuple[str, str], str] = {
+    ("capsule", "cylinder"): f"{_PORTAL}; {_LINE}",
+    ("cylinder", "cylinder"): f"exact where one stands on the other; otherwise {_PORTAL}; {_LINE}",
+}
+"""Of cylinders, and what is lost."""
+ON_BOXES = f"capsules touch boxes and planes {_LINE}"
+
+
+def _refinement(pairs: Mapping[tuple[str, str], str]) -> Refinement:
+    told = "; ".join(f"{one} and {other} touch {how}" for (one, other), how in pairs.items())
+    others = " and ".join(f"{one}s" for one, _ in pairs)
+    return Refinement(Level.APPROXIMATE, told, short=f"a cylinder and {others} touch in one point, also along a line")
+
+
+def cylinders(world: World) -> Refinement | None:
+    """What is approximate of cylinders in a world; None where nothing is."""
+    met = {pair: how for pair, how in APPROXIMATE.items() if pair in meeting_kinds(world)}
+    return _refinement(met) if met else None
+
+
+def capsules(world: World) -> Refinement | None:
+    """What there is to say of capsules in a world: points and depths are exact, but a line or a face has one of them."""
+    met = {("box", "capsule"), ("capsule", "plane")} & set(meeting_kinds(world))
+    return Refinement(note=ON_BOXES) if met else None
+
+
+CASES = (_refinement(APPROXIMATE),)
+"""Of cylinders, where all of these pairs may meet, for tables."""

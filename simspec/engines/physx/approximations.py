@@ -1,0 +1,166 @@
+"""Contact that PhysX computes approximately, and the hulls that it does not support. Measured with SAPIEN 3.0.3, PhysX 5.3.1.
+
+``tools/deviations.py`` measures the tables of contact of several bodies at 1 to 16 ms, frictions of 0.05 to 1.2, restitutions
+of 0 to 1, and ratios of masses of 1 to 1000.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from simspec.engines.kit.coupled import heavy_on_light, in_force, self_locking
+from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
+from simspec.engines.kit.refinements import approximate_pairs, met_pairs
+from simspec.support.declarations import Refinement, Support, not_here
+from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, vertices_of
+from simspec.world.meeting import solid_shapes
+from simspec.world.types import World
+
+_ANCHORS = (
+    "friction holds the two anchors of a pair, by a spring to where they lay: what leans or is piled does not slip near its "
+    "threshold, and what spins is braked aside of its slip (accepted by name: contact.cone.elliptic)"
+)
+_FEW = "steps of some ms are few for boxes that lie on crossing edges"
+_MADE = "sweeps end before friction has made the normal force of a clamp that jams"
+_SWEEPS = "sweeps over one contact after another leave overlaps and wrong friction where heavy bodies lie on light ones"
+
+DEVIATIONS: tuple[Deviation, ...] = read_deviations(
+    Path(__file__).with_name("contact_deviations.csv"),
+    (
+        Reason("stack*", _SWEEPS),
+        Reason("jam*", _MADE),
+        Reason("cross*", _FEW),
+        Reason("*", _ANCHORS),
+    ),
+)
+MASS_RATIO: Support = heavy_on_light(
+    DEVIATIONS,
+    in_force("physx"),
+    "heavy bodies push light ones aside: at a ratio of 1000 by 4 mm in 0.8 s at 1 ms, and they sink through within 5 s, "
+    "at 4 ms within 0.8 s; less with iterations: 255. What slides with 100 times its mass on it stops 43 to 67 % short at 1 ms",
+    "1000 times the mass sinks through within 5 s at 1 ms, within 0.8 s at 4 ms",
+)
+SELF_LOCKING: Support = self_locking(
+    DEVIATIONS,
+    in_force("physx"),
+    "a clamp that jams falls, since sweeps end before friction has made its normal force: under a moment of its weight times "
+    "its height at μ ≤ 0.2 (1 ms), under a hundredth of that at all frictions to 1",
+    "a clamp that jams falls at μ ≤ 0.2, or where little but friction presses it on",
+)
+
+# Hulls. PhysX computes the hull of the vertices again, and drops vertices silently: those that reach less than ``OUT`` of the
+# sum of the hull's extents beyond the hull of the others, and some where there are more than ``MOST_FACES`` faces. Of 1,500
+# random hulls of 5 to 140 vertices, none that these rules accept lost a vertex, and 1 % of those that they reject would have
+# kept all.
+
+OUT = 3.6e-4
+"""A little above the measured 3.5e-4."""
+LEAST_OUT = 7e-7
+"""m: the least that a corner must reach beyond the others, 7e-4 of PhysX's unit of length."""
+MOST_FACES, MOST_CORNERS = 255, 255
+"""Of one of PhysX's hulls. A surface of triangles alone has 255 faces with 129 corners."""
+DIGITS = 6
+"""After the point of a normal, and of a share of the extent: by which triangles are in one face."""
+KEPT = 256
+"""Hulls of which the answer is remembered."""
+
+
+def hulls_held(world: World) -> Refinement | None:
+    """Not a world with a hull of which PhysX would leave corners out."""
+    for body in world.bodies:
+        for shape in solid_shapes(body):
+            if shape.kind == "mesh" and (why := left_out(shape.size)):
+                return not_here(f"{why} ({shape.name!r}); `max_vertices` of the mesh reduces it")
+    return None
+
+
+@functools.lru_cache(maxsize=KEPT)
+def left_out(size: tuple[float, ...]) -> str | None:
+    """Why PhysX would not hold a hull (flat vertices, m) as it is; None where it does."""
+    vertices = vertices_of(size)
+    if len(vertices) > MOST_CORNERS:
+        return f"PhysX holds hulls of up to {MOST_CORNERS} corners, and this has {len(vertices)}"
+    if closed_triangles(len(vertices)) > MOST_FACES and (faces := _faces(size)) > MOST_FACES:
+        return f"PhysX holds hulls of up to {MOST_FACES} faces, and this has {faces}"
+    needed = max(LEAST_OUT, OUT * float(np.ptp(vertices, axis=0).sum()))
+    near = [reach for number in range(len(vertices)) if (reach := _reach(vertices, number)) <= needed]
+    if not near:
+        return None
+    return (
+        f"PhysX leaves out corners that reach less than {needed:.2g} m beyond the hull of the others, and "
+        f"{len(near)} of {len(vertices)} corners reach {min(near):.2g} m and more"
+    )
+
+
+def _faces(size: tuple[float, ...]) -> int:
+    """The number of different planes of a hull's triangles."""
+    held = hull_of(size)
+    planes = np.column_stack([held.normals, held.offsets / np.ptp(held.vertices, axis=0).max()])
+    return len(np.unique(np.round(planes, DIGITS), axis=0))
+
+
+def _reach(vertices: np.ndarray, number: int) -> float:
+    """How far (m) a corner is outside of the hull of the others; endlessly, where these make no solid."""
+    try:
+        others = hull(np.delete(vertices, number, axis=0))
+    except FlatError:
+        return float("inf")
+    return float((others.normals @ vertices[number] - others.offsets).max())
+
+
+# Edges. A corner in a face is exact, an edge across an edge is not. In 720 random overlaps of each pair of kinds, 10 µm to 2 mm
+# deep, compared with coal:
+#
+# boxes, boxes        edges cross in half: normals 0.27 rad (median) to 1.5 rad off, depths up to 2.1 mm; none missed
+# hulls, boxes/hulls  normals up to 0.7 rad off in half, depths up to 0.22 mm; 7 missed, up to 0.28 mm
+# hulls, balls/capsules  normals right to 4e-4 rad, depths off by 1 µm to 0.1 mm in 2 of 100; one missed
+# others              right to 7e-7 m and 3e-6 rad; none missed
+#
+# With ``enable_pcm`` normals of edges are as wrong (0.9 rad), and contacts of earlier steps are kept.
+
+_CROSSED = "a corner in a face is exact, and so is what stands or slides on faces; where two edges cross the normal is"
+_OF_HULLS = _CROSSED + " up to 0.7 rad off, the depth up to {} mm, and one of {} overlaps is missed"
+APPROXIMATE: Mapping[tuple[str, str], str] = {
+    ("box", "box"): f"{_CROSSED} 0.27 rad off (median; 1.5 rad at most), the depth up to 2.1 mm",
+    ("box", "mesh"): _OF_HULLS.format(0.22, 90),
+    ("mesh", "mesh"): _OF_HULLS.format(0.12, 120),
+    ("mesh", "sphere"): "depths are up to 0.1 mm off in 3 of 100 overlaps",
+    ("capsule", "mesh"): "depths are up to 0.03 mm off in 2 of 100 overlaps",
+}
+"""Of pairs of kinds, what is lost."""
+SHORT = "where edges cross the normal of contact is 0.3 to 1.5 rad off"
+SHORT_HULLS = "where edges of hulls cross the normal of contact is up to 0.7 rad off"
+SHORT_ROUND = "depths of balls and capsules on hulls are up to 0.1 mm off"
+
+
+def _refinement(met: Mapping[tuple[str, str], str]) -> Refinement:
+    if ("box", "box") in met:
+        return approximate_pairs(met, SHORT)
+    return approximate_pairs(met, SHORT_HULLS if any(set(pair) <= {"box", "mesh"} for pair in met) else SHORT_ROUND)
+
+
+def _of(kind: str) -> Mapping[tuple[str, str], str]:
+    """The pairs that are told of boxes, and of hulls."""
+    return {pair: how for pair, how in APPROXIMATE.items() if ("mesh" in pair) == (kind == "mesh")}
+
+
+def boxes(world: World) -> Refinement | None:
+    """Boxes that may meet boxes; with hulls they are told of the hulls."""
+    met = met_pairs(world, _of("box"))
+    return _refinement(met) if met else None
+
+
+def meshes(world: World) -> Refinement | None:
+    """Not hulls that PhysX would not hold; approximate are those that may meet more than planes."""
+    if refused := hulls_held(world):
+        return refused
+    met = met_pairs(world, _of("mesh"))
+    return _refinement(met) if met else None
+
+
+BOXES, MESHES = (_refinement(_of(kind)) for kind in ("box", "mesh"))
+"""Where all of these pairs may meet, for tables."""
