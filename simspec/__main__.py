@@ -21,14 +21,14 @@ def main() -> int:
         with open(__file__.removesuffix("__main__.py") + "help.txt", encoding="utf-8") as file:
             text = file.read()
         return _told(text)
-    from simspec.ending import until_told
+    from simspec.ending import run_until_signalled
 
     def run() -> int:
         from simspec.cli import main as command
 
         return command(arguments)
 
-    return until_told(run)
+    return run_until_signalled(run)
 
 
 def _told(text: str) -> int:

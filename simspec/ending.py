@@ -35,7 +35,7 @@ AGAIN = 0.01
 """s after which a process is told again whose first telling got lost on its way."""
 
 
-def until_told(run: Callable[[], int]) -> int:
+def run_until_signalled(run: Callable[[], int]) -> int:
     """The exit code of ``run``, which the signals that ask a process to end make end in order, once; those that are ignored
     stay so. Once there was such a signal it is what ``run`` ended by, whatever came out of it: what :class:`Ended` passes
     through may make another exception of it (the import of a compiled module) or nothing (a destructor)."""
@@ -55,7 +55,7 @@ def until_told(run: Callable[[], int]) -> int:
     return 128 + _told[0]
 
 
-def end_if_told() -> None:
+def exit_if_signalled() -> None:
     """Raise Ended where a signal told this process to end: what is being said of it is then not the reason."""
     if _told:
         raise Ended(_told[0])
@@ -77,7 +77,7 @@ def _lost(unraisable: Any) -> None:
     if not isinstance(unraisable.exc_value, Ended):
         sys.__unraisablehook__(unraisable)
         return
-    signal.signal(signal.SIGALRM, lambda *_: end_if_told())
+    signal.signal(signal.SIGALRM, lambda *_: exit_if_signalled())
     signal.setitimer(signal.ITIMER_REAL, AGAIN)
 
 
@@ -124,9 +124,9 @@ def in_order(run: Callable[[], int]) -> int:
     try:
         code = run()
     except BaseException as error:
-        end_if_told()
+        exit_if_signalled()
         code = _code(error)
-    end_if_told()
+    exit_if_signalled()
     return max(code, finish())
 
 

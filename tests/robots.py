@@ -13,7 +13,7 @@ from simspec.testing.worlds import inertial, pose
 from simspec.world import frames
 from simspec.world.hull import centred, corners, size_of
 from simspec.world.kinematics import poses
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import Body, Connect, Contact, Follow, Material, PairContact, Pose, Shape, Weld, World
 from tests import worlds
 
@@ -31,8 +31,8 @@ def robot(seed: int, kinds: tuple[str, ...] = KINDS, *, loops: bool = True, free
     bodies = tuple(_at_rest(body, index, draw) for index, body in enumerate(bodies))
     base = World("robot", bodies)
     held = [*_follows(bodies, draw), *(_loops(base, draw) if loops else ())]
-    apart = {ordered(body.name, body.joint.parent) for body in bodies if body.joint.parent is not None}
-    apart |= {ordered(loop.first, loop.second) for loop in held if not isinstance(loop, Follow)}
+    apart = {sorted_pair(body.name, body.joint.parent) for body in bodies if body.joint.parent is not None}
+    apart |= {sorted_pair(loop.first, loop.second) for loop in held if not isinstance(loop, Follow)}
     contact = Contact(
         materials=(Material("default", 0.5),),
         pairs=(PairContact("default", "default", 0.5, 0.0),),

@@ -273,7 +273,7 @@ def test_a_folder_that_cannot_be_marked_does_not_stay(place, monkeypatch, call):
 
 TOLD = """
 import os, signal, sys
-from simspec.ending import Ended, in_order, until_told
+from simspec.ending import Ended, in_order, run_until_signalled
 from simspec.errors import Problem, SpecError
 from simspec.commands.guard import command
 
@@ -305,7 +305,7 @@ def run():
         {then}
     return 0
 
-sys.exit(until_told(lambda: in_order(run)))
+sys.exit(run_until_signalled(lambda: in_order(run)))
 """
 
 

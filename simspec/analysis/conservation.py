@@ -16,7 +16,7 @@ from simspec.analysis.contacts import demand_contacts
 from simspec.mapped import parts
 from simspec.runner import metrics
 from simspec.runner.run import Run
-from simspec.world.along import Along
+from simspec.world.along import JointSums
 from simspec.world.kinematics import layout_of
 from simspec.world.types import World
 
@@ -125,7 +125,7 @@ def _stopped(run: Run) -> NDArray[np.bool_]:
             lower, upper = body.joint.position_limits
             q = run.arrays["q"][:, place][:, 0]
             stopped |= (q <= lower) | (q >= upper)
-    along = Along(run.world.bodies, run.world.sums)
+    along = JointSums(run.world.bodies, run.world.sums)
     for one, length in zip(along.sums, along.lengths(run.arrays["q"]).T, strict=True):
         if one.position_limits is not None:
             lower, upper = one.position_limits

@@ -19,7 +19,7 @@ from simspec.language.moments import principal_moments
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.distances import relative, turn_between
 from simspec.world import frames
-from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack
+from simspec.world.types import Body, EngineValue, Inertial, Joint, Pose, ReadBack
 
 SAME: Final = 1e-6
 """Relative, and in m or rad: engines keep some numbers in single precision, whose round-off is 1e-7."""
@@ -320,7 +320,7 @@ def _told(inertial: Inertial) -> tuple[float, ...]:
     return tuple(value for place, value in enumerate(inertial.inertia) if place < 3 or abs(value) > least)
 
 
-def _same(said: HeldValue | None, held: HeldValue) -> bool:
+def _same(said: EngineValue | None, held: EngineValue) -> bool:
     if isinstance(said, (int, float)) and isinstance(held, (int, float)) and not isinstance(said, bool):
         return abs(held - said) <= SAME * max(1.0, abs(said))
     return said == held

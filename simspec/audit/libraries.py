@@ -172,7 +172,7 @@ def _yourdfpy(file: Path, language: str) -> ReadBack:
         inertial = Inertial(0.0)
         if held is not None:
             place = _placed(held.origin)
-            turned = frames.turn_inertia(place.quaternion, _six(held.inertia))
+            turned = frames.rotate_inertia(place.quaternion, _six(held.inertia))
             inertial = Inertial(float(held.mass), place.position, turned)
         shapes = tuple(
             _yourdfpy_shape(one, file, solid)

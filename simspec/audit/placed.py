@@ -135,7 +135,7 @@ def folded(parts: Sequence[Body], at: dict[str, Pose], onto: str) -> tuple[Inert
         place = frames.compose(inverse, at[body.name])
         inertial = body.inertial
         centre = frames.add(place.position, frames.rotate(place.quaternion, inertial.centre_of_mass))
-        lumps.append((inertial.mass, centre, full(frames.turn_inertia(place.quaternion, inertial.inertia))))
+        lumps.append((inertial.mass, centre, full(frames.rotate_inertia(place.quaternion, inertial.inertia))))
         shapes += [dataclasses.replace(shape, pose=frames.compose(place, shape.pose)) for shape in body.shapes]
     mass = sum(lump[0] for lump in lumps)
     if len(lumps) == 1 or not mass:

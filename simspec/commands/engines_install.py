@@ -20,7 +20,7 @@ from simspec.engines.kit.installed import Instance, instances
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError, clipped, visible
 from simspec.isolated import ELSEWHERE, isolated
-from simspec.outputs.begun import begin, finish, is_whole
+from simspec.outputs.begun import begin, finish, is_complete
 from simspec.report.screen import say
 
 DEADLINE = 3600.0
@@ -97,7 +97,7 @@ def _version_row(label: EngineId, yes: bool, as_json: bool) -> dict[str, Any]:
         _tell(as_json, f"{label.label}: {row['problem']}")
         return row
     place = Path(commands[0][-1])
-    whole, found = is_whole(place), None
+    whole, found = is_complete(place), None
     if whole is None and os.path.lexists(place):
         row["problem"] = f"{place} exists, and simspec did not make it: move it away"
     elif whole:
@@ -124,9 +124,9 @@ def installed_version(label: EngineId, yes: bool) -> str:
     is told where it fails. Raises EngineError, with the commands that would make it, where there is none."""
     commands = making(label)
     place = Path(commands[0][-1])
-    if is_whole(place) and _instance(label, place).problem is None:
+    if is_complete(place) and _instance(label, place).problem is None:
         return str(python_of(place))
-    if is_whole(place) is None and os.path.lexists(place):
+    if is_complete(place) is None and os.path.lexists(place):
         raise EngineError(label.label, f"{place} exists, and simspec did not make it: move it away")
     if not yes:
         way = f"simspec engines install {label.label} --yes, or --yes here"

@@ -12,7 +12,7 @@ from typing import Any
 import typer
 
 from simspec.arguments import NUMBERS
-from simspec.ending import end_if_told
+from simspec.ending import exit_if_signalled
 from simspec.errors import EngineError, Problem, SimspecError, SpecError
 from simspec.numerals import NumeralError, whole
 
@@ -43,7 +43,7 @@ def command(function: Callable[..., int | None]) -> Callable[..., None]:
 
 
 def report_error(error: SimspecError, as_json: bool) -> int:
-    end_if_told()
+    exit_if_signalled()
     if as_json:
         from simspec.report.plain import error_data, text
 

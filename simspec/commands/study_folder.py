@@ -18,7 +18,7 @@ from simspec.compiler import Compiled
 from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.marker import COMPILED, RUN, STUDY
-from simspec.outputs.targets import demand, folder_problem, own_name_problem
+from simspec.outputs.targets import demand, existing_name_problem, folder_problem
 from simspec.outputs.writing import change_file, open_folder, remove_file
 from simspec.report.plain import NOT_RUN, PAGE_FILE, REPORT_FILE, REPORT_SCHEMA, study_data, text
 from simspec.runner.run import Run
@@ -53,7 +53,7 @@ class Results(Arrivals):
         demand([folder_problem(self._folder, STUDY, specs)])
         below = {COMPILED_FOLDER: COMPILED} | dict.fromkeys(engines, RUN)
         demand(folder_problem(self._folder / name, kind, specs) for name, kind in below.items())
-        demand(own_name_problem(self._folder, name) for name in (CERTIFICATE_FILE, REPORT_FILE))
+        demand(existing_name_problem(self._folder, name) for name in (CERTIFICATE_FILE, REPORT_FILE))
 
     def compiled(self, compiled: Mapping[str, Compiled], files: Artifacts) -> None:
         open_folder(self._folder, STUDY)

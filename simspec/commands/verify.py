@@ -15,7 +15,7 @@ from simspec.commands.self_test import complete_self_test, self_test
 from simspec.engines.kit.identity import engine_version
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
-from simspec.outputs.targets import demand, folder_problem, own_name_problem
+from simspec.outputs.targets import demand, existing_name_problem, folder_problem
 from simspec.outputs.writing import add_file
 from simspec.report import terminal
 from simspec.report.plain import certificate_data, text
@@ -97,7 +97,7 @@ def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> N
     """
     folder = out or generated.GENERATED / world.name
     problems = [folder_problem(folder, COMPILED, [spec_file(spec)])]
-    problems += [] if any(problems) else [own_name_problem(folder, generated.CERTIFICATE_FILE)]
+    problems += [] if any(problems) else [existing_name_problem(folder, generated.CERTIFICATE_FILE)]
     if contact:
         problems.append(folder_problem(PLOTS / world.name, STUDY))
     demand(problems)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.canonical import from_plain, to_plain
 from simspec.world.forces import Force
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.rotations import matrices
 from simspec.world.types import Contact, Record, World
@@ -116,7 +116,7 @@ def _acting(world: World, force: Force) -> _Acting:
         body = world.bodies[row]
         kind = body.joint.kind
         if kind != "fixed":
-            centre = told_inertial(world, body).centre_of_mass if kind == "free" else (0.0, 0.0, 0.0)
+            centre = lumped_inertial(world, body).centre_of_mass if kind == "free" else (0.0, 0.0, 0.0)
             axis = body.joint.axis if kind in SCALAR_JOINTS else (0.0, 0.0, 0.0)
             movers.append(_Mover(row, places[row], kind, np.array(axis), np.array(centre)))
         row = None if body.joint.parent is None else rows[body.joint.parent]

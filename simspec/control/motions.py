@@ -17,7 +17,7 @@ from simspec.world.canonical import from_plain, to_plain
 from simspec.world.control import Trajectory
 from simspec.world.drag import Drag
 from simspec.world.fluid import Box, Fluid
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.motions import Motion
 from simspec.world.rotations import conjugate, cross, exponential, logarithm, multiply, rotate
@@ -80,7 +80,7 @@ class Prescribed:
         self._around: list[_Around | None] = []
         for motion, path in zip(world.motions, curves, strict=True):
             row = rows[motion.body]
-            told = told_inertial(world, world.bodies[row])
+            told = lumped_inertial(world, world.bodies[row])
             xx, yy, zz, xy, xz, yz = told.inertia
             tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
             centre = np.array(told.centre_of_mass)

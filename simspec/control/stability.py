@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.dynamics.oracle_tree import Tree
-from simspec.world.along import Along
+from simspec.world.along import JointSums
 from simspec.world.control import Controller
 from simspec.world.kinematics import initial_state, layout, sprung_trees, within
 from simspec.world.types import Body, World
@@ -138,7 +138,7 @@ def _systems(
                 else:
                     total_k[at, at] += controller.kp[index]
                     total_d[at, at] += controller.kd[index]
-        more_k, more_d = Along(bodies, own_world.sums).matrices()
+        more_k, more_d = JointSums(bodies, own_world.sums).matrices()
         own = np.diag(stiffness) + more_k, np.diag(damping) + more_d
         systems.append(System(np.linalg.inv(mass), own, (total_k, total_d), hold))
     return systems

@@ -25,7 +25,7 @@ from simspec.dynamics import settling
 from simspec.dynamics.oracle_tree import Tree
 from simspec.mapped import blocks
 from simspec.world.forces import Force
-from simspec.world.kinematics import held_trees, layout_of, members, trees, within
+from simspec.world.kinematics import constrained_trees, layout_of, members, trees, within
 from simspec.world.sums import JointSum
 from simspec.world.types import VELOCITY_SIZE, Body, Constraint, Follow, World
 
@@ -50,7 +50,7 @@ def _grouped(in_order: Sequence[tuple[Body, ...]]) -> list[tuple[Body, ...]]:
     return groups
 
 
-def alike(bodies: Sequence[Body], constraints: Sequence[Constraint] = (), sums: Sequence[JointSum] = ()) -> object:
+def model_key(bodies: Sequence[Body], constraints: Sequence[Constraint] = (), sums: Sequence[JointSum] = ()) -> object:
     """What the model of some bodies follows from, and of the constraints and sums between them: equal for copies, wherever they
     are and however they move."""
     index = {body.name: number for number, body in enumerate(bodies)}
@@ -99,13 +99,13 @@ class Oracle:
         index = {body.name: number for number, body in enumerate(world.bodies)}
         self._parts: list[tuple[Tree, list[int], np.ndarray, np.ndarray]] = []
         models: dict[object, Tree] = {}
-        for bodies in _grouped(held_trees(world)):
+        for bodies in _grouped(constrained_trees(world)):
             rows = [index[body.name] for body in bodies]
             at_q = np.concatenate([np.r_[self.layout.position[row]] for row in rows]).astype(int)
             at_v = np.concatenate([np.r_[self.layout.velocity[row]] for row in rows]).astype(int)
             joined = world.constraints or world.sums
             part = within(world, bodies) if joined else dataclasses.replace(world, bodies=bodies)
-            key = alike(bodies, part.constraints, part.sums)
+            key = model_key(bodies, part.constraints, part.sums)
             if key not in models:
                 models[key] = Tree(part, constrained=True)
             self._parts.append((models[key], rows, at_q, at_v))
@@ -230,11 +230,11 @@ class Oracle:
                 q[at_q] = settling.inwards(tree, q[at_q])
         return q
 
-    def held_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def constrained_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The velocity (nv,) nearest to ``v`` with which the constraints go on to hold at ``q``; ``v`` itself without any."""
         if not self.world.constraints:
             return v
-        return self._by_tree("held_velocity", q, v)
+        return self._by_tree("constrained_velocity", q, v)
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> np.ndarray:
         """v̇ (nv,) under an applied effort (nv,), with damping and springs, without constraints."""

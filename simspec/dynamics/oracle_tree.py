@@ -10,8 +10,8 @@ import numpy as np
 from simspec.dynamics.resistance import Resisted
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
-from simspec.world.along import Along
-from simspec.world.gathering import told_inertial
+from simspec.world.along import JointSums
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import layout_of, within
 from simspec.world.rotations import logarithm
 from simspec.world.types import Body, Follow, Pose, Weld, World
@@ -90,7 +90,7 @@ class Tree:
             composite.addJoint(pin.JointModelTranslation())
             composite.addJoint(pin.JointModelSpherical())
             index = self.model.addJoint(0, composite, pin.SE3.Identity(), body.name)
-            own = pin.SE3(np.eye(3), -np.array(told_inertial(self.world, body).centre_of_mass))
+            own = pin.SE3(np.eye(3), -np.array(lumped_inertial(self.world, body).centre_of_mass))
         else:
             axis = np.array(joint.axis)
             kinds = {
@@ -104,7 +104,7 @@ class Tree:
             weight = (body.gravity_scale - 1.0) * body.inertial.mass * np.array(self.world.physics.gravity)
             self._lifted.append((index, own.act(centre), weight))
         if index and body.box is not None and self.world.physics.fluid is not None:
-            told = np.array(told_inertial(self.world, body).centre_of_mass)
+            told = np.array(lumped_inertial(self.world, body).centre_of_mass)
             turn = own.rotation @ np.array(frames.matrix(body.box.quaternion))
             self._resisted.append(Resisted(index, own.act(told), turn, body.box.edges, self.world.physics.fluid))
         xx, yy, zz, xy, xz, yz = body.inertial.inertia
@@ -133,7 +133,7 @@ class Tree:
     def _read_efforts(self) -> None:
         """Damping, armature and springs, by coordinate, and what acts along sums."""
         # a sum over several trees acts where all of them are, as in the oracle's parts
-        self._along = Along(self.world.bodies, within(self.world, self.world.bodies).sums)
+        self._along = JointSums(self.world.bodies, within(self.world, self.world.bodies).sums)
         self._sums_act = self._along.acts
         self._damping = np.zeros(self.nv)
         self._stiffness, self._rest = np.zeros(self.nv), np.zeros(self.nv)
@@ -419,7 +419,7 @@ class Tree:
                 return q if close else None
         return None
 
-    def held_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def constrained_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The velocity (nv,) nearest to ``v`` with which the constraints go on to hold at ``q``."""
         if self.held is None:
             return v

@@ -31,7 +31,7 @@ def settled(tree: Tree, wanted: np.ndarray, start: np.ndarray, generator: np.ran
     if tree.held is not None and all(isinstance(held, Follow) for held in tree.held.constraints):
         near = tree.settled(wanted)
         return start if near is None else near
-    away = tree.held_velocity(start, generator.uniform(-1.0, 1.0, tree.nv))
+    away = tree.constrained_velocity(start, generator.uniform(-1.0, 1.0, tree.nv))
     for halving in range(HALVINGS):
         near = tree.settled(tree.moved(start, away * ASTRAY / 2.0**halving))
         if near is not None:
@@ -64,7 +64,7 @@ def inwards(tree: Tree, q: np.ndarray) -> np.ndarray:
         aim = np.zeros(tree.nv)
         further = BEYOND * (high - low)
         aim[at_v] = np.where(up > 0.0, up + further, np.where(down > 0.0, -down - further, 0.0))
-        step = tree.held_velocity(q, aim)
+        step = tree.constrained_velocity(q, aim)
         longest = float(np.abs(step).max())
         if not longest or stride < SHORTEST:
             break

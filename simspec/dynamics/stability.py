@@ -14,10 +14,10 @@ import dataclasses
 
 import numpy as np
 
-from simspec.dynamics.oracle import alike
+from simspec.dynamics.oracle import model_key
 from simspec.dynamics.oracle_tree import Tree
 from simspec.dynamics.states import random_states
-from simspec.world.along import Along
+from simspec.world.along import JointSums
 from simspec.world.kinematics import initial_state, layout_of, sprung_trees, within
 from simspec.world.types import World
 
@@ -84,7 +84,7 @@ def unstable(world: World) -> list[Instability]:
         if not sprung and not viscous and not any(one.damping or one.stiffness for one in part.sums):
             continue
         positions = tuple(body.joint.position for body in bodies if body.joint.kind != "free")
-        key = alike(bodies, (), part.sums), positions
+        key = model_key(bodies, (), part.sums), positions
         if key not in known:
             try:
                 known[key] = _unstable(part)
@@ -108,7 +108,7 @@ def _unstable(world: World) -> tuple[tuple[int, ...], int | None, Instability] |
         stiffness[part], damping[part] = body.joint.spring_stiffness, body.joint.damping
         if body.joint.kind == "free":
             damping[part.start + 3 : part.stop] = body.joint.angular_damping
-    along = Along(world.bodies, world.sums)
+    along = JointSums(world.bodies, world.sums)
     postures = (initial_state(world)[0], *random_states(world, POSTURES if tree.nv <= LARGE else FEW)[0])
     resisted = [tree.viscous(posture) for posture in postures]
     acting = np.flatnonzero(

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final
 
 from simspec.confinement import ANY_LOCALE, PROFILES, confine_calls, confine_files, of_python
-from simspec.ending import end_if_told
+from simspec.ending import exit_if_signalled
 from simspec.exchange import exchange
 from simspec.isolated import search_environment, with_search_path
 from simspec.scratch import scratch_folder
@@ -50,7 +50,7 @@ class ChildError(ValueError):
 def run(program: Path, arguments: Sequence[str], told: bytes, seconds: float, policy: Policy) -> bytes:
     """What a Python program answers to ``told`` within ``seconds``, in an empty folder. Raises ChildError where it does not end
     by itself, with code 0. The program limits its own CPU time and memory."""
-    end_if_told()
+    exit_if_signalled()
     environment = {name: value for name, value in os.environ.items() if name in KEPT}
     environment |= {**ONE_THREAD, **ANY_LOCALE, "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     with scratch_folder("import") as folder:

@@ -32,7 +32,7 @@ from simspec.language.states import State
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, misspelt, show
 from simspec.language.sweep import Sweep
 from simspec.language.trajectory import Grasp, Trajectory
-from simspec.language.vocabulary import CHANNELS, JOINT_KINDS, STILL_SHAPES, TREE_JOINTS
+from simspec.language.vocabulary import CHANNELS, JOINT_KINDS, STATIC_SHAPES, TREE_JOINTS
 from simspec.language.words import FileName, Name, Text, Word
 
 VERSION = 1
@@ -187,7 +187,7 @@ def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
             yield Fault((key,), message, None, "mass and inertia; or mass alone; or densities")
     if dense:
         for index, item in enumerate(fields):
-            solid = item.get("collision") is not False and not any(item.get(kind) is not None for kind in STILL_SHAPES)
+            solid = item.get("collision") is not False and not any(item.get(kind) is not None for kind in STATIC_SHAPES)
             if solid and item.get("density") is None:
                 hint = "density: 0 makes a shape massless"
                 yield Fault(("shapes", index), "this shape has no density, but others of the body have one", hint=hint)

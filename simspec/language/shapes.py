@@ -12,7 +12,7 @@ from simspec.language.mesh import Mesh
 from simspec.language.moments import impossible, principal_moments
 from simspec.language.quantities import Number, UnitQuaternion, Vector
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict
-from simspec.language.vocabulary import SHAPE_KINDS, STILL_SHAPES
+from simspec.language.vocabulary import SHAPE_KINDS, STATIC_SHAPES
 from simspec.language.words import Flag, Name
 
 Length = Annotated[float, Number("length", 0, above=True)]
@@ -167,7 +167,7 @@ class Shape(Strict):
     @property
     def has_volume(self) -> bool:
         """Whether it can be filled with mass."""
-        return all(getattr(self, kind) is None for kind in STILL_SHAPES)
+        return all(getattr(self, kind) is None for kind in STATIC_SHAPES)
 
 
 class Tensor(Strict):

@@ -16,7 +16,7 @@ PRIMITIVE_SHAPES = ("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane"
 """Kinds of shapes that a few lengths define."""
 SHAPE_KINDS = (*PRIMITIVE_SHAPES, "mesh", "heightfield")
 """Each has a row in ``world/shapes.py``."""
-STILL_SHAPES = ("plane", "heightfield")
+STATIC_SHAPES = ("plane", "heightfield")
 """Kinds that only bodies which cannot move have; they have no mass."""
 
 FRICTION_CONES = ("elliptic", "pyramid-inscribed", "pyramid-circumscribed")

@@ -18,7 +18,7 @@ MOST: Final = 10_000
 """Bytes of that file."""
 
 
-def is_whole(place: Path) -> bool | None:
+def is_complete(place: Path) -> bool | None:
     """Whether the folder at ``place`` is whole; None: there is none that simspec began for this user."""
     try:
         with (place / BEGUN).open("rb") as stream:
@@ -36,7 +36,7 @@ def begin(place: Path) -> None:
     """An empty folder at ``place``, in the place of one that simspec began before. Raises FileExistsError for what it did not
     begin, OSError."""
     if os.path.lexists(place):
-        if is_whole(place) is None:
+        if is_complete(place) is None:
             raise FileExistsError(f"{place} exists, and simspec did not make it: move it away")
         shutil.rmtree(place)
     place.mkdir(parents=True)

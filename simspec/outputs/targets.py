@@ -55,7 +55,7 @@ def folder_problem(folder: Path, kind: str, holds: Iterable[Path] = ()) -> Probl
     return None
 
 
-def own_name_problem(folder: Path, name: str) -> Problem | None:
+def existing_name_problem(folder: Path, name: str) -> Problem | None:
     """Why the file ``name`` cannot be written into a folder that may be: somebody else's has its name; None when it can."""
     marker = read_marker(folder)
     if not os.path.lexists(folder / name) or (marker is not None and marker.owns(name)):

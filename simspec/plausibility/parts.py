@@ -117,7 +117,7 @@ def lumps_of(world: World) -> Mapping[str, tuple[Lump, ...]]:
     for body in world.bodies:
         own = []
         for shape in body.shapes:
-            if SHAPES[shape.kind].still:
+            if SHAPES[shape.kind].static:
                 continue
             key = (shape.kind, shape.size, shape.margin)
             known = made.get(key)

@@ -23,17 +23,17 @@ from simspec.proof.heightfields import field_distance
 from simspec.proof.hulls import hull_distance
 from simspec.proof.precision import PRECISIONS, Precision
 from simspec.proof.table import table_differences
-from simspec.world.gathering import gathered, rigid_members, summed, told_gravity_scale
+from simspec.world.gathering import lumped, lumped_gravity_scale, rigid_members, summed
 from simspec.world.hull import HullError
 from simspec.world.inset import thickened, within
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import meeting_laws, shape_pairs
 from simspec.world.shapes import SHAPES
-from simspec.world.tuples import ordered, quaternion
+from simspec.world.tuples import quaternion, sorted_pair
 from simspec.world.types import (
     Body,
+    EngineValue,
     Hardness,
-    HeldValue,
     Inertial,
     Joint,
     PairContact,
@@ -84,8 +84,8 @@ def compare(
 
 
 def inventory_checks(
-    expected: Mapping[str, HeldValue],
-    actual: Mapping[str, HeldValue],
+    expected: Mapping[str, EngineValue],
+    actual: Mapping[str, EngineValue],
     precision: Precision = PRECISIONS[DOUBLE],
 ) -> list[Check]:
     """Everything else that an engine holds, name by name, against what it must hold; none where neither has a name.
@@ -135,14 +135,14 @@ class _Comparison(BesideBodies):
         # not of ``actual``, in which a repeated body stands once
         names = sorted(body.name for body in self.read_back.bodies)
         self.tally.equal(self.levels["mass"], "bodies", sorted(expected), names, "bodies")
-        groups, told_as_one = rigid_groups(self.world), gathered(self.world)
+        groups, told_as_one = rigid_groups(self.world), lumped(self.world)
         self.rigid_groups(told_as_one)
         for name, body in expected.items():
             if name in actual:
                 if name not in told_as_one:
                     self.mass(body, actual[name], moves=groups[name] != "world")
                 self.joint(body.joint, actual[name].joint, f"bodies.{name}.joint")
-                scale, at = told_gravity_scale(self.world, body), f"bodies.{name}.gravity_scale"
+                scale, at = lumped_gravity_scale(self.world, body), f"bodies.{name}.gravity_scale"
                 if scale != 1.0 or actual[name].gravity_scale != 1.0:
                     self.note("mass", "weight", abs(actual[name].gravity_scale - scale), at, f"{scale:g}")
                 self.box(body.box, actual[name].box, f"bodies.{name}")
@@ -403,7 +403,7 @@ class _Comparison(BesideBodies):
         for pair in self.read_back.pairs:
             at = f"pair {pair.first}, {pair.second}"
             listed.add((pair.first, pair.second))
-            both = ordered(material.get(pair.first, ""), material.get(pair.second, ""))
+            both = sorted_pair(material.get(pair.first, ""), material.get(pair.second, ""))
             if both not in laws:
                 self.note("geometry", "explicit pair", None, at, "these two never touch")
                 continue

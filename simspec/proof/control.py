@@ -24,7 +24,7 @@ from simspec.proof.checks import Check
 from simspec.proof.inside import Stops, inside
 from simspec.proof.precision import PRECISIONS, Precision, Rounded
 from simspec.world.control import Trajectory
-from simspec.world.kinematics import held_trees, initial_state, layout_of, rubbing, trees, within
+from simspec.world.kinematics import constrained_trees, frictional_coordinates, initial_state, layout_of, trees, within
 from simspec.world.types import World
 
 STEPS = 500
@@ -62,7 +62,7 @@ class Response:
     def operation(self) -> Operation:
         """What an engine is asked (see ``engines/kit/worker.py``)."""
         parameters, arrays = to_request(self.world)
-        arrays = {**arrays, "q": self.q, "v": self.v, "rubbing": rubbing(self.world)}
+        arrays = {**arrays, "q": self.q, "v": self.v, "rubbing": frictional_coordinates(self.world)}
         return Operation("respond", {**parameters, "steps": STEPS, "every": EVERY}, arrays, self.world)
 
     @property
@@ -165,7 +165,7 @@ def _response(
     """The oracle's positions (n, joints) under the world's laws, joints in the world's order, and how many steps are done
     before a joint comes near a limit."""
     driven = set(driven_joints(world))
-    own = [bodies for bodies in held_trees(world) if any(body.joint.name in driven for body in bodies)]
+    own = [bodies for bodies in constrained_trees(world) if any(body.joint.name in driven for body in bodies)]
     names = {body.name for bodies in own for body in bodies}
     keep_q, keep_v = (
         np.concatenate(

@@ -26,7 +26,7 @@ from simspec.proof.checks import Check, Tally
 from simspec.proof.inside import MIDDLE, inside
 from simspec.proof.motion import couple
 from simspec.proof.precision import PRECISIONS, Precision
-from simspec.world.kinematics import initial_state, rubbing
+from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.types import World
 
 LEVEL = "L6"
@@ -92,7 +92,7 @@ class DryFriction:
 
 def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> DryFriction | None:
     """The trials; None where nothing has dry friction."""
-    rough = rubbing(world)
+    rough = frictional_coordinates(world)
     if not len(rough):
         return None
     friction = np.zeros(oracle.nv)
@@ -125,7 +125,7 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
     gain = np.minimum(SLIDING * strength, room / world.physics.timestep**2)
     side = np.where(np.random.default_rng(SEED + 301).random(oracle.nv) < 0.5, -1.0, 1.0)
     if world.constraints:  # joints that are held together slide together
-        slides = oracle.held_velocity(q, gain * side)
+        slides = oracle.constrained_velocity(q, gain * side)
         gain, side = np.abs(slides), np.sign(slides)
     rubbed = _Rubbed(friction, tuple(along))
     trials = tuple(_trials(oracle, q, rubbed, gain, room, side))

@@ -17,7 +17,7 @@ from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
 from simspec.proof.motionless import motionless
 from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK, no_ball_stops, nothing_stops
 from simspec.proof.touch.plan import nothing_to_try
-from simspec.world.kinematics import rubbing
+from simspec.world.kinematics import frictional_coordinates
 from simspec.world.meeting import meeting_laws
 from simspec.world.types import VELOCITY_SIZE, World
 
@@ -60,7 +60,7 @@ def _acts(world: World) -> str:
 
 
 def _rubs(world: World) -> str:
-    return "" if len(rubbing(world)) else "no joint has dry friction"
+    return "" if len(frictional_coordinates(world)) else "no joint has dry friction"
 
 
 def _moves_or_rubs(world: World) -> str:

@@ -23,7 +23,7 @@ from simspec.proof.inside import inside
 from simspec.proof.motion import DISTURBED, comes_near_limits, deviation
 from simspec.proof.precision import PRECISIONS, Precision, Rounded
 from simspec.world.forces import Force
-from simspec.world.kinematics import initial_state, rubbing
+from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.motions import Motion
 from simspec.world.types import World
 
@@ -61,7 +61,7 @@ class Pushed:
 
     def operation(self, asked: World) -> Operation:
         """What an engine is asked (see ``engines/kit/worker.py``)."""
-        arrays = {"q": self.q, "v": self.v, "effort": self.effort, "rubbing": rubbing(self.world)}
+        arrays = {"q": self.q, "v": self.v, "effort": self.effort, "rubbing": frictional_coordinates(self.world)}
         return Operation("pushed", {**forces_to_request(self.world), "steps": STEPS, "every": EVERY}, arrays, asked)
 
 
@@ -162,7 +162,7 @@ class Followed:
         q, v = initial_state(self.world)
         parameters, motions = motions_to_request(self.world)
         still = np.zeros_like(v)
-        arrays = {**motions, "q": q, "v": still, "effort": still, "rubbing": rubbing(self.world)}
+        arrays = {**motions, "q": q, "v": still, "effort": still, "rubbing": frictional_coordinates(self.world)}
         return Operation("prescribed", {**parameters, "steps": MOVED, "every": 1}, arrays, asked)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.world.along import Along
+from simspec.world.along import JointSums
 from simspec.world.kinematics import layout_of
 from simspec.world.types import Follow, World
 
@@ -58,7 +58,7 @@ class Stops:
 
     def __init__(self, world: World):
         limited = [one for one in world.sums if one.position_limits is not None]
-        self.along = Along(world.bodies, limited)
+        self.along = JointSums(world.bodies, limited)
         ends = np.array([one.position_limits for one in limited], dtype=float).reshape(-1, 2)
         self.low, self.high = ends.T
         where = layout_of(world)

@@ -29,7 +29,7 @@ from simspec.proof.probes import FEW_STATES, LARGE, STATES
 from simspec.proof.realised import realised
 from simspec.proof.sum_limits import TOLERANCE as STOPS_TOLERANCE
 from simspec.world.canonical import sha256
-from simspec.world.gathering import gathered
+from simspec.world.gathering import lumped
 from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World
@@ -153,7 +153,7 @@ def _counts(proof: EngineProof, world: World, lacking: Mapping[str, str]) -> Ite
     states = STATES if layout_of(world).nv <= LARGE else FEW_STATES
     least = {(level, "bodies"): 1 for level in ("L0", "L1")}
     # engines have one inertia of a gathered rigid group, and a body without mass has no centre
-    whole = gathered(world)
+    whole = lumped(world)
     weighed = [
         whole.get(body.name, body.inertial)
         for body in world.bodies

@@ -18,7 +18,7 @@ from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
 from simspec.proof.expected import PARTS, expected, title
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
 from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK
-from simspec.world.kinematics import rubbing
+from simspec.world.kinematics import frictional_coordinates
 from simspec.world.types import ReadBack, World
 
 MATRIX = "collision matrix"
@@ -61,7 +61,7 @@ def unchecked(world: World, engine: type[Engine]) -> dict[tuple[str, str], str]:
     parts = {}
     for part, capabilities in NEEDS.items():
         taken = [*capabilities]
-        if part in WITHOUT_FRICTION and len(rubbing(world)):
+        if part in WITHOUT_FRICTION and len(frictional_coordinates(world)):
             taken.append(Capability.DRY_FRICTION_OFF)
         reasons = [engine.LACKS[capability] for capability in taken if capability in engine.LACKS]
         if reasons:

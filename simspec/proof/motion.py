@@ -23,7 +23,7 @@ from simspec.proof.checks import TOO_CHAOTIC, Check
 from simspec.proof.inside import CALM, MIDDLE, Stops, calmed, followers, inside, left_to
 from simspec.proof.precision import PRECISIONS, Precision, Rounded
 from simspec.proof.resting import at_rest
-from simspec.world.kinematics import initial_state, rubbing
+from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.rotations import rotation_error
 from simspec.world.types import Body, Follow, Record, World
 
@@ -156,7 +156,7 @@ def _from_rest(world: World, oracle: Oracle, planned: Motion, most: int, precisi
     rest = at_rest(world, oracle, lambda q: comes_near_limits(world, oracle, q[None]))
     slower = _slower(world, most)
     v = slower * random_states(world, 1, SEED + 1, speed=0.5)[1][0]
-    v = oracle.held_velocity(rest, v) if world.constraints else v
+    v = oracle.constrained_velocity(rest, v) if world.constraints else v
     push, balance = _push(oracle, rest, 0, slower), _balance(oracle, rest)
     for share in FROM_REST:
         begun = _tried(world, oracle, rest, share * v, balance + share * push, most)
@@ -197,7 +197,9 @@ def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int, precisi
         ends = f"then it diverges: {diverging[0]}; stable up to {diverging[0].largest_stable_step:.3g} s"
         unsteady = False
     floor = float(floors[last])
-    return Motion(q, v, effort, steps, every, exact[: last + 1], floor, rubbing(world), ends, precision, unsteady)
+    return Motion(
+        q, v, effort, steps, every, exact[: last + 1], floor, frictional_coordinates(world), ends, precision, unsteady
+    )
 
 
 @dataclass(frozen=True)
@@ -324,7 +326,7 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
     if world.constraints:  # what is held together begins there, and moves so
         couple(world, oracle, q, start)
         q = oracle.inwards(oracle.settled(q, start))
-        v = oracle.held_velocity(q, v)
+        v = oracle.constrained_velocity(q, v)
     effort = _push(oracle, q, attempt, slower)
     v *= slower
     if attempt < HELD:

@@ -58,7 +58,7 @@ def _held_at_a_limit(world: World) -> str:
             continue
         unit = np.zeros(oracle.nv)
         unit[at_v.start] = 1.0
-        if all(abs(oracle.held_velocity(where, unit)[at_v.start]) < LOCKED for where in (start, q)):
+        if all(abs(oracle.constrained_velocity(where, unit)[at_v.start]) < LOCKED for where in (start, q)):
             at = f"at {own + 0.0:.6g}, within {MARGIN:.0%} of its range to a limit, or beyond: {low:g} to {high:g}"
             return f"constraints hold joint {body.joint.name!r} {at}, so that every motion is at a limit"
     return ""

@@ -19,7 +19,7 @@ from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
 from simspec.proof.inside import MIDDLE, Stops, inside
 from simspec.world.derived import derived
-from simspec.world.kinematics import initial_state, rubbing
+from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.types import Follow, World
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ class SumLimits:
     def operation(self, world: World) -> Operation:
         """What an engine is asked (see ``engines/kit/worker.py``)."""
         arrays = {name: np.array([getattr(trial, name) for trial in self.trials]) for name in ("q", "v", "effort")}
-        arrays["rubbing"] = rubbing(world)
+        arrays["rubbing"] = frictional_coordinates(world)
         return Operation("stopped", {"steps": [STEPS] * len(self.trials)}, arrays, world)
 
 

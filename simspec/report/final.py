@@ -11,7 +11,7 @@ from rich.table import Table
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.report.kit import table
 from simspec.runner.run import Run
-from simspec.world.carriers import shown_as
+from simspec.world.carriers import display_name
 from simspec.world.frames import to_rpy
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import World
@@ -29,7 +29,7 @@ def shown_bodies(world: World, show: Sequence[str]) -> list[str]:
     groups = rigid_groups(world)
     # of a root with several joints the body itself, not what stands between them
     tops = [body for body in world.bodies if body.joint.parent is None and groups[body.name] != "world"]
-    return [shown_as(body.name, names) for body in tops]
+    return [display_name(body.name, names) for body in tops]
 
 
 def shown_joints(world: World, show: Sequence[str]) -> list[str]:

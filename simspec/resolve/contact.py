@@ -14,7 +14,7 @@ from simspec.language.vocabulary import LAW_QUANTITIES
 from simspec.resolve.bodies import DEFAULT_MATERIAL, Expansion
 from simspec.world.carriers import joined
 from simspec.world.kinematics import rigid_groups
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import Contact, Hardness, Material, PairContact, World
 
 Names = tuple[str, str]
@@ -198,11 +198,11 @@ def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, st
                     problems.append(
                         source.document.problem(path, f"there is no body {name!r}", found=name, hint=near(name, bodies))
                     )
-    apart = {ordered(*pair) for pair in (*written.exclude, *expansion.excluded)}
-    together = {ordered(*pair) for pair in expansion.held} | joined(expansion.bodies)
+    apart = {sorted_pair(*pair) for pair in (*written.exclude, *expansion.excluded)}
+    together = {sorted_pair(*pair) for pair in expansion.held} | joined(expansion.bodies)
     if not problems and not expansion.problems:
         problems += _untouchable(source, expansion, apart, together)
-    touching = {ordered(*pair) for pair in (*written.touch, *expansion.touching)}
+    touching = {sorted_pair(*pair) for pair in (*written.touch, *expansion.touching)}
     return tuple(sorted(apart | (together - touching))), problems
 
 
@@ -211,7 +211,7 @@ def _untouchable(source: Source, expansion: Expansion, apart: set[Names], togeth
     problems = []
     groups = rigid_groups(World("", expansion.bodies))
     for index, (first, second) in enumerate(source.content.contact.touch):
-        pair, path = ordered(first, second), ("contact", "touch", index)
+        pair, path = sorted_pair(first, second), ("contact", "touch", index)
         if pair in apart:
             message, hint = f"{first} and {second} are excluded from contact", "remove one of the two"
         elif groups[first] == groups[second]:

@@ -12,7 +12,7 @@ from simspec.language.moments import principal_moments
 from simspec.language.sources import Source
 from simspec.world import frames
 from simspec.world.carriers import is_carrier, owner_of
-from simspec.world.gathering import gathered, rigid_members, singular, summed
+from simspec.world.gathering import lumped, rigid_members, singular, summed
 from simspec.world.kinematics import joint_displacement
 from simspec.world.types import Body, Inertial, Pose, World
 
@@ -45,7 +45,7 @@ def unlike_weights(source: Source, bodies: Sequence[Body], kinematic: Container[
     """The problems of rigid groups that are told as one and whose bodies have unlike parts of their weights, and of kinematic
     bodies, whose weight counts for nothing, with a part of it."""
     problems = []
-    gathers = gathered(World("", tuple(bodies)))
+    gathers = lumped(World("", tuple(bodies)))
     for top, members in rigid_members(bodies).items():
         scales = {body.gravity_scale for body, _ in members if body.inertial.mass > 0.0}
         named = next((body.name for body, _ in members if body.gravity_scale != 1.0), None)
@@ -108,7 +108,7 @@ def _mass_matrix(row: Sequence[Body], whole: Inertial) -> np.ndarray:
             columns.append((axis, 0.0 * axis) if straight else (-np.cross(axis, np.array(frame.position)), axis))
         frame = placed
     centre = np.array(frames.add(frame.position, frames.rotate(frame.quaternion, whole.centre_of_mass)))
-    xx, yy, zz, xy, xz, yz = frames.turn_inertia(frame.quaternion, whole.inertia)
+    xx, yy, zz, xy, xz, yz = frames.rotate_inertia(frame.quaternion, whole.inertia)
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     moving = [(linear + np.cross(angular, centre), angular) for linear, angular in columns]
     mass: np.ndarray = np.array([[whole.mass * (v @ w) + a @ tensor @ b for w, b in moving] for v, a in moving])

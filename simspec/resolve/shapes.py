@@ -90,7 +90,7 @@ def _seen_from(frame: Pose, linear: Vector3, angular: Vector3) -> Velocity6:
 
 
 def _all(shapes: tuple[Shape, ...]) -> list[Fill]:
-    return [_fill(shape) for shape in shapes if not SHAPES[shape.kind].still]
+    return [_fill(shape) for shape in shapes if not SHAPES[shape.kind].static]
 
 
 def _fill(shape: Shape) -> Fill:

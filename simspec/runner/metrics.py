@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.mapped import parts, release, zeros
-from simspec.world.along import Along
+from simspec.world.along import JointSums
 from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.rotations import logarithm, matrices
 from simspec.world.types import Inertial, World
@@ -135,7 +135,7 @@ def _energy(world: World, arrays: Arrays) -> tuple[np.ndarray, np.ndarray]:
             q = arrays["q"][:, position]
             bent = logarithm(q) if joint.kind == "ball" else q - joint.spring_rest
             potential += 0.5 * joint.spring_stiffness * np.einsum("ti,ti->t", bent, bent)
-    along = Along(world.bodies, world.sums)
+    along = JointSums(world.bodies, world.sums)
     stretch = along.lengths(arrays["q"]) - along.rest
     potential += 0.5 * (stretch * stretch) @ along.stiffness
     return kinetic, potential

@@ -74,7 +74,7 @@ def acceptance(engine: str, feature: str) -> str:
     return f"accept it by name: engines.{engine}.accept: [{feature}], or --accept {feature}"
 
 
-def not_here(reason: str | None) -> Refinement | None:
+def unsupported_if(reason: str | None) -> Refinement | None:
     """That a world is not covered, for a ``reason``; None without one."""
     return None if reason is None else Refinement(Level.UNSUPPORTED, reason)
 
@@ -198,14 +198,14 @@ def not_yet(why: str, attempt: Attempt) -> Support:
 Table = Mapping[Feature, Support]
 
 
-def alike(support: Support, *features: Feature) -> dict[Feature, Support]:
+def for_each(support: Support, *features: Feature) -> dict[Feature, Support]:
     """One declaration for each of ``features``. They are named, so that :func:`check_total` sees that a new one is missing."""
     return dict.fromkeys(features, support)
 
 
 def exactly(*features: Feature) -> dict[Feature, Support]:
     """EXACT for each of ``features``, with nothing to add."""
-    return alike(EXACT, *features)
+    return for_each(EXACT, *features)
 
 
 def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
@@ -228,21 +228,21 @@ AS_EFFORTS = "as efforts Jᵀ F on the joints before every step, J from the engi
 """How engines are given forces on bodies."""
 
 
-UNTOLD_FRAMES = Support(
+FRAMES_ALONGSIDE = Support(
     Level.EXACT,
     "beside the engine, which is told none: no motion depends on them, and their places follow from bodies'",
 )
 """Of named frames, for dialects and engines that have none."""
 
 
-NO_CONSTRAINTS_YET: Mapping[Feature, Support] = alike(
+NO_CONSTRAINTS_YET: Mapping[Feature, Support] = for_each(
     not_yet("simspec tells it no constraints outside the tree", Attempt.CONSTRAINED_MOTION),
     *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
 )
 """For formats, dialects and engines that nobody has told ``World.constraints``."""
 
 
-GATHERED: Mapping[Feature, Support] = alike(
+LUMPED: Mapping[Feature, Support] = for_each(
     Support(Level.EXACT, "the topmost body of the rigid group is told the inertia of the whole group"),
     *(Feature.MASSLESS, Feature.INERTIA_SINGULAR),
 )

@@ -11,7 +11,7 @@ from simspec.world.carriers import is_carrier, joined, owner_of
 from simspec.world.gathering import singular
 from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
 from simspec.world.meeting import meeting_laws
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import Follow, Inertial, PairContact, World
 
 LARGE_TREE = 127
@@ -181,7 +181,7 @@ def _contact_needs(world: World, laws: Iterable[PairContact], note: Callable[[Fe
     joints = joined(world.bodies)
     if any(pair not in joints for pair in world.contact.excluded_bodies):
         note(Feature.EXCLUDED_PAIRS, "contact.exclude")
-    held = {ordered(one.first, one.second) for one in world.constraints if not isinstance(one, Follow)}
+    held = {sorted_pair(one.first, one.second) for one in world.constraints if not isinstance(one, Follow)}
     excluded = set(world.contact.excluded_bodies)
     if any(CollisionFilter(world).may_touch(*pair) for pair in sorted((joints | held) - excluded)):
         note(Feature.TOUCHING_PAIRS, "contact.touch")

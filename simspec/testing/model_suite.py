@@ -91,7 +91,7 @@ def known(bench: Bench, world: World) -> Known:
         if body.joint.position_limits is not None:
             start[at] = sum(body.joint.position_limits) / 2
     start = oracle.settled(start, initial_state(world)[0])
-    speed = oracle.held_velocity(start, speed)
+    speed = oracle.constrained_velocity(start, speed)
     q[0], v[0] = start, speed
     effort = 0.2 * np.diag(oracle.mass_matrix(start))
     channels = () if bench.lacks("energy") else ("energy",)

@@ -21,7 +21,7 @@ from simspec.world.boxes import boxed
 from simspec.world.carriers import carrier_name
 from simspec.world.fluid import Fluid
 from simspec.world.heightfield import size_of
-from simspec.world.tuples import ordered, quaternion, vector3
+from simspec.world.tuples import quaternion, sorted_pair, vector3
 from simspec.world.types import (
     Body,
     Contact,
@@ -65,7 +65,7 @@ def inertial(generator: random.Random, reach: float = 0.1) -> Inertial:
     principal = (moments[1] + moments[2], moments[0] + moments[2], moments[0] + moments[1])
     turn = frames.normalise(quaternion(generator.gauss(0, 1) for _ in range(4)))
     centre = vector3(generator.uniform(-reach, reach) for _ in range(3))
-    return Inertial(mass, centre, frames.turn_inertia(turn, (*principal, 0.0, 0.0, 0.0)))
+    return Inertial(mass, centre, frames.rotate_inertia(turn, (*principal, 0.0, 0.0, 0.0)))
 
 
 def joint(kind: str, name: str, parent: str | None, generator: random.Random, **more: Any) -> Joint:
@@ -110,7 +110,7 @@ def tree(
 
 def parent_pairs(bodies: tuple[Body, ...]) -> tuple[tuple[str, str], ...]:
     """The sorted pairs of bodies joined by a joint."""
-    return tuple(sorted(ordered(b.name, b.joint.parent) for b in bodies if b.joint.parent is not None))
+    return tuple(sorted(sorted_pair(b.name, b.joint.parent) for b in bodies if b.joint.parent is not None))
 
 
 def world(bodies: tuple[Body, ...], name: str = "test", **more: Any) -> World:
@@ -164,7 +164,7 @@ POINT = Inertial(0.4, (0.02, -0.03, 0.05))
 def rod(mass: float, length: float, turn: tuple[float, float, float, float] = frames.IDENTITY) -> Inertial:
     """A rod along z of the turned axes, which no torque about itself stops from turning."""
     across = mass * length * length / 12.0
-    return Inertial(mass, (0.0, 0.03, 0.0), frames.turn_inertia(turn, (across, across, 0.0, 0.0, 0.0, 0.0)))
+    return Inertial(mass, (0.0, 0.03, 0.0), frames.rotate_inertia(turn, (across, across, 0.0, 0.0, 0.0, 0.0)))
 
 
 def weightless() -> World:

@@ -14,7 +14,7 @@ from simspec.world.types import Body, World
 Array = NDArray[np.float64]
 
 
-class Along:
+class JointSums:
     """Some sums of the joints of some bodies, parents before children.
 
     ``weights`` (sums, nv): the coefficients, L̇ = weights v; ``stiffness``, ``rest``, ``damping`` (sums,).
@@ -65,7 +65,7 @@ class Along:
 
 def beyond_limits(world: World, states: Array) -> str | None:
     """The name of a sum that is beyond its limits at one of some positions (n, nq); None where there is none."""
-    along = Along(world.bodies, world.sums)
+    along = JointSums(world.bodies, world.sums)
     for one, lengths in zip(along.sums, along.lengths(states).T, strict=True):
         limits = one.position_limits
         if limits is not None and (lengths.min() < limits[0] or lengths.max() > limits[1]):

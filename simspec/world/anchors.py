@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.world import frames
-from simspec.world.kinematics import held_trees, poses, rigid_groups, within
+from simspec.world.kinematics import constrained_trees, poses, rigid_groups, within
 from simspec.world.tuples import quaternion
 from simspec.world.types import VELOCITY_SIZE, Body, Inertial, Joint, Pose, Vector3, Weld, World
 from simspec.world.violation import Violation
@@ -36,7 +36,7 @@ def anchors(world: World) -> Mapping[str, Vector3]:
     initial positions."""
     place, groups = poses(world), rigid_groups(world)
     found: dict[str, Vector3] = {}
-    for bodies in held_trees(world):
+    for bodies in constrained_trees(world):
         welds = [
             one
             for one in within(world, bodies).constraints

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from simspec.world import frames
 from simspec.world.fluid import LEAST, Box
-from simspec.world.gathering import gathered, rigid_members
+from simspec.world.gathering import lumped, rigid_members
 from simspec.world.principal import clip_flat, principal_axes
 from simspec.world.types import Body, Inertial, Quaternion, Vector3, World
 
@@ -19,7 +19,7 @@ ALONG = 1e-9
 def moments_along(inertia: tuple[float, ...], axes: Quaternion) -> Vector3 | None:
     """The principal moments about ``axes`` of a tensor (xx, yy, zz, xy, xz, yz) that is given in the body's axes; None where
     these are not its principal axes."""
-    xx, yy, zz, *products = frames.turn_inertia(frames.conjugate(axes), inertia)
+    xx, yy, zz, *products = frames.rotate_inertia(frames.conjugate(axes), inertia)
     if max(map(abs, products)) > ALONG * (xx + yy + zz):
         return None
     return clip_flat((xx, yy, zz))
@@ -44,7 +44,7 @@ def boxed(bodies: Sequence[Body], kinematic: Container[str]) -> tuple[Body, ...]
     """The bodies of a world with a fluid, each with the box by which it feels it: of what cannot move none, and of a rigid
     group that is told as one (``world/gathering.py``) one, at its topmost body. ``bodies``: those with mass have a box of their
     own already; ``kinematic``: the names of those whose mass is another since."""
-    told = gathered(World("", tuple(bodies)))
+    told = lumped(World("", tuple(bodies)))
     boxes: dict[str, Box] = {}
     for top, members in rigid_members(bodies).items():
         if top not in told:

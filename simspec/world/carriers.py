@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Final
 
 from simspec.world.derived import derived
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import Body, Follow, Inertial, World
 
 CARRYING: Final = ("hinge", "slide")
@@ -28,7 +28,7 @@ def is_carrier(name: str) -> bool:
     return "." in name
 
 
-def shown_as(name: str, names: Container[str]) -> str:
+def display_name(name: str, names: Container[str]) -> str:
     """The body that tables show for one of this name: the one whose joint it carries, where ``names`` has that."""
     owner = owner_of(name)
     return owner if owner in names else name
@@ -46,11 +46,11 @@ def joined(bodies: Sequence[Body]) -> set[tuple[str, str]]:
     for body in bodies:
         above = body.joint.parent
         if above is not None:
-            pairs.add(ordered(body.name, above))
+            pairs.add(sorted_pair(body.name, above))
         while above is not None and is_carrier(above):
             above = parents[above]
         if above is not None:
-            pairs.add(ordered(body.name, above))
+            pairs.add(sorted_pair(body.name, above))
     return pairs
 
 

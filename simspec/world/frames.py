@@ -232,7 +232,7 @@ def inverse(a: Pose) -> Pose:
     return Pose((0.0 - x, 0.0 - y, 0.0 - z), back)
 
 
-def turn_inertia(q: Quaternion, inertia: tuple[float, ...]) -> tuple[float, float, float, float, float, float]:
+def rotate_inertia(q: Quaternion, inertia: tuple[float, ...]) -> tuple[float, float, float, float, float, float]:
     """R I Rᵀ for an inertia (xx, yy, zz, xy, xz, yz)."""
     if q == IDENTITY:
         return tuple(inertia)  # type: ignore[return-value]

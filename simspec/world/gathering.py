@@ -68,7 +68,7 @@ def summed(parts: Iterable[tuple[Inertial, Pose]]) -> Inertial:
         m = inertial.mass
         mass += m
         weighted = frames.add(weighted, (m * x, m * y, m * z))
-        placed.append((m, centre, frames.turn_inertia(pose.quaternion, inertial.inertia)))
+        placed.append((m, centre, frames.rotate_inertia(pose.quaternion, inertial.inertia)))
     if not placed:
         return NOTHING
     whole = placed[0][1]
@@ -84,7 +84,7 @@ def summed(parts: Iterable[tuple[Inertial, Pose]]) -> Inertial:
 
 
 @derived
-def gathered(world: World) -> Mapping[str, Inertial]:
+def lumped(world: World) -> Mapping[str, Inertial]:
     """What engines are told of the bodies whose inertia is gathered on the topmost body of their rigid group, by name: that
     body has the whole, the others nothing. Empty where no group needs it."""
     told: dict[str, Inertial] = {}
@@ -97,10 +97,10 @@ def gathered(world: World) -> Mapping[str, Inertial]:
     return MappingProxyType(told)
 
 
-def told_gravity_scale(world: World, body: Body) -> float:
+def lumped_gravity_scale(world: World, body: Body) -> float:
     """The ``gravity_scale`` that engines are told of a body: where inertia is gathered, that of the bodies with mass, which
     have the same (``resolve/masses.py``)."""
-    if body.name not in gathered(world):
+    if body.name not in lumped(world):
         return body.gravity_scale
     for members in rigid_members(world.bodies).values():
         if any(member.name == body.name for member, _ in members):
@@ -108,7 +108,7 @@ def told_gravity_scale(world: World, body: Body) -> float:
     return body.gravity_scale
 
 
-def told_inertial(world: World, body: Body) -> Inertial:
+def lumped_inertial(world: World, body: Body) -> Inertial:
     """The inertia that engines are told of a body. Its centre of mass is, of a free root, the point whose position is
     integrated."""
-    return gathered(world).get(body.name, body.inertial)
+    return lumped(world).get(body.name, body.inertial)

@@ -24,7 +24,7 @@ import numpy as np
 
 from simspec.world import frames
 from simspec.world.derived import derived
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.tuples import quaternion, vector3
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Constraint, Follow, Pose, World
 
@@ -57,7 +57,7 @@ def layout_of(world: World) -> Layout:
     return layout(world.bodies)
 
 
-def rubbing(world: World) -> np.ndarray:
+def frictional_coordinates(world: World) -> np.ndarray:
     """The places in v (n,) of the hinges and slides with dry friction, their own or along a sum of their positions."""
     parts = layout_of(world).velocity
     summed = {joint for one in world.sums if one.dry_friction for joint, _ in one.joints}
@@ -76,7 +76,7 @@ def initial_state(world: World) -> tuple[np.ndarray, np.ndarray]:
             v.extend(joint.velocity)
             continue
         turn = quaternion(joint.position[3:7])
-        lever = frames.rotate(turn, told_inertial(world, body).centre_of_mass)
+        lever = frames.rotate(turn, lumped_inertial(world, body).centre_of_mass)
         linear, angular = vector3(joint.velocity[:3]), vector3(joint.velocity[3:])
         q.extend(frames.add(vector3(joint.position[:3]), lever))
         q.extend(turn)
@@ -150,7 +150,7 @@ def trees(world: World) -> Mapping[str, tuple[Body, ...]]:
 
 
 @derived
-def held_trees(world: World) -> tuple[tuple[Body, ...], ...]:
+def constrained_trees(world: World) -> tuple[tuple[Body, ...], ...]:
     """The bodies of the trees that move together: of one tree, or of several that constraints or sums of joint positions
     join; in the world's order."""
     owner = {body.joint.name: body.name for body in world.bodies}

@@ -28,7 +28,7 @@ def part(kind: str, size: Sequence[float], pose: Pose, mass: float) -> Part:
 
 def turned(principal: Vector3, turn: Quaternion) -> Inertia6:
     """The tensor (xx, yy, zz, xy, xz, yz) in body axes of principal moments about axes turned by ``turn``."""
-    return frames.turn_inertia(turn, (*principal, 0.0, 0.0, 0.0))
+    return frames.rotate_inertia(turn, (*principal, 0.0, 0.0, 0.0))
 
 
 def combined(parts: Sequence[Part], mass: float | None = None) -> Inertial:

@@ -85,7 +85,7 @@ def frictionless(world: World) -> bool:
 
 
 @derived
-def balls_alone(world: World) -> bool:
+def only_free_spheres(world: World) -> bool:
     """Whether the world is without friction, all that moves is a free body by itself, held to no other, and each has spheres
     alone as collision shapes: every two shapes then meet in one point."""
     groups = rigid_groups(world)

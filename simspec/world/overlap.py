@@ -21,7 +21,7 @@ from simspec.world import frames
 from simspec.world.heightfield import field_of
 from simspec.world.kinematics import CollisionFilter, poses
 from simspec.world.shapes import SHAPES, Round, ShapeKind
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import Body, Pose, Shape, World
 
 DEEP = 0.1
@@ -112,7 +112,7 @@ def _beyond(world: World) -> Callable[[Solid, Solid], float]:
     stated = {(pair.first, pair.second): pair.margin for pair in world.contact.pairs if pair.margin is not None}
 
     def beyond(solid: Solid, other: Solid) -> float:
-        margin = stated.get(ordered(solid.shape.material, other.shape.material)) if stated else None
+        margin = stated.get(sorted_pair(solid.shape.material, other.shape.material)) if stated else None
         return 0.0 if margin is None else margin - solid.shape.margin - other.shape.margin
 
     return beyond

@@ -11,13 +11,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from simspec.language.vocabulary import STILL_SHAPES
+from simspec.language.vocabulary import STATIC_SHAPES
 from simspec.world.derived import derived
 from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.shapes import SHAPES
 from simspec.world.slots import jamming_materials
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import Body, Shape, World
 
 MANY = 400
@@ -76,7 +76,7 @@ def reach(world: World, first: str, second: str) -> Reach:
     masses, groups = _masses(world), rigid_groups(world)
     kinematic, leaning = _kinematic(world), _leaning(world)
     ratio, leans, carries, crosses = 0.0, False, False, False
-    jams, squeezes = ordered(first, second) in _slots(world), False
+    jams, squeezes = sorted_pair(first, second) in _slots(world), False
     moved: set[str] = set()
     for one, other in _touching(world, frozenset((first, second))):
         moving = [body for body in (one, other) if _moves(world, body)]
@@ -139,7 +139,7 @@ def _clamps(world: World, body: Body, partner: Body) -> bool:
         return False
     gap = _gaps(world)[body.name]
     return any(
-        shape.kind not in STILL_SHAPES and 2.0 * SHAPES[shape.kind].inner_radius(shape.size) < gap
+        shape.kind not in STATIC_SHAPES and 2.0 * SHAPES[shape.kind].inner_radius(shape.size) < gap
         for shape in solid_shapes(partner)
     )
 

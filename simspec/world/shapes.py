@@ -62,7 +62,7 @@ class ShapeKind:
     grid: bool = False
 
     @property
-    def still(self) -> bool:
+    def static(self) -> bool:
         """Whether only bodies that cannot move have it; it has no mass."""
         return self.endless or self.grid
 

@@ -16,7 +16,7 @@ from simspec.world.kinematics import CollisionFilter, poses
 from simspec.world.meeting import solid_shapes
 from simspec.world.overlap import Solid, bounding_spheres_meet, separation, solid_at
 from simspec.world.shapes import SHAPES, Round
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import Body, Shape, World
 
 MOST_WALLS = 500
@@ -70,7 +70,7 @@ def _materials(allowed: CollisionFilter, body: Body, wall: Solid) -> set[tuple[s
     """The sorted pairs of materials in which a body may touch a wall."""
     if not allowed.may_touch(body.name, wall.body):
         return set()
-    pairs = {ordered(shape.material, wall.shape.material) for shape in solid_shapes(body)}
+    pairs = {sorted_pair(shape.material, wall.shape.material) for shape in solid_shapes(body)}
     return {pair for pair in pairs if allowed.may_materials_touch(*pair)}
 
 

@@ -19,12 +19,12 @@ def quaternion(values: Iterable[float]) -> Quaternion:
     return (w, x, y, z)
 
 
-def six(values: Iterable[float]) -> tuple[float, float, float, float, float, float]:
+def vector6(values: Iterable[float]) -> tuple[float, float, float, float, float, float]:
     """Six numbers: an inertia, or the velocity of a body. Raises ValueError for another count."""
     a, b, c, d, e, f = values
     return (a, b, c, d, e, f)
 
 
-def ordered(first: str, second: str) -> tuple[str, str]:
+def sorted_pair(first: str, second: str) -> tuple[str, str]:
     """Two names, the smaller one first."""
     return (first, second) if first <= second else (second, first)

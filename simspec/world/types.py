@@ -35,7 +35,7 @@ LEFT_OUT = {"left_out": True}
 """Metadata of a field that canonical JSON leaves out while it has its default: younger than worlds whose hashes must stay."""
 
 PlainValue = bool | int | float | str
-HeldValue = PlainValue | tuple[PlainValue, ...]
+EngineValue = PlainValue | tuple[PlainValue, ...]
 """A plain value, or several, that an engine holds under a name of its own."""
 
 
@@ -379,7 +379,7 @@ class World:
 
 
 @dataclass(frozen=True, slots=True)
-class HeldPair:
+class EnginePair:
     """The law of two shapes that an engine holds as a pair, and which overrides the numbers of both.
 
     ``first`` and ``second`` are names of shapes, ``first`` < ``second``; ``margin``: of both together (m).
@@ -392,7 +392,7 @@ class HeldPair:
 
 
 @dataclass(frozen=True, slots=True)
-class HeldServo:
+class EngineServo:
     """A position or velocity controller of its own that an engine holds for a joint: gains as in
     :class:`simspec.world.control.Controller`, and the largest effort (None: unlimited)."""
 
@@ -421,10 +421,10 @@ class ReadBack:
     timestep: float
     friction_cone: str = "elliptic"
     unreadable: dict[str, str] = field(default_factory=dict)
-    pairs: tuple[HeldPair, ...] = ()
-    servos: tuple[HeldServo, ...] = ()
-    inventory: dict[str, HeldValue] = field(default_factory=dict)
-    neutral: dict[str, HeldValue] = field(default_factory=dict)
+    pairs: tuple[EnginePair, ...] = ()
+    servos: tuple[EngineServo, ...] = ()
+    inventory: dict[str, EngineValue] = field(default_factory=dict)
+    neutral: dict[str, EngineValue] = field(default_factory=dict)
     constraints: tuple[Constraint, ...] = field(default=(), metadata=LEFT_OUT)
     sums: tuple[JointSum, ...] = field(default=(), metadata=LEFT_OUT)
     frames: tuple[Frame, ...] | None = field(default=None, metadata=LEFT_OUT)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import layout
 from simspec.world.rotations import conjugate, logarithm, matrices, multiply
 from simspec.world.types import Body, Constraint, Follow, Vector3, Weld, World
@@ -85,7 +85,7 @@ class Violation:
                 nowhere, sign = (0.0, 0.0, 0.0), -1.0 if end % 2 else 1.0
                 turning: Sequence[Vector3] = UNIT
                 if joint.kind == "free":
-                    nowhere = told_inertial(world, bodies[above]).centre_of_mass
+                    nowhere = lumped_inertial(world, bodies[above]).centre_of_mass
                     for index, axis in enumerate(UNIT):  # along the world's axes
                         entries.append((end, above, self._identity, axis, True, nowhere, begin, at + index, sign))
                     at += 3

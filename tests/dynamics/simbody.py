@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simspec.world.forces import Force
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.types import Connect, Follow, Weld
 from tests.dynamics.simbody_model import Model, opensim, turned, vector
 
@@ -170,7 +170,7 @@ class Simbody(Model):
         for body in self.world.bodies:
             if body.box is None or body.name in self.still:
                 continue
-            edges, centre = np.array(body.box.edges), np.array(told_inertial(self.world, body).centre_of_mass)
+            edges, centre = np.array(body.box.edges), np.array(lumped_inertial(self.world, body).centre_of_mass)
             own = self._turn(body.name)
             axes = own @ turned(body.box.quaternion).as_matrix()
             velocity = self.bodies[body.name].getVelocityInGround(self.state)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.types import Body, Inertial, Joint, World
 
@@ -117,7 +117,7 @@ class Model:
         self.model.addBody(own)
         self.bodies[body.name] = own
         kind, turn, place = self._kind(joint)
-        at = told_inertial(self.world, body).centre_of_mass if joint.kind == "free" else (0.0,) * 3
+        at = lumped_inertial(self.world, body).centre_of_mass if joint.kind == "free" else (0.0,) * 3
         origin = turned(joint.origin.quaternion) * turn
         made = kind(
             f"j{index}",

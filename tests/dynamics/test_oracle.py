@@ -186,7 +186,7 @@ def test_a_loop_in_a_world_of_one_coordinate():
     (tree, *_), *_ = oracle._parts
     # the centre moves along y, and the violation is the first point less the second
     assert tree.jacobian(np.zeros(1)) == pytest.approx(np.array([[0.0], [-0.5], [0.0]]), abs=1e-15)
-    assert oracle.held_velocity(np.zeros(1), np.ones(1)) == pytest.approx([0.0], abs=1e-15)
+    assert oracle.constrained_velocity(np.zeros(1), np.ones(1)) == pytest.approx([0.0], abs=1e-15)
     q, v = oracle.motion(np.zeros(1), np.zeros(1), np.array([4.0]), 100, 100)
     assert q[-1] == pytest.approx([0.0], abs=1e-12)
     assert v[-1] == pytest.approx([0.0], abs=1e-12)

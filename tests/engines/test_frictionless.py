@@ -14,7 +14,7 @@ from simspec.engines.kit.registry import engines, find_engine
 from simspec.engines.kit.settings import check_settings, default_settings, resolve_settings
 from simspec.errors import UnsupportedError
 from simspec.report.matrix import engine_data
-from simspec.world.meeting import balls_alone, frictionless
+from simspec.world.meeting import frictionless, only_free_spheres
 from simspec.world.types import Body, EngineOptions, Inertial, Joint, PairContact, World
 from tests import worlds
 
@@ -51,8 +51,8 @@ ROUGH = with_friction(SLIPPERY)
 
 
 def test_which_worlds_are_without_friction():
-    assert (frictionless(SLIPPERY), balls_alone(SLIPPERY)) == (True, True)
-    assert (frictionless(ROUGH), balls_alone(ROUGH)) == (False, False)
+    assert (frictionless(SLIPPERY), only_free_spheres(SLIPPERY)) == (True, True)
+    assert (frictionless(ROUGH), only_free_spheres(ROUGH)) == (False, False)
     one_pair = (*SLIPPERY.contact.pairs, PairContact("moss", "moss", 0.1, 0.0))
     assert not frictionless(
         dataclasses.replace(SLIPPERY, contact=dataclasses.replace(SLIPPERY.contact, pairs=one_pair))
@@ -71,7 +71,7 @@ def test_what_is_no_free_ball_keeps_the_ordinary_defaults():
     for name, body in changed.items():
         bodies = tuple(body if one is moving else one for one in SLIPPERY.bodies)
         world = dataclasses.replace(SLIPPERY, bodies=bodies)
-        assert (frictionless(world), balls_alone(world)) == (True, False), name
+        assert (frictionless(world), only_free_spheres(world)) == (True, False), name
 
 
 def test_what_only_shows_and_what_is_fixed_may_be_of_any_shape():
@@ -79,7 +79,7 @@ def test_what_only_shows_and_what_is_fixed_may_be_of_any_shape():
     label = dataclasses.replace(moving.shapes[0], name="label", kind="box", size=(0.1, 0.1, 0.1), collision=False)
     marked = dataclasses.replace(moving, shapes=(*moving.shapes, label))
     world = dataclasses.replace(SLIPPERY, bodies=tuple(marked if one is moving else one for one in SLIPPERY.bodies))
-    assert balls_alone(world)
+    assert only_free_spheres(world)
     assert any(shape.kind != "sphere" for body in SLIPPERY.bodies for shape in body.shapes), "the floor"
 
 
@@ -87,7 +87,7 @@ def test_a_ball_that_carries_another_is_not_alone():
     moving = next(body for body in SLIPPERY.bodies if body.joint.kind == "free")
     joint = Joint("carried_joint", "hinge", moving.name, axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
     carried = Body("carried", moving.model, Inertial(1.0, inertia=moving.inertial.inertia), joint)
-    assert not balls_alone(dataclasses.replace(SLIPPERY, bodies=(*SLIPPERY.bodies, carried)))
+    assert not only_free_spheres(dataclasses.replace(SLIPPERY, bodies=(*SLIPPERY.bodies, carried)))
 
 
 @pytest.mark.parametrize("engine", SLICK)

@@ -69,7 +69,7 @@ def test_what_a_surface_encloses_is_exact_also_where_it_is_not_convex():
     other = trimesh.Trimesh(points, faces, process=False)
     own = enclosed(*merged(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3))).solid
     assert own.volume == pytest.approx(other.volume, rel=1e-14)
-    tensor = frames.turn_inertia(own.frame.quaternion, (*own.moments, 0.0, 0.0, 0.0))
+    tensor = frames.rotate_inertia(own.frame.quaternion, (*own.moments, 0.0, 0.0, 0.0))
     xx, yy, zz, xy, xz, yz = tensor
     np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], other.moment_inertia, rtol=1e-13, atol=1e-14)
 
@@ -98,7 +98,7 @@ def test_masses_are_those_of_another_reader(seed, kind, place, stretch):
     extent = float(np.ptp(points, axis=0).max())
     assert own.solid.volume == pytest.approx(other.volume, rel=1e-12)
     assert np.abs(other.center_mass).max() <= 1e-12 * (extent + np.abs(points).max())
-    xx, yy, zz, xy, xz, yz = frames.turn_inertia(own.solid.frame.quaternion, (*own.solid.moments, 0.0, 0.0, 0.0))
+    xx, yy, zz, xy, xz, yz = frames.rotate_inertia(own.solid.frame.quaternion, (*own.solid.moments, 0.0, 0.0, 0.0))
     tensor = other.moment_inertia
     np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], tensor, atol=1e-12 * np.abs(tensor).max())
     assert made(Surface(points, faces), HULL).hull_volume >= own.solid.volume * (1.0 - 1e-12)

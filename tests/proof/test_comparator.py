@@ -21,11 +21,11 @@ from simspec.world.types import (
     Body,
     Connect,
     Contact,
+    EnginePair,
+    EngineServo,
     Follow,
     Frame,
     Hardness,
-    HeldPair,
-    HeldServo,
     Inertial,
     Joint,
     Material,
@@ -347,7 +347,7 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
         },
         Surface: set(SURFACE_FIELDS),
         Hardness: {"kind", "time_constant", "damping_ratio", "stiffness", "damping"},
-        HeldPair: {"first", "second", "surface", "margin"},
+        EnginePair: {"first", "second", "surface", "margin"},
         Joint: {
             *("name", "kind", "parent", "origin", "axis", "position_limits", "velocity_limit", "effort_limit"),
             *("damping", "dry_friction", "armature", "spring_stiffness", "spring_rest", "position", "velocity"),
@@ -377,7 +377,7 @@ def test_every_field_of_the_types_is_compared_or_known_not_to_be():
         Follow: {"name", "joint", "leader", "ratio", "offset", "kind"},
         Connect: {"name", "first", "second", "first_point", "second_point", "kind"},
         Weld: {"name", "first", "second", "pose", "kind"},
-        HeldServo: {"joint", "kp", "kd", "effort_limit"},
+        EngineServo: {"joint", "kp", "kd", "effort_limit"},
     }
     for kind, fields in named.items():
         assert {field.name for field in dataclasses.fields(kind)} == fields
@@ -544,7 +544,7 @@ def explicit(world: World) -> ReadBack:
     pairs = []
     for first, second in shape_pairs(world, plan.missed):
         law = laws[tuple(sorted((material[first], material[second])))]
-        pairs.append(HeldPair(first, second, Surface(law.friction, hardness=Hardness())))
+        pairs.append(EnginePair(first, second, Surface(law.friction, hardness=Hardness())))
     bodies = tuple(
         dataclasses.replace(
             body,
@@ -576,7 +576,7 @@ def test_explicit_pairs_are_compared_and_must_all_be_there():
     ):
         first = dataclasses.replace(found.pairs[0], surface=dataclasses.replace(found.pairs[0].surface, **changes))
         assert explicit_failures(world, dataclasses.replace(found, pairs=(first, *found.pairs[1:]))) == {name}
-    stray = HeldPair("a0_0", "nothing", Surface(0.5))
+    stray = EnginePair("a0_0", "nothing", Surface(0.5))
     assert explicit_failures(world, dataclasses.replace(found, pairs=(*found.pairs, stray))) == {"explicit pair"}
 
 

@@ -19,7 +19,7 @@ from simspec.proof.touch.place import POSES, Overlaps
 from simspec.world import frames
 from simspec.world.kinematics import CollisionFilter, rigid_groups
 from simspec.world.shapes import SHAPES
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Pose, Shape, World
 from tests import worlds
 
@@ -454,7 +454,7 @@ def test_what_an_engine_is_known_to_overlook_is_told_while_it_is_rare():
     touching = np.array([row for row in touching.tolist() if rules.may_touch(owner[row[1]], owner[row[2]])])
     (check,) = touch_checks(world, meetings, units, touching)
     assert check.passed
-    kinds = [ordered(*(meetings.solids[number].shape.kind for number in row[1:])) for row in touching.tolist()]
+    kinds = [sorted_pair(*(meetings.solids[number].shape.kind for number in row[1:])) for row in touching.tolist()]
     met = {
         kind: {tuple(row[1:]) for row, own in zip(touching.tolist(), kinds, strict=True) if own == kind}
         for kind in kinds

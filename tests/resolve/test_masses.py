@@ -14,7 +14,7 @@ from simspec.language.load import Spec
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.testing import worlds
-from simspec.world.gathering import gathered, rigid_members, singular, summed
+from simspec.world.gathering import lumped, rigid_members, singular, summed
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Inertial, Pose, World
 
@@ -113,13 +113,13 @@ def test_a_model_without_mass_may_be_attached_to_a_carrier():
 def test_what_is_told_moves_as_what_is_meant():
     """The whole of a group on its topmost body has the mass matrix and the bias force of its members."""
     meant = worlds.weightless()
-    told = gathered(meant)
+    told = lumped(meant)
     assert told
     other = dataclasses.replace(
         meant,
         bodies=tuple(dataclasses.replace(body, inertial=told.get(body.name, body.inertial)) for body in meant.bodies),
     )
-    assert not gathered(other)
+    assert not lumped(other)
     q, v = random_states(meant, 2)
     for row in range(2):
         one, two = Oracle(meant), Oracle(other)
@@ -129,9 +129,9 @@ def test_what_is_told_moves_as_what_is_meant():
 
 
 def test_only_what_engines_ask_for_is_gathered():
-    assert not gathered(worlds.tool_frame()), "a body without mass below one with mass"
-    assert not gathered(worlds.every_joint())
-    assert set(gathered(worlds.point_mass())) == {"link0", "link1"}
+    assert not lumped(worlds.tool_frame()), "a body without mass below one with mass"
+    assert not lumped(worlds.every_joint())
+    assert set(lumped(worlds.point_mass())) == {"link0", "link1"}
 
 
 def test_sums_are_those_of_the_parallel_axis_theorem():

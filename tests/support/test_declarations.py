@@ -18,10 +18,10 @@ from simspec.support.declarations import (
     check_total,
     combine,
     never,
-    not_here,
     not_yet,
     outside,
     shape_kinds,
+    unsupported_if,
     via_api,
 )
 from simspec.support.features import Feature
@@ -100,15 +100,15 @@ def test_a_refinement_takes_the_place_of_what_it_names():
     assert (there.level, there.how, there.short, there.refine) == (Level.VIA_API, f"not in {WORLD.name}", "", None)
     noted = approximate("soft", lambda world: Refinement(note="mind the gap"), "a short one").in_world(WORLD)
     assert (noted.level, noted.how, noted.short) == (Level.APPROXIMATE, "soft; mind the gap", "a short one")
-    refused = via_api("set", lambda world: not_here("too large")).in_world(WORLD)
+    refused = via_api("set", lambda world: unsupported_if("too large")).in_world(WORLD)
     assert (refused.level, refused.absence, refused.how) == (Level.UNSUPPORTED, Absence.NEVER, "too large")
-    assert via_api("set", lambda world: not_here(None)).in_world(WORLD) == via_api("set")
+    assert via_api("set", lambda world: unsupported_if(None)).in_world(WORLD) == via_api("set")
 
 
 @pytest.mark.parametrize("swapped", [False, True])
 def test_a_refinement_of_either_side_holds_whatever_the_other_declares(swapped):
     """A dialect's "not in this world" must not be lost because the engine's declaration is the weaker one."""
-    refusing = Support(Level.EXACT, refine=lambda world: not_here("too many"))
+    refusing = Support(Level.EXACT, refine=lambda world: unsupported_if("too many"))
     other = approximate("soft", lambda world: Refinement(Level.VIA_API, "nothing shows it"))
     pair = (other, refusing) if swapped else (refusing, other)
     tables = [TABLE | {Feature.SPRING: one} for one in pair]

@@ -16,9 +16,9 @@ from simspec.support.declarations import (
     approximate,
     combine,
     never,
-    not_here,
     not_yet,
     outside,
+    unsupported_if,
 )
 from simspec.support.features import Feature
 from simspec.support.negotiation import negotiate
@@ -80,7 +80,7 @@ def test_what_was_accepted_or_asked_for_by_name_is_decided():
 
 def test_outside_is_refused_where_it_would_not_be_exact():
     table = TABLE | {
-        Feature.SPRING: outside("at each step", lambda world: not_here(f"{world.name} may touch something"))
+        Feature.SPRING: outside("at each step", lambda world: unsupported_if(f"{world.name} may touch something"))
     }
     world = worlds.with_options(worlds.damped_springs(), "engine", outside=("joint.spring",))
     with pytest.raises(UnsupportedError, match="damped-springs may touch something"):
@@ -165,7 +165,7 @@ def test_what_a_file_and_an_engine_have_in_earlier_releases():
         for pair in ((Support(Level.EXACT, since=since), bounded), (bounded, Support(Level.EXACT, since=since))):
             assert level(*pair, "3.1") is Level.UNSUPPORTED
     # what is refined in both is the weaker of the two
-    refused = Support(Level.EXACT, refine=lambda world: not_here("never here"))
+    refused = Support(Level.EXACT, refine=lambda world: unsupported_if("never here"))
     assert level(refused, bounded, "3.3") is Level.UNSUPPORTED
     with pytest.raises(ValueError, match="since"):
         Support(Level.EXACT, before=half)

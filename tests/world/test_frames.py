@@ -187,7 +187,7 @@ def test_an_inertia_is_turned_from_both_sides(q, inertia):
     xx, yy, zz, xy, xz, yz = inertia
     full, r = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), np.array(frames.matrix(q))
     expected = r @ full @ r.T
-    found = frames.turn_inertia(q, inertia)
+    found = frames.rotate_inertia(q, inertia)
     np.testing.assert_allclose(found, expected[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)], atol=1e-13)
 
 

@@ -173,9 +173,9 @@ def test_random_hulls_agree_with_another_reader(count, seed, stretch, place, sna
     turn=st.tuples(*(st.floats(-1.0, 1.0) for _ in range(4))).filter(lambda q: math.hypot(*q) > 0.1),
 )
 def test_principal_axes_give_the_tensor_back(moments, turn):
-    inertia = frames.turn_inertia(frames.normalise(turn), (*moments, 0.0, 0.0, 0.0))
+    inertia = frames.rotate_inertia(frames.normalise(turn), (*moments, 0.0, 0.0, 0.0))
     xx, yy, zz, xy, xz, yz = inertia
     own, axes = principal([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    again = frames.turn_inertia(frames.from_matrix(axes), (*own, 0.0, 0.0, 0.0))
+    again = frames.rotate_inertia(frames.from_matrix(axes), (*own, 0.0, 0.0, 0.0))
     np.testing.assert_allclose(again, inertia, atol=1e-13 * max(moments))
     assert np.linalg.det(np.array(axes)) == pytest.approx(1.0, rel=1e-12)

@@ -21,7 +21,7 @@ def test_round_figures_stay_round():
 
 @st.composite
 def parts(draw):
-    kind = draw(st.sampled_from(sorted(kind for kind, row in SHAPES.items() if not row.still)))
+    kind = draw(st.sampled_from(sorted(kind for kind, row in SHAPES.items() if not row.static)))
     names = SHAPES[kind].sizes or tuple("xyz")
     size = tuple(draw(st.floats(0.05, 1.0)) for _ in names)
     if SHAPES[kind].points:  # an octahedron of these semi-axes

@@ -96,7 +96,7 @@ def test_limits_of_the_solids():
 
 def test_every_kind_has_a_row_and_every_solid_is_tried():
     assert tuple(SHAPES) == SHAPE_KINDS
-    assert {kind for kind, _ in SOLIDS} == {kind for kind, row in SHAPES.items() if not row.still}
+    assert {kind for kind, _ in SOLIDS} == {kind for kind, row in SHAPES.items() if not row.static}
     assert all(SHAPES[kind].wrong_size(size) is None for kind, size in SOLIDS)
 
 

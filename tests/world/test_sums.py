@@ -18,9 +18,9 @@ from simspec.proof.inside import Stops, inside
 from simspec.proof.selftest_worlds import bench, sums
 from simspec.proof.selftest_worlds import sum_limits as limited
 from simspec.runner import metrics
-from simspec.world.along import Along
+from simspec.world.along import JointSums
 from simspec.world.canonical import canonical_json, from_plain
-from simspec.world.kinematics import held_trees, initial_state
+from simspec.world.kinematics import constrained_trees, initial_state
 from simspec.world.sums import JointSum
 from simspec.world.types import World
 
@@ -98,7 +98,7 @@ def test_a_sum_in_an_array_is_copied_with_its_tree():
 
 def test_efforts_are_the_gradient_of_the_energy_and_take_power_out():
     world = sums("")
-    oracle, along = Oracle(world), Along(world.bodies, world.sums)
+    oracle, along = Oracle(world), JointSums(world.bodies, world.sums)
     q, v = np.array([0.3, -0.7]), np.array([0.4, 1.1])
     still = np.zeros(2)
     slope = [(along.energy(q + step) - along.energy(q - step)) / 2e-6 for step in 1e-6 * np.eye(2)]
@@ -118,7 +118,7 @@ def test_efforts_are_the_gradient_of_the_energy_and_take_power_out():
 def test_the_largest_stable_step_is_that_of_one_mass_on_the_spring():
     """m L̈ = −k L with 1/m = c M⁻¹ cᵀ is stable while k dt² < 4 m."""
     world = dataclasses.replace(sums(""), sums=(dataclasses.replace(sums("").sums[0], stiffness=5e6, damping=0.0),))
-    oracle, weights = Oracle(world), Along(world.bodies, world.sums).weights[0]
+    oracle, weights = Oracle(world), JointSums(world.bodies, world.sums).weights[0]
     (found,) = unstable(world)
     assert (found.along, found.damping) == ("tendon", False)
     mobility = weights @ np.linalg.solve(oracle.mass_matrix(initial_state(world)[0]), weights)
@@ -141,7 +141,7 @@ def test_trees_that_a_sum_joins_move_together():
     )
     along = JointSum("rod", (("lower_joint", 1.0), ("lower_joint2", -2.0)), 50.0)
     world = dataclasses.replace(one, bodies=(*one.bodies, *other), sums=(along,))
-    assert [len(bodies) for bodies in held_trees(world)] == [6]
+    assert [len(bodies) for bodies in constrained_trees(world)] == [6]
     q, v = initial_state(world)
     states, _ = Oracle(world).motion(q, v, None, 50, 50)
     free, _ = Oracle(dataclasses.replace(world, sums=())).motion(q, v, None, 50, 50)

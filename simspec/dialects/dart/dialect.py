@@ -36,14 +36,14 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     BETWEEN_JOINTS,
     EXACT,
-    GATHERED,
-    UNTOLD_FRAMES,
+    FRAMES_ALONGSIDE,
+    LUMPED,
     Level,
     Support,
     Table,
     acceptance,
-    alike,
     exactly,
+    for_each,
     never,
     shape_kinds,
     via_api,
@@ -51,7 +51,7 @@ from simspec.support.declarations import (
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import balls_alone, excluded_pairs, frictionless, solid_shapes
+from simspec.world.meeting import excluded_pairs, frictionless, only_free_spheres, solid_shapes
 from simspec.world.types import Body, Inertial, Pose, Quaternion, ReadBack, Shape, Vector3, World
 
 COPY = "{body}.{index}"
@@ -93,7 +93,7 @@ class DartDialect(Dialect):
         Feature.BALL_ARMATURE: never("DART has no armature: what stands for it is of one axis"),
         Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
-        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
+        **for_each(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
         Feature.FREE_ARMATURE: never("DART has no armature of free bodies"),
         Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
@@ -118,12 +118,12 @@ class DartDialect(Dialect):
         Feature.COLLISION_GROUPS: via_api(_SIDECAR),
         Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
         Feature.TOUCHING_PAIRS: via_api(_SIDECAR),
-        **GATHERED,
+        **LUMPED,
         Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
-        **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
-        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
+        **for_each(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+        **for_each(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
         Feature.BALL_LIMIT: never(".skel has no limits of ball joints that DART would stop at their angle"),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
     }
 
     SIDECAR: ClassVar[type[Sidecar]] = DartSidecar
@@ -178,7 +178,7 @@ def contact_solver(world: World, target: Target) -> str:
     if chosen != "auto":
         return chosen
     pyramid = world.contact.friction_cone == "pyramid-circumscribed"
-    return "dantzig" if balls_alone(world) or (pyramid and frictionless(world)) else "nsgs"
+    return "dantzig" if only_free_spheres(world) or (pyramid and frictionless(world)) else "nsgs"
 
 
 def collision_detector(world: World, target: Target) -> str:
@@ -329,8 +329,8 @@ def _filter(nodes: Nodes) -> NodeFilter:
     named = {parts for pair in apart for parts in pair}
     return NodeFilter(
         {
-            class_name(parts): tuple(node_name(node) for node in alike)
-            for parts, alike in nodes.classes().items()
+            class_name(parts): tuple(node_name(node) for node in group)
+            for parts, group in nodes.classes().items()
             if parts in named
         },
         tuple((class_name(one), class_name(other)) for one, other in apart),

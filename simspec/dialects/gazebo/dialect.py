@@ -11,7 +11,7 @@ from simspec.dialects.kit.world_document import world_document
 from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import Document
-from simspec.support.declarations import BETWEEN_JOINTS, GATHERED, Table
+from simspec.support.declarations import BETWEEN_JOINTS, LUMPED, Table
 from simspec.support.features import Feature
 from simspec.world.types import ReadBack, World
 
@@ -21,7 +21,7 @@ class GazeboDialect(Dialect):
 
     NAME: ClassVar[str] = "gazebo"
     FORMAT: ClassVar[str] = "world"
-    SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **GATHERED, Feature.JOINT_SEVERAL: BETWEEN_JOINTS}
+    SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **LUMPED, Feature.JOINT_SEVERAL: BETWEEN_JOINTS}
     SIDECAR: ClassVar[type[Sidecar]] = WorldSidecar
 
     def lower(self, world: World, target: Target) -> Lowered:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from simspec.formats.kit.forms import check_distinct, check_known
 from simspec.world.fluid import Box, Fluid
-from simspec.world.gathering import told_gravity_scale
+from simspec.world.gathering import lumped_gravity_scale
 from simspec.world.types import Body, World
 
 
@@ -69,7 +69,7 @@ class Passive:
 
 def passive_of(world: World) -> Passive | None:
     """What a world has of it; None where it has nothing."""
-    scales = ((body.name, told_gravity_scale(world, body)) for body in world.bodies)
+    scales = ((body.name, lumped_gravity_scale(world, body)) for body in world.bodies)
     passive = Passive(
         tuple(GravityScale(name, scale) for name, scale in scales if scale != 1.0),
         tuple(

@@ -14,7 +14,7 @@ from simspec.formats.kit.forms import check_distinct, check_known
 from simspec.formats.world.format import WORLD, WorldJson
 from simspec.formats.world.tree import Copy, Document
 from simspec.language.vocabulary import HARDNESS_KINDS
-from simspec.support.declarations import GATHERED, Table
+from simspec.support.declarations import LUMPED, Table
 from simspec.world.types import PairContact, ReadBack, World
 
 NOTHING = Copy(0, 0.0, 0.0, 0.0, 0.0)
@@ -53,7 +53,7 @@ class LawSidecar(WorldSidecar):
                     raise ValueError(f"the shape {shape.name!r} of {WORLD} has numbers beside those of sidecar.laws")
 
 
-LAW_SUPPORT: Table = {**WorldJson.SUPPORT, **GATHERED}
+LAW_SUPPORT: Table = {**WorldJson.SUPPORT, **LUMPED}
 """What such files can say."""
 
 

@@ -12,7 +12,7 @@ from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.world import tree
 from simspec.world import frames
-from simspec.world.types import Body, HeldServo, Inertial, Joint, ReadBack, Shape, Surface
+from simspec.world.types import Body, EngineServo, Inertial, Joint, ReadBack, Shape, Surface
 
 
 def world_model(document: tree.Document, sidecar: WorldSidecar) -> ReadBack:
@@ -30,10 +30,10 @@ def world_model(document: tree.Document, sidecar: WorldSidecar) -> ReadBack:
     )
 
 
-def _servos(document: tree.Document) -> tuple[HeldServo, ...]:
+def _servos(document: tree.Document) -> tuple[EngineServo, ...]:
     joints = (body.joint for body in document.bodies)
     return tuple(
-        HeldServo(joint.name, joint.servo.kp, joint.servo.kd, joint.servo.effort_limit)
+        EngineServo(joint.name, joint.servo.kp, joint.servo.kd, joint.servo.effort_limit)
         for joint in joints
         if isinstance(joint, tree.AxisJoint) and joint.servo is not None
     )

@@ -60,17 +60,17 @@ from simspec.formats.mjcf.rows import carrier_frames, depth_first
 from simspec.formats.mjcf.tendons import tendons
 from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Model
 from simspec.support.declarations import (
-    GATHERED,
+    LUMPED,
     Level,
     Refinement,
     Support,
     Table,
-    alike,
     approximate,
     exactly,
+    for_each,
     never,
-    not_here,
     shape_kinds,
+    unsupported_if,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.anchors import anchors
@@ -88,7 +88,9 @@ def heavy_enough(world: World) -> Refinement | None:
     for top, members in rigid_members(world.bodies).items():
         heavy = (min(body.inertial.mass, least_moment(body.inertial)) >= LEAST_INERTIA for body, _ in members)
         if top not in absorbed(world) and not any(heavy):
-            return not_here(f"the inertia of {top!r} is below {LEAST_INERTIA:g} kg or kg m², which MuJoCo refuses")
+            return unsupported_if(
+                f"the inertia of {top!r} is below {LEAST_INERTIA:g} kg or kg m², which MuJoCo refuses"
+            )
     return None
 
 
@@ -161,12 +163,12 @@ class MujocoDialect(Dialect):
         Feature.FREE_DAMPING: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "damping")),
         Feature.FREE_ARMATURE: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "armature")),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
-        **GATHERED,
+        **LUMPED,
         Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one MuJoCo body, which act one after the other"),
         Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "an equality of two joints"),
         Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "an equality of two sites"),
         Feature.FRAME: Support(Level.EXACT, "a site"),
-        **alike(Support(Level.EXACT, "a fixed tendon"), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
+        **for_each(Support(Level.EXACT, "a fixed tendon"), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

@@ -25,18 +25,18 @@ from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.fluid import Box, Fluid
 from simspec.world.sums import JointSum
-from simspec.world.tuples import six
+from simspec.world.tuples import vector6
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
     Body,
     Connect,
     Constraint,
+    EnginePair,
+    EngineServo,
+    EngineValue,
     Follow,
     Frame,
-    HeldPair,
-    HeldServo,
-    HeldValue,
     Inertial,
     Joint,
     Pose,
@@ -322,7 +322,7 @@ class _Raising:
             (red, green, blue, alpha),
             surfaces,
             margin=geom.number("margin") if collides else 0.0,
-            surface_velocity=six(geom.numbers("surfacevel", 6)) if "surfacevel" in geom.values else (0.0,) * 6,
+            surface_velocity=vector6(geom.numbers("surfacevel", 6)) if "surfacevel" in geom.values else (0.0,) * 6,
         )
 
     def _hull(self, geom: Item) -> tuple[float, ...]:
@@ -342,7 +342,7 @@ class _Raising:
         numbers = (item.numbers("solref", 2), item.numbers("solimp", 5))
         return surface(_whole(item, "condim"), friction, *numbers, law, inverse_mass)
 
-    def pairs(self) -> tuple[HeldPair, ...]:
+    def pairs(self) -> tuple[EnginePair, ...]:
         """The explicit pairs, sorted."""
         inverse = self._inverse_masses()
         held = []
@@ -358,13 +358,13 @@ class _Raising:
             weight = inverse[first] + inverse[second]
             law = CommonLaw.of(self.timestep, self._sidecar.settings_between(first, second))
             surface_held = self._surface(pair, (one, torsion, roll), law, weight)
-            held.append(HeldPair(first, second, surface_held, pair.number("margin")))
+            held.append(EnginePair(first, second, surface_held, pair.number("margin")))
         return tuple(sorted(held, key=lambda pair: (pair.first, pair.second)))
 
-    def settings(self) -> dict[str, HeldValue]:
+    def settings(self) -> dict[str, EngineValue]:
         """The solver settings that the file itself holds, as ``settings.NAME``, whatever stands beside it."""
         option, flags = self._document.option, self._document.flags
-        values: dict[str, HeldValue] = {"solver": option.text("solver").lower()}
+        values: dict[str, EngineValue] = {"solver": option.text("solver").lower()}
         values |= {name: _whole(option, name) for name in ("iterations", "ls_iterations", "noslip_iterations")}
         values |= {name: option.number(name) for name in ("tolerance", "ls_tolerance", "ccd_tolerance", "impratio")}
         values |= {name: _word(flags, name, FLAG_WORDS) for name in ("warmstart", "island", "multiccd")}
@@ -373,7 +373,7 @@ class _Raising:
             values["high_impratio"] = values["impratio"]
         return {f"settings.{name}": value for name, value in values.items()}
 
-    def servos(self) -> tuple[HeldServo, ...]:
+    def servos(self) -> tuple[EngineServo, ...]:
         """The actuators: position with kp and kv, velocity with kv; all on one joint, without gear."""
         held = []
         for item in self._document.section("actuator"):
@@ -388,7 +388,7 @@ class _Raising:
                 if lower != -limit:
                     raise item.refused("the effort limit is not the same both ways")
             stiffness = item.number("kp") if "kp" in stated else 0.0
-            held.append(HeldServo(item.text("joint"), stiffness, item.number("kv"), limit))
+            held.append(EngineServo(item.text("joint"), stiffness, item.number("kv"), limit))
         return tuple(held)
 
     def constraints(self) -> tuple[Constraint, ...]:

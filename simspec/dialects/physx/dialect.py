@@ -12,7 +12,7 @@ from simspec.dialects.kit.world_document import world_document
 from simspec.dialects.physx.sidecar import PhysxSidecar
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import Document
-from simspec.support.declarations import GATHERED, Refinement, Support, Table, not_here
+from simspec.support.declarations import LUMPED, Refinement, Support, Table, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.meeting import meeting_laws
 from simspec.world.types import ReadBack, World
@@ -46,7 +46,7 @@ def threshold(world: World) -> float:
 def _one_threshold(world: World) -> Refinement | None:
     found = thresholds(world)
     several = f"PhysX has one threshold for all that bounces, and the pairs here have {', '.join(f'{x:g}' for x in found)} m/s"
-    return not_here(several if len(found) > 1 else None)
+    return unsupported_if(several if len(found) > 1 else None)
 
 
 class PhysxDialect(Dialect):
@@ -56,7 +56,7 @@ class PhysxDialect(Dialect):
     FORMAT: ClassVar[str] = "world"
     SUPPORT: ClassVar[Table] = {
         **WorldJson.SUPPORT,
-        **GATHERED,
+        **LUMPED,
         Feature.RESTITUTION_THRESHOLD: Support(
             WorldJson.SUPPORT[Feature.RESTITUTION_THRESHOLD].level,
             "one for all pairs that bounce",

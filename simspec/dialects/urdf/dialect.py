@@ -31,11 +31,11 @@ from simspec.formats.urdf.document import Document
 from simspec.formats.urdf.from_world import UNLIMITED, Files
 from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
 from simspec.support.declarations import (
-    GATHERED,
-    UNTOLD_FRAMES,
+    FRAMES_ALONGSIDE,
+    LUMPED,
     Table,
-    alike,
     exactly,
+    for_each,
     never,
     shape_kinds,
     via_api,
@@ -86,19 +86,21 @@ class UrdfDialect(Dialect):
     SUPPORT: ClassVar[Table] = {
         **shape_kinds("URDF", LANGUAGE_KINDS),
         **exactly(*_IN_THE_FILE),
-        **alike(via_api(_SIDECAR), *_BY_NAME),
+        **for_each(via_api(_SIDECAR), *_BY_NAME),
         **exactly(*_NOT_OF_FILES),
         Feature.MARGIN_PAIRS: never("simspec writes no margins beside URDF"),
         Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
         Feature.SHAPE_MARGIN: never("simspec writes no margins beside URDF"),
-        **alike(never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING),
-        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
+        **for_each(
+            never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING
+        ),
+        **for_each(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
         Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies beside URDF"),
-        **GATHERED,
-        **alike(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
-        **alike(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
+        **LUMPED,
+        **for_each(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
+        **for_each(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
         Feature.BALL_LIMIT: never("URDF has no ball joints"),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

@@ -28,7 +28,7 @@ from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
     Body,
-    HeldPair,
+    EnginePair,
     Joint,
     ReadBack,
     Shape,
@@ -80,7 +80,7 @@ def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
         constraints=sidecar.constraints or (),
         sums=sidecar.sums or (),
         fluid=fluid_of(sidecar.passive),
-        pairs=tuple(HeldPair(pair.first, pair.second, _surface(pair)) for pair in sidecar.pairs),
+        pairs=tuple(EnginePair(pair.first, pair.second, _surface(pair)) for pair in sidecar.pairs),
     )
 
 

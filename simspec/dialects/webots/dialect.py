@@ -30,22 +30,22 @@ from simspec.formats.wbt.tree import Node
 from simspec.formats.wbt.tree import World as Scene
 from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support.declarations import (
-    GATHERED,
-    UNTOLD_FRAMES,
+    FRAMES_ALONGSIDE,
+    LUMPED,
     Level,
     Refinement,
     Support,
     Table,
-    alike,
     exactly,
+    for_each,
     never,
-    not_here,
     shape_kinds,
+    unsupported_if,
     via_api,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import poses, rigid_groups
 from simspec.world.meeting import solid_shapes
 from simspec.world.types import Body, Inertial, PairContact, Pose, Quaternion, ReadBack, World
@@ -65,7 +65,7 @@ _HELD = "in the sidecar: what no motion depends on"
 def _whole_milliseconds(world: World) -> Refinement | None:
     step = world.physics.timestep * 1e3
     whole = step > 1.0 - WHOLE and abs(step - round(step)) < WHOLE
-    return not_here(None if whole else "Webots' controllers step whole milliseconds, one at least")
+    return unsupported_if(None if whole else "Webots' controllers step whole milliseconds, one at least")
 
 
 def _massless_unsolid(world: World) -> Refinement | None:
@@ -73,11 +73,11 @@ def _massless_unsolid(world: World) -> Refinement | None:
     names = (
         body.name
         for body in world.bodies
-        if groups[body.name] != "world" and not told_inertial(world, body).mass and solid_shapes(body)
+        if groups[body.name] != "world" and not lumped_inertial(world, body).mass and solid_shapes(body)
     )
     name = next(names, None)
     why = f"a Solid without mass of its own has no contacts in Webots, and {name!r} would be one"
-    return not_here(why if name is not None else None)
+    return unsupported_if(why if name is not None else None)
 
 
 class WebotsDialect(Dialect):
@@ -101,17 +101,17 @@ class WebotsDialect(Dialect):
         **shape_kinds("Webots", KINDS),
         **{
             feature: Support(support.level, support.how, refine=_massless_unsolid)
-            for feature, support in GATHERED.items()
+            for feature, support in LUMPED.items()
         },
         Feature.GRAVITY: Support(
             Level.EXACT, "along -z, with a Pose around all Solids that turns other directions there"
         ),
         Feature.TIMESTEP: Support(Level.EXACT, "whole milliseconds alone", refine=_whole_milliseconds),
         Feature.LIMIT_POSITION: Support(Level.EXACT, "minStop and maxStop within ±π; others in the sidecar"),
-        **alike(via_api(_HELD), Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-        **alike(via_api(_SIDECAR), Feature.DAMPING, Feature.BALL_DAMPING, Feature.SPRING, Feature.BALL_SPRING),
-        **alike(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID, Feature.SUM),
-        **alike(
+        **for_each(via_api(_HELD), Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+        **for_each(via_api(_SIDECAR), Feature.DAMPING, Feature.BALL_DAMPING, Feature.SPRING, Feature.BALL_SPRING),
+        **for_each(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID, Feature.SUM),
+        **for_each(
             never("no node of a .wbt has an armature"),
             *(Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.FREE_ARMATURE),
         ),
@@ -122,22 +122,22 @@ class WebotsDialect(Dialect):
         Feature.TREE_DEPTH: never("nobody has tried whether Webots reads Solids nested so deep"),
         Feature.KINEMATIC: never("simspec does not write it for Webots"),
         Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
-        **alike(never("Webots' contact begins where shapes touch"), Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
+        **for_each(never("Webots' contact begins where shapes touch"), Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
         Feature.SURFACE_VELOCITY: never("of a .wbt only Tracks have surfaces that move, which simspec does not write"),
-        **alike(
+        **for_each(
             never("contacts in a .wbt have a softness in s²/kg, for whatever mass"),
             *(Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
         ),
-        **alike(never("simspec does not write it for Webots"), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        **for_each(never("simspec does not write it for Webots"), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot tell Webots the axes of its pyramid"),
         Feature.PASSING_PAIRS: never("a .wbt has no contact of two materials without contact"),
         Feature.COLLISION_GROUPS: never("a .wbt has no groups that pass through each other"),
         Feature.TOUCHING_PAIRS: never("what a joint joins never touches in Webots"),
-        **alike(
+        **for_each(
             never("simspec tells Webots no constraints outside the tree"),
             *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
     }
     SIDECAR: ClassVar[type[Sidecar]] = WebotsSidecar

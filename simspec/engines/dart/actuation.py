@@ -11,7 +11,7 @@ from simspec.engines.dart.coordinates import Tree
 from simspec.engines.dart.simulation import Simulation
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.motors import motor_limit, motor_rate
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.kinematics import natively_driven, trees
 from simspec.world.types import World
 
@@ -29,7 +29,7 @@ def no_springs(world: World) -> Refinement | None:
     served = [name for name in natively_driven(world.bodies, world) if name in sprung]
     if not served:
         return None
-    return not_here(f"DART's servos let no other effort act on their joint, and {served[0]!r} has a spring")
+    return unsupported_if(f"DART's servos let no other effort act on their joint, and {served[0]!r} has a spring")
 
 
 def none_on_servos(world: World) -> Refinement | None:
@@ -51,7 +51,7 @@ def _alone_on_servos(world: World, pushed: Container[str]) -> Refinement | None:
     for bodies in trees(world).values():
         served = natively_driven(bodies, world)
         if served and any(body.name in pushed for body in bodies):
-            return not_here(f"DART's servos let no other effort act on their joint, and {served[0]!r} has one")
+            return unsupported_if(f"DART's servos let no other effort act on their joint, and {served[0]!r} has one")
     return None
 
 
@@ -60,7 +60,7 @@ def none_along_servos(world: World) -> Refinement | None:
     owner = {body.joint.name: body for body in world.bodies}
     for one in world.sums:
         if served := natively_driven([owner[joint] for joint, _ in one.joints], world):
-            return not_here(
+            return unsupported_if(
                 f"DART's servos let no other effort act on their joint, and {served[0]!r} is in {one.name!r}"
             )
     return None

@@ -54,8 +54,8 @@ from simspec.errors import EngineError
 from simspec.support.declarations import (
     AS_EFFORTS,
     EXACT,
+    FRAMES_ALONGSIDE,
     HEAVY,
-    UNTOLD_FRAMES,
     Level,
     Refinement,
     Support,
@@ -70,7 +70,7 @@ from simspec.support.declarations import (
 from simspec.support.features import Feature
 from simspec.world.meeting import frictionless, meeting_laws
 from simspec.world.reach import reach
-from simspec.world.types import Body, HeldValue, PairContact, ReadBack, World
+from simspec.world.types import Body, EngineValue, PairContact, ReadBack, World
 
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
 _SET = "set through dartpy"
@@ -289,7 +289,7 @@ class Dart(SteppedEngine[Simulation]):
         Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
         Feature.SUM: via_api(_COMPUTED, none_along_servos),
         Feature.BALL_LIMIT: never("DART limits the components of the rotation vector, and no angle"),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.SUM_DRY_FRICTION: never(
             "DART has dry friction of single joints, and none along sums of their positions"
         ),
@@ -353,7 +353,7 @@ class Dart(SteppedEngine[Simulation]):
         return Recovery(speed=1e-3, why="takes overlaps back at 1 mm/s at most, which cannot be set")
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         settings = resolve_settings(cls, world)
         detector = detector_of(world, cls.NAME, str(settings["collision_detector"]))
         chosen = {"settings.collision_detector": detector, "settings.contact_solver": chosen_solver(world, settings)}

@@ -13,8 +13,8 @@ from simspec.contact.plan import ContactPlan
 from simspec.engines.dart.inventory import finite, part_name
 from simspec.engines.kit.inventory import Carrier, expected_apart, listed
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import balls_alone, frictionless
-from simspec.world.types import VELOCITY_SIZE, Body, HeldValue, World
+from simspec.world.meeting import frictionless, only_free_spheres
+from simspec.world.types import VELOCITY_SIZE, Body, EngineValue, World
 
 SOLVERS = {"nsgs": "NsgsFrictionSolver", "dantzig": "DantzigBoxedLcpSolver"}
 LAWS = {"elliptic": "Coulomb", "pyramid-circumscribed": "Box"}
@@ -23,8 +23,8 @@ Settings = Mapping[str, bool | int | float | str]
 
 
 def expected(
-    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, HeldValue], detector: str
-) -> dict[str, HeldValue]:
+    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue], detector: str
+) -> dict[str, EngineValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are DART's own values,
     ``detector`` what the setting ``collision_detector`` stands for."""
     groups = rigid_groups(world)
@@ -66,10 +66,12 @@ def chosen_solver(world: World, settings: Settings) -> str:
     if chosen != "auto":
         return chosen
     pyramid = world.contact.friction_cone == "pyramid-circumscribed"
-    return "dantzig" if balls_alone(world) or (pyramid and frictionless(world)) else "nsgs"
+    return "dantzig" if only_free_spheres(world) or (pyramid and frictionless(world)) else "nsgs"
 
 
-def _world(world: World, settings: Settings, neutral: Mapping[str, HeldValue], detector: str) -> dict[str, HeldValue]:
+def _world(
+    world: World, settings: Settings, neutral: Mapping[str, EngineValue], detector: str
+) -> dict[str, EngineValue]:
     solver = chosen_solver(world, settings)
     found = {name: value for name, value in neutral.items() if not name.startswith("nsgs.")}
     fall = math.dist((0.0, 0.0, 0.0), world.physics.gravity) * world.physics.timestep
@@ -97,8 +99,8 @@ def _world(world: World, settings: Settings, neutral: Mapping[str, HeldValue], d
     return found
 
 
-def _skeleton(root: str, world: World, moves: bool) -> dict[str, HeldValue]:
-    held: dict[str, HeldValue] = {
+def _skeleton(root: str, world: World, moves: bool) -> dict[str, EngineValue]:
+    held: dict[str, EngineValue] = {
         "mobile": moves,
         "self_collision": True,
         "adjacent_bodies": True,
@@ -112,12 +114,12 @@ def _skeleton(root: str, world: World, moves: bool) -> dict[str, HeldValue]:
     return {f"skeleton.{root}.{name}": value for name, value in held.items()}
 
 
-def _joint(body: Body, timestep: float) -> dict[str, HeldValue]:
+def _joint(body: Body, timestep: float) -> dict[str, EngineValue]:
     """DART's own spring and damping are none but for the damping that stands for the armature."""
     joint, every = body.joint, VELOCITY_SIZE[body.joint.kind]
     free = (-math.inf, math.inf) * every
     effort = joint.effort_limit
-    held: dict[str, HeldValue] = {
+    held: dict[str, EngineValue] = {
         "actuator": "FORCE",
         "actuators": ("FORCE",) * every,
         "enforced": joint.position_limits is not None,
@@ -135,10 +137,10 @@ def _joint(body: Body, timestep: float) -> dict[str, HeldValue]:
     return {f"joint.{body.name}.{name}": value for name, value in held.items()}
 
 
-def _still(body: Body) -> dict[str, HeldValue]:
+def _still(body: Body) -> dict[str, EngineValue]:
     """The mass of a body that cannot move."""
     xx, yy, zz, xy, xz, yz = body.inertial.inertia
-    held: dict[str, HeldValue] = {
+    held: dict[str, EngineValue] = {
         "mass": body.inertial.mass,
         "centre_of_mass": body.inertial.centre_of_mass,
         "inertia": (xx, xy, xz, xy, yy, yz, xz, yz, zz),
@@ -146,8 +148,8 @@ def _still(body: Body) -> dict[str, HeldValue]:
     return {f"body.{body.name}.{name}": value for name, value in held.items()}
 
 
-def _node(body: Body) -> dict[str, HeldValue]:
-    held: dict[str, HeldValue] = {
+def _node(body: Body) -> dict[str, EngineValue]:
+    held: dict[str, EngineValue] = {
         "kind": "BodyNode",
         "gravity": True,
         "collidable": True,

@@ -22,7 +22,7 @@ from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_li
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+from simspec.world.types import EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 FOREIGN: Final[Mapping[str, Reads]] = {
     "urdf": Reads(
@@ -77,7 +77,7 @@ class Foreign:
         placed = {(node.getSkeleton().getName(), node.getName()): name for node, name in zip(nodes, names, strict=True)}
         links = [_link(node, name, placed) for node, name in zip(nodes, names, strict=True)]
         joints = [node.getParentJoint() for node in nodes]
-        inventory: dict[str, HeldValue] = {
+        inventory: dict[str, EngineValue] = {
             "gravity": tuple(_vector(world.getGravity())),
             "timestep": float(world.getTimeStep()),
             "mimic_joints": sum("imic" in str(joint.getActuatorType()) for joint in joints),

@@ -15,7 +15,7 @@ from simspec.engines.dart.nodes import collision_nodes
 from simspec.engines.dart.simulation import Simulation
 from simspec.engines.kit.inventory import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
-from simspec.world.types import HeldValue, PlainValue
+from simspec.world.types import EngineValue, PlainValue
 
 SOLVER_FLAGS = ("enableContact", "maxNumContacts", "maxNumContactsPerPair", "allowNegativePenetrationDepthContacts")
 DEACTIVATION = ("mEnabled", "mLinearSpeedThreshold", "mAngularSpeedThreshold", "mTimeUntilSleep", "mWakeThresholdScale")
@@ -39,7 +39,7 @@ PER_COORDINATE = {
 }
 
 
-def inventory(sim: Simulation) -> dict[str, HeldValue]:
+def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """Everything else that is held, by name."""
     sidecar = sim.sidecar
     found = of_world(sim.dartpy, sim.world)
@@ -78,7 +78,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     return found
 
 
-def neutral(sim: Simulation) -> dict[str, HeldValue]:
+def neutral(sim: Simulation) -> dict[str, EngineValue]:
     """What a world of DART's holds that was told nothing but its collision detector."""
     world = sim.dartpy.simulation.World("neutral")
     world.setCollisionDetector(
@@ -89,11 +89,11 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
     return found | {f"nsgs.{name}": _value(getattr(options, name)) for name in NSGS}
 
 
-def of_world(dartpy: Any, world: Any) -> dict[str, HeldValue]:
+def of_world(dartpy: Any, world: Any) -> dict[str, EngineValue]:
     """A world's own numbers: threads, sleeping, the solvers of its constraints and the detection of its contacts."""
     solver, detector = world.getConstraintSolver(), world.getCollisionDetector()
     lcp = solver.getBoxedLcpSolver()
-    found: dict[str, HeldValue] = {
+    found: dict[str, EngineValue] = {
         "count.frames": world.getNumSimpleFrames(),
         "count.constraints": solver.getNumConstraints(),
         "world.threads": world.getNumSimulationThreads(),
@@ -131,8 +131,8 @@ def _value(value: Any) -> PlainValue:
     return str(getattr(value, "name", value))
 
 
-def _skeleton(skeleton: Any) -> dict[str, HeldValue]:
-    held: dict[str, HeldValue] = {
+def _skeleton(skeleton: Any) -> dict[str, EngineValue]:
+    held: dict[str, EngineValue] = {
         "mobile": skeleton.isMobile(),
         "self_collision": skeleton.getSelfCollisionCheck(),
         "adjacent_bodies": skeleton.getAdjacentBodyCheck(),
@@ -146,10 +146,10 @@ def _skeleton(skeleton: Any) -> dict[str, HeldValue]:
     return {f"skeleton.{skeleton.getName()}.{name}": value for name, value in held.items()}
 
 
-def _joint(name: str, joint: Any) -> dict[str, HeldValue]:
+def _joint(name: str, joint: Any) -> dict[str, EngineValue]:
     """The joint of a body, by the body's name."""
     every = range(joint.getNumDofs())
-    held: dict[str, HeldValue] = {
+    held: dict[str, EngineValue] = {
         "actuator": _value(joint.getActuatorType()),
         "actuators": tuple(_value(joint.getActuatorTypeForDof(index)) for index in every),
         "enforced": joint.areLimitsEnforced(),
@@ -172,11 +172,11 @@ def _mimics(joint: Any) -> str:
     return named_set(row.mReferenceJoint.getName() for row in rows if row.mReferenceJoint is not None)
 
 
-def _nodes(name: str, nodes: Sequence[Any]) -> dict[str, HeldValue]:
+def _nodes(name: str, nodes: Sequence[Any]) -> dict[str, EngineValue]:
     """Of a body's nodes what each holds, where all hold the same."""
-    found: dict[str, HeldValue] = {}
+    found: dict[str, EngineValue] = {}
     for node in nodes:
-        held: dict[str, HeldValue] = {
+        held: dict[str, EngineValue] = {
             "kind": type(node).__name__,
             "gravity": node.getGravityMode(),
             "collidable": node.isCollidable(),
@@ -190,7 +190,7 @@ def _nodes(name: str, nodes: Sequence[Any]) -> dict[str, HeldValue]:
     return found
 
 
-def _parts(sim: Simulation) -> dict[str, HeldValue]:
+def _parts(sim: Simulation) -> dict[str, EngineValue]:
     """Of every body's material in every layer the numbers of its shapes, and the others that it does not touch: those on nodes
     that were told to be apart, on its own node, and, for what cannot move, on all others of that kind."""
     on: dict[str, set[str]] = {}
@@ -221,7 +221,7 @@ def _parts(sim: Simulation) -> dict[str, HeldValue]:
         others = set().union(*(on[name] for name in apart[node]))
         for part in parts:
             found.setdefault(part, set()).update(others | still if part in still else others)
-    held: dict[str, HeldValue] = {f"apart.{part}": named_set(others - {part}) for part, others in found.items()}
+    held: dict[str, EngineValue] = {f"apart.{part}": named_set(others - {part}) for part, others in found.items()}
     held.update(
         {f"surface.{part}.{key}": values for key, by_part in numbers.items() for part, values in by_part.items()}
     )

@@ -8,7 +8,7 @@ from simspec.control.native import natives
 from simspec.engines.drake.choice import asked_approximation
 from simspec.engines.drake.simulation import Simulation
 from simspec.errors import EngineError
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.types import World
 
 NATIVE = (
@@ -23,11 +23,13 @@ NATIVE = (
 def pd_controllers_hold(world: World) -> Refinement | None:
     """Not supported by TAMSI, nor with an effort limit of zero."""
     if asked_approximation(world) != "sap":
-        return not_here("Drake's PD controllers work by SAP alone, and the spec asks for contact_approximation: tamsi")
+        return unsupported_if(
+            "Drake's PD controllers work by SAP alone, and the spec asks for contact_approximation: tamsi"
+        )
     for controller in natives(world):
         for joint, limit in zip(controller.joints, controller.effort_limits, strict=True):
             if limit == 0.0:
-                return not_here(f"Drake's actuators have an effort limit above zero, and that of {joint!r} is 0")
+                return unsupported_if(f"Drake's actuators have an effort limit above zero, and that of {joint!r} is 0")
     return None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simspec.control.native import natives
-from simspec.support.declarations import Level, Refinement, not_here
+from simspec.support.declarations import Level, Refinement, unsupported_if
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.reach import crossing
@@ -63,7 +63,7 @@ def light_enough(world: World) -> Refinement | None:
     """Kinematic bodies that carry joints are not supported by TAMSI."""
     if asked_approximation(world) != "tamsi" or not carries_joints(world):
         return None
-    return not_here(
+    return unsupported_if(
         "TAMSI fails to converge in the first step of a tree whose root is 1e5 times as heavy as what it carries (measured); "
         "contact_approximation: sap does not"
     )
@@ -103,7 +103,7 @@ def boxes_hold(world: World) -> Refinement | None:
     small = world.physics.timestep <= PRESSURE_SECONDS
     if small or asked_approximation(world) == "tamsi" or not any(law.friction for law in meeting_laws(world).values()):
         return Refinement(Level.EXACT, "by pressure")
-    return not_here(
+    return unsupported_if(
         f"hydroelastic contact with friction by SAP throws boxes off at timesteps above {1e3 * PRESSURE_SECONDS:g} ms "
         "(measured): take a smaller one, or contact_approximation: tamsi"
     )

@@ -38,8 +38,8 @@ from simspec.engines.kit.settings import Group, Setting, written_settings
 from simspec.engines.kit.stepped import SteppedEngine
 from simspec.support.declarations import (
     AS_EFFORTS,
+    FRAMES_ALONGSIDE,
     HEAVY,
-    UNTOLD_FRAMES,
     Attempt,
     Level,
     Refinement,
@@ -48,16 +48,16 @@ from simspec.support.declarations import (
     approximate,
     exactly,
     never,
-    not_here,
     not_yet,
     shape_kinds,
+    unsupported_if,
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import solid_shapes
-from simspec.world.types import VELOCITY_SIZE, HeldValue, PairContact, ReadBack, World
+from simspec.world.types import VELOCITY_SIZE, EngineValue, PairContact, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
 _NOT_YET = "simspec does not write it for Drake"
@@ -82,7 +82,7 @@ def _held_alone(world: World) -> Refinement | None:
 
 def planes_covered(world: World) -> Refinement | None:
     """Not supported where Drake crashes with the planes of a world."""
-    return not_here(_planes_that_crash(world))
+    return unsupported_if(_planes_that_crash(world))
 
 
 def _planes_that_crash(world: World) -> str | None:
@@ -106,7 +106,7 @@ def memory_covered(world: World) -> Refinement | None:
         for body in world.bodies
         for shape in solid_shapes(body)
     )
-    return not_here(too_large(sum(parts), sum(VELOCITY_SIZE[body.joint.kind] for body in world.bodies)))
+    return unsupported_if(too_large(sum(parts), sum(VELOCITY_SIZE[body.joint.kind] for body in world.bodies)))
 
 
 LOST = 3e-7
@@ -119,13 +119,13 @@ def inertia_held(world: World) -> Refinement | None:
     """Not supported where Drake needs too much memory, or where it would lose a moment of inertia in round-off."""
     still = rigid_groups(world)
     for body in world.bodies:
-        inertial = told_inertial(world, body)
+        inertial = lumped_inertial(world, body)
         arm = sum(value * value for value in inertial.centre_of_mass)
         lost = 0.0 < sum(inertial.inertia[:3]) < LOST * inertial.mass * arm
         if (
             lost and body.joint.kind != "free" and still[body.name] != "world"
         ):  # free bodies are told about their centres
-            return not_here(
+            return unsupported_if(
                 f"Drake has inertias about the origins of bodies: moments of {body.name!r} are round-off there"
             )
     return memory_covered(world)
@@ -252,7 +252,7 @@ class Drake(SteppedEngine[Simulation]):
         Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
         Feature.SUM: via_api(_COMPUTED),
         Feature.BALL_LIMIT: never("Drake has no limits of ball joints"),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.SUM_DRY_FRICTION: never(
             "Drake has dry friction of single joints, and none along sums of their positions"
         ),
@@ -358,7 +358,7 @@ class Drake(SteppedEngine[Simulation]):
         return Recovery(speed=speed, why=f"TAMSI takes overlaps back at {1e3 * speed:g} mm/s at most (1/dissipation)")
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
 

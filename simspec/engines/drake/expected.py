@@ -19,7 +19,7 @@ from simspec.world import frames
 from simspec.world.gathering import NOTHING
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import solid_shapes
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, HeldValue, Shape, World
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, EngineValue, Shape, World
 
 APPROXIMATIONS = {"sap": "kSap", "tamsi": "kTamsi"}
 PROPERTIES = {
@@ -39,8 +39,8 @@ Gains = Mapping[str, bool]
 
 
 def expected(
-    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, HeldValue]
-) -> dict[str, HeldValue]:
+    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are Drake's own values."""
     groups = rigid_groups(world)
     moved, _ = recentre_free_roots(world)
@@ -100,7 +100,7 @@ def _limited(body: Body, gains: Gains) -> bool:
     return body.joint.effort_limit is not None or (bool(body.joint.armature) and body.joint.name not in gains)
 
 
-def _body(body: Body, still: bool, gains: Gains) -> dict[str, HeldValue]:
+def _body(body: Body, still: bool, gains: Gains) -> dict[str, EngineValue]:
     joint = body.joint
     q, v = POSITION_SIZE[joint.kind], VELOCITY_SIZE[joint.kind]
     q -= joint.kind == "ball"
@@ -108,7 +108,7 @@ def _body(body: Body, still: bool, gains: Gains) -> dict[str, HeldValue]:
     speed = math.inf if joint.velocity_limit is None else joint.velocity_limit
     # planes are on the world's own body, and told last
     told = sorted(body.shapes, key=lambda shape: shape.kind == "plane" and shape.collision)
-    found: dict[str, HeldValue] = {
+    found: dict[str, EngineValue] = {
         "instance": "DefaultModelInstance",
         "model": body.model,
         "gravity": True,
@@ -137,12 +137,12 @@ def _body(body: Body, still: bool, gains: Gains) -> dict[str, HeldValue]:
     return {f"body.{body.name}.{field}": value for field, value in found.items()}
 
 
-def _servo(body: Body, gains: Gains) -> dict[str, HeldValue]:
+def _servo(body: Body, gains: Gains) -> dict[str, EngineValue]:
     """The actuator of a natively driven joint. Drake has no controller without gains."""
     name = body.joint.name
     if name not in gains:
         return {}
-    held: dict[str, HeldValue] = {
+    held: dict[str, EngineValue] = {
         "": f"servo.{name}",
         ".gear": 1.0,
         ".rotor": body.joint.armature,
@@ -153,7 +153,7 @@ def _servo(body: Body, gains: Gains) -> dict[str, HeldValue]:
 
 def _surface(
     name: str, shape: Shape, balls: Sequence[Part], friction: float, settings: Settings, timestep: float
-) -> dict[str, HeldValue]:
+) -> dict[str, EngineValue]:
     numbers = {
         "static_friction": friction,
         "dynamic_friction": friction,
@@ -162,7 +162,7 @@ def _surface(
         "relaxation_time": 0.5 * timestep * (1.0 - ERROR_REDUCTION) / ERROR_REDUCTION,
     }
     parts = ("shape", *(f"corner{index}" for index in range(len(balls))))
-    found: dict[str, HeldValue] = {f"surface.{name}.{key}": (value,) * len(parts) for key, value in numbers.items()}
+    found: dict[str, EngineValue] = {f"surface.{name}.{key}": (value,) * len(parts) for key, value in numbers.items()}
     found[f"surface.{name}.parts"] = parts
     found[f"surface.{name}.properties"] = named_set(PROPERTIES)
     for index, (kind, size, centre) in enumerate(balls):
@@ -178,8 +178,8 @@ def _pressure(
     by_pressure: bool,
     still: bool,
     settings: Settings,
-    neutral: Mapping[str, HeldValue],
-) -> dict[str, HeldValue]:
+    neutral: Mapping[str, EngineValue],
+) -> dict[str, EngineValue]:
     """The numbers of hydroelastic contact: Drake's own in the corners and in shapes without it. Planes have no mesh."""
     modulus, hint = (float(neutral[f"scene.{word}"]) for word in ("hydroelastic_modulus", "resolution_hint"))  # type: ignore[arg-type]
     mesh = "NoneType"

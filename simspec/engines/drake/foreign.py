@@ -19,7 +19,7 @@ from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_li
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+from simspec.world.types import EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 HOW: Final = "pydrake.multibody.parsing.Parser(plant).AddModels(file)"
 MEASURED: Final = "1.51.1"
@@ -136,7 +136,7 @@ class _Held:
         shapes = self._shapes(world)
         if shapes:
             links.insert(0, HeldLink("world", None, Pose(), Inertial(0.0), Joint("", "fixed"), shapes=shapes))
-        inventory: dict[str, HeldValue] = {
+        inventory: dict[str, EngineValue] = {
             "timestep": float(plant.time_step()),
             "couplings": int(plant.num_constraints()),
         }

@@ -26,7 +26,7 @@ from simspec.engines.drake.readback import (
 from simspec.engines.drake.simulation import Simulation
 from simspec.engines.kit.inventory import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
-from simspec.world.types import HeldValue
+from simspec.world.types import EngineValue
 
 BIG = 1e308
 """Stands for infinity, which is no number in JSON."""
@@ -41,7 +41,7 @@ def finite(values: Any) -> tuple[float, ...]:
     return tuple(max(-BIG, min(BIG, float(value))) for value in values)
 
 
-def inventory(sim: Simulation) -> dict[str, HeldValue]:
+def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """Everything else that is held, by name."""
     found = of_plant(sim.built.drake, sim.plant, sim.built.scene)
     found["stiction_tolerance"] = sim.settings["stiction_tolerance"]
@@ -60,7 +60,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     return found | _filter(sim, groups)
 
 
-def neutral(sim: Simulation) -> dict[str, HeldValue]:
+def neutral(sim: Simulation) -> dict[str, EngineValue]:
     """What an empty plant of Drake's holds."""
     drake = sim.built.drake
     builder = drake.framework.DiagramBuilder()  # owns both
@@ -69,11 +69,11 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
     return of_plant(drake, plant, scene)
 
 
-def of_plant(drake: Any, plant: Any, scene: Any) -> dict[str, HeldValue]:
+def of_plant(drake: Any, plant: Any, scene: Any) -> dict[str, EngineValue]:
     """A plant's own numbers."""
     update = plant.GetUniquePeriodicDiscreteUpdateAttribute()
     frames = [plant.get_frame(drake.tree.FrameIndex(index)) for index in range(plant.num_frames())]
-    found: dict[str, HeldValue] = {
+    found: dict[str, EngineValue] = {
         "contact.model": plant.get_contact_model().name,
         "contact.approximation": plant.get_discrete_contact_approximation().name,
         "contact.solver": plant.get_discrete_contact_solver().name,
@@ -105,9 +105,9 @@ def of_plant(drake: Any, plant: Any, scene: Any) -> dict[str, HeldValue]:
     return found
 
 
-def _body(sim: Simulation, index: int, held: Any) -> dict[str, HeldValue]:
+def _body(sim: Simulation, index: int, held: Any) -> dict[str, EngineValue]:
     joint, (model, name) = joint_of(sim, index), told_name(held)
-    found: dict[str, HeldValue] = {
+    found: dict[str, EngineValue] = {
         "model": model,
         "instance": sim.plant.GetModelInstanceName(held.model_instance()),
         "gravity": sim.plant.is_gravity_enabled(held.model_instance()),
@@ -144,14 +144,14 @@ def _body(sim: Simulation, index: int, held: Any) -> dict[str, HeldValue]:
     return {f"body.{name}.{field}": value for field, value in found.items()}
 
 
-def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, HeldValue]:
+def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, EngineValue]:
     """The numbers of a copy of a shape, which its corners have too, and where these are."""
     inspector = sim.query().inspector()
     numbers: dict[str, dict[str, float | str]] = {part: {**surface(sim, one)} for part, one in parts.items()}
     for part, one in parts.items():
         # Python cannot read the compliance type: the mesh that was made of it tells, which planes do not have
         numbers[part]["hydroelastic_mesh"] = type(inspector.maybe_get_hydroelastic_mesh(one)).__name__
-    found: dict[str, HeldValue] = {
+    found: dict[str, EngineValue] = {
         f"surface.{name}.{key}": tuple(held[key] for held in numbers.values()) for key in numbers[SHAPE]
     }
     found[f"surface.{name}.parts"] = tuple(parts)
@@ -169,7 +169,7 @@ def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, Hel
     return found
 
 
-def _filter(sim: Simulation, groups: dict[str, dict[str, Any]]) -> dict[str, HeldValue]:
+def _filter(sim: Simulation, groups: dict[str, dict[str, Any]]) -> dict[str, EngineValue]:
     """For every copy of a shape the others that it does not touch, itself not counted; and whether its corners are kept from
     touching the same, each other, and what its faces touch by hydroelastic contact."""
     filtered = sim.query().inspector().CollisionFiltered
@@ -178,7 +178,7 @@ def _filter(sim: Simulation, groups: dict[str, dict[str, Any]]) -> dict[str, Hel
         if filtered(parts[SHAPE], others[SHAPE]):
             apart[one].add(other)
             apart[other].add(one)
-    found: dict[str, HeldValue] = {f"apart.{name}": named_set(names) for name, names in apart.items()}
+    found: dict[str, EngineValue] = {f"apart.{name}": named_set(names) for name, names in apart.items()}
     small = [(name, part, one) for name, parts in groups.items() for part, one in parts.items() if part != SHAPE]
     by_pressure = {name for name, parts in groups.items() if _by_pressure(sim, parts[SHAPE])}
     odd = [

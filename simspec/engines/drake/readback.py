@@ -13,7 +13,7 @@ from simspec.engines.drake.simulation import Simulation
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames
 from simspec.world import frames
-from simspec.world.types import Body, HeldServo, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+from simspec.world.types import Body, EngineServo, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 JOINT_KINDS = {
     "weld": "fixed",
@@ -56,12 +56,12 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     )
 
 
-def _servos(sim: Simulation) -> tuple[HeldServo, ...]:
+def _servos(sim: Simulation) -> tuple[EngineServo, ...]:
     """Drake's PD controllers; one without gains is held as none, which is the same."""
     found = []
     for servo in sim.servos.values():
         limit, gains = float(servo.effort_limit()), servo.get_controller_gains()
-        found.append(HeldServo(servo.joint().name(), gains.p, gains.d, limit if math.isfinite(limit) else None))
+        found.append(EngineServo(servo.joint().name(), gains.p, gains.d, limit if math.isfinite(limit) else None))
     return tuple(found)
 
 

@@ -44,8 +44,8 @@ from simspec.support.declarations import (
     AS_EFFORTS,
     BETWEEN_JOINTS,
     EXACT,
+    FRAMES_ALONGSIDE,
     HEAVY,
-    UNTOLD_FRAMES,
     Level,
     Refinement,
     Support,
@@ -58,7 +58,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import Body, HeldValue, ReadBack, World
+from simspec.world.types import Body, EngineValue, ReadBack, World
 
 TINY_FRICTION = 0.001
 """DART treats a friction coefficient of up to this as zero."""
@@ -225,7 +225,7 @@ class Gazebo(SteppedEngine[Simulation]):
         Feature.TOUCHING_PAIRS: via_api(_FILTER),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
         Feature.FREE_DAMPING: GIVEN_DAMPING,
         Feature.FLUID: GIVEN_FLUID,
@@ -270,7 +270,7 @@ class Gazebo(SteppedEngine[Simulation]):
     }
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, resolve_settings(cls, world), plan) | expected_labels(cls, world)
 

@@ -17,9 +17,9 @@ from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.inventory import Carrier, expected_apart, named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.gathering import NOTHING, gathered
+from simspec.world.gathering import NOTHING, lumped
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.types import Body, HeldValue, Inertial, Pose, World
+from simspec.world.types import Body, EngineValue, Inertial, Pose, World
 
 BIG = 1e308
 """Stands for infinity, which is no number in JSON."""
@@ -41,10 +41,10 @@ def near(place: Pose) -> bool:
     return max(map(abs, (*place.position, *place.quaternion[1:]))) < FIT
 
 
-def inventory(sim: Simulation) -> dict[str, HeldValue]:
+def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """Everything else that is held, by name."""
     lib = sim.library
-    found: dict[str, HeldValue] = dict(sidecar_labels(sim.sidecar))
+    found: dict[str, EngineValue] = dict(sidecar_labels(sim.sidecar))
     numbers = asked(lib.gz_world, (sim.sim,), lib.gz_world_numbers())
     found |= {f"world.{name}": value for name, value in zip(WORLD, numbers[4:], strict=True)}
     found["world.detector"], found["world.solver"] = (
@@ -69,9 +69,9 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     return found | _filter(sim)
 
 
-def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
+def _body(sim: Simulation, row: int) -> dict[str, EngineValue]:
     told, held = sim.document.bodies[row], held_body(sim, row)
-    found: dict[str, HeldValue] = {
+    found: dict[str, EngineValue] = {
         "model": told.model,
         "joint": told.joint.name,
         "shapes": tuple(shape.name for shape in told.shapes),
@@ -93,7 +93,7 @@ def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
     return found
 
 
-def _filter(sim: Simulation) -> dict[str, HeldValue]:
+def _filter(sim: Simulation) -> dict[str, EngineValue]:
     """For every copy of a shape the others that it does not touch, itself not counted."""
     names = [unit_name(sim, unit) for unit in sim.plan.units]
     apart = np.zeros((len(names), len(names)), dtype=np.uint8)
@@ -114,7 +114,7 @@ BIG_EXPECTED = 1e308
 NONE = (0.0, 0.0)
 
 
-def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, HeldValue]:
+def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, EngineValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``."""
     carriers = [
         Carrier(f"{shape.name}.{part.layer}", body.name, part.material, part.layer)
@@ -122,7 +122,7 @@ def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, H
         for part in parts(body, plan)
         for shape in part.shapes
     ]
-    found: dict[str, HeldValue] = {
+    found: dict[str, EngineValue] = {
         "world.error_reduction": 0.01,
         "world.error_reduction_speed": 1e9,
         "world.error_allowance": 0.0,
@@ -140,7 +140,7 @@ def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, H
         found[f"tree.{number}.mobile"] = True
         found[f"tree.{number}.timestep"] = world.physics.timestep
         found[f"tree.{number}.gravity"] = world.physics.gravity
-    groups, told = rigid_groups(world), gathered(world)
+    groups, told = rigid_groups(world), lumped(world)
     for body in world.bodies:
         mass = told.get(body.name, body.inertial)
         for name, value in _body_expected(body, mass, world.physics.timestep, groups[body.name] == "world").items():
@@ -161,12 +161,12 @@ SOLVERS = {"dantzig": "DantzigBoxedLcpSolver in passes", "pgs": "PgsBoxedLcpSolv
 """DART's names of its solvers, and the name of the C++ part that runs Dantzig's in passes."""
 
 
-def _body_expected(body: Body, mass: Inertial, timestep: float, still: bool) -> dict[str, HeldValue]:
+def _body_expected(body: Body, mass: Inertial, timestep: float, still: bool) -> dict[str, EngineValue]:
     joint = body.joint
     none = NONE if joint.kind == "fixed" else (-BIG_EXPECTED, BIG_EXPECTED)
     limit = joint.effort_limit
     scalar = joint.kind in SCALAR_JOINTS
-    found: dict[str, HeldValue] = {
+    found: dict[str, EngineValue] = {
         "model": body.model,
         "joint": joint.name,
         "shapes": tuple(shape.name for shape in body.shapes),

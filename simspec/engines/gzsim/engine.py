@@ -26,19 +26,19 @@ from simspec.engines.kit.stepped import SteppedEngine
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.support.declarations import (
     AS_EFFORTS,
-    UNTOLD_FRAMES,
+    FRAMES_ALONGSIDE,
     Level,
     Refinement,
     Support,
     Table,
-    alike,
     approximate,
     exactly,
+    for_each,
     never,
     via_api,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
-from simspec.world.gathering import gathered
+from simspec.world.gathering import lumped
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import solid_shapes
 from simspec.world.types import Inertial, ReadBack, World
@@ -71,7 +71,7 @@ def not_told(name: str | None) -> Refinement | None:
 
 def _all_weigh(world: World) -> Refinement | None:
     """Refused where a body moves that SDF's reader would not take."""
-    groups, told = rigid_groups(world), gathered(world)
+    groups, told = rigid_groups(world), lumped(world)
     light = (
         body.name
         for body in world.bodies
@@ -141,7 +141,7 @@ class GzSim(SteppedEngine[Simulation]):
             *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
             *(Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY, Feature.GRAVITY),
         ),
-        **alike(
+        **for_each(
             Support(Level.EXACT, "of what cannot move", refine=_all_weigh), Feature.MASSLESS, Feature.INERTIA_SINGULAR
         ),
         Feature.JOINT_FREE: approximate(
@@ -149,7 +149,7 @@ class GzSim(SteppedEngine[Simulation]):
             "velocity of a link only once it has moved or turned by 1e-6 since it last told them",
             short="pose and velocity of a free body are told only once it has moved or turned by 1e-6",
         ),
-        **alike(never(_NOT_TOLD), Feature.JOINT_BALL, Feature.BALL_LIMIT, Feature.BALL_DAMPING, Feature.BALL_SPRING),
+        **for_each(never(_NOT_TOLD), Feature.JOINT_BALL, Feature.BALL_LIMIT, Feature.BALL_DAMPING, Feature.BALL_SPRING),
         Feature.JOINT_SEVERAL: never(
             "SDF has no bodies without mass that move, which stand between two joints of one body"
         ),
@@ -157,7 +157,7 @@ class GzSim(SteppedEngine[Simulation]):
         Feature.LIMIT_VELOCITY: Support(Level.EXACT, "not told to gz sim, whose DART would enforce it"),
         Feature.DAMPING: via_api(_GIVEN),
         Feature.SPRING: via_api(_GIVEN),
-        **alike(
+        **for_each(
             never("DART has no armature, and simspec does not compute it for gz sim"),
             *(Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.FREE_ARMATURE),
         ),
@@ -179,7 +179,7 @@ class GzSim(SteppedEngine[Simulation]):
         ),
         Feature.KINEMATIC: never(_NOT_TOLD),
         Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
         Feature.FREE_DAMPING: GIVEN_DAMPING,
         Feature.FLUID: GIVEN_FLUID,
@@ -187,7 +187,7 @@ class GzSim(SteppedEngine[Simulation]):
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: never("simspec drives gz sim by efforts"),
         Feature.SUM: via_api("given as efforts before every step"),
-        **alike(
+        **for_each(
             never("simspec tells gz sim no constraints outside the tree"),
             *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),

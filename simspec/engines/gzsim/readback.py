@@ -103,7 +103,7 @@ def _inertial(server: Server, components: Any, row: int) -> Inertial:
     tensor = held.moi()
     told = (*(tensor(i, i) for i in range(3)), tensor(0, 1), tensor(0, 2), tensor(1, 2))
     return Inertial(
-        float(held.mass_matrix().mass()), centre, frames.turn_inertia(frames.conjugate(place.quaternion), told)
+        float(held.mass_matrix().mass()), centre, frames.rotate_inertia(frames.conjugate(place.quaternion), told)
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
 from simspec.world.types import Body, World
 
@@ -22,11 +22,15 @@ def armature_felt(world: World, title: str, impulses: Callable[[str, Sequence[Bo
         if armed is None:
             continue
         if served := natively_driven(bodies, world):
-            return not_here(f"{served[0]!r} has {title}'s own controller, whose impulses would ignore the armature")
+            return unsupported_if(
+                f"{served[0]!r} has {title}'s own controller, whose impulses would ignore the armature"
+            )
         if (why := impulses(armed, bodies)) is not None:
-            return not_here(why)
+            return unsupported_if(why)
         for body in bodies:
             for other in world.bodies:
                 if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
-                    return not_here(f"{body.name!r} may touch {other.name!r}, and contact would ignore the armature")
+                    return unsupported_if(
+                        f"{body.name!r} may touch {other.name!r}, and contact would ignore the armature"
+                    )
     return None

@@ -28,7 +28,7 @@ from simspec.engines.kit.recovery import COMMON, Recovery
 from simspec.engines.kit.settings import Setting, Value
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.features import Feature
-from simspec.world.types import HeldValue, PairContact, ReadBack, World
+from simspec.world.types import EngineValue, PairContact, ReadBack, World
 
 
 class Engine:
@@ -142,7 +142,7 @@ class Engine:
         return COMMON if law.hardness.kind == "common" else None
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         """What ``ReadBack.inventory`` must be: everything that the engine holds beside the fields of the read-back.
 
         Made from ``world`` and the settings resolved from it, by code that shares nothing with what writes the files.

@@ -18,7 +18,7 @@ from simspec.engines.kit.registry import engines, find_engine
 from simspec.engines.kit.released import package_of
 from simspec.errors import EngineError, SpecError
 from simspec.isolated import isolated
-from simspec.outputs.begun import is_whole
+from simspec.outputs.begun import is_complete
 from simspec.outputs.cache import data_folder, written_by_others
 
 FOLDER: Final = "engines"
@@ -46,7 +46,7 @@ def environments() -> dict[str, str]:
         places = sorted(folder.iterdir()) if folder is not None and written_by_others(folder) is None else []
     except OSError:
         return {}  # there is no such folder, or it is not the user's to read: what is named and missing is told by label
-    found = {place.name: str(python_of(place)) for place in places if _known(place.name) and is_whole(place) is True}
+    found = {place.name: str(python_of(place)) for place in places if _known(place.name) and is_complete(place) is True}
     # what is not installed here, and has its environment under the version that it names
     for name, engine in engines().items():
         label = EngineId(name, engine.APART).label

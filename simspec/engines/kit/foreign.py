@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from simspec.confinement import PROFILES, confine_calls
 from simspec.engines.kit.effects import Effect
 from simspec.world import frames
-from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Vector3
+from simspec.world.types import Body, EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Vector3
 
 if TYPE_CHECKING:
     from simspec.engines.kit.contract import Engine
@@ -58,7 +58,7 @@ class Own:
     file's model changes, or only something that files leave open. ``why``: what it does, in a sentence.
     """
 
-    meaning: HeldValue | None
+    meaning: EngineValue | None
     changes: Literal["physics", "default"]
     why: str
 

@@ -23,7 +23,7 @@ from typing import Any, Final, Generic, Self, TypeVar
 
 from simspec.contact.plan import ContactPlan
 from simspec.world.kinematics import rigid_groups
-from simspec.world.types import HeldValue, World
+from simspec.world.types import EngineValue, World
 
 Element = TypeVar("Element")
 """An element of an engine: a body, a joint, the simulation."""
@@ -37,8 +37,8 @@ class Neutral:
 
 NEUTRAL: Final = Neutral()
 """The expectation that a value is the engine's default, read from an element to which simspec passed nothing."""
-Read = Callable[[Element], HeldValue | None]
-Expect = Callable[[Source], HeldValue | None] | HeldValue | Neutral
+Read = Callable[[Element], EngineValue | None]
+Expect = Callable[[Source], EngineValue | None] | EngineValue | Neutral
 
 
 class Items(Generic[Element, Source]):
@@ -59,15 +59,15 @@ class Items(Generic[Element, Source]):
     def __or__(self, other: Items[Element, Source]) -> Items[Element, Source]:
         return Items({**self.table, **other.table})
 
-    def read(self, element: Element, prefix: str = "") -> dict[str, HeldValue]:
+    def read(self, element: Element, prefix: str = "") -> dict[str, EngineValue]:
         """The engine's values, each as ``prefix.NAME``."""
         return self._named(prefix, {name: read(element) for name, (read, _) in self.table.items()})
 
     def expect(
-        self, source: Source, prefix: str = "", neutral: Mapping[str, HeldValue] | None = None
-    ) -> dict[str, HeldValue]:
+        self, source: Source, prefix: str = "", neutral: Mapping[str, EngineValue] | None = None
+    ) -> dict[str, EngineValue]:
         """The values that follow from the world, under the same names; ``neutral`` gives the engine's defaults by NAME."""
-        found: dict[str, HeldValue | None] = {}
+        found: dict[str, EngineValue | None] = {}
         for name, (_, expected) in self.table.items():
             if isinstance(expected, Neutral):
                 found[name] = None if neutral is None else neutral.get(name)
@@ -76,12 +76,12 @@ class Items(Generic[Element, Source]):
         return self._named(prefix, found)
 
     @staticmethod
-    def _named(prefix: str, values: Mapping[str, HeldValue | None]) -> dict[str, HeldValue]:
+    def _named(prefix: str, values: Mapping[str, EngineValue | None]) -> dict[str, EngineValue]:
         start = f"{prefix}." if prefix else ""
         return {f"{start}{name}": value for name, value in values.items() if value is not None}
 
 
-def below(prefix: str, values: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+def below(prefix: str, values: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
     """The values whose names begin with ``prefix.``, without that."""
     start = f"{prefix}."
     return {name.removeprefix(start): value for name, value in values.items() if name.startswith(start)}
@@ -113,7 +113,7 @@ def listed(names: Sequence[str]) -> str:
     return f"{len(names)} in all, {hashlib.sha256(chr(0).join(names).encode()).hexdigest()[:16]}"
 
 
-def expected_apart(world: World, plan: ContactPlan, carriers: Iterable[Carrier]) -> dict[str, HeldValue]:
+def expected_apart(world: World, plan: ContactPlan, carriers: Iterable[Carrier]) -> dict[str, EngineValue]:
     """For every carrier, as ``apart.NAME``, the others that must not touch it: of its own rigid group, or both still, of groups
     that ignore each other, of bodies that the world names, of materials that pass through each other, of other layers."""
     carriers = list(carriers)

@@ -10,21 +10,21 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import format_of
 from simspec.engines.kit.settings import pair_settings, written_settings
 from simspec.world.canonical import sha256
-from simspec.world.types import HeldValue, World
+from simspec.world.types import EngineValue, World
 
 LABELS = ("schema", "dialect", "format", "engine", "world", "friction_cone")
 
 
-def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, HeldValue]:
+def sidecar_labels(sidecar: Mapping[str, Any]) -> dict[str, EngineValue]:
     """The labels and settings of a sidecar, by the names that inventories give them."""
-    labels: dict[str, HeldValue] = {f"sidecar.{name}": sidecar[name] for name in LABELS}
+    labels: dict[str, EngineValue] = {f"sidecar.{name}": sidecar[name] for name in LABELS}
     for pair in sidecar.get("pair_settings", ()):
         first, second = pair["between"]
         labels |= _of_pair((first, second), pair["settings"])
     return labels | {f"settings.{name}": value for name, value in sidecar["settings"].items()}
 
 
-def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
+def expected_labels(engine: type[Engine], world: World) -> dict[str, EngineValue]:
     """What :func:`sidecar_labels` must be for ``world``."""
     values: tuple[str | int, ...] = (
         SIDECAR_SCHEMA,
@@ -34,7 +34,7 @@ def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
         sha256(world),
         world.contact.friction_cone,
     )
-    labels: dict[str, HeldValue] = {}
+    labels: dict[str, EngineValue] = {}
     for name, value in zip(LABELS, values, strict=True):
         labels[f"sidecar.{name}"] = value
     for pair, settings in pair_settings(engine, world).items():
@@ -42,5 +42,5 @@ def expected_labels(engine: type[Engine], world: World) -> dict[str, HeldValue]:
     return labels | {f"settings.{name}": value for name, value in written_settings(engine, world).items()}
 
 
-def _of_pair(pair: tuple[str, str], settings: Mapping[str, Any]) -> dict[str, HeldValue]:
+def _of_pair(pair: tuple[str, str], settings: Mapping[str, Any]) -> dict[str, EngineValue]:
     return {f"pair_settings.{pair[0]}.{pair[1]}.{name}": value for name, value in settings.items()}

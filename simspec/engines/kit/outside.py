@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.engines.kit.contract import Engine
-from simspec.support.declarations import Refinement, Support, not_here, outside
+from simspec.support.declarations import Refinement, Support, outside, unsupported_if
 from simspec.support.features import Feature
-from simspec.world.along import Along
+from simspec.world.along import JointSums
 from simspec.world.joint_forces import JointForces
 from simspec.world.kinematics import (
     CollisionFilter,
-    held_trees,
+    constrained_trees,
     layout_of,
     members,
     natively_driven,
@@ -58,20 +58,20 @@ def constraints_felt(world: World, title: str) -> Refinement | None:
     for bodies, held in held_parts(world):
         name = held[0].name
         if served := natively_driven(bodies, world):
-            return not_here(f"{served[0]!r} has {title}'s own controller, whose impulses would ignore {name!r}")
+            return unsupported_if(f"{served[0]!r} has {title}'s own controller, whose impulses would ignore {name!r}")
         if rough := next((body.name for body in bodies if body.joint.dry_friction), None):
-            return not_here(f"the joint of {rough!r} has dry friction, whose impulses would ignore {name!r}")
+            return unsupported_if(f"the joint of {rough!r} has dry friction, whose impulses would ignore {name!r}")
         for body in bodies:
             for other in world.bodies:
                 if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
-                    return not_here(f"{body.name!r} may touch {other.name!r}, and contact would ignore {name!r}")
+                    return unsupported_if(f"{body.name!r} may touch {other.name!r}, and contact would ignore {name!r}")
     return None
 
 
 def held_parts(world: World) -> Iterable[tuple[tuple[Body, ...], tuple[Constraint, ...]]]:
     """The bodies of the trees that constraints hold together, and those constraints; trees without any are left out."""
     held = {name for constraint in world.constraints for name in members(constraint)}
-    for bodies in held_trees(world):
+    for bodies in constrained_trees(world):
         if any(body.name in held or body.joint.name in held for body in bodies):
             yield bodies, within(world, bodies).constraints
 
@@ -94,7 +94,7 @@ class Outside:
         held = engine.read_back()
         world = World("", held.bodies, constraints=tuple(constraints), sums=tuple(sums))
         self._constraints = world.constraints
-        self._along = Along(world.bodies, sums)
+        self._along = JointSums(world.bodies, sums)
         self._engine, self._timestep = engine, held.timestep
         self._nv = layout_of(world).nv
         self._parts = [_part(world, bodies, own) for bodies, own in held_parts(world)]

@@ -20,7 +20,7 @@ from simspec.engines.kit.outside import Outside
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import via_api
 from simspec.world.drag import Drag
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.rotations import matrices
 from simspec.world.sums import JointSum
@@ -57,7 +57,7 @@ class GivenForces:
             at = self._places[rows[damped.body]].start
             self._damping[at : at + 3], self._damping[at + 3 : at + 6] = damped.linear, damped.angular
         self._centres = [
-            np.array(told_inertial(world, body).centre_of_mass if body.joint.kind == "free" else (0.0, 0.0, 0.0))
+            np.array(lumped_inertial(world, body).centre_of_mass if body.joint.kind == "free" else (0.0, 0.0, 0.0))
             for body in world.bodies
         ]
         self._axes = [np.array(body.joint.axis) for body in world.bodies]
@@ -117,7 +117,7 @@ class _Drag:
     def __init__(self, world: World, around: Around):
         at = {body.name: row for row, body in enumerate(world.bodies)}
         self._rows = np.array([at[entry.body] for entry in around.boxes], dtype=np.intp)
-        told = (told_inertial(world, world.bodies[row]) for row in self._rows)
+        told = (lumped_inertial(world, world.bodies[row]) for row in self._rows)
         self._centres = np.array([inertial.centre_of_mass for inertial in told])
         self._turns = matrices(np.array([entry.box.quaternion for entry in around.boxes]))
         self._flow = np.array(around.fluid.velocity)

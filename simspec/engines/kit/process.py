@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import IO
 
 from simspec.confinement import ANY_LOCALE
-from simspec.ending import end_if_told
+from simspec.ending import exit_if_signalled
 from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
 from simspec.engines.kit.answers import read_answers
@@ -166,7 +166,7 @@ def start(
         command = engine_class.command(folder)
         if command is not None and python is not None:
             raise EngineError(engine, "is a separate program: --python does not apply to it")
-        end_if_told()
+        exit_if_signalled()
         running = Running(engine, folder, operations, python or sys.executable, deadline, command, warm)
         _at_work.add(running)
         try:

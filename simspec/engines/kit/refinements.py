@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from simspec.support.declarations import Level, Refinement, not_here
-from simspec.world.gathering import gathered
+from simspec.support.declarations import Level, Refinement, unsupported_if
+from simspec.world.gathering import lumped
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.meeting import Pair, frictionless, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.types import Body, Shape, World
@@ -59,7 +59,7 @@ def still_or_light(why: str) -> Refine:
     centre of mass. ``why`` names the body as ``{name}``."""
 
     def refine(world: World) -> Refinement | None:
-        groups, told = rigid_groups(world), gathered(world)
+        groups, told = rigid_groups(world), lumped(world)
         heavy = (
             body.name
             for body in world.bodies
@@ -68,7 +68,7 @@ def still_or_light(why: str) -> Refine:
             and told.get(body.name, body.inertial).mass > 0.0
         )
         name = next(heavy, None)
-        return not_here(None if name is None else why.format(name=repr(name)))
+        return unsupported_if(None if name is None else why.format(name=repr(name)))
 
     return refine
 
@@ -85,7 +85,7 @@ def planes_still(why: str) -> Refine:
             if shape.kind == "plane" and groups[body.name] != "world"
         )
         name = next(moving, None)
-        return not_here(None if name is None else why.format(name=repr(name)))
+        return unsupported_if(None if name is None else why.format(name=repr(name)))
 
     return refine
 

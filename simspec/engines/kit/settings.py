@@ -12,8 +12,8 @@ from typing import Any, ClassVar, Protocol
 from simspec.engines.kit.bounds import Bound
 from simspec.errors import Problem
 from simspec.language.vocabulary import FRICTION_CONES
-from simspec.world.kinematics import rubbing
-from simspec.world.meeting import Pair, balls_alone, meeting_laws
+from simspec.world.kinematics import frictional_coordinates
+from simspec.world.meeting import Pair, meeting_laws, only_free_spheres
 from simspec.world.types import PairContact, World
 
 ROUND_OFF = 1e-9
@@ -85,7 +85,7 @@ class Setting:
     """Where a value nearer to the exact solution is known: a much finer one than the default, at whatever cost. ``simspec
     explain`` asks with it whether a difference comes from the accuracy."""
     frictionless: Value | None = None
-    """The default in worlds of free balls without friction (:func:`simspec.world.meeting.balls_alone`); None: the same."""
+    """The default in worlds of free balls without friction (``only_free_spheres``); None: the same."""
     frictionless_unless: tuple[str, Value] | None = None
     """Another setting and a value: where a spec states that, the default is the ordinary one in such worlds, too."""
     kinematic: Value | None = None
@@ -121,9 +121,9 @@ def resolve_settings(engine: type[HasSettings], world: World) -> dict[str, Value
     The options were checked by :func:`check_settings`.
     """
     stated = dict(world.options(engine.NAME).settings)
-    defaults = default_settings(engine, stated, balls_alone(world))
+    defaults = default_settings(engine, stated, only_free_spheres(world))
     known = engine.SETTINGS.items()
-    if world.constraints or len(rubbing(world)):
+    if world.constraints or len(frictional_coordinates(world)):
         defaults |= {name: setting.light for name, setting in known if setting.light is not None}
     if world.motions:
         defaults |= {name: setting.kinematic for name, setting in known if setting.kinematic is not None}

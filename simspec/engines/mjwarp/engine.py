@@ -25,7 +25,7 @@ from simspec.engines.mujoco.rewritten import NO_EQUALITIES, met_exactly, no_fric
 from simspec.support.declarations import EXACT, Level, Refinement, Support, Table, never
 from simspec.support.features import Feature
 from simspec.world.meeting import meeting_laws
-from simspec.world.types import HeldValue, World
+from simspec.world.types import EngineValue, World
 
 SEARCHED = (
     "MuJoCo Warp finds the contacts of the two by a search in single precision, which loses digits with size: a 10 cm box on "
@@ -117,9 +117,9 @@ class MjWarp(MjWarpSimulation):
     UNREADABLE: ClassVar[Mapping[str, str]] = MuJoCo.UNREADABLE
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         settings = resolve_settings(cls, world)
-        found: dict[str, HeldValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        found: dict[str, EngineValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
         found[SEARCH_OF_FILE] = found["flags.disable_nativeccd"]
         found["flags.disable_nativeccd"] = True
         return found

@@ -17,7 +17,7 @@ most likely that is why. Warp compiles for the processor that it runs on: what i
 from __future__ import annotations
 
 from simspec.engines.mujoco.rewritten import rubs
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import World
@@ -36,7 +36,7 @@ def weightless_rub(world: World) -> Refinement | None:
     for body in world.bodies:
         weightless = not body.inertial.mass and groups[body.name] != "world"
         if weightless and any(shape.material in rubbing for shape in solid_shapes(body)):
-            return not_here(
+            return unsupported_if(
                 f"{body.name!r} has no mass and touches with friction, of which MuJoCo Warp's solver makes no numbers (NaN) "
                 "within 0.1 s, in single precision (measured); give it mass, or its shapes to the body that carries it"
             )
@@ -49,7 +49,7 @@ def torsional_alone(world: World, ratio: float) -> Refinement | None:
         return None
     for pair, law in sorted(meeting_laws(world).items()):
         if law.torsional_friction and not law.rolling_friction:
-            return not_here(
+            return unsupported_if(
                 f"{' and '.join(map(repr, pair))} have torsional friction and no rolling friction: a ball that lands so is no "
                 f"number (NaN), in single precision at impratio {ratio:g} (measured); give them rolling friction, or set "
                 f"engines.mjwarp.settings.high_impratio to {MOST_TORSIONAL_RATIO:g}, at which friction on springs creeps faster"

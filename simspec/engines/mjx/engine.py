@@ -32,15 +32,15 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     Table,
-    alike,
     approximate,
+    for_each,
     never,
-    not_here,
+    unsupported_if,
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import layout_of
 from simspec.world.meeting import meeting_laws, shape_pairs, solid_shapes
-from simspec.world.types import HeldValue, World
+from simspec.world.types import EngineValue, World
 
 MOST_NUMBERS = 1_000_000
 """Of a step's Jacobian: what each contact there can be has, for every degree of freedom."""
@@ -67,7 +67,9 @@ def _friction_everywhere(world: World) -> Refinement | None:
     smooth = next((pair for pair, law in meeting_laws(world).items() if not rubs(law)), None)
     if smooth is None or not any(map(rubs, meeting_laws(world).values())):
         return None
-    return not_here(f"under the elliptic cone MJX has no contacts without friction, which {' and '.join(smooth)} have")
+    return unsupported_if(
+        f"under the elliptic cone MJX has no contacts without friction, which {' and '.join(smooth)} have"
+    )
 
 
 def _small_enough(world: World) -> Refinement | None:
@@ -81,7 +83,7 @@ def _small_enough(world: World) -> Refinement | None:
             points = 1 if "sphere" in (kinds[one], kinds[other]) else FACE
             rows += points * (RUBBING if rubs(law) else 1)
             if rows > most:
-                return not_here(_TOO_MANY)
+                return unsupported_if(_TOO_MANY)
     return None
 
 
@@ -129,7 +131,7 @@ class Mjx(MjxSimulation):
         Feature.SHAPE_HEIGHTFIELD: never(
             "MJX meets height fields by prisms of their cells, and with spheres, capsules, boxes and hulls alone"
         ),
-        **alike(
+        **for_each(
             never("a box with a margin over a floor meets it 3.5 mm later than it should (L5, size; measured)"),
             *(Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
         ),
@@ -162,9 +164,9 @@ class Mjx(MjxSimulation):
     UNREADABLE: ClassVar[Mapping[str, str]] = MuJoCo.UNREADABLE
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         settings = resolve_settings(cls, world)
-        found: dict[str, HeldValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        found: dict[str, EngineValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
         found[CONE_OF_FILE] = found["opt.cone"]
         if not any(map(rubs, meeting_laws(world).values())):
             found["opt.cone"] = PYRAMIDAL

@@ -11,7 +11,7 @@ import numpy as np
 from simspec.engines.kit.contract import Actuation
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.types import World
 
 NATIVE = (
@@ -28,13 +28,13 @@ def explicit_servos_hold(world: World) -> Refinement | None:
     try:
         found = unstable(dataclasses.replace(world, controllers=given))
     except ModuleNotFoundError as error:
-        return not_here(
+        return unsupported_if(
             f"whether its explicit actuators are stable takes Pinocchio ({error}): pip install 'simspec[pin]'"
         )
     if not found:
         return None
     one = found[0]
-    return not_here(
+    return unsupported_if(
         f"its actuators are explicit in time, and the gains of {one.controller!r} diverge at {one.timestep:.6g} s; the largest "
         f"stable step is {one.largest_stable_step:.3g} s"
     )

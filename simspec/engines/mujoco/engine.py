@@ -36,7 +36,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import HeldValue, ReadBack, World
+from simspec.world.types import EngineValue, ReadBack, World
 
 EQUALITIES = (
     "MuJoCo's equalities, solved some three times in a step, each with the reference that the last solve missed by"
@@ -136,7 +136,7 @@ class MuJoCo(MujocoSimulation):
     UNREADABLE: ClassVar[Mapping[str, str]] = UNREADABLE
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         return expected_inventory(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS)
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:

@@ -20,7 +20,7 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.carriers import absorbed
-from simspec.world.gathering import told_gravity_scale, told_inertial
+from simspec.world.gathering import lumped_gravity_scale, lumped_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups
 from simspec.world.meeting import Pair, meeting_laws, shape_pairs
 from simspec.world.types import VELOCITY_SIZE, Body, Hardness, Joint, PairContact, Quaternion, Surface, Weld, World
@@ -116,7 +116,7 @@ class _Expected:
         found |= {f"exclude.{one},{two}": True for one, two in self._touching.excluded()}
         found["body.world.mass"] = 0.0
         found |= {
-            f"body.{body.name}.mass": told_inertial(self.world, body).mass
+            f"body.{body.name}.mass": lumped_inertial(self.world, body).mass
             for body in self.world.bodies
             if body.name not in absorbed(self.world)
         }
@@ -232,7 +232,7 @@ class _Expected:
 
     def _weights(self) -> dict[str, int]:
         """How many bodies have another weight than mass × gravity, and whether any has."""
-        odd = sum(told_gravity_scale(self.world, body) != 1.0 for body in self.world.bodies)
+        odd = sum(lumped_gravity_scale(self.world, body) != 1.0 for body in self.world.bodies)
         return {"ngravcomp": odd, "flg_gravcomp": int(odd > 0)}
 
     # --- joints ---------------------------------------------------------------------------------------------------
@@ -266,7 +266,7 @@ class _Expected:
         if joint.kind != "free":
             return (1.0, 0.0, 0.0, 0.0)
         turn = joint.position[3:7]
-        centre = frames.rotate(turn, told_inertial(self.world, body).centre_of_mass)  # type: ignore[arg-type]
+        centre = frames.rotate(turn, lumped_inertial(self.world, body).centre_of_mass)  # type: ignore[arg-type]
         return (*frames.add(joint.position[:3], centre), *turn)  # type: ignore[arg-type]
 
     # --- contact numbers ------------------------------------------------------------------------------------------
@@ -387,7 +387,7 @@ class _Expected:
     def _inverse_mass(self, shape: str) -> float:
         """Of a single free body; nothing that stiffness is allowed for has another."""
         owner = self._owner[shape]
-        mass = told_inertial(self.world, owner).mass
+        mass = lumped_inertial(self.world, owner).mass
         return 0.0 if self.groups[owner.name] == "world" or not mass else 1.0 / mass
 
     # --- the rest -------------------------------------------------------------------------------------------------
@@ -440,7 +440,7 @@ class _Expected:
             settings.pop("arena", None)
         bodies = self.world.bodies
         free = {
-            body.name: told_inertial(self.world, body).centre_of_mass for body in bodies if body.joint.kind == "free"
+            body.name: lumped_inertial(self.world, body).centre_of_mass for body in bodies if body.joint.kind == "free"
         }
         return {
             **({"pair_settings": [self._own_of(pair) for pair in sorted(self.own)]} if self.own else {}),

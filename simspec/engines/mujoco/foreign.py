@@ -18,7 +18,7 @@ from simspec.engines.mujoco.readback import CONE_NAMES, HALVED, JOINT_KINDS, SHA
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import tensor
 from simspec.world import frames
-from simspec.world.types import Body, HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+from simspec.world.types import Body, EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 MEASURED: Final = "4.0.1"
 URDF_EFFECTS: Final = (
@@ -87,7 +87,7 @@ class _Held:
         shapes = self._shapes(0)
         if shapes:
             bodies = (Body(WORLD, WORLD, Inertial(0.0), Joint("", "fixed"), shapes), *bodies)
-        inventory: dict[str, HeldValue] = {
+        inventory: dict[str, EngineValue] = {
             "timestep": float(option.timestep),
             "cone": CONE_NAMES[int(option.cone)],
             "integrator": INTEGRATORS.get(int(option.integrator), str(int(option.integrator))),

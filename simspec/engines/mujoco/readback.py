@@ -28,10 +28,10 @@ from simspec.world.types import (
     Body,
     Connect,
     Constraint,
+    EnginePair,
+    EngineServo,
     Follow,
     Frame,
-    HeldPair,
-    HeldServo,
     Inertial,
     Joint,
     Pose,
@@ -390,7 +390,7 @@ class _ReadBack:
         half_x, half_y, top, base = model.hfield_size[field].tolist()
         return (float(rows), float(columns), 2.0 * half_x, 2.0 * half_y, base, *(top * shares).tolist())
 
-    def _servos(self) -> tuple[HeldServo, ...]:
+    def _servos(self) -> tuple[EngineServo, ...]:
         """The actuators, of which each must be a position or velocity controller of one joint."""
         model = self._model
         found = []
@@ -410,10 +410,10 @@ class _ReadBack:
                 lower, limit = model.actuator_forcerange[index].tolist()
                 if lower != -limit:
                     raise EngineError("mujoco", f"the effort limit of {joint!r}'s actuator is not the same both ways")
-            found.append(HeldServo(joint, kp, kd, limit))
+            found.append(EngineServo(joint, kp, kd, limit))
         return tuple(found)
 
-    def _pairs(self) -> tuple[HeldPair, ...]:
+    def _pairs(self) -> tuple[EnginePair, ...]:
         """The explicit pairs, sorted; MuJoCo's own inverse masses turn its accelerations back into forces."""
         model = self._model
         found = []
@@ -428,5 +428,5 @@ class _ReadBack:
             condim = int(model.pair_dim[pair])
             law = CommonLaw.of(float(model.opt.timestep), self._sidecar.settings_between(first, second))
             held = surface(condim, (one, torsion, roll), solref, solimp, law, inverse_mass)
-            found.append(HeldPair(first, second, held, float(model.pair_margin[pair])))
+            found.append(EnginePair(first, second, held, float(model.pair_margin[pair])))
         return tuple(sorted(found, key=lambda held: (held.first, held.second)))

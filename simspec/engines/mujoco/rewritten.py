@@ -15,7 +15,7 @@ from simspec.engines.kit.contract import Actuation
 from simspec.engines.mujoco.readback import read_back
 from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulation
 from simspec.errors import EngineError
-from simspec.support.declarations import Refinement, Support, Table, alike, never, not_here
+from simspec.support.declarations import Refinement, Support, Table, for_each, never, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.meeting import meeting_kinds, meeting_laws
 from simspec.world.types import PairContact, ReadBack, World
@@ -26,7 +26,7 @@ HARDNESSES = (
     Feature.HARDNESS_STIFFNESS,
     Feature.HARDNESS_NATIVE,
 )
-NO_EQUALITIES: Table = alike(
+NO_EQUALITIES: Table = for_each(
     never("simspec's repeated solution of equalities in a step is written for MuJoCo alone"),
     Feature.CONSTRAINT_COUPLING,
     Feature.CONSTRAINT_LOOP,
@@ -58,7 +58,7 @@ def rubs(law: PairContact) -> bool:
 
 def no_friction(world: World, why: str) -> Refinement | None:
     """Refused, as ``why`` says, where anything has friction."""
-    return not_here(why) if any(map(rubs, meeting_laws(world).values())) else None
+    return unsupported_if(why) if any(map(rubs, meeting_laws(world).values())) else None
 
 
 def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> Refinement | None:
@@ -66,7 +66,7 @@ def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> 
     for one, other in sorted(meeting_kinds(world)):
         met = other if one == kind else one
         if kind in (one, other) and met not in exactly:
-            return not_here(f"a {kind} may meet a {met}: {why}")
+            return unsupported_if(f"a {kind} may meet a {met}: {why}")
     return None
 
 

@@ -45,8 +45,8 @@ from simspec.engines.ode.readback import read_back
 from simspec.engines.ode.simulation import Simulation
 from simspec.support.declarations import (
     AS_EFFORTS,
+    FRAMES_ALONGSIDE,
     HEAVY,
-    UNTOLD_FRAMES,
     Attempt,
     Level,
     Refinement,
@@ -54,14 +54,14 @@ from simspec.support.declarations import (
     Table,
     exactly,
     never,
-    not_here,
     not_yet,
     shape_kinds,
+    unsupported_if,
     via_api,
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.types import HeldValue, ReadBack, World
+from simspec.world.types import EngineValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for ODE"
 _HULLS = (
@@ -111,7 +111,7 @@ def _light_links(world: World) -> Refinement | None:
             by = {group: value for group, value in by.items() if value > 0.0}
             if by and (ratio := max(by.values()) / min(by.values())) > LARGEST_MASS_RATIO:
                 light, heavy = min(by, key=by.__getitem__), max(by, key=by.__getitem__)
-                return not_here(
+                return unsupported_if(
                     f"ODE loses digits in proportion to the ratio of what joints connect, here {ratio:.1g}: {light!r} has "
                     f"{by[light]:.3g} {unit}, {heavy!r} {by[heavy]:.3g}; give {light!r} more, or fix it to its parent"
                 )
@@ -207,7 +207,7 @@ class Ode(SteppedEngine[Simulation]):
         ),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
         Feature.FREE_DAMPING: GIVEN_DAMPING,
         Feature.FLUID: GIVEN_FLUID,
@@ -262,7 +262,7 @@ class Ode(SteppedEngine[Simulation]):
     }
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
 

@@ -14,10 +14,10 @@ from simspec.engines.ode.readback import asked, told_law
 from simspec.engines.ode.simulation import Simulation
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import meeting_laws, solid_shapes
-from simspec.world.types import Body, HeldValue, World
+from simspec.world.types import Body, EngineValue, World
 
 BIG = 1e308
 """Stands for infinity, which is no number in JSON."""
@@ -41,7 +41,7 @@ def finite(value: float) -> float:
     return max(-BIG, min(BIG, float(value)))
 
 
-def inventory(sim: Simulation) -> dict[str, HeldValue]:
+def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """Everything else that is held, by name."""
     lib, built = sim.library, sim.built
     found = of_world(sim, lib.sim_world(sim.sim))
@@ -68,12 +68,12 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     return found | _filter(sim)
 
 
-def of_world(sim: Simulation, world: Any) -> dict[str, HeldValue]:
+def of_world(sim: Simulation, world: Any) -> dict[str, EngineValue]:
     """A world's own numbers."""
     return {f"world.{name}": finite(getattr(sim.library, f"dWorldGet{name}")(world)) for name in WORLD}
 
 
-def neutral(sim: Simulation) -> dict[str, HeldValue]:
+def neutral(sim: Simulation) -> dict[str, EngineValue]:
     """What an empty world of ODE's holds."""
     world = sim.library.dWorldCreate()
     try:
@@ -82,10 +82,10 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
         sim.library.dWorldDestroy(world)
 
 
-def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
+def _body(sim: Simulation, row: int) -> dict[str, EngineValue]:
     lib = sim.library
     body = lib.sim_body_of(sim.sim, row)
-    found: dict[str, HeldValue] = {"model": sim.document.bodies[row].model, "held": bool(body)}
+    found: dict[str, EngineValue] = {"model": sim.document.bodies[row].model, "held": bool(body)}
     found["joint"] = sim.document.bodies[row].joint.name
     found["seen"] = ", ".join(shape.name for shape in sim.document.bodies[row].shapes if not shape.copies)
     if body:
@@ -102,7 +102,7 @@ def _body(sim: Simulation, row: int) -> dict[str, HeldValue]:
     return found | _where(sim, row)
 
 
-def _where(sim: Simulation, row: int) -> dict[str, HeldValue]:
+def _where(sim: Simulation, row: int) -> dict[str, EngineValue]:
     """What ODE's own joint says of its axis and position, beside the coordinates that bodies are laid by."""
     lib, joint = sim.library, sim.library.sim_joint(sim.sim, row, 0)
     kind = sim.document.bodies[row].joint.kind
@@ -127,7 +127,7 @@ FIT = 1e-9
 """How far ODE's joints may be from the coordinates that bodies are laid by (rad, m): the proof's tolerance."""
 
 
-def _filter(sim: Simulation) -> dict[str, HeldValue]:
+def _filter(sim: Simulation) -> dict[str, EngineValue]:
     """For every shape the others that it does not touch, itself not counted."""
     names = [f"{name}.0" for _, name in sim.built.shapes]  # as carriers are called: in one layer
     apart: dict[str, list[str]] = {name: [] for name in names}
@@ -149,8 +149,8 @@ Settings = Mapping[str, bool | int | float | str]
 
 
 def expected(
-    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, HeldValue]
-) -> dict[str, HeldValue]:
+    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are ODE's own values."""
     groups = rigid_groups(world)
     native = bool(settings.get("native_motion", False))
@@ -207,7 +207,7 @@ def _held(world: World) -> dict[str, str | None]:
     for body in world.bodies:
         if groups[body.name] == "world":
             held[body.name] = None
-        elif told_inertial(world, body).mass > 0.0:
+        elif lumped_inertial(world, body).mass > 0.0:
             held[body.name] = body.name
         else:
             held[body.name] = held[body.joint.parent or ""]
@@ -234,9 +234,9 @@ def _joints(world: World) -> dict[str, int]:
 
 def _body_expected(
     world: World, body: Body, still: bool, joints: Mapping[str, int], native: bool
-) -> dict[str, HeldValue]:
-    held = not still and told_inertial(world, body).mass > 0.0
-    found: dict[str, HeldValue] = {"model": body.model, "held": held, "joint": body.joint.name}
+) -> dict[str, EngineValue]:
+    held = not still and lumped_inertial(world, body).mass > 0.0
+    found: dict[str, EngineValue] = {"model": body.model, "held": held, "joint": body.joint.name}
     found["seen"] = ", ".join(shape.name for shape in body.shapes if not shape.collision)
     if not held:
         return found

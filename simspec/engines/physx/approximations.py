@@ -15,7 +15,7 @@ import numpy as np
 from simspec.engines.kit.coupled import heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.refinements import approximate_pairs, met_pairs
-from simspec.support.declarations import Refinement, Support, not_here
+from simspec.support.declarations import Refinement, Support, unsupported_if
 from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, vertices_of
 from simspec.world.meeting import solid_shapes
 from simspec.world.types import World
@@ -74,7 +74,7 @@ def hulls_held(world: World) -> Refinement | None:
     for body in world.bodies:
         for shape in solid_shapes(body):
             if shape.kind == "mesh" and (why := left_out(shape.size)):
-                return not_here(f"{why} ({shape.name!r}); `max_vertices` of the mesh reduces it")
+                return unsupported_if(f"{why} ({shape.name!r}); `max_vertices` of the mesh reduces it")
     return None
 
 

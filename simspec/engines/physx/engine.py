@@ -32,8 +32,8 @@ from simspec.engines.physx.readback import read_back
 from simspec.engines.physx.simulation import Simulation
 from simspec.support.declarations import (
     AS_EFFORTS,
+    FRAMES_ALONGSIDE,
     HEAVY,
-    UNTOLD_FRAMES,
     Attempt,
     Level,
     Refinement,
@@ -42,14 +42,14 @@ from simspec.support.declarations import (
     approximate,
     exactly,
     never,
-    not_here,
     not_yet,
     shape_kinds,
+    unsupported_if,
     via_api,
 )
 from simspec.support.features import Feature
 from simspec.world.meeting import excluded_pairs, solid_shapes
-from simspec.world.types import HeldValue, ReadBack, World
+from simspec.world.types import EngineValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for PhysX"
 _DRIFT = (
@@ -84,7 +84,7 @@ def _bits_do(world: World) -> Refinement | None:
         kinds(list(keys), meet)
         apart(excluded_pairs(world))
     except ValueError as error:
-        return not_here(f"SAPIEN's filter {error}")
+        return unsupported_if(f"SAPIEN's filter {error}")
     return None
 
 
@@ -185,7 +185,7 @@ class PhysX(SteppedEngine[Simulation]):
         Feature.EXCLUDED_PAIRS: Support(Level.EXACT, "by collision groups", refine=_bits_do),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
         Feature.FREE_DAMPING: GIVEN_DAMPING,
         Feature.FLUID: GIVEN_FLUID,
@@ -216,7 +216,7 @@ class PhysX(SteppedEngine[Simulation]):
     }
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
 

@@ -16,7 +16,7 @@ from simspec.engines.physx.readback import kind_of
 from simspec.engines.physx.simulation import Simulation
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import meeting_laws, solid_shapes
-from simspec.world.types import HeldValue, World
+from simspec.world.types import EngineValue, World
 
 SCENE = (
     *("bounce_threshold", "enable_ccd", "enable_enhanced_determinism", "enable_friction_every_iteration"),
@@ -38,10 +38,10 @@ def unit_names(sim: Simulation) -> list[str]:
     return [f"{unit.shape.name}.{unit.copy.layer}" for unit in sim.built.units]
 
 
-def inventory(sim: Simulation) -> dict[str, HeldValue]:
+def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """Everything else that is held, by name."""
     system = sim.built.system
-    found: dict[str, HeldValue] = {**sidecar_labels(sim.sidecar)}
+    found: dict[str, EngineValue] = {**sidecar_labels(sim.sidecar)}
     found |= {f"scene.{name}": getattr(system.config, name) for name in SCENE}
     found["scene.bounce_threshold"] = system.config.bounce_threshold / SCALE
     found["count.dynamic"] = len(system.rigid_dynamic_components)
@@ -65,16 +65,16 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     return found | _filter(sim)
 
 
-def of_body(body: Any) -> dict[str, HeldValue]:
+def of_body(body: Any) -> dict[str, EngineValue]:
     """Of one of PhysX's actors that move."""
-    found: dict[str, HeldValue] = {name: getattr(body, name) for name in BODY}
+    found: dict[str, EngineValue] = {name: getattr(body, name) for name in BODY}
     found["locked"] = tuple(float(locked) for locked in body.locked_motion_axes)
     return found
 
 
-def of_shape(shape: Any) -> dict[str, HeldValue]:
+def of_shape(shape: Any) -> dict[str, EngineValue]:
     """Of one of PhysX's shapes."""
-    found: dict[str, HeldValue] = {name: getattr(shape, name) for name in SHAPE}
+    found: dict[str, EngineValue] = {name: getattr(shape, name) for name in SHAPE}
     found |= {name: getattr(shape, name) / SCALE for name in LENGTHS}
     held = shape.physical_material
     # the read-back has the friction of what slides
@@ -82,7 +82,7 @@ def of_shape(shape: Any) -> dict[str, HeldValue]:
     return found
 
 
-def neutral(sim: Simulation) -> dict[str, HeldValue]:
+def neutral(sim: Simulation) -> dict[str, EngineValue]:
     """What a bare actor and a bare shape hold."""
     physx = sim.built.physx
     body = physx.PhysxRigidDynamicComponent()
@@ -91,7 +91,7 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
     return found | {f"shape.{name}": value for name, value in of_shape(shape).items()}
 
 
-def _filter(sim: Simulation) -> dict[str, HeldValue]:
+def _filter(sim: Simulation) -> dict[str, EngineValue]:
     """For every copy of a shape the others that it does not touch, itself not counted: as SAPIEN's rule makes it of the words
     that PhysX holds. Of one actor, or of two static ones, PhysX looks for no contacts."""
     names, words = unit_names(sim), [shape.get_collision_groups() for shape in sim.built.shapes]
@@ -129,13 +129,13 @@ OFFSET = 3.75e-6
 
 
 def expected(
-    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, HeldValue]
-) -> dict[str, HeldValue]:
+    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are PhysX's own values."""
     bouncing = [law for law in meeting_laws(world).values() if law.restitution]
     step = math.sqrt(sum(part * part for part in world.physics.gravity)) * world.physics.timestep
     resting = [min(FASTEST, STEPS * step / (1.0 - min(LIVELIEST, law.restitution))) for law in bouncing]
-    found: dict[str, HeldValue] = {
+    found: dict[str, EngineValue] = {
         "scene.bounce_threshold": max((LEAST, *resting, *(law.restitution_threshold for law in bouncing))),
         "scene.enable_ccd": False,
         "scene.enable_enhanced_determinism": True,
@@ -187,5 +187,5 @@ def expected(
     return found | expected_apart(world, plan, carriers)
 
 
-def _of(owner: str, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+def _of(owner: str, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
     return {name.removeprefix(f"{owner}."): value for name, value in neutral.items() if name.startswith(f"{owner}.")}

@@ -10,7 +10,7 @@ from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.motors import motor_limit, motor_rate
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import UNCLAMPED
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.kinematics import natively_driven
 from simspec.world.types import World
 
@@ -26,7 +26,9 @@ def no_dry_friction(world: World) -> Refinement | None:
     rough = [body.name for body in world.bodies if body.joint.dry_friction]
     served = [name for name in natively_driven(world.bodies, world) if name in rough]
     return (
-        not_here(f"PyBullet has one motor a joint, and that of {served[0]!r} is its dry friction") if served else None
+        unsupported_if(f"PyBullet has one motor a joint, and that of {served[0]!r} is its dry friction")
+        if served
+        else None
     )
 
 

@@ -63,8 +63,8 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     AS_EFFORTS,
     EXACT,
+    FRAMES_ALONGSIDE,
     HEAVY,
-    UNTOLD_FRAMES,
     Level,
     Refinement,
     Support,
@@ -78,7 +78,7 @@ from simspec.support.declarations import (
 from simspec.support.features import Feature
 from simspec.world.anchors import anchors
 from simspec.world.kinematics import members
-from simspec.world.types import Body, HeldValue, PairContact, ReadBack, Vector3, World
+from simspec.world.types import Body, EngineValue, PairContact, ReadBack, Vector3, World
 
 _COPIES = "further materials, and copies of shapes, on massless links of their own"
 _COMPUTED = "a torque computed from PyBullet's own state before every step"
@@ -235,7 +235,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR", within_one_tree),
         Feature.SUM: via_api(_COMPUTED),
         Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.SUM_DRY_FRICTION: never(
             "PyBullet has dry friction of single joints, and none along sums of their positions"
         ),
@@ -267,7 +267,7 @@ class PyBullet(SimulatedEngine[Simulation]):
         return Recovery(float(settings["contact_erp"])) if law.hardness.kind == "common" else None
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         found = expected(
             world,
             cls.chosen_settings(world, resolve_settings(cls, world)),

@@ -18,10 +18,10 @@ from simspec.engines.kit.inventory import Carrier, expected_apart, listed
 from simspec.engines.pybullet.dump import COLLIDER
 from simspec.engines.pybullet.inventory import JOINT_INFO, OF_THE_READ_BACK
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups, trees
 from simspec.world.meeting import meeting_laws
-from simspec.world.types import Body, HeldValue, Inertial, Surface, World
+from simspec.world.types import Body, EngineValue, Inertial, Surface, World
 
 LOAD_FLAGS = 2 | 8 | 128 | 8192 | 131072
 """URDF_USE_INERTIA_FROM_FILE, _SELF_COLLISION, _IMPLICIT_CYLINDER, _MAINTAIN_LINK_ORDER, _SELF_COLLISION_INCLUDE_PARENT."""
@@ -59,8 +59,11 @@ class _Link:
 
 
 def expected(
-    world: World, settings: Mapping[str, bool | int | float | str], plan: ContactPlan, neutral: Mapping[str, HeldValue]
-) -> dict[str, HeldValue]:
+    world: World,
+    settings: Mapping[str, bool | int | float | str],
+    plan: ContactPlan,
+    neutral: Mapping[str, EngineValue],
+) -> dict[str, EngineValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are PyBullet's own values."""
     groups = rigid_groups(world)
     sleepers = free_rigid(world) if settings["sleeping"] else frozenset()
@@ -85,7 +88,7 @@ def expected(
         world_link = not links[0].base
         welded = _welded(bodies, world_link)
         for link in links:
-            found.update(_link(link, told_inertial(world, link.body), settings, neutral))
+            found.update(_link(link, lumped_inertial(world, link.body), settings, neutral))
             if link.part is not None:
                 solid.append(Carrier(link.name, link.body.name, link.part.material, link.part.layer))
                 still = groups[link.body.name] == "world" if link.base else link.body.name in welded[link.own]
@@ -138,8 +141,8 @@ def _world(
     world: World,
     settings: Mapping[str, bool | int | float | str],
     plan: ContactPlan,
-    neutral: Mapping[str, HeldValue],
-) -> dict[str, HeldValue]:
+    neutral: Mapping[str, EngineValue],
+) -> dict[str, EngineValue]:
     """The world's own numbers, and what its parameters were set to."""
     found = {name: value for name, value in neutral.items() if name.startswith(("world.", "count.", "parameter."))}
     solid = (shape for body in world.bodies for part in parts(body, plan) for shape in part.shapes)
@@ -151,7 +154,7 @@ def _world(
     mode = int(neutral["world.solverInfo.solverMode"])  # type: ignore[arg-type]
     closed = any(constraint.kind != "follow" for constraint in world.constraints)
     joint_erp = 1.0 if closed else settings["joint_erp"]
-    told: dict[str, HeldValue] = {
+    told: dict[str, EngineValue] = {
         "numSolverIterations": settings["iterations"],
         "solverResidualThreshold": settings["residual_threshold"],
         "erp": joint_erp,
@@ -171,16 +174,16 @@ def _world(
         found["world.solverInfo.linearSlop"] = settings["contact_slop"]
     found |= {f"calls.setPhysicsEngineParameter.{name}": value for name, value in told.items()}
     for constraint in world.constraints:
-        held: dict[str, HeldValue] = {"max_force": STRONG, "erp": 1.0, "auxiliary": UNSAID}
+        held: dict[str, EngineValue] = {"max_force": STRONG, "erp": 1.0, "auxiliary": UNSAID}
         found |= {f"constraint.{constraint.name}.{key}": value for key, value in held.items()}
     if world.constraints:
         found["calls.createConstraint"] = found["calls.changeConstraint"] = len(world.constraints)
     return found | {"count.constraints": len(world.constraints), "count.user_data": 0}
 
 
-def _told(name: str, settings: Mapping[str, bool | int | float | str]) -> dict[str, HeldValue]:
+def _told(name: str, settings: Mapping[str, bool | int | float | str]) -> dict[str, EngineValue]:
     """What was asked for every link."""
-    asked: dict[str, HeldValue] = {
+    asked: dict[str, EngineValue] = {
         "linearDamping": 0.0,
         "angularDamping": 0.0,
         "maxJointVelocity": NEVER,
@@ -193,8 +196,8 @@ def _told(name: str, settings: Mapping[str, bool | int | float | str]) -> dict[s
 
 
 def _link(
-    link: _Link, told: Inertial, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, HeldValue]
-) -> dict[str, HeldValue]:
+    link: _Link, told: Inertial, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
     """Of a link; ``told``: the inertia that PyBullet is told of its body."""
     found = _told(link.name, settings)
     found[f"link.{link.name}.body_type"] = MULTI_BODY
@@ -213,9 +216,9 @@ def _link(
     return found
 
 
-def _empty(name: str) -> dict[str, HeldValue]:
+def _empty(name: str) -> dict[str, EngineValue]:
     """A link without mass, its inertial frame its own."""
-    held: Mapping[str, HeldValue] = {
+    held: Mapping[str, EngineValue] = {
         "mass": 0.0,
         "inertia": (0.0, 0.0, 0.0),
         "place": (0.0, 0.0, 0.0),
@@ -224,16 +227,16 @@ def _empty(name: str) -> dict[str, HeldValue]:
     return {f"link.{name}.{key}": value for key, value in held.items()}
 
 
-def _untouched(name: str, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+def _untouched(name: str, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
     """The surface of a link that has no shapes."""
-    held: dict[str, HeldValue] = dict.fromkeys(("friction", "restitution", "rolling", "spinning"), 0.0)
+    held: dict[str, EngineValue] = dict.fromkeys(("friction", "restitution", "rolling", "spinning"), 0.0)
     held |= {key: neutral[f"link.{key}"] for key in ("damping", "stiffness")}
     return {f"link.{name}.{key}": value for key, value in held.items()}
 
 
-def _surface(name: str, surface: Surface) -> dict[str, HeldValue]:
+def _surface(name: str, surface: Surface) -> dict[str, EngineValue]:
     """The numbers of a link's shapes. Two links' springs stand in series, and their dampers add up."""
-    held: dict[str, HeldValue] = {
+    held: dict[str, EngineValue] = {
         "friction": surface.friction or 0.0,
         "restitution": surface.restitution or 0.0,
         "rolling": surface.rolling_friction or 0.0,
@@ -245,8 +248,8 @@ def _surface(name: str, surface: Surface) -> dict[str, HeldValue]:
 
 
 def _collider(
-    link: _Link, still: bool, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, HeldValue]
-) -> dict[str, HeldValue]:
+    link: _Link, still: bool, settings: Mapping[str, bool | int | float | str], neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
     kind = "base" if link.base else "link"
     found = {
         f"collider.{link.name}.{member}": neutral[f"collider.{kind}.{member}"]
@@ -266,10 +269,10 @@ def _collider(
     return found
 
 
-def _motor(body: Body) -> dict[str, HeldValue]:
+def _motor(body: Body) -> dict[str, EngineValue]:
     """A hinge's and slide's motor is its dry friction; a ball's is off."""
     if body.joint.kind in SCALAR_JOINTS:
-        held: dict[str, HeldValue] = {"mode": "velocity", "targetVelocity": 0.0, "force": body.joint.dry_friction}
+        held: dict[str, EngineValue] = {"mode": "velocity", "targetVelocity": 0.0, "force": body.joint.dry_friction}
     elif body.joint.kind == "ball":
         held = {"mode": "position", "targetPosition": (0.0, 0.0, 0.0, 1.0), "force": (0.0, 0.0, 0.0)}
         held |= {"positionGain": 0.0, "velocityGain": 0.0}

@@ -23,7 +23,7 @@ from simspec.errors import EngineError
 from simspec.formats.kit.passes import tensor
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import HeldValue, Inertial, Joint, Pose, ReadBack, Shape, Surface
+from simspec.world.types import EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
 FOREIGN: Final[Mapping[str, Reads]] = {
     "urdf": Reads("pybullet.loadURDF(file)", (".urdf",), "robot", version=effects.MEASURED, effects=effects.URDF),
@@ -165,10 +165,10 @@ class Foreign:
 
     # --- what is added ------------------------------------------------------------------------------------------------
 
-    def _inventory(self, trees: list[int], held: Mapping[str, Any]) -> dict[str, HeldValue]:
+    def _inventory(self, trees: list[int], held: Mapping[str, Any]) -> dict[str, EngineValue]:
         """What is never in a file; measured, where PyBullet does not tell it, by single steps without gravity."""
         p, client = self._p, self._client
-        found: dict[str, HeldValue] = {
+        found: dict[str, EngineValue] = {
             "gravity_set": any(held[f"gravityAcceleration{axis}"] for axis in "XYZ"),
             "timestep": held["fixedTimeStep"],
         }
@@ -207,7 +207,7 @@ class Foreign:
             p.resetBaseVelocity(uid, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], physicsClientId=client)
         return float(round(max(lost) / timestep, 3) + 0.0)
 
-    def _motors(self, movers: list[tuple[int, int]]) -> dict[str, HeldValue]:
+    def _motors(self, movers: list[tuple[int, int]]) -> dict[str, EngineValue]:
         p, client = self._p, self._client
         held = 0
         for uid, link in movers:
@@ -223,7 +223,7 @@ class Foreign:
         p.stepSimulation(physicsClientId=client)
         speed = abs(p.getJointState(uid, link, physicsClientId=client)[1])
         # what is left after joint damping or a limit has acted too says nothing of the clamp
-        clamped: dict[str, HeldValue] = {"velocity_clamp": CLAMP} if abs(speed - CLAMP) <= CLAMP * TRIED else {}
+        clamped: dict[str, EngineValue] = {"velocity_clamp": CLAMP} if abs(speed - CLAMP) <= CLAMP * TRIED else {}
         return {"joints_held_by_motors": held, **clamped}
 
 

@@ -6,7 +6,7 @@ from typing import Final
 
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.pybullet.hulls import margins_of
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.types import World
 
 HOW: Final = (
@@ -21,7 +21,7 @@ def ground_held(world: World, plan: ContactPlan, base_margin: float) -> Refineme
         margins = [margin for _, margin in margins_of("heightfield", body, plan, base_margin)]
         if any(margins):
             shape = next(shape.name for shape in body.shapes if shape.kind == "heightfield")
-            return not_here(
+            return unsupported_if(
                 f"PyBullet keeps {max(margins):g} m around the height field {shape!r}: it keeps none where the body is a root "
                 "without mass, with one material, and collision_margin is 0"
             )

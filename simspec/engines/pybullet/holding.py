@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
 from simspec.world.kinematics import trees
 from simspec.world.rotations import to_xyzw_of
@@ -43,7 +43,7 @@ def one_error_reduction(world: World) -> Refinement | None:
     limited = next((body.name for body in world.bodies if body.joint.position_limits is not None), None)
     if limited is None:
         return None
-    return not_here(
+    return unsupported_if(
         "PyBullet has one error reduction for loops and for position limits, and a loop's is 1: the joint of "
         f"{limited!r} would rebound from its limits at the speed of its arrival"
     )
@@ -66,7 +66,7 @@ def _fixed_below_a_ball(world: World) -> Refinement | None:
             while above.joint.kind == "fixed" and above.joint.parent is not None:
                 above = by_name[above.joint.parent]
             if joint.kind == "fixed" and above.joint.kind == "ball" and above.joint.parent is None:
-                return not_here(
+                return unsupported_if(
                     f"PyBullet does not feel the loop {constraint.name!r}: {name!r} is fixed to {above.name!r}, the root of "
                     "its tree, which is on a ball joint to the world"
                 )
@@ -79,7 +79,7 @@ def within_one_tree(world: World) -> Refinement | None:
     tree = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
     for constraint in world.constraints:
         if isinstance(constraint, Follow) and tree[constraint.joint] != tree[constraint.leader]:
-            return not_here(
+            return unsupported_if(
                 f"PyBullet's gears take the leader's position from the follower's own tree, and {constraint.leader!r} "
                 f"is in another than {constraint.joint!r}"
             )

@@ -20,7 +20,7 @@ from simspec.engines.pybullet.turns import told_turn
 from simspec.errors import EngineError
 from simspec.scratch import scratch_folder
 from simspec.world import frames
-from simspec.world.types import HeldValue
+from simspec.world.types import EngineValue
 
 WORLD: Mapping[str, str] = {
     "solverInfo.timeStep": "of the last step; the timestep is a field of the read-back",
@@ -68,12 +68,12 @@ NEUTRAL = """<robot name="neutral">
 """A model that asks for nothing: what PyBullet holds of it are its own defaults."""
 
 
-def inventory(sim: Simulation) -> dict[str, HeldValue]:
+def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """Everything else that is held, by name; links by the world's names (:func:`link_names`)."""
     p, client = sim.bullet, sim.client
     names = link_names(sim)
     held = p.getPhysicsEngineParameters(physicsClientId=client)
-    found: dict[str, HeldValue] = {f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS}
+    found: dict[str, EngineValue] = {f"parameter.{key}": value for key, value in held.items() if key not in PARAMETERS}
     found.update(sidecar_labels(sim.sidecar.plain()))
     found["sidecar.bodies"] = listed(sim.names)
     # contacts are solved in the order in which the trees were loaded
@@ -117,7 +117,7 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     return found
 
 
-def neutral(sim: Simulation) -> dict[str, HeldValue]:
+def neutral(sim: Simulation) -> dict[str, EngineValue]:
     """PyBullet's own values: of its world and of a base's and a link's collider that it was told nothing of."""
     p = sim.bullet
     client = p.connect(p.DIRECT)
@@ -156,9 +156,9 @@ def link_names(sim: Simulation) -> dict[tuple[int, int], str]:
     return found
 
 
-def _world(blocks: Iterable[Block]) -> dict[str, HeldValue]:
+def _world(blocks: Iterable[Block]) -> dict[str, EngineValue]:
     """The solver's numbers, and how many things there are of each kind."""
-    found: dict[str, HeldValue] = {}
+    found: dict[str, EngineValue] = {}
     for block in blocks:
         if block.code == "DWLD":
             for name, value in plain(block.rows[0]).items():
@@ -191,11 +191,11 @@ class _Margins:
         return () if kind in ROUND else (float(held["m_collisionMargin"]),)
 
 
-def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) -> dict[str, HeldValue]:
+def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) -> dict[str, EngineValue]:
     """Of every link what getDynamicsInfo and getJointInfo say beside the fields of the read-back."""
     p, client = sim.bullet, sim.client
     own = {link.link: link.kind for link in tree.links}
-    found: dict[str, HeldValue] = {}
+    found: dict[str, EngineValue] = {}
     for link in range(-1, p.getNumJoints(tree.uid, physicsClientId=client)):
         name, kind = names[tree.uid, link], own.get(link)
         dynamics = p.getDynamicsInfo(tree.uid, link, physicsClientId=client)
@@ -219,7 +219,7 @@ def _links(sim: Simulation, tree: Tree, names: Mapping[tuple[int, int], str]) ->
     return found
 
 
-def _weld(name: str, info: Any, parent: Any, own: Any) -> dict[str, HeldValue]:
+def _weld(name: str, info: Any, parent: Any, own: Any) -> dict[str, EngineValue]:
     """Where a link that only carries shapes sits on its body: (0, 0, 0) and no turn, as distances in m and rad."""
     turn = frames.multiply(
         frames.multiply(told_turn(parent[4]), frames.conjugate(told_turn(info[15]))),
@@ -234,10 +234,10 @@ def _rounded(values: Iterable[float]) -> tuple[float, ...]:
     return tuple(0.0 if abs(value) <= 1e-12 else value for value in values)
 
 
-def _calls(sim: Simulation, names: Mapping[tuple[int, int], str]) -> dict[str, HeldValue]:
+def _calls(sim: Simulation, names: Mapping[tuple[int, int], str]) -> dict[str, EngineValue]:
     """The calls made while loading, under the function's name; pairs that do not touch are left to :func:`_apart`, masks and
     gravity to the dump and the read-back."""
-    found: dict[str, HeldValue] = {}
+    found: dict[str, EngineValue] = {}
     modes = {sim.bullet.VELOCITY_CONTROL: "velocity", sim.bullet.POSITION_CONTROL: "position"}
     loaded = iter(sim.trees)
     for function, positional, named in sim.calls:
@@ -259,7 +259,7 @@ def _calls(sim: Simulation, names: Mapping[tuple[int, int], str]) -> dict[str, H
     return found
 
 
-def _value(value: Any) -> HeldValue:
+def _value(value: Any) -> EngineValue:
     return tuple(value) if isinstance(value, (list, tuple)) else value
 
 
@@ -274,7 +274,7 @@ def _disabled(sim: Simulation, names: Mapping[tuple[int, int], str]) -> set[tupl
     return {pair for pair, off in found.items() if off}
 
 
-def _apart(masks: Mapping[str, tuple[int, int]], disabled: set[tuple[str, str]]) -> dict[str, HeldValue]:
+def _apart(masks: Mapping[str, tuple[int, int]], disabled: set[tuple[str, str]]) -> dict[str, EngineValue]:
     """Of every link the others that it does not touch, by Bullet's rule for masks and the pairs that were switched off."""
     kinds: dict[tuple[int, int], list[str]] = {}
     for name, kind in masks.items():

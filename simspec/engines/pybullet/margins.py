@@ -11,7 +11,7 @@ from simspec.engines.kit.blunt import BLUNT, blunted
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.pybullet.meshes import KEPT
-from simspec.support.declarations import Level, Refinement, not_here
+from simspec.support.declarations import Level, Refinement, unsupported_if
 from simspec.world.hull import HullError
 from simspec.world.inset import THINNEST, outside
 from simspec.world.meeting import meeting_kinds
@@ -61,7 +61,7 @@ def meshes_held(engine: type[Engine], world: World) -> Refinement | None:
     try:
         found = _outside(engine, world, "mesh")
     except ValueError as error:
-        return not_here(str(error))
+        return unsupported_if(str(error))
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
     lands = any("mesh" in pair and not set(pair) & set(ROUND) for pair in meeting_kinds(world))
     landing = LANDING if lands and not faces_meet(world, plan, _base_margin(engine, world)) else None

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from simspec.engines.kit.bounds import COARSE, SHARE, of_thinnest
 from simspec.engines.kit.settings import Group, Setting
-from simspec.world.kinematics import held_trees
+from simspec.world.kinematics import constrained_trees
 from simspec.world.types import World
 
 LOOP_ITERATIONS = 2000
@@ -21,7 +21,7 @@ def rows_act_on_each_other(world: World) -> bool:
     if any(constraint.kind != "follow" for constraint in world.constraints):
         return True
     followers = {constraint.joint for constraint in world.constraints if constraint.kind == "follow"}
-    return any(sum(body.joint.name in followers for body in bodies) > 1 for bodies in held_trees(world))
+    return any(sum(body.joint.name in followers for body in bodies) > 1 for bodies in constrained_trees(world))
 
 
 SETTINGS: Mapping[str, Setting] = {

@@ -13,7 +13,7 @@ import numpy as np
 from simspec.engines.kit.coupled import heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.refinements import approximate_pairs, met_pairs
-from simspec.support.declarations import Level, Refinement, Support, not_here
+from simspec.support.declarations import Level, Refinement, Support, unsupported_if
 from simspec.world.hull import Hull, HullError, hull_of
 from simspec.world.meeting import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.types import World
@@ -160,7 +160,7 @@ def hulls_held(world: World) -> Refinement | None:
             if name not in faces or shapes[other].kind == "sphere":
                 continue
             if why := _refused(faces[name], shapes[other].kind):
-                return not_here(f"{why} ({name!r}, which may touch {other!r})")
+                return unsupported_if(f"{why} ({name!r}, which may touch {other!r})")
             off = max(off, (faces[name].off, name, other))
     size, name, other = off
     found = [STACKS] if stacked else []

@@ -40,8 +40,8 @@ from simspec.engines.rapier.readback import read_back
 from simspec.engines.rapier.simulation import Simulation
 from simspec.support.declarations import (
     AS_EFFORTS,
+    FRAMES_ALONGSIDE,
     HEAVY,
-    UNTOLD_FRAMES,
     Attempt,
     Level,
     Support,
@@ -54,7 +54,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import HeldValue, ReadBack, World
+from simspec.world.types import EngineValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for Rapier"
 _DRIFT = (
@@ -165,7 +165,7 @@ class Rapier(SteppedEngine[Simulation]):
         ),
         Feature.KINEMATIC: via_api(HEAVY),
         Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
         Feature.FREE_DAMPING: GIVEN_DAMPING,
         Feature.FLUID: GIVEN_FLUID,
@@ -189,7 +189,7 @@ class Rapier(SteppedEngine[Simulation]):
     }
 
     @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         plan = contact_plan(world, cls.RULES, cls.LAYERS)
         return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
 

@@ -15,7 +15,7 @@ from simspec.engines.rapier.simulation import Simulation
 from simspec.world.gathering import NOTHING
 from simspec.world.kinematics import rigid_groups
 from simspec.world.meeting import excluded_pairs, meeting_laws, solid_shapes
-from simspec.world.types import Body, HeldValue, PairContact, World
+from simspec.world.types import Body, EngineValue, PairContact, World
 
 NUMBERS = (
     *("min_ccd_dt", "warmstart_coefficient", "length_unit", "normalized_allowed_linear_error"),
@@ -41,10 +41,10 @@ WORDS = ("friction_combine_rule", "restitution_combine_rule", "active_events", "
 GROUPS = ("collision_groups", "solver_groups")
 
 
-def inventory(sim: Simulation) -> dict[str, HeldValue]:
+def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """Everything else that is held, by name."""
     world = sim.world
-    found: dict[str, HeldValue] = {**sidecar_labels(sim.sidecar), **_world(world)}
+    found: dict[str, EngineValue] = {**sidecar_labels(sim.sidecar), **_world(world)}
     number = {handle: index for index, handle in enumerate(sim.built.colliders)}
     for row, body in enumerate(sim.document.bodies):
         own = sim.built.carrier[row] in (-1, row)
@@ -68,9 +68,9 @@ def inventory(sim: Simulation) -> dict[str, HeldValue]:
     return found | _filter(sim)
 
 
-def _world(world: Any) -> dict[str, HeldValue]:
+def _world(world: Any) -> dict[str, EngineValue]:
     held = world.integration_parameters
-    found: dict[str, HeldValue] = {f"parameters.{name}": getattr(held, name) for name in NUMBERS}
+    found: dict[str, EngineValue] = {f"parameters.{name}": getattr(held, name) for name in NUMBERS}
     found |= {f"parameters.{name}": getattr(held, name) / SCALE for name in LENGTHS}
     found["parameters.friction_model"] = word(held.friction_model)
     for name in ("contact_softness", "static_contact_softness"):
@@ -88,18 +88,18 @@ def _world(world: Any) -> dict[str, HeldValue]:
     return found
 
 
-def of_body(body: Any) -> dict[str, HeldValue]:
+def of_body(body: Any) -> dict[str, EngineValue]:
     """Of one of Rapier's bodies."""
-    found: dict[str, HeldValue] = {name: getattr(body, name) for name in BODY}
+    found: dict[str, EngineValue] = {name: getattr(body, name) for name in BODY}
     found["type"] = word(body.body_type)
     found["locked_axes"] = tuple(float(free) for free in (*body.enabled_translations, *body.enabled_rotations))
     found["sleeps"] = bool(body.is_sleeping) or body.activation.linear_threshold >= 0.0
     return found
 
 
-def of_collider(collider: Any) -> dict[str, HeldValue]:
+def of_collider(collider: Any) -> dict[str, EngineValue]:
     """Of one of Rapier's colliders."""
-    found: dict[str, HeldValue] = {name: getattr(collider, name) for name in COLLIDER}
+    found: dict[str, EngineValue] = {name: getattr(collider, name) for name in COLLIDER}
     found |= {name: word(getattr(collider, name)) for name in WORDS}
     for name in GROUPS:
         held = getattr(collider, name)
@@ -114,11 +114,11 @@ def word(value: Any) -> str:
     return text.rpartition(".")[2] if "(" not in text else text
 
 
-def neutral(sim: Simulation) -> dict[str, HeldValue]:
+def neutral(sim: Simulation) -> dict[str, EngineValue]:
     """What an empty world, a bare body of each type and a bare collider hold."""
     rapier = sim.rapier
     world = rapier.PhysicsWorld()
-    found: dict[str, HeldValue] = {f"world.{name}": value for name, value in _world(world).items()}
+    found: dict[str, EngineValue] = {f"world.{name}": value for name, value in _world(world).items()}
     for name, builder in (("fixed", rapier.RigidBody.fixed()), ("dynamic", rapier.RigidBody.dynamic())):
         held = world.rigid_bodies[world.add_body(builder)]
         found |= {f"{name}.{key}": value for key, value in of_body(held).items()}
@@ -126,7 +126,7 @@ def neutral(sim: Simulation) -> dict[str, HeldValue]:
     return found | {f"collider.{key}": value for key, value in of_collider(collider).items()}
 
 
-def _filter(sim: Simulation) -> dict[str, HeldValue]:
+def _filter(sim: Simulation) -> dict[str, EngineValue]:
     """For every shape the others that it does not touch, itself not counted: as the hook answers, asked or not."""
     held = sim.built.laws
     names = [f"{name}.0" for _, name in sim.built.shapes]  # as carriers are called: in one layer
@@ -150,8 +150,8 @@ RIGID, SHARE = 1000.0, 0.01
 
 
 def expected(
-    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, HeldValue]
-) -> dict[str, HeldValue]:
+    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are Rapier's own values."""
     found = _of("world", neutral)
     frequency = RIGID / (2.0 * math.pi * world.physics.timestep)
@@ -216,7 +216,7 @@ def expected(
     return found | expected_apart(world, plan, carriers)
 
 
-def _of(owner: str, neutral: Mapping[str, HeldValue]) -> dict[str, HeldValue]:
+def _of(owner: str, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
     return {name.removeprefix(f"{owner}."): value for name, value in neutral.items() if name.startswith(f"{owner}.")}
 
 

@@ -29,17 +29,17 @@ from simspec.engines.webots.simulation import Simulation
 from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support.declarations import (
     AS_EFFORTS,
-    UNTOLD_FRAMES,
+    FRAMES_ALONGSIDE,
     Level,
     Refinement,
     Support,
     Table,
-    alike,
     approximate,
     exactly,
+    for_each,
     never,
-    not_here,
     shape_kinds,
+    unsupported_if,
     via_api,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
@@ -129,7 +129,7 @@ def only_joined(world: World) -> Refinement | None:
     for one, other in world.contact.excluded_bodies:
         pair = frozenset((groups[one], groups[other]))
         if len(pair) > 1 and {one, other} <= solid and pair not in joined:
-            return not_here(f"Webots has no filter of bodies, and would let {one!r} touch {other!r}")
+            return unsupported_if(f"Webots has no filter of bodies, and would let {one!r} touch {other!r}")
     return Refinement(Level.EXACT, "of bodies that a joint joins")
 
 
@@ -218,7 +218,7 @@ class Webots(GivenEngine[Simulation]):
         Feature.BALL_DAMPING: via_api(_GIVEN),
         Feature.SPRING: via_api(_GIVEN),
         Feature.BALL_SPRING: via_api(_GIVEN),
-        **alike(
+        **for_each(
             never("Webots has no armature, and contact would ignore a computed one"),
             *(Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.FREE_ARMATURE),
         ),
@@ -229,7 +229,7 @@ class Webots(GivenEngine[Simulation]):
             short="cylinders by ODE's own code, which overlooks some overlaps and has one point along a line",
         ),
         Feature.SHAPE_PLANE: Support(Level.EXACT, "of bodies that cannot move", refine=_planes_still),
-        **alike(never("Webots' contact begins where shapes touch"), Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
+        **for_each(never("Webots' contact begins where shapes touch"), Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
         Feature.SURFACE_VELOCITY: never("in Webots only Tracks have surfaces that move, which simspec does not write"),
         Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
         Feature.TORSIONAL_FRICTION: approximate(
@@ -242,8 +242,8 @@ class Webots(GivenEngine[Simulation]):
         Feature.HARDNESS_COMMON: Support(
             Level.EXACT, "softERP 0.01, with which ODE itself has the common law (measured there)"
         ),
-        **alike(never(_RIGID), Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-        **alike(never(_NOT_WRITTEN), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        **for_each(never(_RIGID), Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+        **for_each(never(_NOT_WRITTEN), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         Feature.CONE_ELLIPTIC: approximate(
             "the circumscribed pyramid on ODE's own axes: up to 1.41 times the friction between them",
             no_friction,
@@ -261,14 +261,14 @@ class Webots(GivenEngine[Simulation]):
         Feature.TOUCHING_PAIRS: never("what a joint joins never touches in Webots"),
         Feature.KINEMATIC: never(_NOT_WRITTEN),
         Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
         Feature.FREE_DAMPING: GIVEN_DAMPING,
         Feature.FLUID: GIVEN_FLUID,
         Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
         Feature.SUM: via_api("given as efforts before every step"),
-        **alike(
+        **for_each(
             never("simspec tells Webots no constraints outside the tree"),
             *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),

@@ -21,7 +21,7 @@ from simspec.formats.wbt.format import Wbt
 from simspec.formats.wbt.rewriting import text_of
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.joint_forces import JointForces
 from simspec.world.kinematics import initial_state, layout_of, poses, rigid_groups
 from simspec.world.tuples import quaternion, vector3
@@ -50,7 +50,7 @@ class States:
         self.parents = [-1 if body.joint.parent is None else rows[body.joint.parent] for body in bodies]
         self._offsets = [Pose(body.frame_offset) for body in told.bodies]
         self.levers = [
-            told_inertial(self.world, body).centre_of_mass if body.joint.kind == "free" else (0.0, 0.0, 0.0)
+            lumped_inertial(self.world, body).centre_of_mass if body.joint.kind == "free" else (0.0, 0.0, 0.0)
             for body in bodies
         ]
         self.centres = {rows[name]: centre for name, centre in centres(bodies).items()}

@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from simspec.world import frames
-from simspec.world.gathering import gathered, told_gravity_scale
+from simspec.world.gathering import lumped, lumped_gravity_scale
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World
 
 
@@ -26,12 +26,12 @@ def _quaternion(values: Sequence[float]) -> Quaternion:
 
 def gather(world: World) -> World:
     """The world with the inertia of rigid groups gathered on their topmost bodies where engines ask for it."""
-    told = gathered(world)
+    told = lumped(world)
     if not told:
         return world
     bodies = (
         dataclasses.replace(
-            body, inertial=told.get(body.name, body.inertial), gravity_scale=told_gravity_scale(world, body)
+            body, inertial=told.get(body.name, body.inertial), gravity_scale=lumped_gravity_scale(world, body)
         )
         for body in world.bodies
     )
@@ -127,4 +127,4 @@ def restore_frames(bodies: tuple[Body, ...], offsets: dict[str, Vector3]) -> tup
 def tensor(moments: Vector3, turn: Quaternion) -> tuple[float, float, float, float, float, float]:
     """The inverse of :func:`simspec.world.principal.principal_axes`: (xx, yy, zz, xy, xz, yz) from principal moments and their
     axes."""
-    return frames.turn_inertia(turn, (*moments, 0.0, 0.0, 0.0))
+    return frames.rotate_inertia(turn, (*moments, 0.0, 0.0, 0.0))

@@ -14,7 +14,7 @@ from simspec.formats.mjcf.names import file_name
 from simspec.formats.mjcf.rows import Row
 from simspec.formats.mjcf.tree import Attributes, HeightField, Inertial, Key, Mesh, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
 from simspec.world.boxes import moments_along
 from simspec.world.heightfield import field_of
@@ -163,7 +163,7 @@ def one_number(name: str, world: World) -> Refinement | None:
     """Not supported where a free body's ``name`` (damping, armature) has two different numbers."""
     for body in world.bodies:
         if body.joint.kind == "free" and getattr(body.joint, name) != getattr(body.joint, f"angular_{name}"):
-            return not_here(
+            return unsupported_if(
                 f"{name} of {body.name!r}: MJCF has one number for translation and rotation of a free joint"
             )
     return None
@@ -175,7 +175,7 @@ def no_more_than_its_weight(world: World) -> Refinement | None:
     return (
         None
         if heavier is None
-        else not_here(f"gravcomp of {heavier!r} would be below 0, which readers of MJCF may leave out")
+        else unsupported_if(f"gravcomp of {heavier!r} would be below 0, which readers of MJCF may leave out")
     )
 
 

@@ -43,7 +43,7 @@ from simspec.formats.mjcf.tendons import tendons
 from simspec.formats.mjcf.tree import Attributes, Default, Model, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
-    GATHERED,
+    LUMPED,
     Level,
     Support,
     Table,
@@ -131,7 +131,7 @@ SUPPORT: Final[Table] = {
         "actuators with gains, effort limits and the target at the start, without the trajectory"
     ),
     Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one body"),
-    **GATHERED,
+    **LUMPED,
     Feature.CONSTRAINT_COUPLING: approximate("an equality of two joints: a spring-damper with the default solref"),
     Feature.CONSTRAINT_LOOP: approximate("an equality of two sites: a spring-damper with the default solref"),
     Feature.FRAME: Support(Level.EXACT, "a site"),

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from typing import Final
 
 from simspec.formats.sdf import tree
-from simspec.support.declarations import Refinement, not_here
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
 from simspec.world.derived import derived
 from simspec.world.kinematics import poses, trees
@@ -31,7 +31,11 @@ def couplings_in_trees(world: World) -> Refinement | None:
     """Not supported where a joint follows one of another tree, which is another model."""
     root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
     across = [held.name for held in _follows(world) if root[held.joint] != root[held.leader]]
-    return not_here(f"{across[0]!r} couples joints of two models, which do not know each other's") if across else None
+    return (
+        unsupported_if(f"{across[0]!r} couples joints of two models, which do not know each other's")
+        if across
+        else None
+    )
 
 
 def loops_in_trees(world: World) -> Refinement | None:
@@ -39,9 +43,9 @@ def loops_in_trees(world: World) -> Refinement | None:
     root = _roots(world)
     for loop in _loops(world):
         if root[loop.first] != root[loop.second]:
-            return not_here(f"{loop.name!r} holds bodies of two models, which do not know each other's")
+            return unsupported_if(f"{loop.name!r} holds bodies of two models, which do not know each other's")
         if loop.name not in _closed(world):
-            return not_here(
+            return unsupported_if(
                 f"{loop.name!r} is open where all joints are at zero, and the file says where it is closed there"
             )
     return None

@@ -18,12 +18,12 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     Table,
-    alike,
     approximate,
     exactly,
+    for_each,
     never,
-    not_here,
     shape_kinds,
+    unsupported_if,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
@@ -64,7 +64,9 @@ def _by_self_collide(world: World) -> Refinement | None:
 def on_or_off(world: World) -> Refinement | None:
     """That a body has a part of its weight, or more than it."""
     odd = next((body.name for body in world.bodies if body.gravity_scale not in (0.0, 1.0)), None)
-    return None if odd is None else not_here(f"SDF has the weight of a link or none of it: {odd!r} has another part")
+    return (
+        None if odd is None else unsupported_if(f"SDF has the weight of a link or none of it: {odd!r} has another part")
+    )
 
 
 SUPPORT: Final[Table] = {
@@ -103,8 +105,8 @@ SUPPORT: Final[Table] = {
     Feature.FRICTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
     Feature.RESTITUTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
     Feature.IMPACT_FRICTION: never(_SOLVER),
-    **alike(never(_SOLVER), *COUPLED_CONTACT),
-    **alike(
+    **for_each(never(_SOLVER), *COUPLED_CONTACT),
+    **for_each(
         never(_SOLVER),
         *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
         *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
@@ -124,7 +126,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: Support(EXACT.level, "as mimic of a joint, in SDF 1.11", refine=couplings_in_trees),
     Feature.BALL_LIMIT: never("SDF has limits along axes only"),
     Feature.FRAME: Support(Level.EXACT, "<frame>"),
-    **alike(
+    **for_each(
         never("SDF has nothing along sums of joint positions"),
         Feature.SUM,
         Feature.SUM_LIMITS,

@@ -10,7 +10,7 @@ from simspec.formats.kit.plain import Fate, Loss
 from simspec.formats.skel import tree
 from simspec.formats.skel.from_world import KINDS, RESERVED, coordinates, file_name, zero_poses
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.support.declarations import Level, Support, Table, alike, approximate, exactly, never, shape_kinds
+from simspec.support.declarations import Level, Support, Table, approximate, exactly, for_each, never, shape_kinds
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
 from simspec.world.kinematics import rigid_groups, trees
@@ -47,7 +47,7 @@ SUPPORT: Final[Table] = {
     Feature.SPRING: approximate("the same numbers, implicit in time"),
     Feature.BALL_SPRING: never(".skel has springs at hinges and slides only"),
     Feature.ARMATURE: never(".skel has no armature"),
-    **alike(
+    **for_each(
         never(_SURFACE),
         *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION),
         *(Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
@@ -55,7 +55,7 @@ SUPPORT: Final[Table] = {
         *COUPLED_CONTACT,
         *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
     ),
-    **alike(
+    **for_each(
         never(_HARDNESS),
         *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
         *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
@@ -68,7 +68,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: never(".skel has no couplings of joints"),
     Feature.BALL_LIMIT: never(".skel has no limits of ball joints"),
     Feature.FRAME: never(".skel has no frames but those of bodies"),
-    **alike(
+    **for_each(
         never(".skel has nothing along sums of joint positions"),
         Feature.SUM,
         Feature.SUM_LIMITS,

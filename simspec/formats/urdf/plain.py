@@ -17,12 +17,12 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     Table,
-    alike,
     approximate,
     exactly,
+    for_each,
     never,
-    not_here,
     shape_kinds,
+    unsupported_if,
     via_api,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
@@ -56,7 +56,7 @@ def within_trees(world: World) -> Refinement | None:
     """Not supported where a joint follows one of another tree, which stands in another file."""
     root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
     across = [held.name for held in _follows(world) if root[held.joint] != root[held.leader]]
-    return not_here(f"{across[0]!r} couples joints of two trees, which are two files") if across else None
+    return unsupported_if(f"{across[0]!r} couples joints of two trees, which are two files") if across else None
 
 
 def _follows(world: World) -> Iterator[Follow]:
@@ -86,7 +86,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
     Feature.BALL_LIMIT: never("URDF has no ball joints"),
     Feature.FRAME: Support(Level.EXACT, "a link without mass on a fixed joint, NAME_joint"),
-    **alike(
+    **for_each(
         never("URDF has nothing along sums of joint positions"),
         Feature.SUM,
         Feature.SUM_LIMITS,
@@ -103,7 +103,7 @@ SUPPORT: Final[Table] = {
     Feature.ARMATURE: never("URDF has no armature"),
     Feature.SPRING: never("URDF has no springs"),
     Feature.BALL_SPRING: never("URDF has no springs"),
-    **alike(
+    **for_each(
         never(_NO_CONTACT),
         *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION),
         *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
@@ -112,7 +112,7 @@ SUPPORT: Final[Table] = {
         *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS, Feature.CONE_ELLIPTIC),
         *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
     ),
-    **alike(
+    **for_each(
         never("URDF does not say what touches what"),
         *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
         Feature.TOUCHING_PAIRS,

@@ -35,7 +35,7 @@ def inertial_of(inertial: Inertial | None) -> WorldInertial:
         return WorldInertial(0.0)
     pose = pose_of(inertial.origin)
     tensor = tuple(value or 0.0 for value in inertial.inertia)
-    return WorldInertial(inertial.mass, pose.position, frames.turn_inertia(pose.quaternion, tensor))
+    return WorldInertial(inertial.mass, pose.position, frames.rotate_inertia(pose.quaternion, tensor))
 
 
 def check_empty(link: Link) -> None:

@@ -19,7 +19,7 @@ from simspec.world import frames
 from simspec.world.carriers import is_carrier, joined
 from simspec.world.kinematics import CollisionFilter, poses, rigid_groups, trees
 from simspec.world.principal import principal_axes
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import Body, Connect, Frame, Inertial, Material, Pose, Vector3, Weld, World
 
 SMALLEST_MASS: Final = 1e-9
@@ -226,7 +226,7 @@ class _Writer:
         quiet = joined(self.world.bodies)
         for constraint in self.world.constraints:
             if constraint.kind != "follow":
-                quiet.add(ordered(constraint.first, constraint.second))
+                quiet.add(sorted_pair(constraint.first, constraint.second))
         pairs = {pair for pair in self.world.contact.excluded_bodies if pair not in quiet}
         rigid: dict[str, list[str]] = {}
         for name, group in rigid_groups(self.world).items():
@@ -237,7 +237,7 @@ class _Writer:
                 pair
                 for i, one in enumerate(names)
                 for other in names[i + 1 :]
-                if (pair := ordered(one, other)) not in quiet
+                if (pair := sorted_pair(one, other)) not in quiet
             }
         targets: dict[str, list[str]] = {}
         for first, second in sorted(pairs):

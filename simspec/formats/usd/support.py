@@ -13,9 +13,9 @@ from simspec.support.declarations import (
     Refinement,
     Support,
     Table,
-    alike,
     approximate,
     exactly,
+    for_each,
     never,
     shape_kinds,
     via_api,
@@ -77,7 +77,7 @@ SUPPORT: Final[Table] = {
     Feature.RESTITUTION_THRESHOLD: never(_SOLVER),
     Feature.TORSIONAL_FRICTION: never("UsdPhysics has sliding friction only"),
     Feature.ROLLING_FRICTION: never("UsdPhysics has sliding friction only"),
-    **alike(
+    **for_each(
         never(_SOLVER),
         *(Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
         *COUPLED_CONTACT,
@@ -99,7 +99,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: never("UsdPhysics has no couplings of joints"),
     Feature.BALL_LIMIT: never("a cone of UsdPhysics limits where an axis points, and lets the body turn about it"),
     Feature.FRAME: Support(Level.EXACT, "an Xform in that of its body"),
-    **alike(
+    **for_each(
         never("UsdPhysics has nothing along sums of joint positions"),
         Feature.SUM,
         Feature.SUM_LIMITS,

@@ -24,7 +24,7 @@ from simspec.formats.world.tree import (
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
-from simspec.support.declarations import UNTOLD_FRAMES, Table, exactly, never, shape_kinds
+from simspec.support.declarations import FRAMES_ALONGSIDE, Table, exactly, never, shape_kinds
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.canonical import canonical_json
 from simspec.world.shapes import SHAPES
@@ -70,7 +70,7 @@ class WorldJson(Format):
             *(Feature.GRAVITY, Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.TIMESTEP, Feature.FLUID),
         ),
         Feature.BALL_LIMIT: never("world.json has no limits of balls: no engine that reads it has any"),
-        Feature.FRAME: UNTOLD_FRAMES,
+        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.FREE_ARMATURE: never("world.json has no armature of free bodies: no engine that reads it has any"),
         Feature.BALL_ARMATURE: never("world.json has no armature of balls: no engine that reads it has any"),
         Feature.MARGIN_PAIRS: never("world.json has no margins: no engine that reads it has any"),

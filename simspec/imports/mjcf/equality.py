@@ -20,7 +20,7 @@ from simspec.imports.mjcf.importer import imported
 from simspec.imports.mjcf.tendons import without_effect
 from simspec.language.foreign import Imported, ImportOptions
 from simspec.language.load import Spec
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.types import World
 
 SPREAD: Final = 0.7
@@ -127,7 +127,7 @@ def _coordinates(
         kind, from_q, from_v = (int(model[f"jnt_{word}"][joint]) for word in ("type", "qposadr", "dofadr"))
         if kind == FREE:
             turn = positions[from_q + 3 : from_q + 7]
-            lever = rotated(turn, np.asarray(told_inertial(world, world.bodies[row]).centre_of_mass))
+            lever = rotated(turn, np.asarray(lumped_inertial(world, world.bodies[row]).centre_of_mass))
             q[at_q] = np.r_[positions[from_q : from_q + 3] + lever, turn]
             change[at_v, from_v : from_v + 6] = _at_centre(turn, lever)
             spin = rotated(turn, velocities[from_v + 3 : from_v + 6])

@@ -124,6 +124,6 @@ def inertia_data(values: tuple[float, ...], place: Placement) -> dict[str, Any]:
             data.update({key: value for key, value in place.data().items() if key != "xyz"})
         return data
     if turned:
-        values = frames.turn_inertia(place.pose.quaternion, values)
+        values = frames.rotate_inertia(place.pose.quaternion, values)
     names = ("xx", "yy", "zz", "xy", "xz", "yz")
     return {"tensor": {name: value for name, value in zip(names, values, strict=True) if value or name[0] == name[1]}}

@@ -81,7 +81,7 @@ class Mass:
             turn = {"rpy": [angle(value) for value in self.rpy]} if any(self.rpy) else {}
             return {"principal": numbers(diagonal), **turn}
         if any(self.rpy):
-            tensor = frames.turn_inertia(frames.from_rpy(*self.rpy), tensor)
+            tensor = frames.rotate_inertia(frames.from_rpy(*self.rpy), tensor)
         pairs = zip(MOMENTS, tensor, strict=True)
         return {"tensor": {name: plain(value) for name, value in pairs if value or name in MOMENTS[:3]}}
 
@@ -235,7 +235,7 @@ def total(members: Iterable[tuple[Mass, Pose]]) -> tuple[float, Six]:
             continue
         turn = frames.multiply(where.quaternion, frames.from_rpy(*mass.rpy))
         centre = frames.add(where.position, frames.rotate(where.quaternion, mass.centre))
-        parts.append((mass.mass, centre, frames.turn_inertia(turn, mass.tensor)))
+        parts.append((mass.mass, centre, frames.rotate_inertia(turn, mass.tensor)))
     whole = math.fsum(part[0] for part in parts)
     if whole <= 0.0:
         return whole, (0.0,) * 6

@@ -125,7 +125,7 @@ class MassReader:
         if axes is not None and any(axes):
             turn = quaternion(prim, "physics:principalAxes", axes)
         moments = tuple(value * self.of_inertia for value in said)
-        tensor = frames.turn_inertia(turn, (*moments, 0.0, 0.0, 0.0))
+        tensor = frames.rotate_inertia(turn, (*moments, 0.0, 0.0, 0.0))
         own = prim.own("inertia", 6)
         if own is not None and (agree(own, tensor) or _stands_for(moments, own)):
             return own

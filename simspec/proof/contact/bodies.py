@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from simspec.proof.contact.probe import FLOOR, Law
 from simspec.world import frames
 from simspec.world.shapes import SHAPES
-from simspec.world.tuples import six
+from simspec.world.tuples import vector6
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Shape, Vector3
 
 FLOOR_SIZE = (400.0, 400.0, 2.0)
@@ -105,7 +105,7 @@ def solid(
     """A free body of uniform density of a kind of shape, with its centre at ``at``."""
     moments = SHAPES[kind].moments(size, mass)
     shape = Shape(f"{name}_0", kind, size, Pose(), law.pair.second)
-    return _free(name, Inertial(mass, inertia=six((*moments, 0.0, 0.0, 0.0))), shape, at, turn, STATIONARY)
+    return _free(name, Inertial(mass, inertia=vector6((*moments, 0.0, 0.0, 0.0))), shape, at, turn, STATIONARY)
 
 
 def _free(

@@ -21,7 +21,7 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.support.features import Feature
 from simspec.world.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
-from simspec.world.tuples import ordered, vector3
+from simspec.world.tuples import sorted_pair, vector3
 from simspec.world.types import (
     Contact,
     EngineOptions,
@@ -191,7 +191,7 @@ def _pairs(world: World, read: ReadBack) -> tuple[PairContact, ...]:
     worst = dict(laws)
     worst.update({names: law for law in read.laws if (names := (law.first, law.second)) in laws})
     for pair in read.pairs:
-        names = ordered(material.get(pair.first, ""), material.get(pair.second, ""))
+        names = sorted_pair(material.get(pair.first, ""), material.get(pair.second, ""))
         if names not in laws:
             continue  # a stray pair is the comparator's to find
         law, surface = laws[names], pair.surface

@@ -19,7 +19,7 @@ from simspec.world.heightfield import Field, field_of
 from simspec.world.hull import hull_of
 from simspec.world.kinematics import initial_state, layout_of, trees
 from simspec.world.meeting import meeting_laws, solid_shapes
-from simspec.world.tuples import ordered, vector3
+from simspec.world.tuples import sorted_pair, vector3
 from simspec.world.types import Body, Contact, Inertial, Joint, Pose, Shape, World
 
 NAME = "size"
@@ -285,7 +285,7 @@ def size_trial(world: World) -> SizeTrial | None:
         at += reach
         name, ball = f"shape_{index}", f"ball_{index}"
         made = _carrier(name, shape, role, place, weighs)
-        excluded += [ordered(body.name, body.joint.parent) for body in made if body.joint.parent is not None]
+        excluded += [sorted_pair(body.name, body.joint.parent) for body in made if body.joint.parent is not None]
         bodies += [*made, _ball(ball, partner, (at, 50.0, 0.0))]
         subject = f"{_told(shape, margin)}, {role}"
         probed.append((subject, name, ball, points, place))

@@ -21,7 +21,7 @@ from simspec.proof.contact.impact import RESTITUTION_TOLERANCE, TURNED, subject
 from simspec.proof.contact.oblique import ABOVE_THRESHOLD, GRAZES, impact_begins
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.world import frames
-from simspec.world.tuples import ordered, vector3
+from simspec.world.tuples import sorted_pair, vector3
 from simspec.world.types import Body
 
 APPROACH = 2.0
@@ -125,7 +125,7 @@ class _Together(Probe):
     def trials(self, law: Law) -> Sequence[Trial]:
         groups = self.groups()
         bodies = [*self.fixed(law), *(body for group in groups for body in self.bodies(law, group))]
-        meets = tuple(ordered(*pair) for group in groups for pair in self.meets(group))
+        meets = tuple(sorted_pair(*pair) for group in groups for pair in self.meets(group))
         return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),), meets)]
 
     def wanted(self, law: Law) -> Sequence[Figure]:

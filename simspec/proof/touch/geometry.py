@@ -55,7 +55,7 @@ class Solid:
     @property
     def still(self) -> bool:
         """Whether only bodies that cannot move have shapes of its kind."""
-        return SHAPES[self.shape.kind].still
+        return SHAPES[self.shape.kind].static
 
     @functools.cached_property
     def parts(self) -> Prisms:

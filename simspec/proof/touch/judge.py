@@ -16,7 +16,7 @@ from simspec.proof.touch.plan import Meetings, oracle_of
 from simspec.proof.touch.scene import Pair
 from simspec.world.inset import core
 from simspec.world.kinematics import CollisionFilter
-from simspec.world.tuples import ordered
+from simspec.world.tuples import sorted_pair
 from simspec.world.types import World
 
 MATRIX = "collision matrix"
@@ -161,7 +161,7 @@ def _overlooked(
     """Those of the pairs that an engine never reported that are of kinds of which it overlooks some overlaps."""
 
     def kinds(pair: Pair) -> tuple[str, str]:
-        return ordered(*(meetings.solids[number].shape.kind for number in pair))
+        return sorted_pair(*(meetings.solids[number].shape.kind for number in pair))
 
     met, not_met = (Counter(map(kinds, pairs)) for pairs in (touching, missed))
     return {pair for pair in missed if kinds(pair) in overlooks and met[kinds(pair)] >= SEEN * not_met[kinds(pair)]}

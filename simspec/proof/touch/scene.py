@@ -10,7 +10,7 @@ import numpy as np
 from simspec.dynamics.oracle import Oracle
 from simspec.proof.touch.geometry import Solid, solids, transforms
 from simspec.world import frames
-from simspec.world.gathering import told_inertial
+from simspec.world.gathering import lumped_inertial
 from simspec.world.kinematics import CollisionFilter, initial_state, rigid_groups, trees
 from simspec.world.types import World
 
@@ -118,7 +118,7 @@ class Scene:
         """Put a free tree's root frame (4, 4) there; its coordinates are those of its centre of mass."""
         body = self.world.bodies[self._root_index[tree]]
         start = self.oracle.layout.position[self._root_index[tree]].start
-        q[start : start + 3] = frame[:3, 3] + frame[:3, :3] @ np.array(told_inertial(self.world, body).centre_of_mass)
+        q[start : start + 3] = frame[:3, 3] + frame[:3, :3] @ np.array(lumped_inertial(self.world, body).centre_of_mass)
         q[start + 3 : start + 7] = frames.from_matrix(tuple(map(tuple, frame[:3, :3].tolist())))  # type: ignore[arg-type]
 
     def placeable(self, i: int, j: int) -> bool:

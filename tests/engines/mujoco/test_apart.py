@@ -35,7 +35,7 @@ def nearly_aligned(extent):
     bodies = []
     for body, shape in zip(worlds.tree(["hinge"] * len(ALL_SHAPES), 4), shapes, strict=True):
         place = near(generator, extent)
-        tensor = frames.turn_inertia(place.quaternion, (0.01, 0.015, 0.02, 0.0, 0.0, 0.0))
+        tensor = frames.rotate_inertia(place.quaternion, (0.01, 0.015, 0.02, 0.0, 0.0, 0.0))
         inertial = WorldInertial(1.0, place.position, tensor)
         own = dataclasses.replace(shape, pose=near(generator, extent), collision=False, material="")
         bodies.append(dataclasses.replace(body, inertial=inertial, shapes=(own,)))

@@ -246,7 +246,7 @@ def test_inertias_are_held_whatever_shapes_there_are(edges, axes, kinds, size, l
     moments = tuple(
         size * (0.1 + of_edges) for of_edges in (edges[1] + edges[2], edges[0] + edges[2], edges[0] + edges[1])
     )
-    inertia = frames.turn_inertia(axes, (*moments, 0.0, 0.0, 0.0))
+    inertia = frames.rotate_inertia(axes, (*moments, 0.0, 0.0, 0.0))
     sizes = {"sphere": (0.1,), "box": (0.1, 0.2, 0.3), "capsule": (0.1, 0.4)}
     shapes = tuple(
         dataclasses.replace(

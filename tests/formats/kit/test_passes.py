@@ -21,7 +21,7 @@ unit = st.floats(-1, 1).filter(lambda x: x == 0 or abs(x) > 1e-3)
 def test_principal_axes_rebuild_the_tensor(parts, raw, exponent):
     scale = 10.0**exponent
     a, b, c = parts
-    inertia = frames.turn_inertia(frames.normalise(raw), tuple(scale * x for x in (b + c, a + c, a + b)) + (0.0,) * 3)
+    inertia = frames.rotate_inertia(frames.normalise(raw), tuple(scale * x for x in (b + c, a + c, a + b)) + (0.0,) * 3)
     moments, turn = principal.principal_axes(inertia)
     # 2⁻⁴⁰ ≈ 9e-13 may be clipped from a flat body's largest moment; the rest is round-off
     np.testing.assert_allclose(passes.tensor(moments, turn), inertia, rtol=0, atol=2e-12 * max(inertia[:3]))
@@ -38,7 +38,7 @@ def test_a_flat_body_stays_inside_the_triangle_inequality():
 def test_a_flat_body_of_any_size_and_turn_keeps_the_margin(parts, raw, exponent):
     """The largest moment of a plate is the sum of the others: engines that sum them in another order must not find it above."""
     a, b = (10.0**exponent * part for part in parts)
-    inertia = frames.turn_inertia(frames.normalise(raw), (a, b, a + b, 0.0, 0.0, 0.0))
+    inertia = frames.rotate_inertia(frames.normalise(raw), (a, b, a + b, 0.0, 0.0, 0.0))
     moments, _ = principal.principal_axes(inertia)
     smaller, middle, largest = sorted(moments)
     assert largest <= (smaller + middle) * (1.0 - 2.0**-41)
