@@ -20,7 +20,8 @@ from simspec.engines.mjwarp.no_numbers import MOST_TORSIONAL_RATIO, PYRAMID, tor
 from simspec.engines.mjwarp.settings import SETTINGS
 from simspec.engines.mjwarp.simulation import SEARCH_OF_FILE, MjWarpSimulation
 from simspec.engines.mujoco.engine import MuJoCo
-from simspec.engines.mujoco.expected import expected_inventory
+from simspec.engines.mujoco.expectation import Expectation
+from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.rewritten import NO_EQUALITIES, met_exactly, no_friction, without_coulomb
 from simspec.support.declarations import EXACT, Level, Refinement, Support, Table, never
 from simspec.support.features import Feature
@@ -119,7 +120,9 @@ class MjWarp(MjWarpSimulation):
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         settings = resolve_settings(cls, world)
-        found: dict[str, EngineValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        found: dict[str, EngineValue] = expected_inventory(
+            Expectation(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        )
         found[SEARCH_OF_FILE] = found["flags.disable_nativeccd"]
         found["flags.disable_nativeccd"] = True
         return found

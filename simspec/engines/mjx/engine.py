@@ -16,7 +16,8 @@ from simspec.engines.mjx.contact import CONTACT_DEVIATIONS
 from simspec.engines.mjx.settings import SETTINGS
 from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation, turns
 from simspec.engines.mujoco.engine import MuJoCo
-from simspec.engines.mujoco.expected import expected_inventory
+from simspec.engines.mujoco.expectation import Expectation
+from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.rewritten import (
     NO_EQUALITIES,
     OF_MUJOCO,
@@ -166,7 +167,9 @@ class Mjx(MjxSimulation):
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
         settings = resolve_settings(cls, world)
-        found: dict[str, EngineValue] = expected_inventory(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        found: dict[str, EngineValue] = expected_inventory(
+            Expectation(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        )
         found[CONE_OF_FILE] = found["opt.cone"]
         if not any(map(rubs, meeting_laws(world).values())):
             found["opt.cone"] = PYRAMIDAL

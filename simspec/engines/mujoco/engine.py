@@ -15,10 +15,11 @@ from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.mujoco.actuation import NATIVE as NATIVE_CONTROL
 from simspec.engines.mujoco.actuation import explicit_servos_hold
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
-from simspec.engines.mujoco.expected import expected_inventory
+from simspec.engines.mujoco.expectation import Expectation
 from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_OWN, load
 from simspec.engines.mujoco.ground import HEIGHT_FIELDS
 from simspec.engines.mujoco.half_depth import DEVIATIONS as HALF_DEPTH_DEVIATIONS
+from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.readback import UNREADABLE
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
@@ -137,7 +138,7 @@ class MuJoCo(MujocoSimulation):
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        return expected_inventory(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS)
+        return expected_inventory(Expectation(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS))
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         return load(import_mujoco(), file, log)

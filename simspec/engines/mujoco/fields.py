@@ -21,49 +21,9 @@ ELEMENTS = {
 }
 """By prefix of an array: its count, and MuJoCo's word for what has the names of its rows."""
 
-COUNTS = (
-    *(
-        "nq",
-        "nv",
-        "nu",
-        "na",
-        "nbody",
-        "njnt",
-        "ngeom",
-        "nsite",
-        "ncam",
-        "nlight",
-        "nflex",
-        "nmesh",
-        "nskin",
-        "nhfield",
-    ),
-    *("nmat", "ntex", "npair", "nexclude", "neq", "ntendon", "nwrap", "nsensor", "nnumeric", "ntext", "ntuple", "nkey"),
-    *("nmocap", "nplugin", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam", "nuser_tendon"),
-    *("nuser_actuator", "nuser_sensor", "nuserdata", "nhistory", "nplastic", "nactuator", "nout", "ngravcomp"),
-    *("njmax", "nconmax", "flg_gravcomp", "flg_adhesion", "flg_surfacevel"),
-)
-"""Compared each, as ``count.NAME``; the numbers of things that simspec never writes must be an empty model's."""
-
-OPTIONS = (
-    *("timestep", "gravity", "cone", "solver", "iterations", "tolerance", "ls_iterations", "ls_tolerance"),
-    *("noslip_iterations", "noslip_tolerance", "ccd_iterations", "ccd_tolerance", "impratio", "integrator", "jacobian"),
-    *(
-        "density",
-        "viscosity",
-        "wind",
-        "magnetic",
-        "disableactuator",
-        "sdf_initpoints",
-        "sdf_iterations",
-        "sleep_tolerance",
-    ),
-    *("o_margin", "o_solref", "o_solimp", "o_friction"),
-)
-"""Compared each, as ``opt.NAME``; ``disableflags`` and ``enableflags`` bit by bit, as ``flags.NAME``."""
 FLAG_FIELDS = ("disableflags", "enableflags")
 
-NEUTRAL = (
+NEUTRAL_ARRAYS = (
     *("body_mocapid", "body_plugin", "body_margin"),
     *("jnt_margin", "jnt_actfrclimited", "jnt_actfrcrange", "jnt_actgravcomp"),
     *("jnt_stiffnesspoly", "jnt_springyield", "jnt_plasticadr", "dof_dampingpoly"),
@@ -87,18 +47,8 @@ NEUTRAL = (
     *("tendon_actfrcrange", "tendon_stiffnesspoly", "tendon_dampingpoly", "tendon_springyield", "tendon_plasticadr"),
     "key_time",
 )
-"""Arrays of which every row must be as in a model that says nothing of it, asked from the engine itself. Such a field is one
-entry (``geom.gap: neutral``), and every row that is otherwise is one more."""
-
-EXPECTED = (
-    *("body_mass", "jnt_solref", "jnt_solimp", "jnt_stiffness", "jnt_range", "qpos0", "qpos_spring"),
-    *("dof_solref", "dof_solimp", "dof_armature", "dof_damping", "dof_frictionloss"),
-    *("geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_group", "geom_contype", "geom_conaffinity"),
-    *("pair_dim", "pair_friction", "pair_solref", "pair_solimp", "pair_solreffriction", "pair_geom1", "pair_geom2"),
-    *("actuator_ctrlspec", "exclude_signature", "tree_sleep_policy", "key_ctrl", "eq_solref", "eq_solimp"),
-    *("tendon_solref_lim", "tendon_solimp_lim", "tendon_solref_fri", "tendon_solimp_fri"),
-)
-"""Compared row by row with what ``mujoco_expected.py`` makes of the world."""
+"""Arrays of which every row must have MuJoCo's default, read from a model that sets nothing. Such a field is one entry of the
+inventory (``geom.gap: neutral``), and every row that differs is one more."""
 
 COVERED: Mapping[str, str] = {
     "body_parentid": "L2, parent",

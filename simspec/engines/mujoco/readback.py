@@ -13,7 +13,7 @@ from simspec.dialects.mujoco.chains import Chain, chains, origins
 from simspec.dialects.mujoco.names import KEYFRAME, NO_RATING
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
-from simspec.engines.mujoco.inventory import inventory
+from simspec.engines.mujoco.inventory import Inventory
 from simspec.errors import EngineError
 from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.formats.mjcf.format import MODEL
@@ -85,7 +85,7 @@ def read_back(mujoco: Any, model: Any, sidecar: MujocoSidecar, disableflags: int
 
     It has no place for the names of models and of rigid joints; these come from the sidecar.
     """
-    found, neutral = inventory(mujoco, model, sidecar, disableflags)
+    found, neutral = Inventory(mujoco, model, sidecar, disableflags).values()
     return dataclasses.replace(_ReadBack(mujoco, model, sidecar).world(), inventory=found, neutral=neutral)
 
 

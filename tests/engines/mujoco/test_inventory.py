@@ -12,7 +12,7 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.registry import find_engine
-from simspec.engines.mujoco import fields
+from simspec.engines.mujoco import fields, inventory
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS, model
@@ -21,8 +21,9 @@ from simspec.world.types import EngineOptions, Hardness, Shape
 mujoco = pytest.importorskip("mujoco")
 
 TABLES = {
-    name: getattr(fields, name) for name in ("COUNTS", "NEUTRAL", "EXPECTED", "COVERED", "DERIVED", "INERT", "EMPTY")
-} | {"OPTION": ("opt",)}
+    **{name: getattr(fields, name) for name in ("NEUTRAL_ARRAYS", "COVERED", "DERIVED", "INERT", "EMPTY")},
+    **{"COUNTS": inventory.COUNTS.table, "COMPARED": inventory.COMPARED, "OPTION": ("opt",)},
+}
 
 
 def fields_of(value):
@@ -34,7 +35,7 @@ def test_every_field_of_the_model_stands_in_one_table():
     for name in fields_of(empty):
         found = [table for table, rows in TABLES.items() if any(fnmatch.fnmatchcase(name, row) for row in rows)]
         assert len(found) == 1, f"{name}: {found}"
-    assert set(fields_of(empty.opt)) == {*fields.OPTIONS, *fields.FLAG_FIELDS}
+    assert set(fields_of(empty.opt)) == {*inventory.OPTIONS.table, *fields.FLAG_FIELDS}
 
 
 def test_the_tables_name_no_field_that_is_not_there():
