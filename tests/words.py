@@ -1,0 +1,90 @@
+"""Words that the project avoids, found in names and in prose: the table of ``docs/glossary.md`` is the list."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+GLOSSARY = Path(__file__).resolve().parent.parent / "docs" / "glossary.md"
+ROW = re.compile(r"^\| `(?P<word>[^`]+)` \| (?P<write>[^|]+) \| (?P<where>names|prose|both) \|", re.MULTILINE)
+STARTS = ("what", "whatever", "whose", "who", "whoever", "of which", "that which")
+"""Beginnings of sentences whose subject is a clause: the noun stands in their place. Questions may begin with them."""
+SENTENCE = re.compile(
+    r"(?:^|(?<=[.!:;]\s)|(?<=\n\n))\s*([\"'(*]*)(" + "|".join(STARTS) + r")\b([^.!?\n]*(?:\n(?!\n)[^.!?\n]*)*)([.!?]?)",
+    re.I,
+)
+EXCEPT = {"apart": " from"}
+"""Words that are plain before these."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """``word`` at ``line`` (from 1), in a name or in prose."""
+
+    line: int
+    word: str
+    text: str
+
+
+@functools.cache
+def avoided(where: str) -> tuple[str, ...]:
+    """Words that are avoided in ``names`` or in ``prose``."""
+    words = [match for match in ROW.finditer(GLOSSARY.read_text(encoding="utf-8")) if match["where"] in (where, "both")]
+    assert words, f"{GLOSSARY} has no table of words for {where}"
+    return tuple(match["word"] for match in words)
+
+
+@functools.cache
+def _prose_pattern() -> re.Pattern[str]:
+    words = (re.escape(word) + (f"(?!{EXCEPT[word]})" if word in EXCEPT else "") for word in avoided("prose"))
+    return re.compile(rf"(?<![\w`.-])(?:{'|'.join(words)})(?![\w`-])", re.IGNORECASE)
+
+
+def in_name(name: str) -> list[str]:
+    """Avoided words among the words of an identifier; ``what`` begins no name of a test."""
+    words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
+    found = [word for word in words if word in avoided("names")]
+    return found + (["what"] if words[:1] == ["test"] and words[1:2] and words[1] in ("what", "whatever") else [])
+
+
+def in_prose(text: str, line: int) -> Iterator[Finding]:
+    """Avoided words, and sentences that begin with a clause, of a text that begins at ``line``."""
+    for match in _prose_pattern().finditer(text):
+        yield Finding(line + text.count("\n", 0, match.start()), match[0].lower(), _around(text, match))
+    for match in SENTENCE.finditer(text):
+        if match[4] != "?" and " " in match[3].strip():
+            yield Finding(line + text.count("\n", 0, match.start(2)), f"{match[2].lower()} …", _around(text, match))
+
+
+def _around(text: str, match: re.Match[str]) -> str:
+    return " ".join(text[max(0, match.start() - 30) : match.end() + 30].split())[:110]
+
+
+def in_module(path: Path) -> list[Finding]:
+    """Findings in names, comments, docstrings and texts of several words of a Python file."""
+    source = path.read_text(encoding="utf-8")
+    found: list[Finding] = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.NAME:
+            found += [Finding(token.start[0], word, token.string) for word in in_name(token.string)]
+        elif token.type == tokenize.COMMENT:
+            found += in_prose(token.string.lstrip("# "), token.start[0])
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value.strip():
+            found += in_prose(node.value, node.lineno)
+    return found
+
+
+def in_page(path: Path) -> list[Finding]:
+    """Findings in the prose of a Markdown page: no code, no table of the glossary."""
+    text = re.sub(
+        r"```.*?```", lambda match: "\n" * match[0].count("\n"), path.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    text = re.sub(r"`[^`\n]*`", "``", text)
+    return list(in_prose(text, 1))
