@@ -31,7 +31,7 @@ def sizes(rows, timestep, ratio=0.0, settings=None, cone="elliptic", pair=PAIR):
 def test_a_row_counts_from_its_timestep_on(tmp_path):
     found = rows(tmp_path, [",,rod,,,,,,,,,0.001,no", ",,rod,,,,,1.05,,,,0.004,no"], WHY)
     assert sizes(found, 0.0005) == sizes(found, 0.001) == [0.001]
-    assert sizes(found, 0.00105) == sizes(found, 0.016) == [0.001, 0.004]
+    assert sizes(found, 0.00106) == sizes(found, 0.016) == [0.001, 0.004]
     assert not found[0].relative
     assert not found[0].is_local
 
