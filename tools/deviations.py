@@ -35,24 +35,15 @@ from simspec.engines.kit.deviations import LIMITS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import carried, crossing, jamming, leaning, sliding_stacks, squeezing, stacking, together
+from simspec.proof.contact import stacks, together
 from simspec.proof.contact.held import EVERYTHING
 from simspec.proof.contact.impact import DROP_RESTITUTION
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
-from simspec.proof.contact.run import PROBES, drive_of, motion_of, widened, world_of_trial
+from simspec.proof.contact.run import COUPLED, PROBES, widened
+from simspec.proof.contact.worlds import drive_of, motion_of, world_of_trial
 from simspec.world.reach import Reach
 from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics, World
 
-COUPLED: Mapping[str, Probe] = {
-    **leaning.PROBES,
-    **jamming.PROBES,
-    **squeezing.PROBES,
-    **together.PROBES,
-    **stacking.PROBES,
-    **sliding_stacks.PROBES,
-    **crossing.PROBES,
-    **carried.PROBES,
-}
 SOLVERS: Mapping[str, Sequence[Mapping[str, Any]]] = {
     "mujoco": ({"friction": "native"}, {"friction": "coulomb"}),
     "pybullet": ({},),
@@ -70,7 +61,7 @@ ALIKE = 1.3
 """Ratio of the largest to the smallest deviation up to which cones or settings share a row of a table."""
 KEPT = ("probe", "case", "expected", "measured", "tolerance", "unit", "worst")
 """What is kept of a figure."""
-SUNK = (stacking.Stack.NAME, stacking.Stack.SIDEWAYS)
+SUNK = (stacks.Stack.NAME, stacks.Stack.SIDEWAYS)
 """Of the tables of stacks that are left alone."""
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
 
@@ -150,8 +141,8 @@ LONGEST = 22.0
 
 
 def kind_of(probe: Probe) -> str:
-    kinds = {"impact": together, "stack": stacking, "sliding stack": sliding_stacks}
-    found = next((kind for kind, module in kinds.items() if probe.NAME in module.PROBES), None)
+    kinds = {"impact": together.PROBES, "stack": stacks.STACKING, "sliding stack": stacks.SLIDING_STACKS}
+    found = next((kind for kind, probes in kinds.items() if probe.NAME in probes), None)
     return found or ("coupled" if probe.NAME in COUPLED else "pair")
 
 
@@ -260,8 +251,8 @@ def page(rows: Sequence[Mapping[str, Any]], date: str) -> str:
             if mine:
                 cells = [_cell([row for row in mine if _column(row) == name]) for name in PAGE_COLUMNS]
                 lines.append(f"| {' | '.join((kind[0], kind[1] or 'default', kind[2], *cells))} |")
-    for seconds in dict.fromkeys(row.get("seconds", stacking.TIME) for row in rows):
-        lines += _stacks(seconds, [row for row in rows if row.get("seconds", stacking.TIME) == seconds])
+    for seconds in dict.fromkeys(row.get("seconds", stacks.TIME) for row in rows):
+        lines += _stacks(seconds, [row for row in rows if row.get("seconds", stacks.TIME) == seconds])
     return "\n".join(lines) + "\n"
 
 
@@ -420,7 +411,7 @@ def _neighbours(
 def _probe(name: str) -> Probe:
     """A probe that is measured at the points of the figure ``name``: for figures of other names one of its kind."""
     if name in SLIDING:
-        return next(iter(sliding_stacks.PROBES.values()))
+        return next(iter(stacks.SLIDING_STACKS.values()))
     several = [probe for probe in COUPLED.values() if name.startswith(probe.NAME)]
     return max(several, key=lambda probe: len(probe.NAME)) if several else PROBES["push"]
 
@@ -506,7 +497,7 @@ def main() -> int:
             declare([row for row in rows if row["local"] == local], local)
         return 0
     if given.seconds:
-        stacking.TIME = given.seconds
+        stacks.TIME = given.seconds
     grid = BETWEEN if given.between else TABLES
     for engine in given.engine or SOLVERS:
         if find_engine(engine).version() is None:

@@ -34,40 +34,18 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import (
-    carried,
-    compliance,
-    crossing,
-    friction,
-    impact,
-    jamming,
-    leaning,
-    oblique,
-    sliding_stacks,
-    squeezing,
-    stacking,
-    together,
-)
+from simspec.proof.contact import compliance, friction, impact, oblique, run
+from simspec.proof.contact.carried import SQUEEZING
 from simspec.proof.contact.held import EVERYTHING
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
-from simspec.proof.contact.run import deviating, drive_of, motion_of, world_of_trial
-from simspec.proof.contact.split import joined, split
+from simspec.proof.contact.run import deviating
+from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world.types import Body, Contact, EngineOptions, Material, Physics, World
 
 SHAPE = "compliance-shape"
-COUPLED: Mapping[str, Probe] = {
-    **leaning.PROBES,
-    **jamming.PROBES,
-    **squeezing.PROBES,
-    **together.PROBES,
-    **stacking.PROBES,
-    **sliding_stacks.PROBES,
-    **crossing.PROBES,
-    **carried.PROBES,
-    SHAPE: compliance.PROBES[SHAPE],
-}
+COUPLED: Mapping[str, Probe] = {**run.COUPLED, SHAPE: compliance.PROBES[SHAPE]}
 ONE_PAIR: Mapping[str, Probe] = {
     **friction.PROBES,
     **impact.PROBES,
@@ -274,7 +252,7 @@ def tried(
 def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]:
     """Of every defect, and of each unchanged law that fails. Nothing where the engine refuses the cone."""
     jointed = find_engine(engine).SUPPORT[Feature.JOINT_SLIDE].level is not Level.UNSUPPORTED
-    probes = {name: probe for name, probe in COUPLED.items() if jointed or name not in squeezing.PROBES}
+    probes = {name: probe for name, probe in COUPLED.items() if jointed or name not in SQUEEZING}
     everything = tried(engine, settings, cone, [*UNCHANGED, *DEFECTS], probes)
     before = {one.job.key: one for one in everything if one.job.defect in UNCHANGED}
     if all(isinstance(one.found, UnsupportedError) for one in before.values()):

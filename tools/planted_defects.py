@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from simspec.proof.contact.carried import PROBES as CARRYING
-from simspec.proof.contact.jamming import PROBES as JAMMING
+from simspec.proof.contact.carried import CARRYING
+from simspec.proof.contact.leaning import JAMMING
 from simspec.proof.contact.leaning import PROBES as LEANING
 from simspec.proof.contact.probe import Law
+from simspec.proof.contact.spin import SLIDING_WITH_SPIN
 from simspec.proof.contact.together import PROBES as IMPACTS
 from simspec.world.reach import Reach
 from simspec.world.types import Hardness, PairContact
@@ -34,7 +35,7 @@ LAWS: Mapping[str, Law] = {
     ),
 }
 """The true laws, but for the cone."""
-RUBBING = (*LEANING, *JAMMING, *CARRYING)
+SLIDING = (*LEANING, *JAMMING, *CARRYING, *SLIDING_WITH_SPIN)
 """Probes in which friction alone acts."""
 SLICK = "slick"
 """Material of a body without friction."""
@@ -102,8 +103,8 @@ SWEEPS: Mapping[tuple[str, str], Mapping[str, Any]] = {
 UNCHANGED = [
     Defect("unchanged"),
     Defect("unchanged, bouncing", "bouncing", probes=(*IMPACTS, "stack")),
-    Defect("unchanged, slippery", "slippery", probes=RUBBING),
-    Defect("unchanged, rough", "rough", probes=RUBBING),
+    Defect("unchanged, slippery", "slippery", probes=SLIDING),
+    Defect("unchanged, rough", "rough", probes=SLIDING),
     Defect("unchanged, heavy", "heavy", probes=("stack",)),
     Defect("unchanged, compliant", "compliant"),
 ]
@@ -111,10 +112,10 @@ DEFECTS = [
     Defect("friction × 0.9", pair={"friction": 0.45}),
     Defect("friction × 1.1", pair={"friction": 0.55}),
     Defect("friction doubled", pair={"friction": 1.0}),
-    Defect("friction 0.09 in place of 0.1", "slippery", {"friction": 0.09}, probes=RUBBING),
-    Defect("friction 0.11 in place of 0.1", "slippery", {"friction": 0.11}, probes=RUBBING),
-    Defect("friction 0.9 in place of 1", "rough", {"friction": 0.9}, probes=RUBBING),
-    Defect("friction 1.1 in place of 1", "rough", {"friction": 1.1}, probes=RUBBING),
+    Defect("friction 0.09 in place of 0.1", "slippery", {"friction": 0.09}, probes=SLIDING),
+    Defect("friction 0.11 in place of 0.1", "slippery", {"friction": 0.11}, probes=SLIDING),
+    Defect("friction 0.9 in place of 1", "rough", {"friction": 0.9}, probes=SLIDING),
+    Defect("friction 1.1 in place of 1", "rough", {"friction": 1.1}, probes=SLIDING),
     Defect("no friction", pair={"friction": 0.0}),
     Defect("restitution 0.5 in place of 0", pair={"restitution": 0.5}, probes=tuple(IMPACTS)),
     Defect("restitution 0 in place of 0.5", "bouncing", {"restitution": 0.0}, probes=tuple(IMPACTS)),

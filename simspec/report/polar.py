@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from simspec.proof.contact.friction import PUSH
-from simspec.proof.contact.law import outline, project
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import Figure, outline, project
 from simspec.report.drawing import COLOURS, MARKERS, STYLE, pyplot, saved
 
 PROBE = "push-oblong"

@@ -11,7 +11,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.proof.contact.probe import GRAVITY, Law, Motion
-from simspec.proof.contact.run import world_of_trial
+from simspec.proof.contact.worlds import world_of_trial
 from simspec.support.features import Feature
 from simspec.world.kinematics import layout_of
 from simspec.world.types import Contact, EngineOptions, Material, PairContact, Physics

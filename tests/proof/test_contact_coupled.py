@@ -13,18 +13,7 @@ from hypothesis import strategies as st
 import simspec
 from simspec.engines.kit.coupled import SLIDING, in_force
 from simspec.engines.kit.registry import find_engine
-from simspec.proof.contact import (
-    carried,
-    crossing,
-    jamming,
-    leaning,
-    oblique,
-    scope,
-    sliding_stacks,
-    squeezing,
-    stacking,
-    together,
-)
+from simspec.proof.contact import carried, leaning, oblique, run, scope, stacks, together
 from simspec.proof.contact.leaning import Rod, pile_acceleration, rod_acceleration
 from simspec.proof.contact.probe import GRAVITY
 from simspec.proof.contact.together import OPENING, Strike, impulses
@@ -47,16 +36,7 @@ ALL = Reach(
     squeezes=True,
     plane=True,
 )
-PROBES = {
-    **leaning.PROBES,
-    **jamming.PROBES,
-    **squeezing.PROBES,
-    **together.PROBES,
-    **stacking.PROBES,
-    **sliding_stacks.PROBES,
-    **crossing.PROBES,
-    **carried.PROBES,
-}
+PROBES = run.COUPLED
 
 
 def coupled(**pair):
@@ -147,7 +127,7 @@ def test_a_stick_that_stops_takes_the_whole_slip():
 @given(st.floats(0.05, 1.9), st.sampled_from((0.0005, 0.001, 0.004, 0.016)))
 def test_what_slides_together_is_stopped_in_the_steps_of_the_probe(friction, timestep):
     """By semi-implicit Euler, with μ g of each of two bodies of any masses."""
-    probe, wanted = sliding_stacks.SlidingStack(), coupled(friction=friction, timestep=timestep)
+    probe, wanted = stacks.SlidingStack(), coupled(friction=friction, timestep=timestep)
     speed, way = probe.speed(wanted), 0.0
     for _ in range(probe.steps(wanted)):
         speed -= friction * GRAVITY * timestep
@@ -155,15 +135,11 @@ def test_what_slides_together_is_stopped_in_the_steps_of_the_probe(friction, tim
     assert speed == pytest.approx(0.0, abs=1e-9)
     expected = [figure.expected for figure in probe.wanted(wanted)]
     assert expected == [pytest.approx(way), pytest.approx(way), 0.0] * 2
-    assert (
-        0.8 * sliding_stacks.WAY
-        < way
-        < (sliding_stacks.SLAB[0] - sliding_stacks.CUBE[0]) / 2.0 + sliding_stacks.WAY / 2.0
-    )
+    assert 0.8 * stacks.WAY < way < (stacks.SLAB[0] - stacks.CUBE[0]) / 2.0 + stacks.WAY / 2.0
 
 
 def test_stacks_slide_on_a_plane_where_there_is_one_in_another_order():
-    probe = sliding_stacks.SlidingStack()
+    probe = stacks.SlidingStack()
     on_box, on_plane = probe.trials(coupled())
     assert [body.name for body in on_plane.bodies] == [body.name for body in reversed(on_box.bodies)]
     assert [trial.bodies[end].shapes[0].kind for trial, end in ((on_box, 0), (on_plane, -1))] == ["box", "plane"]
@@ -172,7 +148,7 @@ def test_stacks_slide_on_a_plane_where_there_is_one_in_another_order():
     for missing in ({"ratio": 0.0}, {"corners": False}):
         assert not probe.applies(dataclasses.replace(coupled(), reach=dataclasses.replace(ALL, **missing)))
     assert not probe.applies(coupled(friction=0.0))
-    assert not probe.applies(coupled(friction=sliding_stacks.TIPS))
+    assert not probe.applies(coupled(friction=stacks.TIPS))
 
 
 # --- what a world can do ------------------------------------------------------------------------------------------
@@ -359,7 +335,7 @@ EXACT = ("pybullet", "dart", "ode")
 
 @pytest.mark.parametrize("engine", EXACT)
 @pytest.mark.parametrize(
-    "name", [name for name in PROBES if name not in ("slide-spin", *jamming.PROBES, *squeezing.PROBES)]
+    "name", [name for name in PROBES if name not in ("slide-spin", *leaning.JAMMING, *carried.SQUEEZING)]
 )
 def test_engines_keep_to_the_coupled_law(engine, name, tmp_path):
     if not installed(engine):
@@ -409,10 +385,10 @@ def test_physx_has_friction_in_a_step_that_begins_just_before_an_impact(tmp_path
             assert [figure for figure in shown if not figure.passed] == []
 
 
-@pytest.mark.parametrize("name", jamming.PROBES)
+@pytest.mark.parametrize("name", leaning.JAMMING)
 @pytest.mark.parametrize("friction", [0.05, 0.3])
 def test_a_clamp_jams_in_a_direct_solver_and_falls_where_friction_makes_no_normal_force(name, friction, tmp_path):
-    probe, wanted = jamming.PROBES[name], coupled(friction=friction)
+    probe, wanted = leaning.JAMMING[name], coupled(friction=friction)
     for engine, settings, stands in (("ode", {}, True), ("dart", {"contact_solver": "dantzig"}, False)):
         if not installed(engine):
             continue
@@ -423,7 +399,7 @@ def test_a_clamp_jams_in_a_direct_solver_and_falls_where_friction_makes_no_norma
 
 def test_fingers_press_evenly_in_a_direct_solver_and_turn_boxes_where_sweeps_end_early(tmp_path):
     """What slips at 0.8 times the friction that holds falls with 0.2 g, straight."""
-    probe, wanted = squeezing.PROBES["squeeze"], coupled()
+    probe, wanted = carried.SQUEEZING["squeeze"], coupled()
     slips = next(figure for figure in probe.wanted(wanted) if figure.probe == "squeeze-slips")
     assert slips.expected == pytest.approx(0.1, abs=0.001)
     assert slips.without == pytest.approx(5.0 * slips.expected)
@@ -434,7 +410,7 @@ def test_fingers_press_evenly_in_a_direct_solver_and_turn_boxes_where_sweeps_end
 
 
 def test_a_clamp_is_probed_where_a_world_can_have_one_and_its_friction_holds_within_two_metres():
-    for probe in jamming.PROBES.values():
+    for probe in leaning.JAMMING.values():
         assert probe.applies(coupled(friction=0.05))
         assert not probe.applies(coupled(friction=0.02))
         assert not probe.applies(dataclasses.replace(coupled(), reach=dataclasses.replace(ALL, jams=False)))

@@ -13,8 +13,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import UnsupportedError
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.proof.contact import compliance, friction, impact, spin
-from simspec.proof.contact.law import project
-from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion
+from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion, project
 from simspec.support.features import Feature
 from simspec.world.reach import Reach
 from simspec.world.types import Hardness, PairContact
@@ -150,7 +149,7 @@ def test_another_surface_velocity_fails(told, sign):
     """Faster, backwards (off by a vector that is longer than the way), and not at all."""
     asked = law()
     probe = PROBES["carry"]
-    (figure,) = probe.figures(asked, motions(probe, dataclasses.replace(asked, belt_told=told)))
+    (figure,) = probe.figures(asked, motions(probe, dataclasses.replace(asked, belt_written=told)))
     assert not figure.passed
     assert (figure.measured - figure.expected) * sign > 0.0
 
@@ -267,3 +266,15 @@ def test_engines_keep_the_law_and_another_is_noticed(engine, name, tmp_path):
     right, wrong = probing.figures_of_each(engine, [(probe, asked, asked), (probe, asked, slippery)], tmp_path)
     assert all(figure.passed for figure in right) == ((engine, name) not in ASIDE)
     assert not any(figure.passed for figure in wrong)
+
+
+@pytest.mark.parametrize("name", ["stop", "stick"])
+def test_a_slider_whose_motion_is_not_finite_is_the_worst(name):
+    """Wherever it is among the directions: a later one that is right must not replace it."""
+    probe, wanted = friction.PROBES[name], law()
+    (trial,) = probe.trials(wanted)
+    pose = {body.name: np.zeros((4, 7)) for body in trial.bodies}
+    pose["slider_30"] = np.full((4, 7), np.nan)
+    (figure,) = probe.figures(wanted, [Motion(np.arange(4.0), pose, pose)])
+    assert figure.worst == "30°"
+    assert not figure.passed

@@ -9,7 +9,6 @@ import pytest
 
 from simspec.proof.certificate import Certificate
 from simspec.proof.contact.declared import declared
-from simspec.proof.contact.impact import subject
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import PROBES, contact_checks, laws
 from simspec.proof.contact.scope import MEASURED, unmeasured
@@ -190,7 +189,7 @@ def test_every_probe_says_what_it_wants():
                 assert wanted, probe.NAME
                 for one in wanted:
                     assert one.measured is None
-                    assert one.subject == subject(law)
+                    assert one.subject == law.subject
                     reference = probe.reference(law, one)
                     assert reference is not None
                     assert (reference.expected, reference.tolerance) == pytest.approx((one.expected, one.tolerance))

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.language.vocabulary import FRICTION_CONES
-from simspec.proof.contact.law import outline, project, slide
+from simspec.proof.contact.probe import GRAVITY, Law, outline, project, slide
+from simspec.world.types import PairContact
 
 GAUGES = {
     "elliptic": lambda v: np.hypot(v[..., 0], v[..., 1]),
@@ -18,6 +19,12 @@ GAUGES = {
     "pyramid-circumscribed": lambda v: np.maximum(np.abs(v[..., 0]), np.abs(v[..., 1])),
 }
 """What must not exceed μ N, by cone: the inequalities of the language's reference."""
+
+
+def law(friction, timestep, cone):
+    return Law(PairContact("base", "body", friction, 0.0), cone, timestep)
+
+
 component = st.floats(-5.0, 5.0, allow_nan=False)
 
 
@@ -57,10 +64,10 @@ def test_the_cones_differ_by_the_root_of_two_on_the_diagonal():
 )
 def test_a_slide_stops_where_the_textbook_says(steps, part, friction, degrees):
     """v²/2μg − v dt/2; where the last step is not a whole one, up to an eighth of what one step adds."""
-    gravity, dt = 9.81, 0.002
+    gravity, dt = GRAVITY, 0.002
     speed = (steps + part) * friction * gravity * dt
     direction = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
-    place, velocity = slide(speed * direction, friction, gravity, dt, "elliptic", steps + 2)
+    place, velocity = slide(speed * direction, law(friction, dt, "elliptic"), steps + 2)
     textbook = speed**2 / (2.0 * friction * gravity) - speed * dt / 2.0
     assert np.linalg.norm(velocity[-1]) <= 1e-12
     assert place[-1] @ direction == pytest.approx(textbook, abs=0.126 * friction * gravity * dt * dt)
@@ -70,10 +77,10 @@ def test_a_slide_stops_where_the_textbook_says(steps, part, friction, degrees):
 def test_under_pyramids_a_slide_is_what_each_coordinate_does():
     """Circumscribed: each coordinate is braked on its own, so a slide ends parallel to an axis. Inscribed: the diamond's
     faces brake both alike, by half of μ g each."""
-    friction, gravity, dt = 0.4, 10.0, 0.001
-    square, _ = slide(np.array([0.8, 0.2]), friction, gravity, dt, "pyramid-circumscribed", 400)
+    friction, gravity, dt = 0.4, GRAVITY, 0.001
+    square, _ = slide(np.array([0.8, 0.2]), law(friction, dt, "pyramid-circumscribed"), 400)
     stop = [speed**2 / (2.0 * friction * gravity) - speed * dt / 2.0 for speed in (0.8, 0.2)]
     assert square[-1] == pytest.approx(stop, abs=1e-6)
-    diamond, _ = slide(np.array([0.5, 0.5]), friction, gravity, dt, "pyramid-inscribed", 400)
+    diamond, _ = slide(np.array([0.5, 0.5]), law(friction, dt, "pyramid-inscribed"), 400)
     both = 0.5**2 / (friction * gravity) - 0.5 * dt / 2.0
     assert diamond[-1] == pytest.approx([both, both], abs=1e-6)

@@ -11,9 +11,8 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.registry import find_engine
 from simspec.proof.contact import oblique, run, size
-from simspec.proof.contact.law import project
 from simspec.proof.contact.oblique import impact_begins, impact_ends
-from simspec.proof.contact.probe import GRAVITY, Motion
+from simspec.proof.contact.probe import GRAVITY, Motion, project
 from simspec.support.features import Feature
 from tests import worlds
 from tests.declared import with_the_cone

@@ -20,7 +20,7 @@ from simspec.engines.kit.process import Reply
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Problem, UnsupportedError
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.contact import cache, carried, crossing, leaning, run, size, sliding_stacks, stacking, together
+from simspec.proof.contact import cache, run, size, stacks
 from simspec.proof.contact.probe import Figure, Law
 from simspec.proof.selftest import defects_of
 from simspec.proof.selftest_worlds import WORLDS
@@ -63,14 +63,6 @@ PROBES = (
     "oblique-separation",
 )
 """Of figures of a pair with friction and without restitution."""
-COUPLED = {
-    **leaning.PROBES,
-    **together.PROBES,
-    **stacking.PROBES,
-    **sliding_stacks.PROBES,
-    **crossing.PROBES,
-    **carried.PROBES,
-}
 
 
 @pytest.fixture(autouse=True)
@@ -123,10 +115,10 @@ def test_every_pair_is_measured_by_every_probe_that_applies(engine, tmp_path):
     for probe in PROBES:
         assert {figure.subject for figure in found if figure.probe == probe} == subjects
     # bodies slide with spin wherever there is friction; what else is coupled depends on what the world can do
-    coupled = {name for law in run.laws(world) for name, probe in COUPLED.items() if probe.applies(law)}
+    coupled = {name for law in run.laws(world) for name, probe in run.COUPLED.items() if probe.applies(law)}
     endings = ("-slips", "-energy", "-sideways", "-plane")
     there = {functools.reduce(str.removesuffix, endings, figure.probe) for figure in found}
-    slid = {"stack-stays"} if sliding_stacks.SlidingStack.NAME in coupled else set()
+    slid = {"stack-stays"} if stacks.SlidingStack.NAME in coupled else set()
     assert there == {*PROBES, *coupled, *slid, "size"}
     for probe, drawn in (("push", 0), ("push-oblong", 24)):
         push = {figure.subject: figure for figure in found if figure.probe == probe}

@@ -11,7 +11,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.registry import find_engine
 from simspec.proof.contact import run, size
 from simspec.proof.contact.probe import Motion, Phase, Trial
-from simspec.proof.contact.split import joined, split
+from simspec.proof.contact.worlds import joined, split
 from simspec.world.types import Body, Inertial, Joint
 from tests import worlds
 from tests.proof.contact_probing import law

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from simspec.proof.contact import stacking
+from simspec.proof.contact import stacks
 from simspec.proof.contact.probe import Law, Motion
 from simspec.world.reach import Reach
 from simspec.world.types import PairContact
 
-STACK = stacking.PROBES["stack"]
+STACK = stacks.STACKING["stack"]
 SLIDES, FALLEN, SUNK = 30, 60, 7e-4
 """Sample after which the upper cube is adrift, and from which on it lies on the floor; how deep (m) it is before."""
 
@@ -30,7 +30,7 @@ def measured(friction: float, sideways: np.ndarray, down: np.ndarray) -> list[fl
 
 def falling() -> tuple[np.ndarray, np.ndarray]:
     samples = np.arange(100)
-    sideways = np.where(samples > SLIDES, 2.0 * stacking.ADRIFT, 0.0)
+    sideways = np.where(samples > SLIDES, 2.0 * stacks.ADRIFT, 0.0)
     return sideways, np.where(samples >= FALLEN, 0.1, np.minimum(SUNK, samples))
 
 
@@ -40,7 +40,7 @@ def test_without_friction_the_depth_is_that_before_it_is_adrift():
 
 def test_with_friction_the_last_state_counts():
     depth, way = measured(0.5, *falling())
-    assert (depth, way) == (pytest.approx(0.1), pytest.approx(2.0 * stacking.ADRIFT))
+    assert (depth, way) == (pytest.approx(0.1), pytest.approx(2.0 * stacks.ADRIFT))
 
 
 def test_what_is_adrift_at_once_is_measured_all_the_same():

@@ -13,8 +13,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import SpecError
-from simspec.proof.contact.law import project
-from simspec.proof.contact.probe import Figure
+from simspec.proof.contact.probe import Figure, project
 from simspec.report import polar
 from simspec.report.contact import contact_table, deviations
 from simspec.report.explain import explained, tables, ways

@@ -5,13 +5,12 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.proof.contact.bodies import ball, floor, solid
-from simspec.proof.contact.impact import subject
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, by_name
+from simspec.proof.contact.worlds import ball, floor, solid
 from simspec.world import frames
 from simspec.world.types import Body, Quaternion
 
@@ -128,23 +127,19 @@ class Compliance(Probe):
         _, oscillator = self._case(law)
         arrival = oscillator.arrival
         _, deepest = oscillator.deepest()
-        cases = [
+        cases: list[tuple[str, float, float]] = [
             ("ball at rest", oscillator.rest, REST_DEPTH_SHARE * oscillator.rest),
             (f"arriving at {arrival:.3g} m/s, deepest", deepest, DIP_STEPS * arrival * law.timestep),
         ]
-        return [
-            Figure(self.NAME, subject(law), case, "depth", "m", expected, None, tolerance, without=0.0)
-            for case, expected, tolerance in cases
-        ]
+        return [self.figure(law, case, "depth", "m", *numbers, without=0.0) for case, *numbers in cases]
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
         _, oscillator = self._case(law)
         _, deepest = oscillator.deepest()
         radius = max(0.1, deepest / SINKS_PER_RADIUS)
         heights = {name: motions[0].pose[name][:, 2] for name in ("resting", "arriving")}
         seen = heights["arriving"][:-1]  # the last is after the rest
-        depths = (float(radius - heights["resting"][-1]), float(radius - np.min(seen)))
-        return [replace(figure, measured=depth) for figure, depth in zip(self.wanted(law), depths, strict=True)]
+        return [float(radius - heights["resting"][-1]), float(radius - np.min(seen))]
 
 
 @dataclass(frozen=True)
@@ -198,19 +193,17 @@ class ComplianceByShape(Compliance):
     def wanted(self, law: Law) -> Sequence[Figure]:
         """Without a spring there is no depth."""
         _, oscillator = self._case(law)
-        figures = []
-        for case, body in self.lying(law).items():
-            depth = oscillator.rest / body.points
-            named = (self.NAME, subject(law), case, "depth", "m")
-            figures.append(Figure(*named, depth, None, SHAPE_SHARE * depth, without=0.0))
-        return figures
+        depths = {case: oscillator.rest / body.points for case, body in self.lying(law).items()}
+        return [
+            self.figure(law, case, "depth", "m", depth, SHAPE_SHARE * depth, without=0.0)
+            for case, depth in depths.items()
+        ]
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        depths = [
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+        return [
             body.height - float(motions[0].pose[case.replace(" ", "_")][-1, 2])
             for case, body in self.lying(law).items()
         ]
-        return [replace(figure, measured=depth) for figure, depth in zip(self.wanted(law), depths, strict=True)]
 
 
-PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Compliance(), ComplianceByShape())}
+PROBES: Mapping[str, Probe] = by_name((Compliance(), ComplianceByShape()))

@@ -14,9 +14,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from simspec.proof.contact.bodies import FLOOR_SIZE, box, floor
-from simspec.proof.contact.law import project, slide
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.probe import (
+    GRAVITY,
+    Figure,
+    Law,
+    Motion,
+    Phase,
+    Probe,
+    Trial,
+    by_name,
+    direction,
+    furthest,
+    project,
+    signed_size,
+    slide,
+)
+from simspec.proof.contact.worlds import FLOOR_SIZE, box, floor
 from simspec.world import frames
 from simspec.world.tuples import vector3
 from simspec.world.types import Body, Quaternion, Vector3
@@ -68,260 +81,190 @@ CREEP = 1e-4
 the end reach 1e-3."""
 
 
-def _subject(law: Law) -> str:
-    return f"{law.pair.first}, {law.pair.second}"
-
-
-def _direction(degrees: float) -> np.ndarray:
-    return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
-
-
-def _sliders(law: Law, size: Vector3, speeds: Mapping[float, float]) -> tuple[Body, ...]:
-    """A floor, and a slider of this size (m) for each direction with its initial speed along it: larger where ``WIDE`` says
-    so."""
-    scale = max(1.0, WIDE * law.pair.rolling_friction / SQUARE[0])
-    size = (scale * size[0], scale * size[1], size[2])
-    spacing = SPACING + 2.0 * (scale - 1.0) * SQUARE[0]
-    x, y, z = FLOOR_SIZE
-    bodies: list[Body] = [floor(law, (max(x, 8.0 * spacing), max(y, 8.0 * spacing), z))]
-    for index, (degrees, speed) in enumerate(speeds.items()):
-        at = (spacing * (index % 6 - 2.5), spacing * (index // 6 - 1.5), size[2] / 2)
-        along, across = (speed * _direction(degrees)).tolist()
-        bodies.append(box(law, _name(degrees), size, MASS, at, (along, across, 0.0, 0.0, 0.0, 0.0)))
-    return tuple(bodies)
-
-
-def _at_angle(figure: Figure, wanted: Figure) -> Figure | None:
-    """``wanted`` where it is of the same name, case and quantity as ``figure``, and of a direction that is probed."""
-    same = (figure.probe, figure.case, figure.quantity) == (wanted.probe, wanted.case, wanted.quantity)
-    probed = wanted.angle is None or any(
-        math.isclose(math.degrees(wanted.angle), one, abs_tol=1e-6) for one in DIRECTIONS
-    )
-    return wanted if same and probed else None
+Vectors = dict[float, tuple[np.ndarray, np.ndarray]]
+"""By direction (degrees): the measured vector (2,) and the expected one."""
 
 
 def _name(degrees: float) -> str:
     return f"slider_{degrees:g}"
 
 
-def _pushes(law: Law, strength: float) -> dict[float, np.ndarray]:
-    """The force (2,) on each slider: ``strength`` times the limit."""
-    return {degrees: strength * law.pair.friction * WEIGHT * _direction(degrees) for degrees in DIRECTIONS}
+class _Sliders(Probe):
+    """Sliders in 24 directions: one figure, of the direction that is furthest off."""
 
+    SIZE: Vector3 = SQUARE
+    RELATIVE = False
+    """Whether directions are compared by their relative error."""
 
-def _efforts(pushes: Mapping[float, np.ndarray]) -> dict[str, tuple[float, float, float, float, float, float]]:
-    return {_name(degrees): (float(push[0]), float(push[1]), 0.0, 0.0, 0.0, 0.0) for degrees, push in pushes.items()}
+    def vectors(self, law: Law, motion: Motion) -> Vectors:
+        raise NotImplementedError
 
-
-class Push(Probe):
-    """Sliders pushed beyond the limit of friction."""
-
-    NAME = "push"
-    MEANING = "friction force of a slider pushed in 24 directions at 1.6 times the limit, against the cone"
-    SIZE = SQUARE
-
-    def applies(self, law: Law) -> bool:
-        return law.pair.collide
-
-    def _steps(self, law: Law) -> tuple[int, int]:
-        """Steps to settle and to push."""
-        pushed = max(40, math.ceil(PUSHED / law.timestep))
-        acceleration = (PUSH - 1.0 / math.sqrt(2.0)) * max(law.pair.friction, 0.05) * GRAVITY
-        most = max(20, int(SPEED_OFF / acceleration / law.timestep))
-        return max(10, math.ceil(SETTLE / law.timestep)), min(pushed, most)
-
-    def _force(self, law: Law) -> dict[float, np.ndarray]:
-        if law.pair.friction:
-            return _pushes(law, PUSH)
-        return {degrees: UNBRAKED * WEIGHT * _direction(degrees) for degrees in DIRECTIONS}
-
-    def trials(self, law: Law) -> Sequence[Trial]:
-        settle, pushed = self._steps(law)
-        half = pushed // 2
-        efforts = _efforts(self._force(law))
-        phases = (Phase(settle, settle), Phase(pushed - half, pushed - half, efforts), Phase(half, half, efforts))
-        return [Trial(_sliders(law, self.SIZE, dict.fromkeys(DIRECTIONS, 0.0)), phases)]
-
-    def wanted(self, law: Law) -> Sequence[Figure]:
-        return [self._wanted(law, 0.0)]
-
-    def reference(self, law: Law, figure: Figure) -> Figure | None:
-        return _at_angle(figure, self._wanted(law, figure.angle or 0.0))
-
-    def _wanted(self, law: Law, angle: float) -> Figure:
+    def at(self, law: Law, angle: float) -> Figure:
         """The figure of the direction ``angle`` (rad)."""
-        friction = law.pair.friction
-        strength = PUSH * friction if friction else UNBRAKED
-        size = float(np.linalg.norm(project(strength * _direction(math.degrees(angle)), friction, law.friction_cone)))
-        tolerance = PUSH_TOLERANCE * friction if friction else NO_FRICTION
-        numbers = (size, None, tolerance)
-        without = 0.0 if friction else None
-        case = f"{len(DIRECTIONS)} directions"
-        return Figure(self.NAME, _subject(law), case, "friction", "", *numbers, angle=angle, without=without)
-
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        motion = motions[0]
-        time = motion.time[-1] - motion.time[-2]
-        rows, worst = [], None
-        for degrees, push in self._force(law).items():
-            velocity = motion.velocity[_name(degrees)]
-            acceleration = (velocity[-1, :2] - velocity[-2, :2]) / time
-            # over the weight, which is what the floor carries in the mean: what hops counts as it is
-            measured = (push - MASS * acceleration) / WEIGHT
-            expected = project(push / WEIGHT, law.pair.friction, law.friction_cone)
-            rows.append((math.radians(degrees), float(measured[0]), float(measured[1])))
-            off = float(np.linalg.norm(measured - expected))
-            if worst is None or not off <= worst[0]:
-                worst = (off, degrees, float(np.linalg.norm(expected)))
-        if worst is None:
-            raise ValueError("no direction was pushed")
-        off, degrees, expected_size = worst
-        friction = law.pair.friction
-        tolerance = PUSH_TOLERANCE * friction if friction else NO_FRICTION
-        # the vector's error as a number: how far from the required force, whichever way
-        along = float(np.linalg.norm(next(row for row in rows if row[0] == math.radians(degrees))[1:]))
-        sign = 1.0 if along >= expected_size else -1.0
-        figure = Figure(
-            self.NAME,
-            _subject(law),
-            f"{len(DIRECTIONS)} directions",
-            "friction",
-            "",
-            expected_size,
-            expected_size + sign * off,
-            tolerance,
-            points=tuple(rows),
-            worst=f"{degrees:g}°",
-            angle=math.radians(degrees),
-        )
-        return [figure]
-
-
-class Stop(Probe):
-    """Sliders with an initial speed."""
-
-    NAME = "stop"
-    MEANING = "distance of a slide in 24 directions, against the one-step law (elliptic: v²/2μg − v dt/2)"
-    SIZE = SQUARE
+        raise NotImplementedError
 
     def applies(self, law: Law) -> bool:
         return law.pair.collide and law.pair.friction > 0.0
 
-    def _speed(self, law: Law) -> float:
-        return min(SLIDE_SPEED, SLIDE_STEPS * law.pair.friction * GRAVITY * law.timestep)
+    def bodies(self, law: Law, speed: float = 0.0) -> tuple[Body, ...]:
+        """A floor, and a slider for each direction with this initial speed along it: larger where ``WIDE`` says so."""
+        scale = max(1.0, WIDE * law.pair.rolling_friction / SQUARE[0])
+        size = (scale * self.SIZE[0], scale * self.SIZE[1], self.SIZE[2])
+        spacing = SPACING + 2.0 * (scale - 1.0) * SQUARE[0]
+        x, y, z = FLOOR_SIZE
+        bodies: list[Body] = [floor(law, (max(x, 8.0 * spacing), max(y, 8.0 * spacing), z))]
+        for index, degrees in enumerate(DIRECTIONS):
+            at = (spacing * (index % 6 - 2.5), spacing * (index // 6 - 1.5), size[2] / 2)
+            along, across = (speed * direction(degrees)).tolist()
+            bodies.append(box(law, _name(degrees), size, MASS, at, (along, across, 0.0, 0.0, 0.0, 0.0)))
+        return tuple(bodies)
 
-    def _steps(self, law: Law) -> int:
-        # pyramids stop late along their edges; twice the time of a disc is enough for all
-        needed = 2.0 * self._speed(law) / (law.pair.friction * GRAVITY * law.timestep) + 10
-        return math.ceil(min(needed, 2.0 * SLIDE_STEPS))
-
-    def trials(self, law: Law) -> Sequence[Trial]:
-        steps = self._steps(law)
-        return [Trial(_sliders(law, self.SIZE, dict.fromkeys(DIRECTIONS, self._speed(law))), (Phase(steps, steps),))]
+    def pushed(self, law: Law, forces: Mapping[float, np.ndarray], steps: int, last: int) -> Sequence[Trial]:
+        """Sliders that come to rest and are pushed by these forces (2,), seen before the ``last`` of the steps and after."""
+        settle = law.steps(SETTLE, 10)
+        efforts = {_name(key): (float(force[0]), float(force[1]), 0.0, 0.0, 0.0, 0.0) for key, force in forces.items()}
+        phases = (Phase(settle, settle), Phase(steps - last, steps - last, efforts), Phase(last, last, efforts))
+        return [Trial(self.bodies(law), phases)]
 
     def wanted(self, law: Law) -> Sequence[Figure]:
-        return [self._wanted(law, 0.0)]
+        return [self.at(law, 0.0)]
 
     def reference(self, law: Law, figure: Figure) -> Figure | None:
-        return _at_angle(figure, self._wanted(law, figure.angle or 0.0))
+        wanted = self.at(law, figure.angle or 0.0)
+        same = (figure.probe, figure.case, figure.quantity) == (wanted.probe, wanted.case, wanted.quantity)
+        probed = wanted.angle is None or any(
+            math.isclose(math.degrees(wanted.angle), degrees, abs_tol=1e-6) for degrees in DIRECTIONS
+        )
+        return wanted if same and probed else None
 
-    def _wanted(self, law: Law, angle: float) -> Figure:
-        """The figure of the direction ``angle`` (rad). Without friction it would go on at its speed, and be off by the way that
-        it then is too far."""
-        speed, steps, dt = self._speed(law), self._steps(law), law.timestep
-        start = speed * _direction(math.degrees(angle))
-        path, _ = slide(start, law.pair.friction, GRAVITY, dt, law.friction_cone, steps)
-        expected = float(np.linalg.norm(path[-1]))
-        without = expected + float(np.linalg.norm(start * steps * dt - path[-1]))
-        case = f"from {speed:.3g} m/s, {len(DIRECTIONS)} directions"
-        numbers = (expected, None, STOP_TOLERANCE * expected)
-        return Figure(self.NAME, _subject(law), case, "distance", "m", *numbers, angle=angle, without=without)
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        vectors = self.vectors(law, motions[0])
+        errors = {
+            degrees: float(np.linalg.norm(measured - expected) / (np.linalg.norm(expected) if self.RELATIVE else 1.0))
+            for degrees, (measured, expected) in vectors.items()
+        }
+        worst = furthest(errors)
+        points = tuple((math.radians(key), float(vector[0]), float(vector[1])) for key, (vector, _) in vectors.items())
+        figure = self.at(law, math.radians(worst))
+        return [dataclasses.replace(figure, measured=signed_size(*vectors[worst]), worst=f"{worst:g}°", points=points)]
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        speed, steps, dt = self._speed(law), self._steps(law), law.timestep
-        worst: tuple[float, float, float, float] | None = None
-        rows = []
+
+class Push(_Sliders):
+    """Sliders pushed beyond the limit of friction."""
+
+    NAME = "push"
+    MEANING = "friction force of a slider pushed in 24 directions at 1.6 times the limit, against the cone"
+
+    def applies(self, law: Law) -> bool:
+        return law.pair.collide
+
+    def _force(self, law: Law, degrees: float) -> np.ndarray:
+        """The push (2,), in N."""
+        force: np.ndarray = (PUSH * law.pair.friction or UNBRAKED) * WEIGHT * direction(degrees)
+        return force
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        acceleration = (PUSH - 1.0 / math.sqrt(2.0)) * max(law.pair.friction, 0.05) * GRAVITY
+        most = max(20, int(SPEED_OFF / acceleration / law.timestep))
+        steps = min(law.steps(PUSHED, 40), most)
+        return self.pushed(law, {degrees: self._force(law, degrees) for degrees in DIRECTIONS}, steps, steps // 2)
+
+    def at(self, law: Law, angle: float) -> Figure:
+        friction = law.pair.friction
+        expected = project(self._force(law, math.degrees(angle)) / WEIGHT, friction, law.friction_cone)
+        tolerance, without = (PUSH_TOLERANCE * friction, 0.0) if friction else (NO_FRICTION, None)
+        size, case = float(np.linalg.norm(expected)), f"{len(DIRECTIONS)} directions"
+        return self.figure(law, case, "friction", "", size, tolerance, angle=angle, without=without)
+
+    def vectors(self, law: Law, motion: Motion) -> Vectors:
+        time = motion.time[-1] - motion.time[-2]
+        found = {}
         for degrees in DIRECTIONS:
-            pose = motions[0].pose[_name(degrees)]
-            way = pose[-1, :2] - pose[0, :2]
-            path, _ = slide(speed * _direction(degrees), law.pair.friction, GRAVITY, dt, law.friction_cone, steps)
-            expected = float(np.linalg.norm(path[-1]))
-            off = float(np.linalg.norm(way - path[-1]))
-            rows.append((math.radians(degrees), float(way[0]), float(way[1])))
-            if worst is None or not off / expected <= worst[0]:
-                sign = 1.0 if np.linalg.norm(way) >= expected else -1.0
-                worst = (off / expected, degrees, expected, expected + sign * off)
-        if worst is None:
-            raise ValueError("nothing slid")
-        _, degrees, expected, measured = worst
-        case, at = f"from {speed:.3g} m/s, {len(DIRECTIONS)} directions", math.radians(degrees)
-        numbers = (expected, measured, STOP_TOLERANCE * expected)
-        return [Figure(self.NAME, _subject(law), case, "distance", "m", *numbers, worst=f"{degrees:g}°", angle=at)]
+            velocity, push = motion.velocity[_name(degrees)], self._force(law, degrees)
+            acceleration = (velocity[-1, :2] - velocity[-2, :2]) / time
+            # over the weight, which the floor carries in the mean: a slider that hops counts as it is
+            measured = (push - MASS * acceleration) / WEIGHT
+            found[degrees] = (measured, project(push / WEIGHT, law.pair.friction, law.friction_cone))
+        return found
 
 
-class Stick(Probe):
+class Stop(_Sliders):
+    """Sliders with an initial speed."""
+
+    NAME = "stop"
+    MEANING = "distance of a slide in 24 directions, against the one-step law (elliptic: v²/2μg − v dt/2)"
+    RELATIVE = True
+
+    def speed(self, law: Law) -> float:
+        return min(SLIDE_SPEED, SLIDE_STEPS * law.pair.friction * GRAVITY * law.timestep)
+
+    def steps(self, law: Law) -> int:
+        # pyramids stop late along their edges; twice the time of a disc is enough for all
+        needed = 2.0 * self.speed(law) / (law.pair.friction * GRAVITY * law.timestep) + 10
+        return math.ceil(min(needed, 2.0 * SLIDE_STEPS))
+
+    def slipped(self, law: Law, degrees: float, sign: float = 1.0) -> np.ndarray:
+        """The way (2,), in m, of a slide in this direction (``sign`` -1: against it)."""
+        path, _ = slide(sign * self.speed(law) * direction(degrees), law, self.steps(law))
+        end: np.ndarray = path[-1]
+        return end
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        steps = self.steps(law)
+        return [Trial(self.bodies(law, self.speed(law)), (Phase(steps, steps),))]
+
+    def at(self, law: Law, angle: float) -> Figure:
+        """Without friction it would go on at its speed, and be off by the way that it then is too far."""
+        degrees, speed = math.degrees(angle), self.speed(law)
+        way = self.slipped(law, degrees)
+        expected = float(np.linalg.norm(way))
+        free = speed * direction(degrees) * self.steps(law) * law.timestep
+        without = expected + float(np.linalg.norm(free - way))
+        case, tolerance = f"from {speed:.3g} m/s, {len(DIRECTIONS)} directions", STOP_TOLERANCE * expected
+        return self.figure(law, case, "distance", "m", expected, tolerance, angle=angle, without=without)
+
+    def vectors(self, law: Law, motion: Motion) -> Vectors:
+        poses = {degrees: motion.pose[_name(degrees)] for degrees in DIRECTIONS}
+        return {key: (pose[-1, :2] - pose[0, :2], self.slipped(law, key)) for key, pose in poses.items()}
+
+
+class Stick(_Sliders):
     """Sliders pushed below the limit of friction."""
 
     NAME = "stick"
     MEANING = "creep of a slider pushed in 24 directions at 0.8 times the limit, against none"
 
-    def applies(self, law: Law) -> bool:
-        return law.pair.collide and law.pair.friction > 0.0
+    def _force(self, law: Law, degrees: float) -> np.ndarray:
+        """0.8 of the force (2,), in N, that the cone holds in a direction."""
+        along = direction(degrees)
+        norms = {
+            "elliptic": 1.0,
+            "pyramid-inscribed": np.abs(along).sum(),
+            "pyramid-circumscribed": np.abs(along).max(),
+        }
+        reach = 1.0 / float(norms[law.friction_cone])
+        force: np.ndarray = HELD * reach * law.pair.friction * WEIGHT * along
+        return force
 
-    def _force(self, law: Law) -> dict[float, np.ndarray]:
-        """0.8 of what the cone holds in each direction."""
-        return {degrees: self._held(law, degrees) for degrees in DIRECTIONS}
-
-    def _held(self, law: Law, degrees: float) -> np.ndarray:
-        direction = _direction(degrees)
-        if law.friction_cone == "elliptic":
-            reach = 1.0
-        elif law.friction_cone == "pyramid-inscribed":
-            reach = 1.0 / float(np.abs(direction).sum())
-        else:
-            reach = 1.0 / float(np.abs(direction).max())
-        held: np.ndarray = HELD * reach * law.pair.friction * WEIGHT * direction
-        return held
-
-    def wanted(self, law: Law) -> Sequence[Figure]:
-        return [self._wanted(law, 0.0)]
-
-    def reference(self, law: Law, figure: Figure) -> Figure | None:
-        return _at_angle(figure, self._wanted(law, figure.angle or 0.0))
-
-    def _wanted(self, law: Law, angle: float) -> Figure:
-        """The figure of the direction ``angle`` (rad); ``without``: the mean speed of the steps that count, if nothing held."""
-        pushed = float(np.linalg.norm(self._held(law, math.degrees(angle)))) / MASS
-        without = pushed * law.timestep * (HELD_STEPS - HELD_STEPS // 3 / 2.0)
+    def at(self, law: Law, angle: float) -> Figure:
+        """``without``: the mean speed of the steps that count, if nothing held."""
+        push = float(np.linalg.norm(self._force(law, math.degrees(angle)))) / MASS
+        without = push * law.timestep * (HELD_STEPS - HELD_STEPS // 3 / 2.0)
         case = f"{len(DIRECTIONS)} directions"
-        return Figure(self.NAME, _subject(law), case, "creep", "m/s", 0.0, None, CREEP, angle=angle, without=without)
+        return self.figure(law, case, "creep", "m/s", 0.0, CREEP, angle=angle, without=without)
 
     def trials(self, law: Law) -> Sequence[Trial]:
-        settle = max(10, math.ceil(SETTLE / law.timestep))
-        efforts = _efforts(self._force(law))
-        last = HELD_STEPS // 3
-        phases = (
-            Phase(settle, settle),
-            Phase(HELD_STEPS - last, HELD_STEPS - last, efforts),
-            Phase(last, last, efforts),
-        )
-        return [Trial(_sliders(law, SQUARE, dict.fromkeys(DIRECTIONS, 0.0)), phases)]
+        forces = {degrees: self._force(law, degrees) for degrees in DIRECTIONS}
+        return self.pushed(law, forces, HELD_STEPS, HELD_STEPS // 3)
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        motion = motions[0]
+    def vectors(self, law: Law, motion: Motion) -> Vectors:
         time = motion.time[-1] - motion.time[-2]
-        creep = {}
-        for degrees in DIRECTIONS:
-            pose = motion.pose[_name(degrees)]
-            creep[degrees] = float(np.linalg.norm(pose[-1, :2] - pose[-2, :2])) / time
-        worst = max(creep, key=lambda degrees: math.inf if math.isnan(creep[degrees]) else creep[degrees])
-        case, at = f"{len(DIRECTIONS)} directions", math.radians(worst)
-        numbers = (0.0, creep[worst], CREEP)
-        return [Figure(self.NAME, _subject(law), case, "creep", "m/s", *numbers, worst=f"{worst:g}°", angle=at)]
+        poses = {degrees: motion.pose[_name(degrees)] for degrees in DIRECTIONS}
+        return {key: ((pose[-1, :2] - pose[-2, :2]) / time, np.zeros(2)) for key, pose in poses.items()}
 
 
 class Carry(Stop):
-    """A slider that is put down on a surface that moves, at the speed of the slides: by what its own is off, so is this one."""
+    """A slider that is put down on a surface that moves at the speed of the slides."""
 
     NAME = "carry"
     MEANING = (
@@ -334,37 +277,32 @@ class Carry(Stop):
     def trials(self, law: Law) -> Sequence[Trial]:
         carrying = floor(law)
         (shape,) = carrying.shapes
-        share = self._speed(law) / float(np.linalg.norm(law.belt))
-        told = vector3(share * value for value in (law.belt if law.belt_told is None else law.belt_told))
-        moving = dataclasses.replace(shape, surface_velocity=(*frames.rotate(_onto(law.belt), told), 0.0, 0.0, 0.0))
-        steps = self._steps(law)
+        share = self.speed(law) / float(np.linalg.norm(law.belt))
+        written = vector3(share * value for value in (law.belt if law.belt_written is None else law.belt_written))
+        moving = dataclasses.replace(shape, surface_velocity=(*frames.rotate(_onto(law.belt), written), 0.0, 0.0, 0.0))
+        steps = self.steps(law)
         slider = box(law, _name(0.0), SQUARE, MASS, (0.0, 0.0, SQUARE[2] / 2))
         return [Trial((dataclasses.replace(carrying, shapes=(moving,)), slider), (Phase(steps, steps),))]
 
-    def _wanted(self, law: Law, angle: float) -> Figure:
-        speed, steps, dt = self._speed(law), self._steps(law), law.timestep
-        belt = speed * _direction(CARRIED)
-        slipped, _ = slide(-belt, law.pair.friction, GRAVITY, dt, law.friction_cone, steps)
-        size = float(np.linalg.norm(belt * steps * dt + slipped[-1]))
-        numbers = (size, None, STOP_TOLERANCE * float(np.linalg.norm(slipped[-1])))
-        case = f"by a surface at {speed:.3g} m/s"
-        return Figure(self.NAME, _subject(law), case, "distance", "m", *numbers, without=0.0)
+    def _way(self, law: Law) -> np.ndarray:
+        belt = self.speed(law) * direction(CARRIED)
+        way: np.ndarray = belt * self.steps(law) * law.timestep + self.slipped(law, CARRIED, -1.0)
+        return way
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        speed, steps, dt = self._speed(law), self._steps(law), law.timestep
-        belt = speed * _direction(CARRIED)
-        slipped, _ = slide(-belt, law.pair.friction, GRAVITY, dt, law.friction_cone, steps)
+    def at(self, law: Law, angle: float) -> Figure:
+        size, slipped = (float(np.linalg.norm(way)) for way in (self._way(law), self.slipped(law, CARRIED, -1.0)))
+        case = f"by a surface at {self.speed(law):.3g} m/s"
+        return self.figure(law, case, "distance", "m", size, STOP_TOLERANCE * slipped, without=0.0)
+
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
         pose = motions[0].pose[_name(0.0)]
-        way, expected = pose[-1, :2] - pose[0, :2], belt * steps * dt + slipped[-1]
-        size, off = float(np.linalg.norm(expected)), float(np.linalg.norm(way - expected))
-        sign = 1.0 if np.linalg.norm(way) >= size else -1.0
-        numbers = (size, size + sign * off, STOP_TOLERANCE * float(np.linalg.norm(slipped[-1])))
-        return [Figure(self.NAME, _subject(law), f"by a surface at {speed:.3g} m/s", "distance", "m", *numbers)]
+        measured = signed_size(pose[-1, :2] - pose[0, :2], self._way(law))
+        return [dataclasses.replace(self.at(law, 0.0), measured=measured)]
 
 
 def _onto(belt: Vector3) -> Quaternion:
     """A rotation that takes the direction of a velocity to the one in which the floor carries."""
-    along, (x, y) = np.array(belt) / np.linalg.norm(belt), _direction(CARRIED)
+    along, (x, y) = np.array(belt) / np.linalg.norm(belt), direction(CARRIED)
     axis = np.cross(along, (x, y, 0.0))
     sine, cosine = float(np.linalg.norm(axis)), float(along @ (x, y, 0.0))
     about = vector3(axis / sine) if sine > 1e-9 else (0.0, 0.0, 1.0)
@@ -390,6 +328,4 @@ class StopOblong(Stop):
     SIZE = OBLONG
 
 
-PROBES: Mapping[str, Probe] = {
-    probe.NAME: probe for probe in (Push(), PushOblong(), Stop(), StopOblong(), Stick(), Carry())
-}
+PROBES: Mapping[str, Probe] = by_name((Push(), PushOblong(), Stop(), StopOblong(), Stick(), Carry()))

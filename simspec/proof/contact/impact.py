@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from simspec.proof.contact.bodies import ball, box, floor
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, by_name, furthest
+from simspec.proof.contact.worlds import STEPS_BEFORE, ball, box, flight, floor
 from simspec.world import frames
 from simspec.world.types import Body
 
@@ -24,8 +24,8 @@ STEP_PHASES = (0.1, 0.3, 0.5, 0.7, 0.9)
 RESTITUTION_TOLERANCE = 0.05
 """What is promised of the ratio at 1 ms. It is also what taking back the overlap can add (at most β = 0.01, since the
 overlap is at most one step's way) and what a step's gravity can (g dt / v = 0.01), several times over."""
-STEPS_BEFORE, STEPS_AFTER = 2, 12
-"""Whole steps of flight before the one that arrives, and steps from there on: a rigid contact is over after one."""
+STEPS_AFTER = 12
+"""Steps from the one that arrives on: a rigid contact is over after one."""
 
 TURNED = 0.01
 """Share of the approach speed that a step of contact adds at least: as much as β alone can."""
@@ -66,7 +66,7 @@ class Restitution(Probe):
 
     def applies(self, law: Law) -> bool:
         """A compliant contact has no restitution of its own (see ``compliance``), and a native one says nothing."""
-        return law.pair.collide and law.pair.hardness.kind == "common"
+        return law.is_rigid
 
     def speeds(self, law: Law) -> dict[float, float]:
         """The ratio that is expected, by approach speed."""
@@ -78,55 +78,41 @@ class Restitution(Probe):
         return dict(sorted(expected.items()))
 
     def trials(self, law: Law) -> Sequence[Trial]:
-        dt = law.timestep
         bodies: list[Body] = [floor(law)]
         for row, speed in enumerate(self.speeds(law)):
-            # deep enough for the ball's centre to stay above the floor wherever in the step it arrives
-            radius = max(0.1, 4.0 * speed * dt)
-            start = speed - (STEPS_BEFORE + 1) * GRAVITY * dt
+            # large enough for the ball's centre to stay above the floor wherever in the step it arrives
+            radius = max(0.1, 4.0 * speed * law.timestep)
             for column, phase in enumerate(STEP_PHASES):
-                flown = sum(start + GRAVITY * dt * step for step in range(1, STEPS_BEFORE + 1)) + phase * speed
-                place = (3.0 * column, 3.0 * row, radius + flown * dt)
-                bodies.append(ball(law, _name(row, column), radius, 1.0, place, (0.0, 0.0, -start, 0.0, 0.0, 0.0)))
+                start, way = flight(law, speed, phase)
+                place = (3.0 * column, 3.0 * row, radius + way)
+                bodies.append(ball(law, f"ball_{row}_{column}", radius, 1.0, place, (0.0, 0.0, -start, 0.0, 0.0, 0.0)))
         return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),))]
 
     def wanted(self, law: Law) -> Sequence[Figure]:
-        """Below the threshold what has none bounces as it does above."""
+        """Below the threshold an engine without one bounces as it does above; such engines declare a deviation for these
+        figures alone."""
         e = law.pair.restitution
         figures = []
         for speed, expected in self.speeds(law).items():
             name = self.NAME if speed in RESTITUTION_SPEEDS else THRESHOLD
             case = f"arriving at {speed:g} m/s, {len(STEP_PHASES)} phases"
             without = (0.0 if expected else e) if e else None
-            numbers = (expected, None, RESTITUTION_TOLERANCE)
-            figures.append(Figure(name, subject(law), case, "ratio", "", *numbers, without=without))
-        return figures
-
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        figures = []
-        for row, (speed, expected) in enumerate(self.speeds(law).items()):
-            ratios = [
-                bounce_ratio(motions[0].velocity[_name(row, column)][:, 2], law.timestep)
-                for column in range(len(STEP_PHASES))
-            ]
-            worst = int(np.argmax(np.abs(np.nan_to_num(np.array(ratios) - expected, nan=np.inf))))
-            # engines without a threshold of their own declare a deviation for these figures alone
-            name = self.NAME if speed in RESTITUTION_SPEEDS else THRESHOLD
             figures.append(
-                Figure(
-                    name,
-                    subject(law),
-                    f"arriving at {speed:g} m/s, {len(STEP_PHASES)} phases",
-                    "ratio",
-                    "",
-                    expected,
-                    ratios[worst],
-                    RESTITUTION_TOLERANCE,
-                    points=tuple(zip(STEP_PHASES, ratios, strict=True)),
-                    worst=f"{STEP_PHASES[worst]:g} of a step",
-                )
+                self.figure(law, case, "ratio", "", expected, RESTITUTION_TOLERANCE, probe=name, without=without)
             )
         return figures
+
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
+        readings = []
+        for row, expected in enumerate(self.speeds(law).values()):
+            ratios = {
+                phase: bounce_ratio(motions[0].velocity[f"ball_{row}_{column}"][:, 2], law.timestep)
+                for column, phase in enumerate(STEP_PHASES)
+            }
+            worst = furthest(ratios, expected)
+            text = f"{worst:g} of a step"
+            readings.append({"measured": ratios[worst], "points": tuple(ratios.items()), "worst": text})
+        return readings
 
 
 def bounce_ratio(speed: np.ndarray, timestep: float) -> float:
@@ -158,7 +144,7 @@ class Rest(Probe):
     MEANING = "how deep a 1 kg, 10 cm cube and a 10 kg ball lie in the floor, and how fast they still move"
 
     def applies(self, law: Law) -> bool:
-        return law.pair.collide and law.pair.hardness.kind == "common"
+        return law.is_rigid
 
     def cases(self, law: Law) -> dict[str, float]:
         """Initial gap (m) by case."""
@@ -170,40 +156,28 @@ class Rest(Probe):
             at = 3.0 * column
             bodies.append(box(law, f"cube_{column}", (CUBE, CUBE, CUBE), CUBE_MASS, (at, 0.0, CUBE / 2 + gap)))
             bodies.append(ball(law, f"ball_{column}", SPHERE, SPHERE_MASS, (at, 3.0, SPHERE + gap)))
-        steps = self._steps(law)
+        steps = law.steps(REST_TIME, REST_STEPS)
         seen = steps // 4
         return [Trial(tuple(bodies), (Phase(steps - seen, every=max(1, steps - seen)), Phase(seen)))]
 
-    def _steps(self, law: Law) -> int:
-        return max(REST_STEPS, math.ceil(REST_TIME / law.timestep))
-
     def wanted(self, law: Law) -> Sequence[Figure]:
         """Without a floor everything falls as long as the trial lasts."""
-        seconds = self._steps(law) * law.timestep
-        fallen, falls = 0.5 * GRAVITY * seconds**2, GRAVITY * seconds
+        seconds = law.steps(REST_TIME, REST_STEPS) * law.timestep
+        fallen, falls, moves = 0.5 * GRAVITY * seconds**2, GRAVITY * seconds, REST_SPEED + hop(law)
         figures = []
-        for case in self.cases(law):
-            for shape in ("cube", "ball"):
-                named = (subject(law), f"{shape} {case}")
-                figures.append(Figure(self.NAME, *named, "depth", "m", 0.0, None, REST_DEPTH, without=fallen))
-                moves = REST_SPEED + hop(law)
-                figures.append(Figure(self.STEADY, *named, "speed", "m/s", 0.0, None, moves, without=falls))
+        for case in (f"{shape} {case}" for case in self.cases(law) for shape in ("cube", "ball")):
+            figures.append(self.figure(law, case, "depth", "m", 0.0, REST_DEPTH, without=fallen))
+            figures.append(self.figure(law, case, "speed", "m/s", 0.0, moves, probe=self.STEADY, without=falls))
         return figures
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        figures = []
-        for column, case in enumerate(self.cases(law)):
-            for shape in ("cube", "ball"):
-                pose, velocity = motions[0].pose[f"{shape}_{column}"][2:], motions[0].velocity[f"{shape}_{column}"][2:]
-                depth = np.array([-lowest_point(shape, row) for row in pose])
-                text = f"{shape} {case}"
-                deepest = float(depth[int(np.argmax(np.abs(depth)))])
-                speed = float(np.abs(velocity[:, 2]).max())
-                figures.append(Figure(self.NAME, subject(law), text, "depth", "m", 0.0, deepest, REST_DEPTH))
-                figures.append(
-                    Figure(self.STEADY, subject(law), text, "speed", "m/s", 0.0, speed, REST_SPEED + hop(law))
-                )
-        return figures
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+        readings = []
+        for name in (f"{shape}_{column}" for column in range(len(self.cases(law))) for shape in ("cube", "ball")):
+            pose, velocity = motions[0].pose[name][2:], motions[0].velocity[name][2:]
+            depth = np.array([-lowest_point(name.partition("_")[0], row) for row in pose])
+            readings.append(float(depth[int(np.argmax(np.abs(depth)))]))
+            readings.append(float(np.abs(velocity[:, 2]).max()))
+        return readings
 
 
 def hop(law: Law) -> float:
@@ -235,7 +209,7 @@ class Overlap(Probe):
 
     def applies(self, law: Law) -> bool:
         """With restitution, e times one step's gravity comes on top in engines that add gravity first, and drowns it."""
-        return law.pair.collide and law.pair.hardness.kind == "common" and not law.pair.restitution
+        return law.is_rigid and not law.pair.restitution
 
     def trials(self, law: Law) -> Sequence[Trial]:
         bodies: list[Body] = [floor(law)]
@@ -248,13 +222,12 @@ class Overlap(Probe):
         for overlap in overlaps(law):
             expected = ERROR_REDUCTION * overlap / law.timestep
             tolerance = OVERLAP_SHARE * expected + OVERLAP_GRAVITY * GRAVITY * law.timestep
-            named = (self.NAME, subject(law), f"overlap {overlap * 1e6:g} µm", "speed", "m/s")
-            figures.append(Figure(*named, expected, None, tolerance, without=0.0))
+            case = f"overlap {overlap * 1e6:g} µm"
+            figures.append(self.figure(law, case, "speed", "m/s", expected, tolerance, without=0.0))
         return figures
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        speeds = (float(motions[0].velocity[f"ball_{column}"][1, 2]) for column in range(len(OVERLAPS)))
-        return [replace(figure, measured=speed) for figure, speed in zip(self.wanted(law), speeds, strict=True)]
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+        return [float(motions[0].velocity[f"ball_{column}"][1, 2]) for column in range(len(OVERLAPS))]
 
 
 def overlaps(law: Law) -> tuple[float, ...]:
@@ -262,13 +235,4 @@ def overlaps(law: Law) -> tuple[float, ...]:
     return tuple(overlap * min(1.0, law.timestep / OVERLAPS_FROM) for overlap in OVERLAPS)
 
 
-def subject(law: Law) -> str:
-    """The two materials."""
-    return f"{law.pair.first}, {law.pair.second}"
-
-
-def _name(row: int, column: int) -> str:
-    return f"ball_{row}_{column}"
-
-
-PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Restitution(), Rest(), Overlap())}
+PROBES: Mapping[str, Probe] = by_name((Restitution(), Rest(), Overlap()))

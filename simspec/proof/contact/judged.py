@@ -11,7 +11,6 @@ from typing import Any
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.proof.contact import size
-from simspec.proof.contact.impact import subject
 from simspec.proof.contact.probe import Figure, Law, Probe
 from simspec.proof.contact.probe import wanted as figures_wanted
 from simspec.proof.contact.run import PROBES, deviating, laws
@@ -38,9 +37,9 @@ def figure_faults(
         by_subject.setdefault(figure.subject, []).append(figure)
     known = set()
     for law in laws(world):
-        known.add(subject(law))
+        known.add(law.subject)
         between = settings((law.pair.first, law.pair.second))
-        yield from _of_law(by_subject.get(subject(law), []), law, engine, between, version)
+        yield from _of_law(by_subject.get(law.subject, []), law, engine, between, version)
     rest = [figure for name, some in by_subject.items() if name not in known for figure in some]
     yield from _of_sizes(rest, world, engine)
 
@@ -57,12 +56,12 @@ def _of_law(
     there = Counter((figure.probe, figure.quantity) for figure in figures)
     for probe in probes:
         if not figures_wanted(probe, law) and not any(name == probe.NAME for name, _ in there):
-            yield f"L5 {probe.NAME}: no figure of {subject(law)}"
+            yield f"L5 {probe.NAME}: no figure of {law.subject}"
     for (name, quantity), count in wanted.items():
         if not there[name, quantity]:
-            yield f"L5 {name}: no figure of {subject(law)} ({quantity})"
+            yield f"L5 {name}: no figure of {law.subject} ({quantity})"
         elif there[name, quantity] != count:
-            yield f"L5 {name}: {there[name, quantity]} figures of {subject(law)} ({quantity}), this world has {count}"
+            yield f"L5 {name}: {there[name, quantity]} figures of {law.subject} ({quantity}), this world has {count}"
     for figure in figures:
         source, reference = _reference(figure, law, probes)
         if source is None:

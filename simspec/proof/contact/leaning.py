@@ -9,6 +9,9 @@ rod    Two balls on a light rod, one on the floor, one at a wall of the same mat
 clamp  Two balls of one body at opposite faces of a post, a height h apart, the centre of mass at a distance d, under a moment
        T. Without slip N h = m g d + T; where it slips N (h − 2 μ d) = T, so that friction multiplies the frictionless force
        T/h. It holds from T = m g (h / 2 μ − d) on.
+jam    A clamp with a gain 2 μ d / h above 1: N (h − 2 μ d) = T has no solution for a moment T > 0, so that it stands under
+       every moment, at N h = m g d + T. The smaller T, the less of N is left in the frictionless problem, N = T / h, from which
+       solvers that sweep over contacts begin. At T = 0 standing and falling both solve the equations: nothing is measured.
 pile   A ball on two or three others: it stands up to the angle φ from the vertical between centres with tan(φ/2) = μ, for
        which the moments about each lower ball's centre demand equal friction above and below.
 """
@@ -17,15 +20,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from simspec.proof.contact.bodies import STATIONARY, ball, cluster, fixed_box, floor
 from simspec.proof.contact.friction import PUSH_TOLERANCE
-from simspec.proof.contact.impact import subject
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, by_name, direction, furthest
+from simspec.proof.contact.worlds import ball, cluster, fixed_box, floor
 from simspec.world import frames
+from simspec.world.tuples import vector3
 from simspec.world.types import Body
 
 STANDS, SLIPS = (1.1, 1.7), (0.6, 0.9)
@@ -73,9 +77,7 @@ class Case:
 
     def place(self, x: float, z: float) -> tuple[float, float, float]:
         """A point of the plane of motion, in world axes (m)."""
-        along = np.array([math.cos(math.radians(self.turn)), math.sin(math.radians(self.turn)), 0.0])
-        found = self.centre + x * along + np.array([0.0, 0.0, z])
-        return float(found[0]), float(found[1]), float(found[2])
+        return vector3((self.centre + np.array([*x * direction(self.turn), z])).tolist())
 
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
@@ -88,9 +90,8 @@ class _Leaning(Probe):
     def applies(self, law: Law) -> bool:
         """Rolling friction is a moment that the closed forms have no place for."""
         return (
-            law.pair.collide
+            law.is_rigid
             and law.pair.friction > 0.0
-            and law.pair.hardness.kind == "common"
             and not law.pair.rolling_friction
             and law.reach.leans
             and bool(self.cases(law))
@@ -114,8 +115,10 @@ class _Leaning(Probe):
         raise NotImplementedError
 
     def way(self, case: Case, motion: Motion) -> np.ndarray:
-        """The same of a motion (n,)."""
-        raise NotImplementedError
+        """The same of a motion (n,): how far the body has fallen, unless a probe says otherwise."""
+        height = motion.pose[case.name][:, 2]
+        way: np.ndarray = height[0] - height
+        return way
 
     def cases(self, law: Law) -> list[Case]:
         found = [
@@ -128,7 +131,7 @@ class _Leaning(Probe):
 
     def steps(self, law: Law) -> int:
         """Long enough for the slowest slip to be ``SLIPPED``, and for what stands to be seen standing."""
-        least = max(HELD_STEPS, math.ceil(HELD_TIME / law.timestep))
+        least = law.steps(HELD_TIME, HELD_STEPS)
         slipping = [case for case in self.cases(law) if not case.stands and case.turn == 0.0]
         return max([least, *(self._until(law, case) for case in slipping)])
 
@@ -152,42 +155,44 @@ class _Leaning(Probe):
         if standing:
             steps = self.steps(law)
             falls = max(float(self.slip(law, case, steps, 0.0)[-1]) for case in standing)
-            tolerance = HELD_WAY + HELD_SPEED * steps * law.timestep
-            named = (self.NAME, subject(law), "stands", "way", "m")
-            figures.append(Figure(*named, 0.0, None, tolerance, without=falls))
+            figures.append(self.figure(law, "stands", "way", "m", 0.0, held_way(law, steps), without=falls))
         for ratio, case in sorted(cases.items()):
             if case.stands:
                 continue
             step = self._until(law, case)
-            low, expected, high = (
-                float(self.slip(law, case, step, (1.0 + share) * law.pair.friction)[-1])
-                for share in (-PUSH_TOLERANCE, 0.0, PUSH_TOLERANCE)
+            low, expected, high, falls = (
+                float(self.slip(law, case, step, share * law.pair.friction)[-1])
+                for share in (1.0 - PUSH_TOLERANCE, 1.0, 1.0 + PUSH_TOLERANCE, 0.0)
             )
             tolerance = max(SLIP_TOLERANCE * expected, abs(high - low) / 2.0)
-            # a name of its own: a declared deviation of what slips is none of what stands
-            named = (f"{self.NAME}-slips", subject(law), f"at {ratio:g} × the least friction", "way", "m")
-            falls = float(self.slip(law, case, step, 0.0)[-1])
-            figures.append(Figure(*named, expected, None, tolerance, without=falls))
+            # named apart: a declared deviation of a body that slips does not count for one that stands
+            named = {"probe": f"{self.NAME}-slips", "without": falls}
+            figures.append(self.figure(law, _text(ratio), "way", "m", expected, tolerance, **named))
         return figures
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        figures = []
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
+        readings = []
         for figure in self.wanted(law):
             ways = {}
             for case in self.cases(law):
                 way = self.way(case, motions[0])
                 if figure.expected == 0.0 and case.stands:
                     ways[case] = float(np.abs(way).max())
-                elif figure.case == f"at {case.ratio:g} × the least friction":
+                elif figure.case == _text(case.ratio):
                     ways[case] = float(way[self._until(law, case)])
-            worst = max(ways, key=lambda case: _distance(ways[case], figure.expected))
+            worst = furthest(ways, figure.expected)
             text = f"{worst.turn:g}°" if figure.expected else f"{worst.ratio:g} × the least friction, {worst.turn:g}°"
-            figures.append(replace(figure, measured=ways[worst], worst=text))
-        return figures
+            readings.append({"measured": ways[worst], "worst": text})
+        return readings
 
 
-def _distance(way: float, expected: float) -> float:
-    return math.inf if math.isnan(way) else abs(way - expected)
+def _text(ratio: float) -> str:
+    return f"at {ratio:g} × the least friction"
+
+
+def held_way(law: Law, steps: int) -> float:
+    """m: how far a body that must stand may move in so many steps."""
+    return HELD_WAY + HELD_SPEED * steps * law.timestep
 
 
 def _stepped(
@@ -274,13 +279,9 @@ class Rod(_Leaning):
 
     def way(self, case: Case, motion: Motion) -> np.ndarray:
         pose = motion.pose[case.name]
-        along = np.array([math.cos(math.radians(case.turn)), math.sin(math.radians(case.turn)), 0.0])
         moved = pose[:, :3] - pose[0, :3]
-        if case.stands:
-            found: np.ndarray = np.linalg.norm(moved, axis=1)
-            return found
-        ahead: np.ndarray = -moved @ along
-        return ahead
+        way: np.ndarray = np.linalg.norm(moved, axis=1) if case.stands else -moved[:, :2] @ direction(case.turn)
+        return way
 
 
 def rod_acceleration(
@@ -349,10 +350,38 @@ class Clamp(_Leaning):
         fall = GRAVITY - 2.0 * friction * normal / self.MASS
         return _stepped(lambda way, speed: fall, 0.0, law.timestep, steps, (-math.inf, math.inf))
 
-    def way(self, case: Case, motion: Motion) -> np.ndarray:
-        height = motion.pose[case.name][:, 2]
-        found: np.ndarray = height[0] - height
-        return found
+
+class Jam(Clamp):
+    """A clamp that jams, under the moment of its weight about its own height."""
+
+    NAME = "jam"
+    MEANING = "how far a clamp moves that jams, since slip would need a negative normal force"
+    HEIGHT = 0.1
+    MOMENT = 1.0
+    """Over the weight times ``HEIGHT``: without friction the post would bear this many weights on each side."""
+    LEAST_FRICTION = 0.04
+    """Below it the centre of mass would be more than 2 m off the post."""
+
+    def applies(self, law: Law) -> bool:
+        return super().applies(law) and law.reach.jams and law.pair.friction >= self.LEAST_FRICTION
+
+    def cases(self, law: Law) -> list[Case]:
+        return [case for case in super().cases(law) if case.stands]
+
+    def distance(self, friction: float, case: Case) -> float:
+        """That at which the gain is the case's ratio."""
+        return case.ratio * self.HEIGHT / (2.0 * friction)
+
+    def moment(self, law: Law, case: Case) -> float:
+        return self.MOMENT * GRAVITY * self.MASS * self.HEIGHT
+
+
+class LightJam(Jam):
+    """The same under a hundredth of the moment."""
+
+    NAME = "jam-light"
+    MEANING = "the same where friction makes nearly all of the normal force"
+    MOMENT = 0.01
 
 
 class Pile(_Leaning):
@@ -394,9 +423,8 @@ class Pile(_Leaning):
             at = case.centre + np.array([out * math.cos(bearing), out * math.sin(bearing), self.RADIUS - TOUCH])
             yield ball(law, name, self.RADIUS, self.MASS, tuple(at.tolist()), group=f"{case.name}_below")
         top = case.place(0.0, self.RADIUS - TOUCH + up)
-        yield ball(
-            law, case.name, self.RADIUS, self.MASS, top, STATIONARY, material=law.pair.first, group=f"{case.name}_top"
-        )
+        material, group = law.pair.first, f"{case.name}_top"
+        yield ball(law, case.name, self.RADIUS, self.MASS, top, material=material, group=group)
 
     def meets(self, law: Law) -> tuple[tuple[str, str], ...]:
         return tuple((f"{case.name}_below", f"{case.name}_top") for case in self.cases(law))
@@ -409,11 +437,6 @@ class Pile(_Leaning):
 
         angles = _stepped(acceleration, start, law.timestep, steps, (0.0, math.radians(85.0)))
         found: np.ndarray = 2.0 * self.RADIUS * (math.cos(start) - np.cos(angles))
-        return found
-
-    def way(self, case: Case, motion: Motion) -> np.ndarray:
-        height = motion.pose[case.name][:, 2]
-        found: np.ndarray = height[0] - height
         return found
 
 
@@ -434,4 +457,6 @@ def pile_acceleration(angle: float, speed: float, friction: float, below: int, r
     return float(np.linalg.solve(equations, sides)[0])
 
 
-PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Rod(), Clamp(), Pile())}
+PROBES: Mapping[str, Probe] = by_name((Rod(), Clamp(), Pile()))
+JAMMING: Mapping[str, Probe] = by_name((Jam(), LightJam()))
+"""Of bodies of several shapes, which can clamp another."""

@@ -18,13 +18,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from simspec.proof.contact.bodies import ball, box, floor
-from simspec.proof.contact.impact import RESTITUTION_TOLERANCE, TURNED, subject
-from simspec.proof.contact.law import project
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.impact import RESTITUTION_TOLERANCE, TURNED
+from simspec.proof.contact.probe import (
+    GRAVITY,
+    Figure,
+    Law,
+    Motion,
+    Phase,
+    Probe,
+    Trial,
+    by_name,
+    direction,
+    furthest,
+    project,
+    signed_size,
+)
+from simspec.proof.contact.worlds import STEPS_BEFORE, ball, box, flight, floor
 from simspec.world.types import Body, Vector3
 
 APPROACH = 2.0
@@ -67,8 +80,8 @@ WAYS = 50.0
 """Radius over the way of one step, at least: it keeps the lever within 1 % at any timestep."""
 THICK_WAYS = 4.0
 """The same of a box's thickness, so that its centre stays above the floor."""
-STEPS_BEFORE, STEPS_AFTER = 2, 8
-"""Whole steps of flight before the one that arrives, and steps from there on."""
+STEPS_AFTER = 8
+"""Steps from the one that arrives on."""
 SPACING = 6.0
 """Radii between bodies, beside the ways that they go: those of a world do not meet but as they are meant to."""
 STRIKER, STRUCK = "striker", "struck"
@@ -89,8 +102,8 @@ class _Case:
 
 @dataclass(frozen=True)
 class _Hit:
-    """What a case shows: vectors along the surface (2,), in m/s, as the law wants them and as they were, and the ratio of
-    separation to approach."""
+    """What a case shows: vectors along the surface (2,), in m/s, as the law has them and as measured (``spin``: of balls), and
+    the ratio of separation to approach."""
 
     expected: np.ndarray
     velocity: np.ndarray
@@ -107,7 +120,7 @@ class Oblique(Probe):
     MEANING = "speed and spin that an oblique impact takes and gives, against Coulomb's law for impulses"
 
     def applies(self, law: Law) -> bool:
-        return law.pair.collide and law.pair.hardness.kind == "common" and law.pair.friction > 0.0
+        return law.is_rigid and law.pair.friction > 0.0
 
     def approach(self, law: Law) -> float:
         """Speed (m/s) along the normal."""
@@ -153,19 +166,18 @@ class Oblique(Probe):
     def _landing(self, law: Law, case: _Case, index: int) -> Body:
         dt, approach = law.timestep, self.approach(law)
         speed = self._demand(law, approach, case.regime, case.shape)
-        start = approach - (STEPS_BEFORE + 1) * GRAVITY * dt
-        flown = sum(start + GRAVITY * dt * step for step in range(1, STEPS_BEFORE + 1)) + case.phase * approach
-        along = speed * _direction(case.degrees)
+        start, way = flight(law, approach, case.phase)
+        along = speed * direction(case.degrees)
         velocity = (float(along[0]), float(along[1]), -start, 0.0, 0.0, 0.0)
         spacing = SPACING * self.radius(law, approach) + self._ways(law)
         x, y = spacing * (index % 4), spacing * (index // 4)
         (name,) = case.bodies
         if case.shape == "ball":
             radius = self.radius(law, approach)
-            return ball(law, name, radius, MASS, (x, y, radius + flown * dt), velocity)
+            return ball(law, name, radius, MASS, (x, y, radius + way), velocity)
         size = max(1.0, THICK_WAYS * approach * dt / THICKNESS)
         height = size * THICKNESS
-        return box(law, name, (size * WIDTH, size * WIDTH, height), MASS, (x, y, height / 2 + flown * dt), velocity)
+        return box(law, name, (size * WIDTH, size * WIDTH, height), MASS, (x, y, height / 2 + way), velocity)
 
     def radius(self, law: Law, speed: float) -> float:
         """Of a ball (m) that comes at this speed."""
@@ -178,7 +190,7 @@ class Oblique(Probe):
     def _meeting(self, law: Law, case: _Case, index: int) -> Iterator[Body]:
         approach = self.approach(law)
         normal, axes = _frame(case.normal)
-        slip = self._demand(law, approach, case.regime, case.shape) * _direction(case.degrees) @ axes
+        slip = self._demand(law, approach, case.regime, case.shape) * direction(case.degrees) @ axes
         relative = approach * normal + slip  # of the first, seen from the second
         radius = self.radius(law, math.hypot(approach, float(np.linalg.norm(slip))))
         apart = -2.0 * radius * normal - relative * law.timestep * (STEPS_BEFORE + case.phase)
@@ -198,27 +210,31 @@ class Oblique(Probe):
 
     def wanted(self, law: Law) -> Sequence[Figure]:
         e = law.pair.restitution
-        groups: dict[str, _Case] = {}
-        for case in [*self.landings(law), *self.meetings(law)]:
-            groups.setdefault(_group(case), case)
         figures = []
-        for text, case in groups.items():
-            size, at = self._change(law, case), math.radians(case.degrees)
-            for quantity in ("velocity", "spin")[: 1 if case.shape == "box" else 2]:
-                named = (self.NAME, subject(law), text, f"change of {quantity}", "m/s")
-                figures.append(Figure(*named, size, None, TOLERANCE * size, angle=at, without=0.0))
-            named = (self.SEPARATION, subject(law), text, "ratio", "")
-            figures.append(Figure(*named, e, None, RESTITUTION_TOLERANCE, angle=at, without=0.0 if e else None))
+        for text, cases in self.groups(law).items():
+            size, at = self._change(law, cases[0]), math.radians(cases[0].degrees)
+            # spin as the velocity that it gives, so that both are in one unit
+            for quantity in ("velocity", "spin")[: 1 if cases[0].shape == "box" else 2]:
+                named = (text, f"change of {quantity}", "m/s")
+                figures.append(self.figure(law, *named, size, TOLERANCE * size, angle=at, without=0.0))
+            ratio = {"probe": self.SEPARATION, "angle": at, "without": 0.0 if e else None}
+            figures.append(self.figure(law, text, "ratio", "", e, RESTITUTION_TOLERANCE, **ratio))
         return figures
+
+    def groups(self, law: Law) -> dict[str, list[_Case]]:
+        groups: dict[str, list[_Case]] = {}
+        for case in [*self.landings(law), *self.meetings(law)]:
+            groups.setdefault(_group(case), []).append(case)
+        return groups
 
     def reference(self, law: Law, figure: Figure) -> Figure | None:
         """Under a pyramid the expected change depends on the direction that came out worst."""
         found = super().reference(law, figure)
         if found is None or figure.probe != self.NAME:
             return found
-        cases = [case for case in [*self.landings(law), *self.meetings(law)] if _group(case) == figure.case]
-        degrees = None if figure.angle is None else math.degrees(figure.angle)
-        same = [case for case in cases if degrees is not None and math.isclose(case.degrees, degrees, abs_tol=1e-6)]
+        degrees = math.nan if figure.angle is None else math.degrees(figure.angle)
+        cases = self.groups(law)[figure.case]
+        same = [case for case in cases if math.isclose(case.degrees, degrees, abs_tol=1e-6)]
         if not same:
             return None
         size = self._change(law, same[0])
@@ -227,54 +243,31 @@ class Oblique(Probe):
     def _change(self, law: Law, case: _Case) -> float:
         """The change of speed (m/s) of a case that arrives exactly as it is meant to."""
         approach = self.approach(law)
-        slip = SHARE[case.shape] * self._demand(law, approach, case.regime, case.shape) * _direction(case.degrees)
+        slip = SHARE[case.shape] * self._demand(law, approach, case.regime, case.shape) * direction(case.degrees)
         most = law.pair.friction * (1.0 + law.pair.restitution) * approach
         return float(np.linalg.norm(project(slip, most, law.friction_cone)))
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        hits = [(case, self._landed(law, case, motions[0])) for case in self.landings(law)]
-        hits += [(case, self._met(law, case, motions[1])) for case in self.meetings(law)]
-        groups: dict[str, list[tuple[_Case, _Hit]]] = {}
-        for case, hit in hits:
-            groups.setdefault(_group(case), []).append((case, hit))
-        return [figure for text, group in groups.items() for figure in self._figures(law, text, group)]
-
-    def _figures(self, law: Law, text: str, group: Sequence[tuple[_Case, _Hit]]) -> Iterator[Figure]:
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
         """Of each quantity the case that is furthest off."""
-        for quantity in ("velocity", "spin"):
-            worst: tuple[float, float, float, _Case] | None = None
-            for case, hit in group:
-                measured = hit.velocity if quantity == "velocity" else hit.spin
-                if measured is None:
-                    continue
-                size, off = float(np.linalg.norm(hit.expected)), float(np.linalg.norm(measured - hit.expected))
-                sign = 1.0 if np.linalg.norm(measured) >= size else -1.0
-                if worst is None or not off / size <= worst[0]:
-                    worst = (off / size, size, size + sign * off, case)
-            if worst is not None:
-                _, expected, signed, case = worst
-                # spin as what it is of a velocity, so that both are in one unit
-                yield Figure(
-                    self.NAME,
-                    subject(law),
-                    text,
-                    f"change of {quantity}",
-                    "m/s",
-                    expected,
-                    signed,
-                    TOLERANCE * expected,
-                    worst=f"{case.degrees:g}°",
-                    angle=math.radians(case.degrees),
-                )
-        e = law.pair.restitution
-        case, hit = max(group, key=lambda entry: math.inf if math.isnan(entry[1].ratio) else abs(entry[1].ratio - e))
-        numbers = (e, hit.ratio, RESTITUTION_TOLERANCE)
-        at = math.radians(case.degrees)
-        yield Figure(self.SEPARATION, subject(law), text, "ratio", "", *numbers, worst=f"{case.degrees:g}°", angle=at)
+        readings: list[Mapping[str, Any]] = []
+        for cases in self.groups(law).values():
+            hits = {case: (self._landed if len(case.bodies) == 1 else self._met)(law, case, motions) for case in cases}
+            for quantity in ("velocity", "spin")[: 1 if cases[0].shape == "box" else 2]:
+                pairs = {case: (getattr(hit, quantity), hit.expected) for case, hit in hits.items()}
+                off = {
+                    case: float(np.linalg.norm(measured - expected) / np.linalg.norm(expected))
+                    for case, (measured, expected) in pairs.items()
+                }
+                worst = furthest(off)
+                size = float(np.linalg.norm(hits[worst].expected))
+                numbers = {"measured": signed_size(*pairs[worst]), "expected": size, "tolerance": TOLERANCE * size}
+                readings.append(numbers | _of(worst))
+            worst = furthest({case: hit.ratio for case, hit in hits.items()}, law.pair.restitution)
+            readings.append({"measured": hits[worst].ratio} | _of(worst))
+        return readings
 
-    def _landed(self, law: Law, case: _Case, motion: Motion) -> _Hit:
-        (name,) = case.bodies
-        velocity = motion.velocity[name]
+    def _landed(self, law: Law, case: _Case, motions: Sequence[Motion]) -> _Hit:
+        velocity = motions[0].velocity[case.bodies[0]]
         approach = self.approach(law)
         begin = impact_begins(velocity[:, :3], law.timestep)
         end = impact_ends(velocity[:, 2], begin)
@@ -289,7 +282,8 @@ class Oblique(Probe):
         ratio = float(velocity[end, 2] + fallen * (end - begin - 1)) / fall  # one step leaves gravity no time
         return _Hit(expected, velocity[begin, :2] - velocity[end, :2], spin, ratio)
 
-    def _met(self, law: Law, case: _Case, motion: Motion) -> _Hit:
+    def _met(self, law: Law, case: _Case, motions: Sequence[Motion]) -> _Hit:
+        motion = motions[1]
         striker, other = (motion.velocity[name] for name in case.bodies)
         relative = striker[:, :3] - other[:, :3]
         begin = impact_begins(relative, law.timestep)
@@ -316,6 +310,10 @@ class Oblique(Probe):
         return _Hit(expected, far[0], far[1], -float(relative[end] @ normal) / approach)
 
 
+def _of(case: _Case) -> dict[str, Any]:
+    return {"worst": f"{case.degrees:g}°", "angle": math.radians(case.degrees)}
+
+
 def _group(case: _Case) -> str:
     what = f"a {case.shape} on the floor" if len(case.bodies) == 1 else "a ball on a ball of three times its mass"
     return f"{what} that {case.regime}"
@@ -328,18 +326,14 @@ def impact_begins(velocity: np.ndarray, timestep: float) -> int:
     return int(np.argmax(sizes > TURNED * sizes.max() + 2.0 * GRAVITY * timestep))
 
 
-def impact_ends(speed: np.ndarray, begin: int) -> int:
+def impact_ends(speed: np.ndarray, begin: int, least: float = 0.0) -> int:
     """The first step after an impact, from the speeds (n,) along its normal: it goes on while steps add more than ``TURNED`` of
-    what the first step added."""
+    the first step's change, and ``least`` (m/s)."""
     change = np.diff(speed)
     end = begin + 1
-    while end < len(change) and change[end] > TURNED * change[begin]:
+    while end < len(change) and change[end] > TURNED * change[begin] + least:
         end += 1
     return end
-
-
-def _direction(degrees: float) -> np.ndarray:
-    return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
 
 
 def _frame(normal: Vector3) -> tuple[np.ndarray, np.ndarray]:
@@ -350,4 +344,4 @@ def _frame(normal: Vector3) -> tuple[np.ndarray, np.ndarray]:
     return unit, np.array([first, np.cross(unit, first)])
 
 
-PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Oblique(),)}
+PROBES: Mapping[str, Probe] = by_name((Oblique(),))

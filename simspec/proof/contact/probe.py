@@ -1,16 +1,23 @@
-"""What a contact probe is (proof level L5): a small world of its own, driven for a while, and what it shows.
+"""Contact probes (proof level L5): small worlds of two materials that are driven, and their figures.
 
-A probe is written once for all engines. It knows two materials and their law, lays out bodies of these materials, says how
-they are driven, and turns the motion that comes back into figures, each beside its analytic value. It never learns which
-engine it ran in; an engine's declared deviations are added afterwards, by data (``Engine.CONTACT_DEVIATIONS``).
+A probe is written once for all engines. It lays out bodies of the two materials, says how they are driven
+(:meth:`Probe.trials`), states every figure with its analytic value (:meth:`Probe.wanted`) and reads the measured values off the
+motion (:meth:`Probe.readings`). It does not know the engine; declared deviations are added afterwards
+(``Engine.CONTACT_DEVIATIONS``).
+
+Friction follows the one-step law. In a step in which the normal impulse is J, the friction impulse is the projection of the
+momentum that the body would have without friction onto the cone's section of size μ J. So a push F from rest meets the
+projection of F onto the section of size μ N, and a body that slides freely follows v' = v − proj(v), with the section of size
+μ g dt, and x' = x + v' dt. Under the elliptic cone a body at speed v comes to rest after v²/2μg − v dt/2.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -38,10 +45,24 @@ class Law:
     timestep: float
     belt: Vector3 = field(default=NO_BELT, metadata=LEFT_OUT)
     """The velocity (m/s) of a surface of the two that moves, in its shape's axes; zero where none does."""
-    belt_told: Vector3 | None = field(default=None, metadata=LEFT_OUT)
+    belt_written: Vector3 | None = field(default=None, metadata=LEFT_OUT)
     """The same as the files have it; None: as it is."""
     reach: Reach = field(default=Reach(), metadata=LEFT_OUT)
     """What bodies of the two materials can do together in the scenario."""
+
+    @property
+    def subject(self) -> str:
+        """The two materials."""
+        return f"{self.pair.first}, {self.pair.second}"
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the materials collide with the common hardness."""
+        return self.pair.collide and self.pair.hardness.kind == "common"
+
+    def steps(self, seconds: float, least: int = 1) -> int:
+        """Steps that last this long, and at least so many."""
+        return max(least, math.ceil(seconds / self.timestep))
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,19 +195,139 @@ class Probe:
         return 0.0
 
     def applies(self, law: Law) -> bool:
-        """Whether this law has anything for this probe to measure."""
+        """Whether this probe can measure anything under this law."""
         raise NotImplementedError
 
     def trials(self, law: Law) -> Sequence[Trial]:
         """The worlds to run; the same for every engine."""
         raise NotImplementedError
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
-        """What the motions (one for each trial, in order) show, against what ``law`` says."""
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float | Mapping[str, Any] | Figure]:
+        """For each figure of :meth:`wanted` the measured value, or fields to replace (``measured``, ``worst``, ...), or the
+        whole figure; ``motions``: one for each trial, in order."""
         raise NotImplementedError
+
+    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+        """The figures that the motions give under ``law``."""
+        pairs = zip(self.wanted(law), self.readings(law, motions), strict=True)
+        return [
+            reading
+            if isinstance(reading, Figure)
+            else replace(figure, **(reading if isinstance(reading, Mapping) else {"measured": reading}))
+            for figure, reading in pairs
+        ]
+
+    def figure(
+        self, law: Law, case: str, quantity: str, unit: str, expected: float, tolerance: float, **others: Any
+    ) -> Figure:
+        """A figure that is not measured yet, of this probe's name unless ``probe`` is given among ``others``."""
+        name = others.pop("probe", self.NAME)
+        return Figure(name, law.subject, case, quantity, unit, expected, None, tolerance, **others)
 
 
 @lru_cache(maxsize=256)
 def wanted(probe: Probe, law: Law) -> tuple[Figure, ...]:
     """:meth:`Probe.wanted`, kept: a certificate has hundreds of figures of a law, and some follow from stepped equations."""
     return tuple(probe.wanted(law))
+
+
+# --- helpers for figures -------------------------------------------------------------------------------------------
+
+Key = TypeVar("Key")
+
+
+def deviation(value: float, expected: float = 0.0) -> float:
+    """The distance between two values, infinite for NaN."""
+    return math.inf if math.isnan(value) else abs(value - expected)
+
+
+def furthest(values: Mapping[Key, float], expected: float = 0.0) -> Key:
+    """The key of the value furthest from ``expected``; NaN is furthest."""
+    return max(values, key=lambda key: deviation(values[key], expected))
+
+
+def signed_size(measured: np.ndarray, expected: np.ndarray) -> float:
+    """The error of a vector as an error of its size: |expected| plus the distance, minus it where ``measured`` is shorter."""
+    size, off = float(np.linalg.norm(expected)), float(np.linalg.norm(measured - expected))
+    return size + off if np.linalg.norm(measured) >= size else size - off
+
+
+def direction(degrees: float) -> np.ndarray:
+    """The unit vector (2,) at this angle from the x axis."""
+    return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+
+
+def by_name(probes: Iterable[Probe]) -> Mapping[str, Probe]:
+    return {probe.NAME: probe for probe in probes}
+
+
+# --- the one-step law of friction ----------------------------------------------------------------------------------
+
+
+def project(vector: np.ndarray, size: float, friction_cone: str) -> np.ndarray:
+    """The point nearest to ``vector`` (2,) in the section of the cone of this ``size``: a disc of that radius, the diamond
+    |x| + |y| ≤ size, or the square |x|, |y| ≤ size. Raises KeyError for an unknown cone."""
+    x, y = vector
+    return np.array(nearest(float(x), float(y), size, friction_cone))
+
+
+def nearest(x: float, y: float, size: float, friction_cone: str) -> tuple[float, float]:
+    """As :func:`project`, of two numbers, which is ten times as quick."""
+    return _SECTIONS[friction_cone](x, y, size)
+
+
+def _disc(x: float, y: float, size: float) -> tuple[float, float]:
+    length = math.hypot(x, y)
+    return (x, y) if length <= size else (x * (size / length), y * (size / length))
+
+
+def _square(x: float, y: float, size: float) -> tuple[float, float]:
+    return min(max(x, -size), size), min(max(y, -size), size)
+
+
+def _diamond(x: float, y: float, size: float) -> tuple[float, float]:
+    """Onto the l1 ball: take the same amount off both coordinates' magnitudes, until they sum to ``size``."""
+    off = (abs(x) + abs(y) - size) / 2.0
+    if off <= 0.0:
+        return x, y
+    if off > min(abs(x), abs(y)):  # one coordinate is used up: the nearest point is a corner
+        return (math.copysign(size, x), 0.0) if abs(x) > abs(y) else (0.0, math.copysign(size, y))
+    return math.copysign(abs(x) - off, x), math.copysign(abs(y) - off, y)
+
+
+_SECTIONS = {"elliptic": _disc, "pyramid-inscribed": _diamond, "pyramid-circumscribed": _square}
+
+
+def outline(size: float, friction_cone: str, points: int = 181) -> np.ndarray:
+    """The boundary of the section, for plots: (points, 2)."""
+    angles = np.linspace(0.0, 2.0 * np.pi, points)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    if friction_cone == "elliptic":
+        return size * directions
+    norm = np.abs(directions).sum(axis=1) if friction_cone == "pyramid-inscribed" else np.abs(directions).max(axis=1)
+    boundary: np.ndarray = size * directions / norm[:, None]
+    return boundary
+
+
+def slide(velocity: np.ndarray, law: Law, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities (steps + 1, 2) of a body that slides freely from the origin; both are read-only."""
+    x, y = (float(part) for part in velocity)
+    return _slid(x, y, law.pair.friction * GRAVITY * law.timestep, law.timestep, law.friction_cone, steps)
+
+
+@lru_cache(maxsize=2048)
+def _slid(
+    x: float, y: float, size: float, timestep: float, friction_cone: str, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cached, since the figures of a certificate need thousands of slides, most of them the same."""
+    places, speeds = [(0.0, 0.0)], [(x, y)]
+    along = across = 0.0
+    for _ in range(steps):
+        less, sideways = nearest(x, y, size, friction_cone)
+        x, y = x - less, y - sideways
+        along, across = along + timestep * x, across + timestep * y
+        speeds.append((x, y))
+        places.append((along, across))
+    position, speed = np.array(places), np.array(speeds)
+    position.flags.writeable = speed.flags.writeable = False
+    return position, speed

@@ -6,7 +6,6 @@ All probe worlds of an engine run one after the other in one process; what was m
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 import secrets
 import time
@@ -32,48 +31,45 @@ from simspec.proof.contact import (
     cache,
     carried,
     compliance,
-    crossing,
     friction,
     impact,
-    jamming,
     leaning,
     oblique,
     size,
-    sliding_stacks,
     spin,
-    squeezing,
-    stacking,
+    stacks,
     together,
 )
 from simspec.proof.contact.held import Held, belts, held, of_pair
-from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Motion, Probe, Trial
-from simspec.proof.contact.split import joined, split
+from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Probe, Trial
+from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
 from simspec.world.kinematics import layout_of
 from simspec.world.meeting import meeting_laws
 from simspec.world.reach import Reach, reach
-from simspec.world.types import Body, Contact, EngineOptions, Physics, ReadBack, World
+from simspec.world.types import Physics, ReadBack, World
 
 LEVEL = "L5"
+COUPLED: Mapping[str, Probe] = {
+    **leaning.PROBES,
+    **leaning.JAMMING,
+    **carried.SQUEEZING,
+    **together.PROBES,
+    **stacks.PROBES,
+    **carried.CARRYING,
+    **spin.SLIDING_WITH_SPIN,
+}
+"""Probes in which contacts depend on each other, by name."""
 PROBES: Mapping[str, Probe] = {
     **friction.PROBES,
     **impact.PROBES,
     **oblique.PROBES,
     **compliance.PROBES,
     **spin.PROBES,
-    **leaning.PROBES,
-    **jamming.PROBES,
-    **squeezing.PROBES,
-    **together.PROBES,
-    **stacking.PROBES,
-    **sliding_stacks.PROBES,
-    **crossing.PROBES,
-    **carried.PROBES,
+    **COUPLED,
 }
 """Every probe of two materials, by name, in the order of reports."""
-MOVING = "probe"
-"""Collision group of what moves in a probe world: only the floor is met."""
 PLOTTED = ("push-oblong",)
 """Probes whose points reports draw; the others' are not kept."""
 DIGITS = 6
@@ -247,7 +243,7 @@ def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: b
     compiled: list[Compiled] = []
     operations: list[Operation] = []
     told = whole.belts.get((law.pair.first, law.pair.second))
-    for trial in probe.trials(dataclasses.replace(law, belt_told=told)):
+    for trial in probe.trials(dataclasses.replace(law, belt_written=told)):
         parts = split(trial, engine.PROBED_TOGETHER)
         worlds.append(tuple(_world(of_two, part) for part in parts))
         for world, part in zip(worlds[-1], parts, strict=True):
@@ -301,39 +297,6 @@ def _world(held_pair: Held, trial: Trial) -> World:
     return world_of_trial(trial, held_pair.contact, physics, held_pair.options)
 
 
-def world_of_trial(trial: Trial, contact: Contact, physics: Physics, options: EngineOptions) -> World:
-    """The world of a trial under a contact law: what moves meets fixed bodies alone, but for what the trial lets meet."""
-    meeting = {group for pair in trial.meets for group in pair}
-    bodies = tuple(
-        body
-        if body.joint.kind == "fixed" or body.collision_group in meeting
-        else dataclasses.replace(body, collision_group=MOVING)
-        for body in trial.bodies
-    )
-    groups = sorted({MOVING, *meeting})
-    ignored = tuple(pair for pair in itertools.combinations_with_replacement(groups, 2) if pair not in set(trial.meets))
-    contact = dataclasses.replace(contact, ignored_groups=ignored, excluded_bodies=_joined(bodies))
-    physics = dataclasses.replace(physics, steps=sum(phase.steps for phase in trial.phases))
-    return World("contact-probe", bodies, contact, physics, engines=(options,))
-
-
-def _joined(bodies: Sequence[Body]) -> tuple[tuple[str, str], ...]:
-    pairs = ((body.name, body.joint.parent) for body in bodies if body.joint.parent is not None)
-    return tuple(sorted((min(pair), max(pair)) for pair in pairs))
-
-
-def drive_of(world: World, trial: Trial) -> Operation:
-    """The operation that drives the world of a trial."""
-    places = layout_of(world)
-    index = {body.name: number for number, body in enumerate(world.bodies)}
-    effort = np.zeros((len(trial.phases), places.nv))
-    for row, phase in zip(effort, trial.phases, strict=True):
-        for name, values in phase.effort.items():
-            row[places.velocity[index[name]]] = values
-    phases = [[phase.steps, phase.every] for phase in trial.phases]
-    return Operation("drive", {"timestep": world.physics.timestep, "phases": phases}, {"effort": effort}, world)
-
-
 def _figures(job: _Job, answers: Sequence[Answer], engine: type[Engine]) -> Sequence[Figure]:
     if job.sizes is not None:
         return size.size_figures(job.sizes, answers[0].arrays["touching"], engine.thicker(job.sizes.world))
@@ -342,14 +305,6 @@ def _figures(job: _Job, answers: Sequence[Answer], engine: type[Engine]) -> Sequ
     answer = iter(answers)
     motions = [joined([motion_of(world, next(answer)) for world in worlds]) for worlds in job.worlds]
     return job.probe.figures(job.law, motions)
-
-
-def motion_of(world: World, answer: Answer) -> Motion:
-    """What came back of a driven world, by body."""
-    arrays = answer.arrays
-    pose = {body.name: arrays["pose"][:, number] for number, body in enumerate(world.bodies)}
-    velocity = {body.name: arrays["velocity"][:, number] for number, body in enumerate(world.bodies)}
-    return Motion(arrays["time"], pose, velocity)
 
 
 def _sampled(jobs: Sequence[_Job]) -> list[_Job]:
@@ -364,7 +319,7 @@ def _sampled(jobs: Sequence[_Job]) -> list[_Job]:
 
 def _failed(job: _Job, error: EngineError) -> Figure:
     """The one figure of a job that the engine failed at."""
-    subject = "shapes" if job.law is None else impact.subject(job.law)
+    subject = "shapes" if job.law is None else job.law.subject
     name = size.NAME if job.probe is None else job.probe.NAME
     return Figure(name, subject, str(error), "", "", 0.0, None, 0.0)
 

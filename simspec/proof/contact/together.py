@@ -12,14 +12,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from simspec.proof.contact.bodies import ball, box, floor
-from simspec.proof.contact.impact import RESTITUTION_TOLERANCE, TURNED, subject
-from simspec.proof.contact.oblique import ABOVE_THRESHOLD, GRAZES, impact_begins
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
+from simspec.proof.contact.impact import RESTITUTION_TOLERANCE
+from simspec.proof.contact.oblique import ABOVE_THRESHOLD, GRAZES, impact_begins, impact_ends
+from simspec.proof.contact.probe import (
+    GRAVITY,
+    Figure,
+    Law,
+    Motion,
+    Phase,
+    Probe,
+    Trial,
+    by_name,
+    furthest,
+    signed_size,
+)
+from simspec.proof.contact.worlds import STEPS_BEFORE, ball, box, flight, floor
 from simspec.world import frames
 from simspec.world.tuples import sorted_pair, vector3
 from simspec.world.types import Body
@@ -36,8 +48,8 @@ TILT = math.radians(30.0)
 EDGE = (2.0, 1.0, 1.0)
 """Edges of that box, in units of ``WIDTH``: the one that lands is along y."""
 WIDTH = 0.2
-STEPS_BEFORE, STEPS_AFTER = 2, 8
-"""Whole steps of flight before the one that arrives, and steps from there on."""
+STEPS_AFTER = 8
+"""Steps from the one that arrives on."""
 SPACING = 6.0
 """Radii between groups."""
 VELOCITY_TOLERANCE, LONG = 0.04, 0.016
@@ -72,21 +84,21 @@ class _Group:
     phase: float
     number: int
 
-    def group(self, index: int) -> str:
-        return f"{self.names[index]}_group"
-
 
 class _Together(Probe):
-    """What the three have in common: change of velocity of each body, and energy after over energy before."""
+    """Change of velocity of each body, and energy after over energy before."""
 
     TEXT: str
+    ROLES: tuple[str, ...]
+    """Names of the bodies of a group, without its number."""
+    MEETS: tuple[tuple[int, int], ...] = ()
+    """Which of them meet each other."""
     STANDS = False
-    """Whether the bodies meet what is fixed."""
+    """Whether the bodies meet the floor."""
 
     def applies(self, law: Law) -> bool:
         """Rolling friction is a moment that the impulses have no place for."""
-        rigid = law.pair.collide and law.pair.hardness.kind == "common" and not law.pair.rolling_friction
-        return rigid and self.reached(law)
+        return law.is_rigid and not law.pair.rolling_friction and self.reached(law)
 
     def reached(self, law: Law) -> bool:
         """Whether bodies of the two materials can meet so."""
@@ -103,13 +115,13 @@ class _Together(Probe):
         return (STEPS_BEFORE + phase) * law.timestep
 
     def groups(self) -> list[_Group]:
-        raise NotImplementedError
+        return [
+            _Group(tuple(f"{role}_{number}" for role in self.ROLES), phase, number)
+            for number, phase in enumerate(PHASES)
+        ]
 
     def bodies(self, law: Law, group: _Group) -> Iterator[Body]:
         raise NotImplementedError
-
-    def meets(self, group: _Group) -> tuple[tuple[str, str], ...]:
-        return ()
 
     def changes(self, law: Law, group: _Group) -> Mapping[str, np.ndarray]:
         """Change (3,) of each body's velocity (m/s), by the law."""
@@ -119,59 +131,69 @@ class _Together(Probe):
         """Kinetic energy after over before, by the law."""
         raise NotImplementedError
 
-    def fixed(self, law: Law) -> list[Body]:
-        return []
-
     def trials(self, law: Law) -> Sequence[Trial]:
         groups = self.groups()
-        bodies = [*self.fixed(law), *(body for group in groups for body in self.bodies(law, group))]
-        meets = tuple(sorted_pair(*pair) for group in groups for pair in self.meets(group))
-        return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),), meets)]
+        bodies = [
+            *([floor(law)] if self.STANDS else []),
+            *(body for group in groups for body in self.bodies(law, group)),
+        ]
+        meets = [(group.names[one], group.names[other]) for group in groups for one, other in self.MEETS]
+        named = tuple(sorted_pair(f"{one}_group", f"{other}_group") for one, other in meets)
+        return [Trial(tuple(bodies), (Phase(STEPS_BEFORE + STEPS_AFTER),), named)]
 
     def wanted(self, law: Law) -> Sequence[Figure]:
         """Of each body, and the energy; without the impact nothing changes."""
-        figures = []
         share = VELOCITY_TOLERANCE * max(1.0, law.timestep / LONG)
         tolerance = share * (1.0 + law.pair.restitution) * self.approach(law)
         roles = {_role(name): change for name, change in self.changes(law, self.groups()[0]).items()}
-        for role, change in roles.items():
-            named = (self.NAME, subject(law), f"{self.TEXT}: {role}", "change of velocity", "m/s")
-            figures.append(Figure(*named, float(np.linalg.norm(change)), None, tolerance, without=0.0))
-        share = self.energy(law)
-        named = (f"{self.NAME}-energy", subject(law), self.TEXT, "energy after, over before", "")
+        figures = [
+            self.figure(
+                law,
+                f"{self.TEXT}: {role}",
+                "change of velocity",
+                "m/s",
+                float(np.linalg.norm(change)),
+                tolerance,
+                without=0.0,
+            )
+            for role, change in roles.items()
+        ]
+        energy = self.energy(law)
         # a step's gravity, of which engines differ by one, changes the square of the speed
         tolerance = RESTITUTION_TOLERANCE + 2.0 * GRAVITY * law.timestep / self.approach(law)
-        return [*figures, Figure(*named, share, None, tolerance, without=None if share >= 1.0 else 1.0)]
+        named = {"probe": f"{self.NAME}-energy", "without": None if energy >= 1.0 else 1.0}
+        return [*figures, self.figure(law, self.TEXT, "energy after, over before", "", energy, tolerance, **named)]
 
-    def figures(self, law: Law, motions: Sequence[Motion]) -> Sequence[Figure]:
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
         motion, bodies = motions[0], {body.name: body for body in self.trials(law)[0].bodies}
-        seen: dict[str, list[tuple[float, _Group]]] = {}
-        energies = []
+        sizes: dict[str, dict[_Group, float]] = {}
+        energies: dict[_Group, float] = {}
         for group in self.groups():
             begin, end = self._span(law, group, motion)
             fallen = np.array([0.0, 0.0, GRAVITY * law.timestep])
             before = {name: motion.velocity[name][begin] for name in group.names}
             after = {name: np.array(motion.velocity[name][end]) for name in group.names}
             for name, expected in self.changes(law, group).items():
-                # one step of what lands leaves gravity no time
+                # one step of a body that lands leaves gravity no time
                 after[name][:3] += fallen * (end - begin - self.STANDS)
-                change = after[name][:3] - before[name][:3]
-                off, size = float(np.linalg.norm(change - expected)), float(np.linalg.norm(expected))
-                signed = size + math.copysign(off, float(np.linalg.norm(change)) - size)
-                seen.setdefault(_role(name), []).append((signed, group))
-            # as seen by what falls freely, where nothing stands
+                size = signed_size(after[name][:3] - before[name][:3], expected)
+                role = sizes.setdefault(_role(name), {})
+                known = role.get(group)
+                role[group] = (
+                    size if known is None else furthest({known: known, size: size}, float(np.linalg.norm(expected)))
+                )
+            # as a falling observer sees it, where the bodies do not meet the floor
             falling = fallen * (0.0 if self.STANDS else begin)
             start, stop = (
                 sum(_kinetic(bodies[name], states[name], falling, motion.pose[name][at]) for name in group.names)
                 for states, at in ((before, begin), (after, end))
             )
-            energies.append((stop / start, group))
-        figures = []
-        for figure in self.wanted(law):
-            values = seen.get(figure.case.removeprefix(f"{self.TEXT}: "), energies)
-            measured, group = max(values, key=lambda entry: _distance(entry[0], figure.expected))
-            figures.append(replace(figure, measured=measured, worst=f"{group.phase:g} of a step"))
-        return figures
+            energies[group] = stop / start
+        readings = []
+        for figure, values in zip(self.wanted(law), [*sizes.values(), energies], strict=True):
+            worst = furthest(values, figure.expected)
+            readings.append({"measured": values[worst], "worst": f"{worst.phase:g} of a step"})
+        return readings
 
     def _span(self, law: Law, group: _Group, motion: Motion) -> tuple[int, int]:
         """Numbers of the last step before the impact and of the first after it, of all bodies of the group."""
@@ -181,26 +203,14 @@ class _Together(Probe):
             begin = impact_begins(velocity, law.timestep)
             along = velocity[begin + 1] - velocity[begin]
             begins.append(begin)
-            ends.append(_ends(velocity @ along / float(np.linalg.norm(along)), begin, law.timestep))
+            speed = velocity @ along / float(np.linalg.norm(along))
+            # more than the weight of bodies that stay in touch can add
+            ends.append(impact_ends(speed, begin, 2.0 * GRAVITY * law.timestep))
         return min(begins), max(ends)
 
 
 def _role(name: str) -> str:
     return name.rsplit("_", 1)[0].replace("left", "struck").replace("right", "struck")
-
-
-def _distance(value: float, expected: float) -> float:
-    return math.inf if math.isnan(value) else abs(value - expected)
-
-
-def _ends(speed: np.ndarray, begin: int, timestep: float) -> int:
-    """The first step after an impact, from the speeds (n,) along it: it goes on while steps add more than ``TURNED`` of what
-    the first step added, and more than the weight of what stays in touch can."""
-    change = np.diff(speed)
-    end = begin + 1
-    while end < len(change) and change[end] > TURNED * change[begin] + 2.0 * GRAVITY * timestep:
-        end += 1
-    return end
 
 
 def _kinetic(body: Body, velocity: np.ndarray, falling: np.ndarray, pose: np.ndarray) -> float:
@@ -218,15 +228,7 @@ class Strike(_Together):
     NAME = "strike"
     MEANING = "velocities and energy after one ball has hit two at once, against the law of all contacts together"
     TEXT = "one ball on two"
-
-    def groups(self) -> list[_Group]:
-        return [
-            _Group((f"striker_{number}", f"left_{number}", f"right_{number}"), phase, number)
-            for number, phase in enumerate(PHASES)
-        ]
-
-    def meets(self, group: _Group) -> tuple[tuple[str, str], ...]:
-        return ((group.group(0), group.group(1)), (group.group(0), group.group(2)))
+    ROLES, MEETS = ("striker", "left", "right"), ((0, 1), (0, 2))
 
     def bodies(self, law: Law, group: _Group) -> Iterator[Body]:
         radius = self.radius(law)
@@ -234,9 +236,11 @@ class Strike(_Together):
         height = 2.0 * radius * math.cos(OPENING) + self.approach(law) * self.before(law, group.phase)
         down = (0.0, 0.0, -self.approach(law), 0.0, 0.0, 0.0)
         striker, left, right = group.names
-        yield ball(law, striker, radius, MASS, (0.0, y, height), down, material=law.pair.first, group=group.group(0))
-        yield ball(law, left, radius, MASS, (-radius, y, 0.0), group=group.group(1))
-        yield ball(law, right, radius, MASS, (radius, y, 0.0), group=group.group(2))
+        yield ball(
+            law, striker, radius, MASS, (0.0, y, height), down, material=law.pair.first, group=f"{striker}_group"
+        )
+        yield ball(law, left, radius, MASS, (-radius, y, 0.0), group=f"{left}_group")
+        yield ball(law, right, radius, MASS, (radius, y, 0.0), group=f"{right}_group")
 
     def _impulses(self, law: Law) -> tuple[float, float]:
         c, s = math.cos(OPENING), math.sin(OPENING)
@@ -269,24 +273,16 @@ class Row(_Together):
         "velocities and energy after a ball has hit a row of two that touch, against the law of all contacts together"
     )
     TEXT = "a ball against a row of two"
-
-    def groups(self) -> list[_Group]:
-        return [
-            _Group((f"first_{number}", f"second_{number}", f"third_{number}"), phase, number)
-            for number, phase in enumerate(PHASES)
-        ]
-
-    def meets(self, group: _Group) -> tuple[tuple[str, str], ...]:
-        return ((group.group(0), group.group(1)), (group.group(1), group.group(2)))
+    ROLES, MEETS = ("first", "second", "third"), ((0, 1), (1, 2))
 
     def bodies(self, law: Law, group: _Group) -> Iterator[Body]:
         radius, speed = self.radius(law), self.approach(law)
         y = SPACING * radius * group.number
         start = -2.0 * radius - speed * self.before(law, group.phase)
         first, second, third = group.names
-        yield ball(law, first, radius, MASS, (start, y, 0.0), (speed, *(0.0,) * 5), group=group.group(0))
-        yield ball(law, second, radius, MASS, (0.0, y, 0.0), material=law.pair.first, group=group.group(1))
-        yield ball(law, third, radius, MASS, (2.0 * radius, y, 0.0), group=group.group(2))
+        yield ball(law, first, radius, MASS, (start, y, 0.0), (speed, *(0.0,) * 5), group=f"{first}_group")
+        yield ball(law, second, radius, MASS, (0.0, y, 0.0), material=law.pair.first, group=f"{second}_group")
+        yield ball(law, third, radius, MASS, (2.0 * radius, y, 0.0), group=f"{third}_group")
 
     def changes(self, law: Law, group: _Group) -> Mapping[str, np.ndarray]:
         share = (1.0 + law.pair.restitution) * self.approach(law) / 3.0
@@ -305,16 +301,11 @@ class Edge(_Together):
     NAME = "edge"
     MEANING = "velocity and energy after a box has landed on two corners, against the law of both together"
     TEXT = "a box on one edge"
+    ROLES = ("box",)
     STANDS = True
 
     def reached(self, law: Law) -> bool:
         return law.reach.corners
-
-    def groups(self) -> list[_Group]:
-        return [_Group((f"box_{number}",), phase, number) for number, phase in enumerate(PHASES)]
-
-    def fixed(self, law: Law) -> list[Body]:
-        return [floor(law)]
 
     def _size(self, law: Law) -> np.ndarray:
         return np.array(EDGE) * max(WIDTH, WAYS * self.approach(law) * law.timestep)
@@ -327,11 +318,9 @@ class Edge(_Together):
         return float(c * half[0] - s * half[2]), float(-s * half[0] - c * half[2])
 
     def bodies(self, law: Law, group: _Group) -> Iterator[Body]:
-        dt, approach = law.timestep, self.approach(law)
-        start = approach - (STEPS_BEFORE + 1) * GRAVITY * dt
-        flown = sum(start + GRAVITY * dt * step for step in range(1, STEPS_BEFORE + 1)) + group.phase * approach
+        start, way = flight(law, self.approach(law), group.phase)
         size = self._size(law)
-        place = (3.0 * float(size[0]) * group.number, 0.0, -self._lever(law)[1] + flown * dt)
+        place = (3.0 * float(size[0]) * group.number, 0.0, -self._lever(law)[1] + way)
         down = (0.0, 0.0, -start, 0.0, 0.0, 0.0)
         turn = frames.from_axis_angle((0.0, 1.0, 0.0), TILT)
         yield box(law, group.names[0], vector3(size), MASS, place, down, turn)
@@ -361,4 +350,4 @@ class Edge(_Together):
         return motion / (MASS * speed * speed)
 
 
-PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (Strike(), Row(), Edge())}
+PROBES: Mapping[str, Probe] = by_name((Strike(), Row(), Edge()))

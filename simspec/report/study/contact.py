@@ -12,7 +12,6 @@ from rich.text import Text
 from simspec.experiments.cases import world_of
 from simspec.experiments.plan import Cell
 from simspec.proof.certificate import Certificate
-from simspec.proof.contact.impact import subject
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import laws
 from simspec.report.contact import TITLES
@@ -147,7 +146,7 @@ def _measured(done: Done, cell: Cell) -> Measured | None:
     if text is None:
         return None
     proof = Certificate.from_json(text, f"the certificate {key}").engines[cell.engine]
-    words = {subject(law): law_words(law.pair) for law in laws(world_of(done.outcome.plan, cell))}
+    words = {law.subject: law_words(law.pair) for law in laws(world_of(done.outcome.plan, cell))}
     measured: dict[tuple[str, str], list[Figure]] = {}
     for figure in proof.contact:
         wanted = FORMS.get(figure.probe, Form()).quantity

@@ -14,8 +14,9 @@ from simspec.engines.kit.operations import OPERATIONS
 from simspec.engines.mujoco import coulomb as mujoco_coulomb
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.comparator import compare, inventory_checks
-from simspec.proof.contact import friction, jamming, run
+from simspec.proof.contact import friction, leaning
 from simspec.proof.contact.probe import Motion
+from simspec.proof.contact.worlds import drive_of
 from simspec.world.reach import Reach
 from simspec.world.types import Body, Hardness, Inertial, Joint, Material, Pose, Shape
 from tests import worlds
@@ -154,7 +155,7 @@ def test_a_sudden_push_of_what_rests_does_not_lift_it(load):
 def probed(load, probe, wanted):
     (trial,) = probe.trials(wanted)
     engine = load(coulomb(world_of(wanted, trial)))
-    operation = run.drive_of(world_of(wanted, trial), trial)
+    operation = drive_of(world_of(wanted, trial), trial)
     _, arrays = OPERATIONS["drive"].do(engine, dict(operation.arrays), dict(operation.parameters))
     names = [body.name for body in trial.bodies]
     motion = Motion(
@@ -172,7 +173,7 @@ def test_a_clamp_that_jams_under_the_pyramid_stands(load, value, timestep):
     wanted = dataclasses.replace(
         law(timestep, friction=value), friction_cone="pyramid-inscribed", reach=Reach(jams=True)
     )
-    for probe in jamming.PROBES.values():
+    for probe in leaning.JAMMING.values():
         figures, _, _ = probed(load, probe, wanted)
         assert [figure.passed for figure in figures] == [True]
 

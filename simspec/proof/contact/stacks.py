@@ -1,0 +1,287 @@
+"""Contact probes of bodies on each other: stacks, stacks that slide, and boxes whose edges cross.
+
+stack         Heavy cubes on light ones. A solver that takes contacts one after the other needs the more sweeps the larger the
+              ratio of masses is, and what it has not solved is left as overlap. The truth is that nothing moves.
+stack-slides  A cube lies on a slab that lies on the floor. With one speed, friction stops both at the same rate: the slab bears
+              friction from above and from below, of which a share that follows from the ratio of masses is left to stop it, so
+              that an error of friction counts as many times for the slab as the cube is heavier. A cube that slides over the
+              slab pushes it with less than the floor can hold, and the slab stays.
+cross         Boxes that lie on each other with edges that cross, and few corners or none over the other's face. The contact is
+              bounded by points where edges cross, which are no corners of either box. An engine that looks for corners alone
+              finds one point there or none, on which the upper box turns and sinks. The truth is that nothing moves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from simspec.proof.contact.impact import DROP_RESTITUTION, REST_DEPTH, hop
+from simspec.proof.contact.leaning import SLIP_TOLERANCE, held_way
+from simspec.proof.contact.probe import (
+    GRAVITY,
+    Figure,
+    Law,
+    Motion,
+    Phase,
+    Probe,
+    Trial,
+    by_name,
+    deviation,
+    furthest,
+)
+from simspec.proof.contact.worlds import box, floor, plane
+from simspec.world import frames
+from simspec.world.types import Body, Vector3
+
+EDGE, LIGHTEST = 0.1, 1.0
+"""Edge (m) of all cubes, and the mass (kg) of the lowest."""
+TIME, STEPS = 0.8, 400
+"""The longer of the two (s, steps): what sinks for ever is an order of magnitude beyond the tolerance by then (measured: the
+slowest that is called wrong sinks or slides 0.2 mm/s)."""
+SIDEWAYS = 1e-4
+"""m: friction holds a stack, so that it moves sideways no further than it may sink."""
+ADRIFT = 0.01 * EDGE
+"""m: how far cubes without friction may have moved sideways where their depth is measured. Nothing holds them there: the
+unevenness that a solver leaves in the pressure over a face drives them apart ever faster, until the upper falls off (measured
+in an engine after 0.1 to 0.8 s at a ratio of 300), which says nothing of how far it sinks in."""
+SAMPLES = 200
+"""States of a stack without friction."""
+STACK_SPACING = 1.0
+"""m between stacks."""
+
+
+class Stack(Probe):
+    """Cubes on each other, the heavy above the light."""
+
+    NAME = "stack"
+    SIDEWAYS = "stack-sideways"
+    MEANING = (
+        "how far cubes sink into lighter ones below them, or move sideways, at the scenario's own ratios of masses"
+    )
+
+    def applies(self, law: Law) -> bool:
+        return law.is_rigid and law.reach.ratio > 0.0 and law.pair.restitution <= DROP_RESTITUTION
+
+    def stacks(self, law: Law) -> dict[str, tuple[float, ...]]:
+        """Masses (kg) from the lowest up, by name: two layers at the whole ratio, and three that share it."""
+        ratio = law.reach.ratio
+        found: dict[str, tuple[float, ...]] = {"two": (LIGHTEST, ratio * LIGHTEST)}
+        if law.reach.layers > 2:
+            found["three"] = (LIGHTEST, math.sqrt(ratio) * LIGHTEST, ratio * LIGHTEST)
+        return found
+
+    def _bodies(self, law: Law) -> Iterator[Body]:
+        for number, (name, masses) in enumerate(self.stacks(law).items()):
+            for layer, mass in enumerate(masses):
+                at = (STACK_SPACING * number, 0.0, EDGE * (layer + 0.5))
+                material = law.pair.first if layer % 2 else law.pair.second
+                yield box(law, f"{name}_{layer}", (EDGE,) * 3, mass, at, material=material, group=f"{name}_{layer}")
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        meets = [
+            (f"{name}_{layer}", f"{name}_{layer + 1}")
+            for name, masses in self.stacks(law).items()
+            for layer in range(len(masses) - 1)
+        ]
+        steps = law.steps(TIME, STEPS)
+        every = steps if law.pair.friction else steps // SAMPLES
+        return [Trial((floor(law), *self._bodies(law)), (Phase(steps, every),), tuple(meets))]
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        texts = (" on ".join(f"{mass:.4g}" for mass in reversed(masses)) for masses in self.stacks(law).values())
+        return [figure for text in texts for figure in _resting(self, law, f"{text} kg", self.SIDEWAYS)]
+
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+        motion, readings = motions[0], []
+        for name, masses in self.stacks(law).items():
+            paths = [motion.pose[f"{name}_{layer}"][:, :3] for layer in range(len(masses))]
+            at = -1 if law.pair.friction else _before_adrift(paths)
+            moved = [path[at] - path[0] for path in paths]
+            # the depth of each contact, not of the sum of those below it
+            depths = [float(lower[2] - upper[2]) for lower, upper in zip([np.zeros(3), *moved], moved, strict=False)]
+            readings.append(max(depths, key=deviation))
+            if law.pair.friction:
+                readings.append(max((float(np.hypot(*move[:2])) for move in moved), key=deviation))
+        return readings
+
+
+def _before_adrift(paths: Sequence[np.ndarray]) -> int:
+    """The last state before any of the cubes is :data:`ADRIFT`; the first after the initial one at least. The very last one
+    where any state is not finite."""
+    ways = np.max([np.hypot(*(path[:, :2] - path[0, :2]).T) for path in paths], axis=0)
+    beyond = np.flatnonzero(ways > ADRIFT)
+    return max(1, int(beyond[0]) - 1) if len(beyond) and np.isfinite(ways).all() else -1
+
+
+def _resting(probe: Probe, law: Law, case: str, sideways: str) -> Iterator[Figure]:
+    """The figures of bodies that lie on each other: depth, and with friction the way sideways. Without support everything falls
+    as long as the trial lasts; sideways nothing moves without a cause."""
+    hops = hop(law) * law.timestep
+    fallen = 0.5 * GRAVITY * (law.steps(TIME, STEPS) * law.timestep) ** 2
+    yield probe.figure(law, case, "depth", "m", 0.0, REST_DEPTH + hops, without=fallen)
+    if law.pair.friction:
+        yield probe.figure(law, case, "way", "m", 0.0, SIDEWAYS + hops, probe=sideways)
+
+
+SLAB: Vector3 = (0.6, 0.6, 0.05)
+CUBE: Vector3 = (0.2, 0.2, 0.1)
+"""Edges (m): flat, so that neither tips below ``TIPS``."""
+TIPS = 2.0
+"""Friction at which the cube tips over its edge."""
+LIGHT = 1.0
+"""kg: mass of the slab."""
+WAY = 0.1
+"""m: about how far bodies slide; the cube stays over the middle of the slab."""
+LEAST_STEPS = 10
+SLAB_SPACING = 4.0
+ON_PLANE = "-plane"
+"""Ends the names of figures on a plane; the others are on a box."""
+SLIDING, STANDING = "sliding", "standing"
+"""Names of the slabs, by how they begin; of each, and of its cube, the collision groups are their names."""
+
+
+class SlidingStack(Probe):
+    """A cube and a slab that slide together, and a cube that slides over a slab that stands."""
+
+    NAME = "stack-slides"
+    STAYS = "stack-stays"
+    MEANING = (
+        "how far heavy bodies slide with lighter ones below them, and over them, at the scenario's ratio of masses"
+    )
+
+    def applies(self, law: Law) -> bool:
+        return (
+            law.is_rigid
+            and 0.0 < law.pair.friction < TIPS
+            and law.reach.ratio > 0.0
+            and law.reach.corners
+            and law.pair.restitution <= DROP_RESTITUTION
+            and not law.pair.rolling_friction
+        )
+
+    def steps(self, law: Law) -> int:
+        """Steps in which what slides comes to rest."""
+        return law.steps(math.sqrt(2.0 * WAY / (law.pair.friction * GRAVITY)), LEAST_STEPS)
+
+    def speed(self, law: Law) -> float:
+        """m/s: at the start."""
+        return self.steps(law) * law.pair.friction * GRAVITY * law.timestep
+
+    def way(self, law: Law) -> float:
+        """m: until rest, by semi-implicit Euler, the method of all engines."""
+        steps = self.steps(law)
+        return law.pair.friction * GRAVITY * law.timestep**2 * steps * (steps - 1) / 2.0
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        """On a box, the slab first; where the world has a plane, on a plane too, the cube first: solvers that sweep over
+        contacts have them in another order then."""
+        on_box = self._trial(law, floor(law))
+        if not law.reach.plane:
+            return [on_box]
+        on_plane = self._trial(law, plane(law))
+        return [on_box, replace(on_plane, bodies=tuple(reversed(on_plane.bodies)))]
+
+    def _trial(self, law: Law, ground: Body) -> Trial:
+        bodies, meets = [ground], []
+        for number, (name, speed) in enumerate(((SLIDING, self.speed(law)), (STANDING, 0.0))):
+            y, cube, heavy = SLAB_SPACING * number, f"{name}_cube", law.reach.ratio * LIGHT
+            above = (-WAY / 2.0, y, SLAB[2] + CUBE[2] / 2.0)
+            slab, first = ((along, 0.0, 0.0, 0.0, 0.0, 0.0) for along in (speed, self.speed(law)))
+            bodies.append(box(law, name, SLAB, LIGHT, (0.0, y, SLAB[2] / 2.0), slab, group=name))
+            bodies.append(box(law, cube, CUBE, heavy, above, first, material=law.pair.first, group=cube))
+            meets.append((name, cube))
+        return Trial(tuple(bodies), (Phase(self.steps(law)),), tuple(meets))
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        return [figure for ground in self._grounds(law) for figure in self._on(law, ground)]
+
+    def _grounds(self, law: Law) -> tuple[str, ...]:
+        """What names of figures end with, by trial."""
+        return ("", ON_PLANE) if law.reach.plane else ("",)
+
+    def _on(self, law: Law, ground: str) -> tuple[Figure, Figure, Figure]:
+        way, ratio, steps = self.way(law), law.reach.ratio, self.steps(law)
+        slides = ("way", "m", way, SLIP_TOLERANCE * way)
+        free: dict[str, Any] = {"probe": self.NAME + ground, "without": self.speed(law) * steps * law.timestep}
+        over = f"{ratio:.4g} kg over {LIGHT:g} kg"
+        stays = {"probe": self.STAYS + ground, "without": way}
+        return (
+            self.figure(law, f"{ratio:.4g} kg with {LIGHT:g} kg", *slides, **free),
+            self.figure(law, over, *slides, **free),
+            self.figure(law, over, "way", "m", 0.0, held_way(law, steps), **stays),
+        )
+
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float | Mapping[str, Any]]:
+        readings: list[float | Mapping[str, Any]] = []
+        for motion in motions:
+            ways = {name: float(pose[-1, 0] - pose[0, 0]) for name, pose in motion.pose.items()}
+            slab = motion.pose[STANDING][:, :2]
+            together = {"the slab": ways[SLIDING], "the cube": ways[f"{SLIDING}_cube"]}
+            worst = furthest(together, self.way(law))
+            readings += [
+                {"measured": together[worst], "worst": worst},
+                ways[f"{STANDING}_cube"],
+                float(np.hypot(*(slab - slab[0]).T).max()),
+            ]
+        return readings
+
+
+SQUARE: Vector3 = (0.2, 0.2, 0.1)
+BEAM: Vector3 = (0.1, 0.3, 0.1)
+"""Edges (m)."""
+CROSS_MASS = 1.0
+LOWER, UPPER = "lower", "upper"
+"""Names of the boxes, and their collision groups."""
+CASES: Mapping[str, tuple[Vector3, Vector3, float, float]] = {
+    "a beam across a beam": (BEAM, BEAM, 90.0, 0.0),
+    "a square across a square": (SQUARE, SQUARE, 45.0, 0.0),
+    "a beam over an edge": (SQUARE, BEAM, 0.0, 0.08),
+}
+"""Edges of the lower box and of the upper one, the upper one's turn about the vertical (degrees), and how far (m) it is moved
+along y, so that its centre of mass stays over the lower one."""
+
+
+class Cross(Probe):
+    """Boxes on boxes, turned or moved so that edges cross."""
+
+    NAME = "cross"
+    SIDEWAYS = "cross-sideways"
+    MEANING = "how far boxes sink, or move sideways, that lie on others where edges cross"
+
+    def applies(self, law: Law) -> bool:
+        return law.is_rigid and law.reach.crosses and law.pair.restitution <= DROP_RESTITUTION
+
+    def trials(self, law: Law) -> Sequence[Trial]:
+        """One world for each case: solvers of dense equations fail to converge with all cases in one."""
+        return [self._trial(law, *case) for case in CASES.values()]
+
+    def _trial(self, law: Law, below: Vector3, above: Vector3, turn: float, moved: float) -> Trial:
+        at = (0.0, moved, below[2] + above[2] / 2.0)
+        turned = frames.from_axis_angle((0.0, 0.0, 1.0), math.radians(turn))
+        lower = box(law, LOWER, below, CROSS_MASS, (0.0, 0.0, below[2] / 2.0), group=LOWER)
+        upper = box(law, UPPER, above, CROSS_MASS, at, turn=turned, material=law.pair.first, group=UPPER)
+        steps = law.steps(TIME, STEPS)
+        return Trial((floor(law), lower, upper), (Phase(steps, steps),), ((LOWER, UPPER),))
+
+    def wanted(self, law: Law) -> Sequence[Figure]:
+        return [figure for text in CASES for figure in _resting(self, law, text, self.SIDEWAYS)]
+
+    def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
+        readings = []
+        for motion in motions:
+            lower, upper = (motion.pose[name][-1, :3] - motion.pose[name][0, :3] for name in (LOWER, UPPER))
+            readings.append(float(lower[2] - upper[2]))
+            if law.pair.friction:
+                readings.append(float(np.hypot(*upper[:2])))
+        return readings
+
+
+STACKING: Mapping[str, Probe] = by_name((Stack(),))
+SLIDING_STACKS: Mapping[str, Probe] = by_name((SlidingStack(),))
+CROSSING: Mapping[str, Probe] = by_name((Cross(),))
+PROBES: Mapping[str, Probe] = {**STACKING, **SLIDING_STACKS, **CROSSING}
