@@ -5,7 +5,7 @@ python tools/detectors.py [--draws 12] [--poses 250] [--kind mesh]
 Two shapes of random sizes are put into random poses in which coal, the library of signed distances that the filter proof uses,
 has them overlap by 0.1, 1 or 10 mm, or 0.1 or 1 mm apart; then the detector is asked whether they touch.
 
-This is no study: nothing is run, and no scenario is at stake. The table ``UNSOUND`` of simspec/dialects/dart/detectors.py is
+This is no study: nothing is run, and no scenario is at stake. The table ``UNSOUND`` of simspec/dialects/dart/contact.py is
 made of it.
 """
 
@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from simspec.compiler import compile_world, write_folder
-from simspec.dialects.dart.detectors import REFUSED, UNSOUND
+from simspec.dialects.dart.contact import REFUSED, UNSOUND
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.session import Session
 from simspec.language.vocabulary import SHAPE_KINDS
@@ -191,7 +191,7 @@ A cell shows the share of overlaps that are missed, of 0.1 / 1 / 10 mm; after a 
 gaps of 0.1 / 1 mm that are taken for a touch. **Bold**: more than 1 % missed at 1 mm or deeper. *Refused*: simspec refuses the
 pair with this detector unless the shape is accepted by name. That counts more than what this page asks, which is only whether
 two shapes touch: a flat face that gets one contact sinks, and depths and normals can be wrong (the measured reasons are in
-`simspec/dialects/dart/detectors.py`). What is overlooked in pairs that are not refused is said by `simspec compile --explain`
+`simspec/dialects/dart/contact.py`). What is overlooked in pairs that are not refused is said by `simspec compile --explain`
 where a world has such pairs.
 """
 

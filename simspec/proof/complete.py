@@ -54,16 +54,19 @@ WORKERS = 2
 
 
 def table_of(dialect: str) -> MutationTable:
-    """The table of a dialect: ``TABLE`` of the module ``mutations`` beside its own; empty without one."""
-    name = f"{type(dialects()[dialect]).__module__.rpartition('.')[0]}.mutations"
-    try:
-        module = importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name != name:
-            raise
-        return MutationTable()
-    table: MutationTable = module.TABLE
-    return table
+    """The table of a dialect: ``TABLE`` of the module ``mutations`` or ``defects`` beside its own; empty without one."""
+    package = type(dialects()[dialect]).__module__.rpartition(".")[0]
+    for name in (f"{package}.mutations", f"{package}.defects"):
+        try:
+            module = importlib.import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name != name:
+                raise
+            continue
+        if hasattr(module, "TABLE"):
+            table: MutationTable = module.TABLE
+            return table
+    return MutationTable()
 
 
 def complete_self_test(

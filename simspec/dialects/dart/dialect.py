@@ -12,8 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from simspec.contact.plan import ContactPlan
-from simspec.dialects.dart.copies import Node, Nodes, class_name
-from simspec.dialects.dart.detectors import TINY_FRICTION, detector_of, problems
+from simspec.dialects.dart.contact import TINY_FRICTION, Node, Nodes, class_name, detector_of, problems
 from simspec.dialects.dart.sidecar import (
     DartSidecar,
     JointValue,
@@ -55,7 +54,7 @@ from simspec.world.meeting import excluded_pairs, frictionless, only_free_sphere
 from simspec.world.types import Body, Inertial, Pose, Quaternion, ReadBack, Shape, Vector3, World
 
 COPY = "{body}.{index}"
-"""The name of a body's further nodes (see ``dialects/dart/copies.py``), and of the welds that hold them; no name in a spec has
+"""The name of a body's further nodes (see ``dialects/dart/contact.py``), and of the welds that hold them; no name in a spec has
 a point."""
 
 SOLVERS = ("dantzig", "nsgs")

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from simspec.dialects.dart.filter import check_filter
+from simspec.dialects.dart.contact import check_filter
 from simspec.dialects.dart.sidecar import DartSidecar, ShapeEntry
 from simspec.dialects.kit.joints import UNREADABLE, add_springs
 from simspec.dialects.kit.passive import fluid_of, with_passive

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
+from simspec.dialects.kit.mutations import Addition, Inert
+from simspec.dialects.kit.world_mutations import table
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
@@ -17,3 +19,15 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(BELTS, "Drake's surfaces move with their bodies alone"),
     "hardness": "Drake has one hardness, by a rule of its own: no file has a number for it",
 }
+
+# The complete self-test; see ``dialects/kit/world_mutations.py``.
+
+TABLE = table(
+    {"contact_approximation": ("auto", "sap", "tamsi")},
+    (
+        Addition("", "9.81", "strength"),
+        Addition("settings", "true", "sleeping"),
+        Addition("settings", "true", "hydroelastic_faces"),
+    ),
+    (Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),),
+)

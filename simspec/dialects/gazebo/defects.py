@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
+from simspec.dialects.kit.mutations import Addition, Inert
+from simspec.dialects.kit.world_mutations import SYMMETRIC, WORLD, table
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
@@ -19,3 +21,34 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(BELTS, "world.json has no surfaces that move by themselves"),
     "hardness": "DART's contacts have the common hardness alone, which has no numbers",
 }
+
+# The complete self-test; see ``dialects/kit/world_mutations.py``.
+
+NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")
+
+TABLE = table(
+    {"contact_solver": ("dantzig", "pgs")},
+    (
+        Addition("", "9.81", "strength"),
+        Addition("settings", "true", "sleeping"),
+        Addition("settings", "0.01", "softness"),
+    ),
+    (
+        *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
+        Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),
+        Inert(
+            "bodies.*.shapes.*.pose.position.*",
+            "a translation of a plane within itself, which is the top of a box of 2.1 km",
+            (),
+            WORLD,
+            within=1e-10,
+        ),
+        Inert(
+            "bodies.*.shapes.*.pose.quaternion.*",
+            "a rotation within a shape's symmetry, by which its corners are found in another order",
+            ("swapped",),
+            WORLD,
+            within=1e-10,
+        ),
+    ),
+)

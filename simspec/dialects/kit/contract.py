@@ -29,7 +29,8 @@ class Lowered:
 class Dialect:
     """How one engine, or several, are told a world in the files of a format. Subclasses are in ``dialects/<name>/dialect.py``.
 
-    Beside that module, ``defects.py`` (``DEFECTS``) and ``mutations.py`` (``TABLE``) say what the self-tests plant.
+    Next to that module, ``defects.py`` (``DEFECTS``) and ``mutations.py`` (``TABLE``, which may stand in ``defects.py`` too)
+    list the changes that the self-tests make.
     """
 
     NAME: ClassVar[str]
@@ -42,9 +43,11 @@ class Dialect:
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = {}
     """The solver settings that it reads from a target: every engine that is told worlds in this dialect must have them."""
 
-    def __init_subclass__(cls, **keywords: Any) -> None:
+    def __init_subclass__(cls, abstract: bool = False, **keywords: Any) -> None:
+        """Check that the class declares every feature; ``abstract``: a base of several dialects."""
         super().__init_subclass__(**keywords)
-        check_total(f"dialect {cls.NAME}", cls.SUPPORT)
+        if not abstract:
+            check_total(f"dialect {cls.NAME}", cls.SUPPORT)
 
     def lower(self, world: World, target: Target) -> Lowered:
         """``world`` as the engine is to read it. Raises UnsupportedError with all that it cannot have of it."""

@@ -1,25 +1,53 @@
-"""A world and its contact plan as ``world.json``, for the dialect of every engine that is built by calls of its API.
+"""A world and its contact plan as ``world.json``, for engines that are built by calls of their API.
 
-A dialect's ``lower`` is ``world_document``, a sidecar of ``common_fields`` with the offsets that it returns; its ``raise_`` is
-:func:`simspec.dialects.kit.world_model.world_model`; its ``defects.py`` begins from ``world_defects.DEFECTS``, its
-``mutations.py`` is ``world_mutations.table`` with the words of the engine's own settings.
+The dialect of such an engine is a subclass of :class:`WorldDialect`. Its ``defects.py`` begins from
+``world_defects.DEFECTS``, its table of mutations is ``world_mutations.table`` with the words of the engine's settings.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from simspec.contact.plan import ContactPlan
 from simspec.control.native import natives
+from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.sidecar import Sidecar, common_fields
 from simspec.dialects.kit.target import Target, known
+from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.world import tree
+from simspec.formats.world.format import WorldJson
+from simspec.support.declarations import LUMPED, Table
 from simspec.world.gathering import NOTHING
 from simspec.world.meeting import excluded_pairs, solid_shapes
-from simspec.world.types import Body, Joint, Shape, Surface, Vector3, World
+from simspec.world.types import Body, Joint, ReadBack, Shape, Surface, Vector3, World
 
 NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")
 """Of a surface, in the order of :class:`simspec.formats.world.tree.Copy`."""
+
+
+class WorldDialect(Dialect, abstract=True):
+    """The document of a world with the copies of the target's plan, and a sidecar of the class ``SIDECAR``."""
+
+    FORMAT: ClassVar[str] = "world"
+    SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **LUMPED}
+    SIDECAR: ClassVar[type[Sidecar]] = WorldSidecar
+
+    def fields(self, world: World, target: Target, document: tree.Document) -> Mapping[str, Any]:
+        """The fields of the sidecar that are not common to all dialects."""
+        return {}
+
+    def lower(self, world: World, target: Target) -> Lowered:
+        document, offsets = world_document(world, target)
+        fields = common_fields(self.NAME, self.FORMAT, world, target, offsets)
+        return Lowered(document, self.SIDECAR(**fields, **self.fields(world, target, document)))
+
+    def raise_(self, document: tree.Document, sidecar: Any) -> ReadBack:
+        """See ``dialects/kit/world_model.py``."""
+        from simspec.dialects.kit.world_model import world_model
+
+        return world_model(document, sidecar)
 
 
 def world_document(world: World, target: Target) -> tuple[tree.Document, Mapping[str, Vector3]]:

@@ -1,20 +1,20 @@
-"""A world as ``world.json`` with a table of laws in the sidecar, for engines that are given a law at every point of contact and
-combine no numbers of shapes (rule ``table``). A dialect of such an engine is a subclass of both classes with a name."""
+"""A world as ``world.json`` with a table of laws in the sidecar, for engines that are passed a law at every point of
+contact and combine no numbers of shapes (rule ``table``)."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
-from simspec.dialects.kit.contract import Dialect, Lowered
-from simspec.dialects.kit.sidecar import common_fields
+from simspec.dialects.kit.sidecar import Sidecar
 from simspec.dialects.kit.target import Target
-from simspec.dialects.kit.world_document import world_document
+from simspec.dialects.kit.world_document import WorldDialect
 from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.formats.kit.forms import check_distinct, check_known
-from simspec.formats.world.format import WORLD, WorldJson
+from simspec.formats.world.format import WORLD
 from simspec.formats.world.tree import Copy, Document
 from simspec.language.vocabulary import HARDNESS_KINDS
-from simspec.support.declarations import LUMPED, Table
 from simspec.world.types import PairContact, ReadBack, World
 
 NOTHING = Copy(0, 0.0, 0.0, 0.0, 0.0)
@@ -53,22 +53,15 @@ class LawSidecar(WorldSidecar):
                     raise ValueError(f"the shape {shape.name!r} of {WORLD} has numbers beside those of sidecar.laws")
 
 
-LAW_SUPPORT: Table = {**WorldJson.SUPPORT, **LUMPED}
-"""What such files can say."""
+class LawDialect(WorldDialect, abstract=True):
+    """``world.json``, whose shapes have no numbers, and the laws of pairs of materials in the sidecar."""
 
+    SIDECAR: ClassVar[type[Sidecar]] = LawSidecar
 
-def lowered(dialect: Dialect, kind: type[LawSidecar], world: World, target: Target) -> Lowered:
-    """The document of ``world``, whose shapes have no numbers of their own, and its sidecar, of the dialect's ``kind``."""
-    document, offsets = world_document(world, target)
-    # those of the plan, which in a probe of two materials may have more than meet there
-    every = {(law.first, law.second): law for law in world.contact.pairs}
-    laws = tuple(every[one, other] for one, other, _ in document.meets)
-    fields = common_fields(dialect.NAME, dialect.FORMAT, world, target, offsets)
-    return Lowered(document, kind(**fields, laws=laws))
+    def fields(self, world: World, target: Target, document: Document) -> Mapping[str, Any]:
+        # in a probe of two materials the plan may have more pairs than meet there
+        laws = {(law.first, law.second): law for law in world.contact.pairs}
+        return {"laws": tuple(laws[one, other] for one, other, _ in document.meets)}
 
-
-def raised(document: Document, sidecar: LawSidecar) -> ReadBack:
-    """The model that document and sidecar mean: see ``dialects/kit/world_model.py``."""
-    from simspec.dialects.kit.world_model import world_model
-
-    return replace(world_model(document, sidecar), laws=sidecar.laws)
+    def raise_(self, document: Document, sidecar: LawSidecar) -> ReadBack:
+        return replace(super().raise_(document, sidecar), laws=sidecar.laws)

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 
 from simspec.dialects.kit import law_defects
 from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
+from simspec.dialects.kit.law_defects import ADDED_LAW
+from simspec.dialects.kit.mutations import Addition, Inert
+from simspec.dialects.kit.world_mutations import INERTIAL, SYMMETRIC, WORLD, table
 
 DEFECTS: Mapping[str, Plant | str] = {
     **law_defects.DEFECTS,
@@ -16,3 +19,25 @@ DEFECTS: Mapping[str, Plant | str] = {
     "mesh, margin": "ODE has no margin around hulls, and no file has a number for one",
     **dict.fromkeys(MARGINS, "ODE's contact begins where shapes touch"),
 }
+
+# The complete self-test; see ``dialects/kit/world_mutations.py``.
+
+BODILESS = "ODE has no body for what cannot move or has no mass"
+
+NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
+
+TABLE = table(
+    {"solver": ("step", "quick-step")},
+    (
+        Addition("", "9.81", "strength"),
+        Addition("settings", "true", "sleeping"),
+        Addition("settings", "true", "native_motion"),
+        Addition("laws", ADDED_LAW),
+        Addition("laws.*", "0.1", "adhesion"),
+    ),
+    (
+        *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
+        Inert("constraints.*", "the order of equations, but for round-off", ("swapped",), "sidecar.json", within=1e-9),
+        *(Inert(site, BODILESS, ("moved", "scaled", "sign", "swapped"), WORLD) for site in INERTIAL),
+    ),
+)

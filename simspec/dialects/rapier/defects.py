@@ -6,6 +6,9 @@ from collections.abc import Mapping
 
 from simspec.dialects.kit import law_defects
 from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
+from simspec.dialects.kit.law_defects import ADDED_LAW
+from simspec.dialects.kit.mutations import Addition, Inert
+from simspec.dialects.kit.world_mutations import INERTIAL, SYMMETRIC, WORLD, in_single_precision, table
 
 DEFECTS: Mapping[str, Plant | str] = {
     **law_defects.DEFECTS,
@@ -16,3 +19,26 @@ DEFECTS: Mapping[str, Plant | str] = {
     "mesh, margin": "Rapier's hulls are told without a margin, and no file has a number for one",
     **dict.fromkeys(MARGINS, "Rapier's contact begins where shapes touch"),
 }
+
+# The complete self-test; see ``dialects/kit/world_mutations.py``.
+
+NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
+
+WEIGHTLESS = "Rapier is told no mass properties of what has no mass"
+APART = 0.1
+"""What tumbles on a floor is then up to 3.9e-2 apart after 0.6 s (measured)."""
+
+TABLE = table(
+    {},
+    (
+        Addition("", "9.81", "strength"),
+        Addition("settings", "true", "sleeping"),
+        Addition("laws", ADDED_LAW),
+        Addition("laws.*", "0.1", "adhesion"),
+    ),
+    (
+        *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
+        *(Inert(site, WEIGHTLESS, ("moved",), WORLD) for site in INERTIAL[1:]),
+        *in_single_precision(APART),
+    ),
+)

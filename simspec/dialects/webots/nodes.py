@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
+from simspec.formats.wbt.document import Field
+from simspec.formats.wbt.document import Node as DocumentNode
 from simspec.formats.wbt.tree import Node
 from simspec.world import frames
 from simspec.world.meeting import solid_shapes
@@ -121,3 +123,206 @@ def contact_properties(law: PairContact, settings: Mapping[str, bool | int | flo
         "maxContactJoints": settings["contact_points"],
     }
     return Node("ContactProperties", fields)
+
+
+# What stands in the fields of a .wbt that mean nothing to simspec's model: with it Webots adds nothing, and draws what is
+# there. Another value is refused when a file is read, as a field that is not listed or is missing is.
+
+Values = tuple[object, ...]
+LIST: Final = "list"
+"""After values that stand in brackets."""
+NOTHING: Final[Values] = (LIST,)
+NULL: Final[Values] = (None,)
+ZERO: Final[Values] = (0.0,)
+ORIGIN: Final[Values] = (0.0, 0.0, 0.0)
+
+_STEPS: Final[Mapping[str, Values]] = {"translationStep": (0.01,), "rotationStep": (0.261799387,)}
+_SOLID: Final[Mapping[str, Values]] = {
+    **_STEPS,
+    "description": ("",),
+    "immersionProperties": NOTHING,
+    "locked": (False,),
+    "radarCrossSection": ZERO,
+    "recognitionColors": NOTHING,
+}
+_PASSIVE: Final[Mapping[str, Values]] = {"springConstant": ZERO, "dampingConstant": ZERO}
+_WHOLE: Final[Mapping[str, Values]] = {"bottom": (True,), "side": (True,), "top": (True,)}
+
+NEUTRAL: Final[Mapping[str, Mapping[str, Values]]] = {
+    "WorldInfo": {
+        "info": NOTHING,
+        "window": ("<none>",),
+        "physics": ("",),
+        "FPS": (60.0,),
+        "optimalThreadCount": (1.0,),
+        "physicsDisableTime": (1e9,),
+        "physicsDisableLinearThreshold": (0.01,),
+        "physicsDisableAngularThreshold": (0.01,),
+        "defaultDamping": NULL,
+        "inkEvaporation": ZERO,
+        "coordinateSystem": ("ENU",),
+        "gpsCoordinateSystem": ("local",),
+        "gpsReference": ORIGIN,
+        "lineScale": (0.1,),
+        "dragForceScale": (30.0,),
+        "dragTorqueScale": (5.0,),
+        "randomSeed": ZERO,
+    },
+    "ContactProperties": {
+        "frictionRotation": (0.0, 0.0),
+        "softERP": (0.01,),
+        "bumpSound": ("",),
+        "rollSound": ("",),
+        "slideSound": ("",),
+    },
+    "Viewpoint": {
+        "fieldOfView": (0.785398,),
+        "orientation": (0.0, 0.0, 1.0, 0.0),
+        "position": (-10.0, 0.0, 0.0),
+        "description": ("",),
+        "near": (0.05,),
+        "far": ZERO,
+        "exposure": (1.0,),
+        "follow": ("",),
+        "followType": ("Tracking Shot",),
+        "followSmoothness": (0.5,),
+        "lensFlare": NULL,
+        "ambientOcclusionRadius": (2.0,),
+        "bloomThreshold": (21.0,),
+    },
+    "DirectionalLight": {
+        "ambientIntensity": ZERO,
+        "castShadows": (False,),
+        "color": (1.0, 1.0, 1.0),
+        "direction": (0.0, 0.0, -1.0),
+        "intensity": (1.0,),
+        "on": (True,),
+    },
+    "Solid": _SOLID,
+    "Robot": {
+        **_SOLID,
+        "translation": ORIGIN,
+        "rotation": (0.0, 0.0, 1.0, 0.0),
+        "children": NOTHING,
+        "name": ("simspec supervisor",),
+        "model": ("",),
+        "contactMaterial": ("default",),
+        "boundingObject": NULL,
+        "physics": NULL,
+        "linearVelocity": ORIGIN,
+        "angularVelocity": ORIGIN,
+        "controller": ("<extern>",),
+        "controllerArgs": NOTHING,
+        "customData": ("",),
+        "supervisor": (True,),
+        "synchronization": (True,),
+        "battery": NOTHING,
+        "cpuConsumption": (10.0,),
+        "selfCollision": (False,),
+        "window": ("<none>",),
+        "remoteControl": ("<none>",),
+    },
+    "Physics": {"density": (-1.0,), "damping": NULL},
+    "HingeJoint": {"device": NOTHING},
+    "SliderJoint": {"device": NOTHING},
+    "BallJoint": {
+        "jointParameters2": NULL,
+        "jointParameters3": NULL,
+        "device": NOTHING,
+        "device2": NOTHING,
+        "device3": NOTHING,
+    },
+    "HingeJointParameters": {
+        **_PASSIVE,
+        "suspensionSpringConstant": ZERO,
+        "suspensionDampingConstant": ZERO,
+        "suspensionAxis": (1.0, 0.0, 0.0),
+        "stopERP": (-1.0,),
+        "stopCFM": (-1.0,),
+    },
+    "JointParameters": _PASSIVE,
+    "BallJointParameters": {
+        **_PASSIVE,
+        "position": ZERO,
+        "minStop": ZERO,
+        "maxStop": ZERO,
+        "staticFriction": ZERO,
+    },
+    "Group": {},
+    "Pose": _STEPS,
+    "Shape": {"castShadows": (True,), "isPickable": (True,)},
+    "PBRAppearance": {
+        **dict.fromkeys(("baseColorMap", "roughnessMap", "metalnessMap", "normalMap", "occlusionMap"), NULL),
+        **dict.fromkeys(("emissiveColorMap", "textureTransform"), NULL),
+        **dict.fromkeys(("roughness", "IBLStrength", "normalMapFactor", "occlusionMapStrength"), (1.0,)),
+        "metalness": ZERO,
+        "emissiveColor": ORIGIN,
+        "emissiveIntensity": (1.0,),
+        "name": ("PBRAppearance",),
+    },
+    "Sphere": {"subdivision": (3.0,), "ico": (True,)},
+    "Box": {},
+    "Cylinder": {**_WHOLE, "subdivision": (36.0,)},
+    "Capsule": {**_WHOLE, "subdivision": (12.0,)},
+    "Plane": {"size": (100.0, 100.0)},
+}
+"""By type of node; fields that are not here are those of the model."""
+
+MODEL: Final[Mapping[str, tuple[str, ...]]] = {
+    "WorldInfo": ("title", "gravity", "CFM", "ERP", "basicTimeStep", "contactProperties"),
+    "ContactProperties": (
+        *("material1", "material2", "coulombFriction", "rollingFriction", "bounce", "bounceVelocity"),
+        *("forceDependentSlip", "softCFM", "maxContactJoints"),
+    ),
+    "Solid": (
+        *("translation", "rotation", "children", "name", "model", "contactMaterial", "boundingObject", "physics"),
+        *("linearVelocity", "angularVelocity"),
+    ),
+    "Physics": ("mass", "centerOfMass", "inertiaMatrix"),
+    **dict.fromkeys(("HingeJoint", "SliderJoint", "BallJoint"), ("jointParameters", "endPoint")),
+    "HingeJointParameters": ("position", "axis", "anchor", "minStop", "maxStop", "staticFriction"),
+    "JointParameters": ("position", "axis", "minStop", "maxStop", "staticFriction"),
+    "BallJointParameters": ("anchor",),
+    "Group": ("children",),
+    "Pose": ("translation", "rotation", "children"),
+    "Shape": ("appearance", "geometry"),
+    "PBRAppearance": ("baseColor", "transparency"),
+    "Sphere": ("radius",),
+    "Box": ("size",),
+    **dict.fromkeys(("Cylinder", "Capsule"), ("radius", "height")),
+}
+"""The fields that say the model."""
+
+
+def check_neutral(nodes: Iterable[DocumentNode]) -> None:
+    """Raise ValueError, with file and line, for the first node of an unknown type, the first field that is unknown or missing,
+    and the first of ``NEUTRAL`` that says something else."""
+    for node in nodes:
+        neutral, model = NEUTRAL.get(node.kind), MODEL.get(node.kind, ())
+        if neutral is None:
+            raise node.refused("is no node that simspec writes")
+        there = {field.name for field in node.fields}
+        if missing := sorted({*neutral, *model} - there):
+            raise node.refused(f"has no {', '.join(missing)}: Webots would choose")
+        for field in node.fields:
+            if field.name in neutral:
+                if not _is(field, neutral[field.name]):
+                    told = _told(neutral[field.name])
+                    raise node.refused(f"{field.name} should be {told}", field.line)
+            elif field.name not in model:
+                raise node.refused(f"the field {field.name[:60]} is not one that simspec writes", field.line)
+
+
+def _is(field: Field, wanted: Values) -> bool:
+    listed = bool(wanted) and wanted[-1] == LIST
+    values = wanted[:-1] if listed else wanted
+    same = len(values) == len(field.values) and all(
+        type(one) is type(other) and one == other for one, other in zip(field.values, values, strict=True)
+    )
+    return same and field.listed is listed
+
+
+def _told(values: Values) -> str:
+    words = {None: "NULL", True: "TRUE", False: "FALSE", LIST: ""}
+    told = " ".join(f"{value:g}" if type(value) is float else words.get(value, repr(value)) for value in values)  # type: ignore[call-overload]
+    return told.strip() or "empty"

@@ -6,21 +6,224 @@ Nothing here is shared with ``dialect.py``: joints' places and rates follow from
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_springs
 from simspec.dialects.kit.passive import fluid_of, with_passive
-from simspec.dialects.webots.neutral import check_neutral
-from simspec.dialects.webots.raised_places import Found, about, pose_of, unit, vector
-from simspec.dialects.webots.raised_shapes import shapes_of
-from simspec.dialects.webots.rates import rates
+from simspec.dialects.webots.nodes import check_neutral
 from simspec.dialects.webots.sidecar import ShapeEntry, WebotsSidecar
 from simspec.formats.kit.passes import restore_frames
 from simspec.formats.wbt.document import Document, Node
 from simspec.world import frames
-from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Quaternion, ReadBack
+from simspec.world.types import (
+    Body,
+    Inertial,
+    Joint,
+    PairContact,
+    Pose,
+    Quaternion,
+    ReadBack,
+    Shape,
+    Surface,
+    Vector3,
+)
+
+# Where a node of a .wbt stands, and what is known of a body before its joint's rate is.
+
+
+@dataclass(slots=True)
+class Found:
+    """A body as its nodes have it: ``place`` in the node around it and ``pose`` in the world, at the initial state; ``moves``
+    whether it can, ``top`` the name of the topmost body of its rigid group."""
+
+    node: Node
+    name: str
+    model: str
+    joint: Joint
+    inertial: Inertial
+    place: Pose
+    pose: Pose
+    moves: bool
+    top: str
+
+
+def pose_of(node: Node) -> Pose:
+    """Where a node stands in the one around it."""
+    *axis, angle = node.numbers("rotation", 4)
+    if angle == 0.0 and axis != [0.0, 0.0, 1.0]:
+        raise node.refused("a rotation by nothing should be 0 0 1 0")
+    length = math.hypot(*axis)
+    if abs(length - 1.0) > 1e-9:
+        raise node.refused("the axis of its rotation should be of length 1")
+    x, y, z = (part / length for part in axis)
+    return Pose(vector(node, "translation"), about((x, y, z), angle))
+
+
+def about(axis: Vector3, angle: float) -> Quaternion:
+    """The rotation by an angle (rad) about a unit axis."""
+    sine = math.sin(angle / 2.0)
+    return frames.normalise((math.cos(angle / 2.0), axis[0] * sine, axis[1] * sine, axis[2] * sine))
+
+
+def vector(node: Node, name: str) -> Vector3:
+    x, y, z = node.numbers(name, 3)
+    return (x, y, z)
+
+
+def unit(node: Node, name: str) -> Vector3:
+    x, y, z = vector(node, name)
+    length = math.hypot(x, y, z)
+    if abs(length - 1.0) > 1e-9:
+        raise node.refused(f"{name} should be of length 1")
+    return (x / length, y / length, z / length)
+
+
+# From the nodes of a Solid back to the shapes of its body: those that are drawn, and those of its boundingObject.
+
+KINDS: Final = {"Sphere": "sphere", "Box": "box", "Cylinder": "cylinder", "Capsule": "capsule", "Plane": "plane"}
+
+
+def shapes_of(solid: Node, entries: Sequence[ShapeEntry]) -> tuple[Shape, ...]:
+    """The shapes of a body in the order of the sidecar, which says which of them are seen and which are solid. Raises
+    ValueError where the nodes are not those."""
+    drawn = [_drawn(node) for node in solid.nodes("children") if node.kind == "Pose"]
+    bounding, material = solid.node("boundingObject"), solid.text("contactMaterial")
+    stops: list[Shape] = []
+    if bounding is not None:
+        if bounding.kind != "Group":
+            raise bounding.refused("should be a Group")
+        stops = [_shape(node, _inside(node)) for node in bounding.nodes("children")]
+    elif material != "default":
+        raise solid.refused("has a contactMaterial and no boundingObject")
+    shapes = []
+    for entry in entries:
+        if (entry.visual and not drawn) or (entry.solid and not stops):
+            raise solid.refused(f"has too few shapes for {entry.name!r} of the sidecar")
+        seen = drawn.pop(0) if entry.visual else None
+        felt = stops.pop(0) if entry.solid else None
+        read = felt or seen
+        if read is None:
+            raise solid.refused(f"{entry.name!r} is neither seen nor solid")
+        if seen and felt and (seen.kind, seen.size, seen.pose) != (felt.kind, felt.size, felt.pose):
+            raise solid.refused(f"{entry.name!r} is drawn otherwise than it is solid")
+        read = replace(read, name=entry.name, visual=entry.visual, collision=entry.solid)
+        if seen is not None:
+            read = replace(read, colour=seen.colour)
+        if felt is not None:
+            read = replace(read, material=material, surfaces=(Surface(),))
+        shapes.append(read)
+    if drawn or stops:
+        raise solid.refused("has shapes that the sidecar does not name")
+    return tuple(shapes)
+
+
+def _drawn(node: Node) -> Shape:
+    shape = _inside(node)
+    if shape.kind != "Shape":
+        raise shape.refused("should be a Shape")
+    look, geometry = shape.node("appearance"), shape.node("geometry")
+    if look is None or look.kind != "PBRAppearance" or geometry is None:
+        raise shape.refused("should have a PBRAppearance and a geometry")
+    red, green, blue = look.numbers("baseColor", 3)
+    return replace(_shape(node, geometry), colour=(red, green, blue, 1.0 - look.number("transparency")))
+
+
+def _inside(node: Node) -> Node:
+    """The one node in a Pose."""
+    if node.kind != "Pose":
+        raise node.refused("should be a Pose")
+    inside = node.nodes("children")
+    if len(inside) != 1:
+        raise node.refused(f"has {len(inside)} nodes, should have one")
+    return inside[0]
+
+
+def _shape(pose: Node, geometry: Node) -> Shape:
+    kind = KINDS.get(geometry.kind)
+    if kind is None:
+        raise geometry.refused("is no geometry that simspec writes")
+    if kind == "box":
+        size = geometry.numbers("size", 3)
+    elif kind == "plane":
+        size = ()
+    else:
+        size = (geometry.number("radius"),)
+        size += () if kind == "sphere" else (geometry.number("height"),)
+    if not all(length > 0.0 for length in size):
+        raise geometry.refused("should have sizes above zero")
+    return Shape("", kind, size, pose_of(pose))
+
+
+# The rates of joints from the velocities of bodies, as a .wbt has them: of the centre of mass of each rigid group.
+
+TOGETHER: Final = 1e-9
+"""Of the speeds around it: how fast a joint's ends may part, by the round-off of a chain."""
+ZERO: Final[Vector3] = (0.0, 0.0, 0.0)
+
+
+def rates(found: Mapping[str, Found], turned: Quaternion) -> dict[str, tuple[float, ...]]:
+    """The velocity of every body's joint, in the world's coordinates of it; ``turned``: the world in the file. Raises
+    ValueError where velocities pull a joint apart, or are of what has none."""
+    centres = _centres(found)
+    back = frames.conjugate(turned)
+    of_group: dict[str, tuple[Vector3, Vector3]] = {}
+    for name, one in found.items():
+        linear, angular = (vector(one.node, field) for field in ("linearVelocity", "angularVelocity"))
+        if one.top == name and one.moves:
+            of_group[name] = (frames.rotate(back, linear), frames.rotate(back, angular))
+        elif any((*linear, *angular)):
+            raise one.node.refused("has a velocity, which is of the topmost Solid of what moves as one")
+
+    def at(name: str | None, point: Vector3) -> tuple[Vector3, Vector3]:
+        """Of a body, or the world, at a point of the world."""
+        if name is None or not found[name].moves:
+            return ZERO, ZERO
+        one = found[name]
+        linear, angular = of_group[one.top]
+        return frames.add(linear, frames.cross(angular, frames.subtract(point, centres[one.top]))), angular
+
+    return {name: _rate(one, at) for name, one in found.items()}
+
+
+def _rate(one: Found, at: Callable[[str | None, Vector3], tuple[Vector3, Vector3]]) -> tuple[float, ...]:
+    joint, point = one.joint, one.pose.position
+    if joint.kind == "fixed":
+        return ()
+    linear, angular = at(one.name, point)
+    if joint.kind == "free":
+        return (*linear, *angular)
+    above_linear, above_angular = at(joint.parent, point)
+    slip, turn = frames.subtract(linear, above_linear), frames.subtract(angular, above_angular)
+    speed = 1.0 + max(math.hypot(*part) for part in (linear, angular, above_linear, above_angular))
+    if joint.kind == "ball":
+        _check(one, (slip,), speed)
+        return frames.rotate(frames.conjugate(one.pose.quaternion), turn)
+    x, y, z = frames.rotate(one.pose.quaternion, joint.axis)
+    along, other = (turn, slip) if joint.kind == "hinge" else (slip, turn)
+    rate = frames.dot((x, y, z), along)
+    _check(one, (frames.subtract(along, (x * rate, y * rate, z * rate)), other), speed)
+    return (rate,)
+
+
+def _check(one: Found, parts: tuple[Vector3, ...], speed: float) -> None:
+    if any(math.hypot(*part) > TOGETHER * speed for part in parts):
+        raise one.node.refused("moves otherwise than its joint lets it")
+
+
+def _centres(found: Mapping[str, Found]) -> dict[str, Vector3]:
+    """The centre of mass of every rigid group that moves, in the world (m)."""
+    masses: dict[str, float] = {}
+    sums: dict[str, Vector3] = {}
+    for one in found.values():
+        mass = one.inertial.mass
+        if one.moves and mass:
+            x, y, z = frames.add(one.pose.position, frames.rotate(one.pose.quaternion, one.inertial.centre_of_mass))
+            masses[one.top] = masses.get(one.top, 0.0) + mass
+            sums[one.top] = frames.add(sums.get(one.top, ZERO), (mass * x, mass * y, mass * z))
+    return {top: (x / masses[top], y / masses[top], z / masses[top]) for top, (x, y, z) in sums.items()}
+
 
 VERSION: Final = "R2023b"
 JOINTS: Final = {"HingeJoint": "hinge", "SliderJoint": "slide", "BallJoint": "ball"}

@@ -16,7 +16,7 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
-from simspec.dialects.dart.detectors import OVERLOOKED, accepted_contact, detector_of, overlooked
+from simspec.dialects.dart.contact import OVERLOOKED, accepted_contact, detector_of, overlooked
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.actuation import (
     NATIVE,
@@ -28,12 +28,10 @@ from simspec.engines.dart.actuation import (
     none_along_servos,
     none_on_servos,
 )
-from simspec.engines.dart.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING
-from simspec.engines.dart.expected import chosen_solver, expected
+from simspec.engines.dart.contact import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING, SETTINGS
 from simspec.engines.dart.foreign import FOREIGN, FOREIGN_OWN, Foreign
-from simspec.engines.dart.inventory import inventory, neutral
+from simspec.engines.dart.inventory import chosen_solver, expected, inventory, neutral
 from simspec.engines.dart.readback import SHAPE_KINDS, read_back
-from simspec.engines.dart.settings import SETTINGS
 from simspec.engines.dart.simulation import Simulation, import_dartpy
 from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs

@@ -1,6 +1,6 @@
 """DART's body nodes: the world's bodies, and the welded nodes that hold further copies of their shapes.
 
-DART holds friction and restitution per shape, but filters collision per body node (see ``dialects/dart/copies.py``).
+DART holds friction and restitution per shape, but filters collision per body node (see ``dialects/dart/contact.py``).
 Facts marked *measured*: dartpy 6.20.0.
 """
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.dart.sidecar import DartSidecar
-from simspec.engines.dart.coordinates import NAME, Coordinates, Turner, vector_of
-from simspec.engines.dart.efforts import Efforts
+from simspec.engines.dart.coordinates import NAME, Coordinates, Efforts, Turner, vector_of
 from simspec.engines.dart.nodes import Nodes
 from simspec.engines.kit.captured import captured
 from simspec.errors import EngineError, not_importable

@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.engines.drake.corners import ANY_RESOLUTION, FACED, corners, hydroelastic
-from simspec.engines.drake.memory import too_large
+from simspec.engines.drake.approximations import ANY_RESOLUTION, FACED, corners, hydroelastic, too_large
 from simspec.errors import EngineError, not_importable
 from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, Shape
 from simspec.world.types import VELOCITY_SIZE, Pose

@@ -12,18 +12,28 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
-from simspec.engines.drake.actuation import NATIVE, JointServos, pd_controllers_hold
+from simspec.engines.drake.approximations import (
+    BODY_SECONDS,
+    DEVIATIONS,
+    EVEN_PRESSURE,
+    MASS_RATIO,
+    MOST_CORNERS,
+    MOST_GIGABYTES,
+    MOST_TAMSI,
+    SELF_LOCKING,
+    boxes_hold,
+    chosen,
+    corners,
+    coulomb,
+    light_enough,
+    stops,
+    too_large,
+)
 from simspec.engines.drake.building import MOST_PLANES, import_drake
-from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, boxes_hold, chosen, coulomb, light_enough, stops
-from simspec.engines.drake.corners import MOST_CORNERS, corners
-from simspec.engines.drake.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING
-from simspec.engines.drake.expected import expected
 from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load, parser_parts
-from simspec.engines.drake.inventory import inventory, neutral
-from simspec.engines.drake.memory import MOST_GIGABYTES, too_large
+from simspec.engines.drake.inventory import expected, inventory, neutral
 from simspec.engines.drake.readback import SIZES, read_back
-from simspec.engines.drake.simulation import Simulation
-from simspec.engines.drake.touching import contacts
+from simspec.engines.drake.simulation import NATIVE, JointServos, Simulation, contacts, pd_controllers_hold
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.bounds import under_weight
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from simspec.control.native import natives
 from simspec.dialects.kit.world_sidecar import WorldSidecar
+from simspec.engines.drake.approximations import asked_approximation
 from simspec.engines.drake.building import NAME, build, is_servo, warnings_into
 from simspec.engines.drake.coordinates import Coordinates
+from simspec.engines.kit.arrays import empty_contacts
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, parent_of, state_of
+from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.rotations import logarithm, unit
+from simspec.world.types import World
 
 UNSOLVED = "failed to converge"
 """Part of Drake's message for a step of which a contact solver finds no solution."""
@@ -278,3 +285,118 @@ def _into(position: Any, vector: Any) -> list[float]:
     from simspec.world import frames
 
     return list(frames.rotate(frames.conjugate(tuple(position[3:7])), tuple(vector)))
+
+
+# What Drake says of the contacts of the last step: points of two geometries, and surfaces of hydroelastic contact.
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """One contact of the geometries ``ids`` (A, B): its position (m), the normal from B to A, the force on A along it (N), and
+    the depth (m)."""
+
+    ids: tuple[Any, Any]
+    position: Vector
+    normal: Vector
+    force: float
+    depth: float
+
+
+def contacts(sim: Simulation) -> dict[str, np.ndarray]:
+    """The contacts that the last step used, as arrays with ``CONTACT_FIELDS``."""
+    results = sim.last_contacts()
+    if results is None:
+        return empty_contacts()
+    touches = [_point(results.point_pair_contact_info(index)) for index in range(results.num_point_pair_contacts())]
+    touches += [
+        _surface(results.hydroelastic_contact_info(index)) for index in range(results.num_hydroelastic_contacts())
+    ]
+    if not touches:
+        return empty_contacts()
+    units = np.array([[sim.shape_of[side] for side in one.ids] for one in touches], dtype=np.int64)
+    bodies = np.array([body for body, _ in sim.built.shapes], dtype=np.int64)
+    return {
+        "body": bodies[units],
+        "unit": units,
+        "position": np.array([one.position for one in touches]),
+        "normal": np.array([one.normal for one in touches]),
+        "distance": -np.array([one.depth for one in touches]),
+        "normal_force": np.maximum([one.force for one in touches], 0.0),
+    }
+
+
+def _point(told: Any) -> Touch:
+    pair = told.point_pair()
+    on_first = -float(np.sum(pair.nhat_BA_W * told.contact_force()))  # Drake's is on the second
+    return Touch((pair.id_A, pair.id_B), told.contact_point(), pair.nhat_BA_W, on_first, float(pair.depth))
+
+
+def _surface(told: Any) -> Touch:
+    """A contact surface as one contact, where its pressure acts together. Its normal is that of its faces, by their area."""
+    surface = told.contact_surface()
+    faces = range(surface.num_faces())
+    normal = np.sum([surface.area(face) * surface.face_normal(face) for face in faces], axis=0)
+    normal /= np.linalg.norm(normal)
+    wrench = told.F_Ac_W()  # on the body of M, about the centroid
+    force, torque = wrench.translational(), wrench.rotational()
+    along = float(normal @ force)
+    centre = np.cross(normal, torque) / along if along > 0.0 else np.zeros(3)
+    return Touch((surface.id_M(), surface.id_N()), surface.centroid() + centre, normal, along, _depth(surface))
+
+
+def _depth(surface: Any) -> float:
+    """How deep two shapes are in each other (m): pressure grows with depth, in a box by the same everywhere."""
+    pressure = surface.poly_e_MN()
+    largest = max(float(pressure.EvaluateAtVertex(vertex)) for vertex in range(surface.num_vertices()))
+    slopes = [surface.EvaluateGradE_M_W(0)] if surface.HasGradE_M() else []
+    slopes += [surface.EvaluateGradE_N_W(0)] if surface.HasGradE_N() else []
+    return sum(largest / float(np.linalg.norm(slope)) for slope in slopes)
+
+
+# Drake's own PD controllers, which its actuators have: SAP solves for them in each step, with contact and limits.
+
+NATIVE = (
+    "PD controllers of Drake's actuators, by SAP, implicit in time: clip(kp (q* − q − dt v') + kd (v* − v')) with the velocity "
+    "v' after the step, to SAP's tolerance (3.5e-8 rad of a wheel of 0.02 kg m²; one at its effort limit loses up to 1e-6 of "
+    "its momentum in each step; measured). The targets are those of the beginning of a step, so that it follows dt v* "
+    "behind them. Drake weakens gains of which "
+    "dt kd + dt² kp is above 3900 times the inertia, which take more than 99.97 % of the error back in a step"
+)
+
+
+def pd_controllers_hold(world: World) -> Refinement | None:
+    """Not supported by TAMSI, nor with an effort limit of zero."""
+    if asked_approximation(world) != "sap":
+        return unsupported_if(
+            "Drake's PD controllers work by SAP alone, and the spec asks for contact_approximation: tamsi"
+        )
+    for controller in natives(world):
+        for joint, limit in zip(controller.joints, controller.effort_limits, strict=True):
+            if limit == 0.0:
+                return unsupported_if(f"Drake's actuators have an effort limit above zero, and that of {joint!r} is 0")
+    return None
+
+
+class JointServos:
+    """Drake's PD controllers of the hinges and slides at the places ``v`` (n,). They act once their desired state is given."""
+
+    def __init__(self, sim: Simulation, v: np.ndarray):
+        plant, self._context = sim.plant, sim.context
+        self._port = plant.get_desired_state_input_port(sim.built.drake.tree.default_model_instance())
+        body_at = {int(place.start): index for index, place in enumerate(sim.coordinates.v_places)}
+        places = []
+        for dof in v.tolist():
+            joint = sim.built.joints[body_at[dof]]
+            servo = sim.servos.get(int(joint.index()))
+            if servo is None:
+                raise EngineError("drake", f"holds no controller of joint {joint.name()!r}")
+            places.append(servo.input_start())
+        self._places = np.array(places, dtype=np.intp)
+        # first the positions, then the velocities of all actuators; those without a controller take none
+        self._desired = np.zeros((2, plant.num_actuators()))
+
+    def aim(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        self._desired[:, self._places] = position, velocity
+        self._port.FixValue(self._context, self._desired.ravel())

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.dialects.ode.sidecar import OdeSidecar
+from simspec.dialects.kit.world_laws import LawSidecar
 from simspec.engines.kit import hulls
 from simspec.engines.kit.compiled import Compiled
 from simspec.engines.kit.hulls import check_solid
@@ -221,7 +221,7 @@ Settings = Mapping[str, Any]
 class Built:
     """``sim``: the world of the part in C. ``shapes``: (body, name) of every collision shape, in the order of their numbers."""
 
-    def __init__(self, library: Library, document: Document, told: OdeSidecar):
+    def __init__(self, library: Library, document: Document, told: LawSidecar):
         self.library, self.document = library, document
         self.materials = sorted({shape.material for body in document.bodies for shape in body.shapes if shape.copies})
         self.groups = sorted({body.group for body in document.bodies})
@@ -315,7 +315,7 @@ class Built:
                 raise EngineError(NAME, f"does not support the {shape.kind} {shape.name!r}{where}")
             self.shapes.append((row, shape.name))
 
-    def _laws(self, document: Document, told: OdeSidecar) -> None:
+    def _laws(self, document: Document, told: LawSidecar) -> None:
         for law in told.laws:
             wrong = not_held(law)
             if wrong:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.ode.sidecar import OdeSidecar
+from simspec.dialects.kit.world_laws import LawSidecar
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.hulls import DOUBTED
 from simspec.engines.ode.building import NAME, Built, Integers, library, pointer
@@ -30,7 +30,7 @@ class Simulation:
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         try:
             self.document = WorldJson().read(folder)
-            told = OdeSidecar.of(sidecar)
+            told = LawSidecar.of(sidecar)
             told.check_document(self.document)
         except (ValueError, FileNotFoundError) as error:
             raise EngineError(NAME, str(error)) from error

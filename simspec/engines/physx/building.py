@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from simspec.dialects.physx.sidecar import PhysxSidecar
+from simspec.dialects.physx.dialect import PhysxSidecar
 from simspec.engines.kit.single import held_by
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Copy, Document, FixedJoint, FreeJoint, Shape, parent_of

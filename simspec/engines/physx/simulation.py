@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.kit.passive import Passive
-from simspec.dialects.physx.sidecar import PhysxSidecar
+from simspec.dialects.physx.dialect import PhysxSidecar
 from simspec.engines.kit.single import demand_held
 from simspec.engines.physx.building import (
     FASTEST,

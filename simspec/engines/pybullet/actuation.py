@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from simspec.dialects.kit.joints import Armature, Spring
 from simspec.engines.kit.contract import Actuation, Engine
 from simspec.engines.kit.motors import motor_limit, motor_rate
 from simspec.engines.pybullet.simulation import Simulation
-from simspec.engines.pybullet.trees import UNCLAMPED
+from simspec.engines.pybullet.trees import UNCLAMPED, Tree, told_turn
 from simspec.support.declarations import Refinement, unsupported_if
+from simspec.world import frames
 from simspec.world.kinematics import natively_driven
+from simspec.world.rotations import from_xyzw_of, logarithm_of
+from simspec.world.sums import JointSum
 from simspec.world.types import World
 
 NATIVE = (
@@ -97,3 +101,241 @@ class JointServos:
             p.setJointMotorControlArray(
                 uid, links, p.POSITION_CONTROL, targetPositions=where, targetVelocities=speed, **fixed
             )
+
+
+# Efforts that simspec gives to PyBullet before a step: springs and armature, which it lacks, what acts along sums of joint
+# positions, and efforts from outside.
+
+
+class Efforts:
+    """Springs and armature of one loaded simulation, what acts along sums, and how efforts reach its joints.
+
+    Springs are explicit: −k (q − rest), for a ball −k log R in the child's axes, from the state before the step; so are
+    springs and dampers along sums. Armature A:
+    PyBullet solves M v̇ = τ' − D v − h; with τ' = τ − A v̇, where (M + A) v̇ = τ − D v − h, it gets the v̇ of a joint with
+    armature (trees of hinges and slides on a fixed base that nothing touches).
+    """
+
+    def __init__(
+        self, sim: Simulation, springs: Sequence[Spring], armature: Sequence[Armature], sums: Sequence[JointSum] = ()
+    ):
+        self._sim = sim
+        self.armature = np.zeros(sim.nv)
+        self.springs: dict[int, tuple[float, float]] = {}
+        links = {link.index: (tree, link) for tree in sim.trees for link in tree.links}
+        self._springs = []
+        for spring in springs:
+            index = sim.place[spring.body]
+            self.springs[index] = (spring.stiffness, spring.rest)
+            self._springs.append((*links[index], spring.stiffness, spring.rest))
+        joints = {
+            joint: (tree, link)
+            for tree, instance in zip(sim.trees, sim.sidecar.instances, strict=True)
+            for joint, link in zip(instance.joints, tree.links, strict=True)
+        }
+        self.sums = tuple(sums)
+        self._along = [(one, [(*joints[joint], weight) for joint, weight in one.joints]) for one in sums]
+        armed: dict[int, Tree] = {}
+        for entry in armature:
+            tree, link = links[sim.place[entry.body]]
+            self.armature[link.v] = entry.armature
+            armed[tree.uid] = tree
+        self._armed = [(tree, *self._dynamics_places(tree)) for tree in armed.values()]
+        self._movers = [
+            (tree.uid, [link.link for link in single], [link.v.start for link in single], balls)
+            for tree in sim.trees
+            for single, balls in [
+                (
+                    [link for link in tree.movers if link.kind != "ball"],
+                    [link for link in tree.movers if link.kind == "ball"],
+                )
+            ]
+            if single or balls
+        ]
+        self._free = [(tree.uid, tree.links[0]) for tree in sim.trees if tree.root == "free"]
+
+    @property
+    def needed(self) -> bool:
+        """Whether there is something to apply before every step even without an effort from outside."""
+        return bool(self._springs or self._armed or self._along)
+
+    def _dynamics_places(self, tree: Tree) -> tuple[list[int], np.ndarray, np.ndarray, tuple[float, ...]]:
+        """Of a tree with armature: its joints, their places in v, their damping, and gravity in the base's inertial axes."""
+        joints = [link.link for link in tree.movers]
+        places = np.array([link.v.start for link in tree.movers], dtype=int)
+        p, client = self._sim.bullet, self._sim.client
+        damping = np.array([p.getJointInfo(tree.uid, joint, physicsClientId=client)[6] for joint in joints])
+        _, raw = p.getBasePositionAndOrientation(tree.uid, physicsClientId=client)
+        local_gravity = frames.rotate(frames.conjugate(told_turn(raw)), self._sim.sidecar.gravity)
+        return joints, places, damping, local_gravity
+
+    def total(self, given: np.ndarray) -> np.ndarray:
+        """The effort (nv,) to apply at the present state, for an effort ``given`` from outside."""
+        if not self.needed:
+            return given
+        p, client = self._sim.bullet, self._sim.client
+        effort = given.copy()
+        for tree, link, stiffness, rest in self._springs:
+            if link.kind == "ball":
+                state = p.getJointStateMultiDof(tree.uid, link.link, physicsClientId=client)
+                turned = logarithm_of(from_xyzw_of(state[0]))
+                effort[link.v] -= stiffness * np.array(frames.rotate(link.turn, turned))
+            else:
+                effort[link.v] -= stiffness * (p.getJointState(tree.uid, link.link, physicsClientId=client)[0] - rest)
+        for one, parts in self._along:
+            states = [p.getJointState(tree.uid, link.link, physicsClientId=client) for tree, link, _ in parts]
+            length, speed = (
+                sum(weight * state[k] for state, (_, _, weight) in zip(states, parts, strict=True)) for k in (0, 1)
+            )
+            force = one.stiffness * (length - one.rest) + one.damping * speed
+            for _, link, weight in parts:
+                effort[link.v] -= weight * force
+        gravity = self._sim.sidecar.gravity
+        for tree, joints, places, damping, local_gravity in self._armed:
+            states = p.getJointStates(tree.uid, joints, physicsClientId=client)
+            q, v = [state[0] for state in states], [state[1] for state in states]
+            mass = np.array(p.calculateMassMatrix(tree.uid, q, physicsClientId=client))
+            # calculateInverseDynamics takes gravity to be given in the axes of the base (measured)
+            p.setGravity(*local_gravity, physicsClientId=client)
+            bias = np.array(p.calculateInverseDynamics(tree.uid, q, v, [0.0] * len(q), physicsClientId=client))
+            p.setGravity(*gravity, physicsClientId=client)
+            armature = self.armature[places]
+            force = effort[places] - damping * np.array(v) - bias
+            effort[places] -= armature * np.linalg.solve(mass + np.diag(armature), force)
+        return effort
+
+    def apply(self, effort: np.ndarray) -> None:
+        """Give ``effort`` (nv,) to the joints for the next step."""
+        p, client = self._sim.bullet, self._sim.client
+        for uid, root in self._free:
+            if effort[root.v].any():
+                self._sim.keep_awake(uid)  # PyBullet drops efforts on what sleeps
+        for uid, singles, places, balls in self._movers:
+            if singles:
+                p.setJointMotorControlArray(
+                    uid, singles, p.TORQUE_CONTROL, forces=effort[places].tolist(), physicsClientId=client
+                )
+            for link in balls:
+                torque = frames.rotate(frames.conjugate(link.turn), tuple(effort[link.v].tolist()))
+                p.setJointMotorControlMultiDof(
+                    uid, link.link, controlMode=p.TORQUE_CONTROL, force=list(torque), physicsClientId=client
+                )
+        for uid, root in self._free:
+            given = effort[root.v]
+            if given.any():
+                at, raw = p.getBasePositionAndOrientation(uid, physicsClientId=client)
+                turn = frames.multiply(from_xyzw_of(raw), frames.conjugate(root.turn))
+                torque = frames.rotate(turn, tuple(given[3:].tolist()))
+                p.applyExternalForce(uid, -1, given[:3].tolist(), at, p.WORLD_FRAME, physicsClientId=client)
+                p.applyExternalTorque(uid, -1, list(torque), p.WORLD_FRAME, physicsClientId=client)
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic energy of the armature and energy stored in the springs at the present state (J)."""
+        if not self.needed:
+            return 0.0, 0.0
+        q, v = self._sim.get_state()
+        potential = 0.0
+        for _, link, stiffness, rest in self._springs:
+            away = np.array(logarithm_of(q[link.q].tolist())) if link.kind == "ball" else q[link.q] - rest
+            potential += 0.5 * stiffness * float(away @ away)
+        for one, parts in self._along:
+            stretch = sum(weight * float(q[link.q][0]) for _, link, weight in parts) - one.rest
+            potential += 0.5 * one.stiffness * stretch**2
+        return 0.5 * float(np.sum(self.armature * v**2)), potential
+
+
+# The mass matrix and bias force that PyBullet steps with, measured by stepping it.
+#
+# ``calculateMassMatrix`` is right for hinges and slides on a massless fixed base only (measured: ball joints differ in the
+# second digit), ``calculateInverseDynamics`` takes gravity to be given in the base's axes, and neither is what a step
+# uses. So a second
+# simulation of the same files is stepped once per coordinate instead: from rest, without gravity, damping, motors, limits and
+# contact, a unit effort for one step of 1 s leaves the velocity M⁻¹ e exactly.
+
+PROBE_STEP = 1.0
+"""Seconds: the velocity gained in one step is then the acceleration, with no digits lost."""
+
+
+class Probe:
+    """A simulation in which nothing but the tree dynamics acts."""
+
+    def __init__(self, sim: Simulation):
+        self._sim = sim
+        self._efforts = Efforts(sim, (), ())
+        self._known: tuple[np.ndarray, list[np.ndarray]] | None = None
+        p, client = sim.bullet, sim.client
+        sim.disable_contact()
+        p.setTimeStep(PROBE_STEP, physicsClientId=client)
+        for tree in sim.trees:
+            for link in tree.movers:
+                p.changeDynamics(tree.uid, link.link, jointDamping=0.0, physicsClientId=client)
+                if link.kind != "ball":
+                    p.changeDynamics(
+                        tree.uid,
+                        link.link,
+                        jointLowerLimit=-UNCLAMPED,
+                        jointUpperLimit=UNCLAMPED,
+                        physicsClientId=client,
+                    )
+                    p.setJointMotorControl2(
+                        tree.uid, link.link, p.VELOCITY_CONTROL, targetVelocity=0.0, force=0.0, physicsClientId=client
+                    )
+        self._blocks = [
+            np.concatenate([np.arange(link.v.start, link.v.stop) for link in tree.links]).astype(int)
+            for tree in sim.trees
+        ]
+
+    def _gain(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray | None) -> np.ndarray:
+        """v̇ (nv,) at the state (q, v) under ``effort``."""
+        sim = self._sim
+        sim.set_state(q, v)
+        if effort is not None:
+            self._efforts.apply(effort)
+        sim.advance(1)
+        after_q, after_v = sim.get_state()
+        for link in (tree.links[0] for tree in sim.trees if tree.root == "free"):
+            # ω is given in the axes after the step; the gain is wanted in those before it: d(Rᵀω)/dt = Rᵀ dω/dt
+            world = frames.rotate(tuple(after_q[link.q][3:].tolist()), tuple(after_v[link.v][3:].tolist()))
+            after_v[link.v][3:] = frames.rotate(frames.conjugate(tuple(q[link.q][3:].tolist())), world)
+        gain: np.ndarray = (after_v - v) / PROBE_STEP
+        return gain
+
+    def _set_gravity(self, on: bool) -> None:
+        gravity = self._sim.sidecar.gravity if on else (0.0, 0.0, 0.0)
+        self._sim.bullet.setGravity(*gravity, physicsClientId=self._sim.client)
+
+    def masses(self, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each tree its places in v, and its M, without armature. All trees are probed side by side; the last ones are kept,
+        for the bias force."""
+        if self._known is None or not np.array_equal(self._known[0], q):
+            self._known = (q.copy(), self._measure_masses(q))
+        return list(zip(self._blocks, self._known[1], strict=True))
+
+    def _measure_masses(self, q: np.ndarray) -> list[np.ndarray]:
+        self._set_gravity(False)
+        sim = self._sim
+        rest = np.zeros(sim.nv)
+        inverses = [np.zeros((len(block), len(block))) for block in self._blocks]
+        for column in range(max((len(block) for block in self._blocks), default=0)):
+            effort = np.zeros(sim.nv)
+            effort[[block[column] for block in self._blocks if column < len(block)]] = 1.0
+            gain = self._gain(q, rest, effort)
+            for block, inverse in zip(self._blocks, inverses, strict=True):
+                if column < len(block):
+                    inverse[:, column] = gain[block]
+        found = []
+        for inverse in inverses:
+            # scaled to a unit diagonal first: a tree may hold kilograms and gram square millimetres side by side
+            scale = np.sqrt(np.diag(inverse))
+            found.append(np.linalg.inv(inverse / np.outer(scale, scale)) / np.outer(scale, scale))
+        return found
+
+    def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """h (nv,) = −M v̇ of the unforced tree at (q, v)."""
+        masses = self.masses(q)
+        self._set_gravity(True)
+        gain = self._gain(q, v, None)
+        found = np.zeros(self._sim.nv)
+        for places, mass in masses:
+            found[places] = -mass @ gain[places]
+        return found

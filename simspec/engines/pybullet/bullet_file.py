@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
+from simspec.errors import EngineError
+from simspec.scratch import scratch_folder
 
 HEADER = re.compile(rb"BULLET[fd]([-_])v\d{3}")
 """Precision, ``-`` for 64-bit addresses, and the version. Little-endian where ``v`` is small."""
@@ -167,3 +170,64 @@ def plain(row: Any, skip: frozenset[str] = frozenset()) -> dict[str, Any]:
         else:
             found[short] = value.item()
     return found
+
+
+# PyBullet's own dump of the world that it holds (a ``.bullet`` file), and the colliders of links in it.
+
+COLLIDER: Mapping[str, str] = {
+    "contactProcessingThreshold": "",
+    "anisotropicFriction": "",
+    "hitFraction": "",
+    "ccdSweptSphereRadius": "",
+    "ccdMotionThreshold": "",
+    "hasAnisotropicFriction": "",
+    "collisionFlags": "",
+    "internalType": "",
+    "checkCollideWith": "",
+    "collisionFilterGroup": "in apart.LINK",
+    "collisionFilterMask": "in apart.LINK",
+    "friction": "a surface of the read-back, from getDynamicsInfo",
+    "rollingFriction": "a surface of the read-back, from getDynamicsInfo",
+    "restitution": "a surface of the read-back, from getDynamicsInfo",
+    "contactStiffness": "a surface of the read-back, from getDynamicsInfo",
+    "contactDamping": "a surface of the read-back, from getDynamicsInfo",
+    "worldTransform": "state, compared by poses",
+    "interpolationWorldTransform": "state of the last step",
+    "interpolationLinearVelocity": "state of the last step",
+    "interpolationAngularVelocity": "state of the last step",
+    "deactivationTime": "state",
+    "activationState1": "state; whether a body may sleep is in the calls",
+    "islandTag1": "state",
+    "companionId": "state",
+    "uniqueId": "a label",
+}
+"""Members of a collider in the dump: "" = in the inventory, else why not."""
+STATE = frozenset(name for name, why in COLLIDER.items() if why.startswith("state"))
+
+
+def dump(bullet: Any, client: int) -> list[Block]:
+    """The blocks of the dump of a client. Raises EngineError where it cannot be read."""
+    with scratch_folder("bullet") as folder:
+        path = folder / "world.bullet"
+        bullet.saveBullet(str(path), physicsClientId=client)
+        try:
+            return read_blocks(path.read_bytes())
+        except (OSError, ValueError) as error:
+            raise EngineError("pybullet", f"its dump of the world cannot be read: {error}") from error
+
+
+def colliders(trees: Sequence[int], blocks: list[Block]) -> Iterator[tuple[tuple[int, int], int, dict[str, Any]]]:
+    """Every collider of the dump: the id of its tree and its link, the address of its shape, and its members; ``trees``:
+    the ids of all trees, in the order in which they were loaded."""
+    bodies = [block.address for block in blocks if block.code == "MBDY"]
+    if len(bodies) != len(trees):
+        raise EngineError("pybullet", f"holds {len(bodies)} bodies of links, {len(trees)} were loaded")
+    tree_of = dict(zip(bodies, trees, strict=True))
+    for block in blocks:
+        if block.code == "MBLC":
+            for row in block.rows:
+                uid = tree_of.get(int(row["m_multiBody"]))
+                if uid is None:
+                    raise EngineError("pybullet", "holds a collider of no body")
+                held = row["m_colObjData"]
+                yield (uid, int(row["m_link"])), int(held["m_collisionShape"]), plain(held, STATE)

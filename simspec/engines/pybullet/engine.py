@@ -21,8 +21,7 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
-from simspec.dialects.pybullet.beside import NO_LINKS, TREE_SIZE
-from simspec.dialects.pybullet.sidecar import PybulletSidecar
+from simspec.dialects.pybullet.sidecar import NO_LINKS, TREE_SIZE, PybulletSidecar
 from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
@@ -36,27 +35,37 @@ from simspec.engines.kit.recovery import Recovery
 from simspec.engines.kit.refinements import only_balls_slide
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
-from simspec.engines.pybullet.actuation import NATIVE, JointArrays, JointServos, no_dry_friction
+from simspec.engines.pybullet.actuation import NATIVE, Efforts, JointArrays, JointServos, Probe, no_dry_friction
+from simspec.engines.pybullet.constraints import loops_held, within_one_tree
 from simspec.engines.pybullet.contact import (
     CONE,
     CONE_SHORT,
     CONTACT_DEVIATIONS,
+    DEVIATIONS,
+    EVEN_PRESSURE,
+    LOOP_ITERATIONS,
+    MASS_RATIO,
     POINTS,
+    SELF_LOCKING,
+    SETTINGS,
     only_balls_and_boxes_are_soft,
+    rows_act_on_each_other,
 )
-from simspec.engines.pybullet.coupled import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING
-from simspec.engines.pybullet.efforts import Efforts
 from simspec.engines.pybullet.expected import expected
 from simspec.engines.pybullet.foreign import FOREIGN, FOREIGN_OWN, Foreign
-from simspec.engines.pybullet.ground import HOW as GROUND
-from simspec.engines.pybullet.ground import ground_held
-from simspec.engines.pybullet.holding import loops_held, within_one_tree
+from simspec.engines.pybullet.geometry import (
+    DULL,
+    KEPT,
+    LANDING,
+    THICK,
+    ground_held,
+    meshes_held,
+    thick_enough,
+    thicker,
+)
+from simspec.engines.pybullet.geometry import HOW as GROUND
 from simspec.engines.pybullet.inventory import inventory, neutral
-from simspec.engines.pybullet.margins import DULL, LANDING, THICK, meshes_held, thick_enough, thicker
-from simspec.engines.pybullet.meshes import KEPT
-from simspec.engines.pybullet.probe import Probe
 from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
-from simspec.engines.pybullet.settings import LOOP_ITERATIONS, SETTINGS, rows_act_on_each_other
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS

@@ -12,10 +12,10 @@ import numpy as np
 
 from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
-from simspec.dialects.pybullet.beside import held_beside
-from simspec.dialects.pybullet.hulls import faces_meet
+from simspec.dialects.pybullet.contact import faces_meet
+from simspec.dialects.pybullet.sidecar import held_beside
 from simspec.engines.kit.inventory import Carrier, expected_apart, listed
-from simspec.engines.pybullet.dump import COLLIDER
+from simspec.engines.pybullet.bullet_file import COLLIDER
 from simspec.engines.pybullet.inventory import JOINT_INFO, OF_THE_READ_BACK
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.gathering import lumped_inertial

@@ -12,11 +12,9 @@ from typing import Any
 
 from simspec.engines.kit.inventory import listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
-from simspec.engines.pybullet.bullet_file import Block, plain
-from simspec.engines.pybullet.dump import COLLIDER, colliders, dump, dump_of
+from simspec.engines.pybullet.bullet_file import COLLIDER, Block, colliders, dump, plain
 from simspec.engines.pybullet.simulation import Simulation
-from simspec.engines.pybullet.trees import Tree
-from simspec.engines.pybullet.turns import told_turn
+from simspec.engines.pybullet.trees import Tree, told_turn
 from simspec.errors import EngineError
 from simspec.scratch import scratch_folder
 from simspec.world import frames
@@ -97,11 +95,11 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
         found[f"constraint.{held.name}.erp"] = info[14]
         found[f"constraint.{held.name}.auxiliary"] = info[12]
     found["count.user_data"] = sum(p.getNumUserData(tree.uid, physicsClientId=client) for tree in sim.trees)
-    blocks = dump(sim)
+    blocks = dump(sim.bullet, sim.client)
     found.update(_world(blocks))
     masks = {}
     margins = _Margins(blocks)
-    for key, shape, collider in colliders(sim, blocks):
+    for key, shape, collider in colliders([tree.uid for tree in sim.trees], blocks):
         if key not in names:
             raise EngineError("pybullet", f"holds a link {key} that the sidecar does not name")
         if not p.getCollisionShapeData(*key, physicsClientId=client):
@@ -125,8 +123,8 @@ def neutral(sim: Simulation) -> dict[str, EngineValue]:
         with scratch_folder("bullet") as place:
             (place / "neutral.urdf").write_text(NEUTRAL, encoding="utf-8")
             uid = p.loadURDF(str(place / "neutral.urdf"), physicsClientId=client)
-            found = _world(dump_of(p, client, place))
-            blocks = dump_of(p, client, place)
+            found = _world(dump(p, client))
+            blocks = dump(p, client)
         for block in (block for block in blocks if block.code == "MBLC"):
             for row in block.rows:
                 kind = "base" if int(row["m_link"]) < 0 else "link"

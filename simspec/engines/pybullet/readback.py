@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.pybullet.hulls import LINK_MARGIN
+from simspec.dialects.pybullet.contact import LINK_MARGIN
 from simspec.dialects.pybullet.sidecar import Instance
-from simspec.engines.pybullet.carriers import own_solid
-from simspec.engines.pybullet.dump import colliders, dump
-from simspec.engines.pybullet.efforts import Efforts
-from simspec.engines.pybullet.holding import read_held
-from simspec.engines.pybullet.meshes import Alike, HeldMesh, Hulls
+from simspec.engines.pybullet.actuation import Efforts
+from simspec.engines.pybullet.bullet_file import colliders, dump
+from simspec.engines.pybullet.constraints import read_held
+from simspec.engines.pybullet.geometry import Alike, HeldMesh, Hulls
 from simspec.engines.pybullet.simulation import Simulation
-from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree
-from simspec.engines.pybullet.turns import told_turn
+from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree, own_solid, told_turn
 from simspec.errors import EngineError
 from simspec.formats.kit.mesh_reading import SUFFIX, read_field, read_triangles
 from simspec.formats.kit.meshes import FIELDS
@@ -177,9 +175,9 @@ def _held_hulls(sim: Simulation) -> HeldHulls:
     shapes = (shape for tree in sim.trees for link in _links(sim, tree) for shape in _told(sim, tree, link))
     if not any(_kind(shape[2]) == "mesh" for shape in shapes):
         return HeldHulls({})
-    blocks = dump(sim)
+    blocks = dump(sim.bullet, sim.client)
     held = Hulls(blocks)
-    return HeldHulls({key: held.of(address) for key, address, _ in colliders(sim, blocks)})
+    return HeldHulls({key: held.of(address) for key, address, _ in colliders([tree.uid for tree in sim.trees], blocks)})
 
 
 def _links(sim: Simulation, tree: Tree) -> range:

@@ -12,14 +12,9 @@ import numpy as np
 
 from simspec.dialects.pybullet.sidecar import CollisionFilter, PybulletSidecar
 from simspec.engines.kit.captured import captured
-from simspec.engines.pybullet.calls import Called, Recording
-from simspec.engines.pybullet.carriers import carriers
-from simspec.engines.pybullet.frames import Frames
-from simspec.engines.pybullet.holding import WHOLE, hold
-from simspec.engines.pybullet.meshes import faces_told, with_stl
-from simspec.engines.pybullet.sleeping import Sleepers
-from simspec.engines.pybullet.trees import Loader, rub
-from simspec.engines.pybullet.turns import told_turn
+from simspec.engines.pybullet.constraints import WHOLE, hold
+from simspec.engines.pybullet.geometry import faces_told, with_stl
+from simspec.engines.pybullet.trees import Called, Frames, Loader, Recording, Sleepers, carriers, rub, told_turn
 from simspec.errors import EngineError
 from simspec.world import frames
 from simspec.world.rotations import conjugate, cross, from_xyzw_of, multiply, positive, rotate, to_xyzw_of

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simspec.dialects.pybullet.sidecar import Instance
-from simspec.engines.pybullet.turns import told_turn
+import numpy as np
+
+from simspec.dialects.pybullet.sidecar import Frame, Instance
 from simspec.errors import EngineError
 from simspec.language.vocabulary import TREE_JOINTS
-from simspec.world.rotations import to_xyzw_of
-from simspec.world.types import Quaternion
+from simspec.world import frames
+from simspec.world.rotations import conjugate, cross, from_xyzw_of, multiply, positive, rotate, to_xyzw_of
+from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion
+
+# Rotations as PyBullet tells them.
+
+
+def told_turn(q: Sequence[float]) -> Quaternion:
+    """The rotation of a quaternion x y z w, brought to unit length: some that PyBullet tells have single precision."""
+    return frames.normalise(from_xyzw_of(q))
+
 
 JOINT_KINDS = {0: "hinge", 1: "slide", 2: "ball", 4: "fixed"}
 """PyBullet's JOINT_ numbers."""
@@ -173,3 +183,156 @@ def rub(bullet: Any, client: int, tree: Tree, link: Link, friction: float) -> No
     bullet.setJointMotorControl2(
         tree.uid, link.link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=friction, physicsClientId=client
     )
+
+
+# Which shapes which of PyBullet's links carries (see ``dialects/pybullet/contact.py``).
+
+
+def own_solid(instance: Instance, position: int) -> list[str]:
+    """The names of the collision shapes on the own link of a tree's body: all of its first solid shape's material. Links of
+    their own carry the other materials, and further copies of the first."""
+    seen = set(instance.visual_only[position])
+    solid = [name for index, name in enumerate(instance.shapes[position]) if index not in seen]
+    carried = [copy.shapes for copy in instance.copies if copy.body == instance.bodies[position]]
+    again = next((names for names in carried if solid and solid[0] in names), None)
+    elsewhere = {name for names in carried for name in names}
+    return [name for name in solid if (name in again if again is not None else name not in elsewhere)]
+
+
+def carriers(trees: Iterable[Any], instances: Iterable[Instance]) -> dict[tuple[int, int], tuple[int, tuple[str, ...]]]:
+    """Of every link (tree's uid, link) that stands for a body or carries its shapes: the body's index and those shapes' names.
+
+    ``trees`` are ``pybullet_simulation.Tree``s, in the order of the sidecar's ``instances``.
+    """
+    found = {}
+    for tree, instance in zip(trees, instances, strict=True):
+        for position, link in enumerate(tree.links):
+            found[tree.uid, link.link] = (link.index, tuple(own_solid(instance, position)))
+        for (link, index), copy in zip(tree.copies, instance.copies, strict=True):
+            found[tree.uid, link] = (index, tuple(copy.shapes))
+    return found
+
+
+# Bodies that PyBullet is not told, since they are nothing but frames: where they are follows from what carries them.
+
+Array = np.ndarray
+
+
+class Frames:
+    """Frames on bodies that PyBullet has, each by its pose in the frame of that body; ``index``: of all bodies in the world."""
+
+    def __init__(self, told: Sequence[Frame], index: Mapping[str, int]):
+        self._told = tuple(told)
+        on: dict[str, tuple[str, Pose]] = {}
+        for frame in self._told:
+            carrier, pose = on.get(frame.parent, (frame.parent, Pose()))
+            on[frame.name] = (carrier, frames.compose(pose, frame.pose))
+        self._own = np.array([index[name] for name in on], dtype=int)
+        self._carrier = np.array([index[carrier] for carrier, _ in on.values()], dtype=int)
+        self._position = np.array([pose.position for _, pose in on.values()], dtype=float).reshape(-1, 3)
+        self._turn = np.array([pose.quaternion for _, pose in on.values()], dtype=float).reshape(-1, 4)
+
+    def place(self, at: Array, turn: Array, linear: Array, angular: Array, centre: Array, axes: Array) -> None:
+        """Fill in the rows of the frames, from those of the bodies that carry them.
+
+        ``at`` (n, 3), ``turn`` (n, 4), ``linear`` and ``angular`` (n, 3): of every body's inertial frame in the world;
+        ``centre`` (n, 3) and ``axes`` (n, 4): where that is in the body's own frame.
+        """
+        own, carrier = self._own, self._carrier
+        turned = multiply(turn[carrier], conjugate(axes[carrier]))
+        lever = rotate(turned, self._position - centre[carrier])
+        at[own] = at[carrier] + lever
+        turn[own] = positive(multiply(turned, self._turn))
+        linear[own] = linear[carrier] + cross(angular[carrier], lever)
+        angular[own] = angular[carrier]
+
+    def bodies(self) -> dict[str, Body]:
+        """The frames as bodies of a read-back, by name."""
+        return {
+            frame.name: Body(
+                frame.name, frame.model, Inertial(0.0), Joint(frame.joint, "fixed", frame.parent, frame.pose)
+            )
+            for frame in self._told
+        }
+
+
+# What PyBullet was told while a world was loaded, for what it does not give back.
+#
+# PyBullet returns few of its settings, and its dump of the world (``bullet_file.py``) lacks some that act: the thresholds of
+# its solver and of restitution, damping of free flight, velocity clamps, motors, pairs that do not touch. Of these the proof
+# knows the calls themselves. Steps are not recorded, and what a run does later is not either.
+
+CHANGING = ("set", "change", "create", "load", "remove", "apply", "enable", "vhacd")
+"""Beginnings of the names of PyBullet's functions that change what is simulated; ``reset...`` sets the state, which is read
+back."""
+
+Called = tuple[str, tuple[Any, ...], dict[str, Any]]
+"""A function's name, its positional arguments, and those by name."""
+
+
+class Recording:
+    """PyBullet's module, with every call of a function that changes something written down."""
+
+    def __init__(self, bullet: Any):
+        self._bullet = bullet
+        self.calls: list[Called] = []
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._bullet, name)
+        return self._recorded(name, found) if name.startswith(CHANGING) else found
+
+    def _recorded(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*positional: Any, **named: Any) -> Any:
+            given = {key: value for key, value in named.items() if key != "physicsClientId"}
+            self.calls.append((name, positional, given))
+            return function(*positional, **named)
+
+        return call
+
+
+# Sleeping in PyBullet: which bodies may, and how they are woken. Facts marked *measured*: pybullet 3.2.7.
+
+SLOW = 1e-4
+"""v² + ω² (m²/s², rad²/s²) below which a body counts as at rest; PyBullet's own 0.05 stops what slides at 0.2 m/s (measured).
+It falls asleep after 2 s of that, a time that PyBullet does not let one set."""
+
+
+class Sleepers:
+    """The bodies of one client that may fall asleep.
+
+    What touches a sleeping body wakes it within the step. Efforts and new velocities do not: PyBullet drops them (measured).
+    """
+
+    def __init__(self, sim: Any, uids: Iterable[int]):
+        self._sim, self._uids = sim, set(uids)
+        bullet = sim.bullet
+        self._any, self._stepped = bool(self._uids), False
+        for uid in self._uids:
+            self._change(uid, activationState=bullet.ACTIVATION_STATE_ENABLE_SLEEPING, sleepThreshold=SLOW)
+
+    def _change(self, uid: int, **given: Any) -> None:
+        self._sim.bullet.changeDynamics(uid, -1, physicsClientId=self._sim.client, **given)
+
+    def __contains__(self, uid: int) -> bool:
+        return uid in self._uids
+
+    def stepped(self) -> None:
+        """Time has gone by: something may sleep now."""
+        self._stepped = True
+
+    def wake(self) -> None:
+        """Wake all, by a step that the caller must undo: a woken body is still left out of the next step (measured)."""
+        if not (self._any and self._stepped):
+            return
+        bullet = self._sim.bullet
+        for uid in self._uids:
+            self._change(uid, activationState=bullet.ACTIVATION_STATE_WAKE_UP)
+        bullet.stepSimulation(physicsClientId=self._sim.client)
+        self._stepped = False
+
+    def forbid(self, uid: int) -> None:
+        """One body will sleep no more; ``wake`` must follow."""
+        bullet = self._sim.bullet
+        self._change(uid, activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING)
+        self._change(uid, activationState=bullet.ACTIVATION_STATE_WAKE_UP)
+        self._uids.discard(uid)

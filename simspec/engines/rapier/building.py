@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.rapier.sidecar import RapierSidecar
+from simspec.dialects.kit.world_laws import LawSidecar
 from simspec.engines.kit.single import held_by
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, Shape, parent_of
@@ -200,7 +200,7 @@ class Built:
     row of that body, −1 of what cannot move; ``local``: each body's pose in it, in the world of what cannot move.
     ``shapes``: (body, name) of every collision shape, in the order of their numbers; ``colliders`` their handles."""
 
-    def __init__(self, rapier: Any, document: Document, told: RapierSidecar):
+    def __init__(self, rapier: Any, document: Document, told: LawSidecar):
         self.rapier, self.document = rapier, document
         self.world = rapier.PhysicsWorld(gravity=rapier.Vec3(*lengths(document.gravity, "gravity")))
         self.world.set_num_threads(1)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.kit.passive import Passive
-from simspec.dialects.rapier.sidecar import RapierSidecar
+from simspec.dialects.kit.world_laws import LawSidecar
 from simspec.engines.kit.arrays import ContactRow, contact_arrays, empty_contacts
 from simspec.engines.kit.single import demand_held
 from simspec.engines.rapier.building import NAME, SCALE, SQUARE, Built
@@ -108,7 +108,7 @@ class Simulation:
         self.rapier = rapier3d
         try:
             self.document = WorldJson().read(folder)
-            told = RapierSidecar.of(sidecar)
+            told = LawSidecar.of(sidecar)
             told.check_document(self.document)
         except (ValueError, FileNotFoundError) as error:
             raise EngineError(NAME, str(error)) from error

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simspec.dialects.webots.dialect import STILL, Twist, centres, moved, twists
 from simspec.dialects.webots.nodes import turn
-from simspec.dialects.webots.places import STILL, Twist, centres, moved, twists
 from simspec.dialects.webots.raising import raised, solids_of
 from simspec.dialects.webots.sidecar import WebotsSidecar
 from simspec.engines.webots.program import NAME, Live

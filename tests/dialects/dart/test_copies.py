@@ -9,7 +9,7 @@ import random
 
 import pytest
 
-from simspec.dialects.dart.copies import Nodes
+from simspec.dialects.dart.contact import Nodes
 from simspec.dialects.dart.dialect import DartDialect
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.proof.selftest_worlds import surfaces

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.dialects.dart import detectors as skel_detectors
-from simspec.dialects.dart.detectors import LESSER_EVIL, ORDER, OVERLOOKED, SOUND, UNSOUND, choose, flaws
+from simspec.dialects.dart import contact as skel_detectors
+from simspec.dialects.dart.contact import LESSER_EVIL, ORDER, OVERLOOKED, SOUND, UNSOUND, choose, flaws
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.dart.engine import Dart
 from simspec.errors import EngineError, UnsupportedError

@@ -7,8 +7,8 @@ import dataclasses
 import pytest
 
 from simspec.compiler import target_of
+from simspec.dialects.kit.world_laws import LawSidecar
 from simspec.dialects.ode.dialect import OdeDialect
-from simspec.dialects.ode.sidecar import OdeSidecar
 from simspec.engines.ode.engine import Ode
 from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS
@@ -80,4 +80,4 @@ def test_laws_are_those_of_the_materials_that_meet():
     content = told.sidecar.plain()
     content["laws"][0] |= {"first": content["laws"][0]["second"] + "z"}
     with pytest.raises(ValueError, match="not sorted"):
-        OdeSidecar.of(content)
+        LawSidecar.of(content)

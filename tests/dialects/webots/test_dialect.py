@@ -14,8 +14,7 @@ from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.defects import NAMES
 from simspec.dialects.kit.mutating import mutations
 from simspec.dialects.kit.sidecar import SIDECAR
-from simspec.dialects.webots.defects import DEFECTS
-from simspec.dialects.webots.mutations import TABLE
+from simspec.dialects.webots.defects import DEFECTS, TABLE
 from simspec.engines.webots.engine import Webots
 from simspec.errors import UnsupportedError
 from simspec.formats.kit.text import number

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simspec.engines.drake.corners import MOST_CORNERS, RADIUS, corners
+from simspec.engines.drake.approximations import MOST_CORNERS, RADIUS, corners
 from simspec.testing.worlds import SIZES
 from simspec.world.hull import centred, hull_of, size_of
 from simspec.world.hull import corners as extremes

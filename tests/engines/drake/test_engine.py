@@ -12,9 +12,8 @@ import pytest
 import simspec
 from simspec.compiler import compile_world
 from simspec.dynamics.oracle import Oracle
+from simspec.engines.drake.approximations import BODY_SECONDS, MOST_TAMSI, approximation, corners
 from simspec.engines.drake.building import MOST_PLANES
-from simspec.engines.drake.choice import BODY_SECONDS, MOST_TAMSI, approximation
-from simspec.engines.drake.corners import corners
 from simspec.engines.drake.engine import Drake
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text

@@ -10,7 +10,7 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import SIDECAR, sidecar_text
-from simspec.engines.drake.choice import PRESSURE_SECONDS
+from simspec.engines.drake.approximations import PRESSURE_SECONDS
 from simspec.engines.drake.engine import Drake
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.comparator import inventory_checks

@@ -6,7 +6,7 @@ import pytest
 
 import simspec
 from simspec.compiler import compile_world
-from simspec.engines.drake.choice import approximation
+from simspec.engines.drake.approximations import approximation
 from simspec.errors import UnsupportedError
 from simspec.testing.worlds import accepting, with_options
 

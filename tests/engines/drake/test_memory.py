@@ -6,7 +6,7 @@ import pytest
 
 import simspec
 from simspec.compiler import compile_world
-from simspec.engines.drake import memory
+from simspec.engines.drake import approximations
 from simspec.engines.drake.engine import Drake, memory_covered
 from simspec.errors import EngineError, UnsupportedError
 from tests.worlds import with_options
@@ -38,11 +38,11 @@ def test_a_file_of_too_large_a_world_is_refused_before_it_is_built(load_files, m
         ["drake"],
     )
     load_files(Drake, files["drake"].files)
-    monkeypatch.setattr(memory, "MOST_GIGABYTES", 2e-6)
+    monkeypatch.setattr(approximations, "MOST_GIGABYTES", 2e-6)
     with pytest.raises(EngineError, match=r"108 geometries .* of 72 velocities"):
         load_files(Drake, files["drake"].files)
 
 
 def test_pairs_and_the_dense_matrix_are_counted():
-    assert memory.gigabytes(2001, 0) == pytest.approx(1e-9 * memory.PAIR_BYTES * 2001 * 1000)
-    assert memory.gigabytes(0, 12_000) == pytest.approx(1.152)
+    assert approximations.gigabytes(2001, 0) == pytest.approx(1e-9 * approximations.PAIR_BYTES * 2001 * 1000)
+    assert approximations.gigabytes(0, 12_000) == pytest.approx(1.152)

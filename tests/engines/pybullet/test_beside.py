@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.dialects.pybullet.beside import MOST_LINKS, held_beside
+from simspec.dialects.pybullet.sidecar import MOST_LINKS, held_beside
 from simspec.engines.kit.process import Operation, call
 from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify

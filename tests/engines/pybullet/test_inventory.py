@@ -9,8 +9,7 @@ import pytest
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
-from simspec.engines.pybullet.bullet_file import plain, read_blocks
-from simspec.engines.pybullet.dump import COLLIDER, dump
+from simspec.engines.pybullet.bullet_file import COLLIDER, dump, plain, read_blocks
 from simspec.engines.pybullet.engine import PyBullet
 from simspec.engines.pybullet.inventory import JOINT_INFO, PARAMETERS, SURFACE, WORLD
 from simspec.errors import EngineError
@@ -134,7 +133,7 @@ def test_no_member_of_what_pybullet_tells_is_left_unnamed(load):
     engine = load(WORLDS["model"]("pybullet"))
     sim = engine._sim
     p, client = sim.bullet, sim.client
-    blocks = {block.code: block.rows[0] for block in dump(sim)}
+    blocks = {block.code: block.rows[0] for block in dump(sim.bullet, sim.client)}
     collider = blocks["MBLC"]["m_colObjData"]
     short = {name.removeprefix("m_") for name in collider.dtype.names}
     addresses = {"broadphaseHandle", "collisionShape", "rootCollisionShape", "name"}

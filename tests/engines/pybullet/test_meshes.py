@@ -6,8 +6,8 @@ import tracemalloc
 
 import numpy as np
 
-from simspec.engines.pybullet import meshes
-from simspec.engines.pybullet.meshes import KEPT, Alike, alike
+from simspec.engines.pybullet import geometry
+from simspec.engines.pybullet.geometry import KEPT, Alike, alike
 
 
 def test_hulls_are_alike_as_far_as_whole_numbers_tell_them_apart():
@@ -35,7 +35,7 @@ def test_hulls_of_any_number_of_points_are_compared_in_bounded_memory():
 
 def test_hulls_of_one_file_are_looked_at_no_further_and_others_once(monkeypatch):
     looked = []
-    monkeypatch.setattr(meshes, "alike", lambda one, other: looked.append((one, other)) or one == other)
+    monkeypatch.setattr(geometry, "alike", lambda one, other: looked.append((one, other)) or one == other)
     same = Alike()
     held, shown = same.of_file((1.0, 2.0), ("a.stl", 1.0)), same.of_file((1.5, 2.0), ("a.stl", 1.0))
     scaled, other = same.of_file((1.25, 2.0), ("a.stl", 2.0)), (1.0, 2.0, 0.0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from simspec.engines.pybullet.turns import told_turn
+from simspec.engines.pybullet.trees import told_turn
 from simspec.errors import EngineError
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
@@ -20,6 +20,7 @@ from simspec.world.types import Connect, Constraint, Follow, Pose, Quaternion, V
 
 if TYPE_CHECKING:
     from simspec.engines.pybullet.simulation import Simulation
+
 
 STRONG = 1e9
 """The largest force of a constraint (N, N m), of which none may be felt."""

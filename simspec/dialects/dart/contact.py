@@ -1,21 +1,118 @@
-"""Which of DART's collision detectors is sound for which shapes.
+"""Which of a body's shapes go onto which of DART's body nodes: DART holds numbers per shape, but filters per body node.
 
-*Measured* with dartpy 6.20.0: 40 random poses of each pair of shapes at an overlap of 1 mm (missed, wrong depth, wrong
-normal), and bodies of about 0.2 m let down on a fixed plane, box, or flat end of a cylinder, in three to four poses (how deep
-their lowest point came to lie after 4 s). All detectors lose a flat face where they give it one contact instead of three
-or four. Sound means contacts to 0.06 mm, and no body that goes in deeper than one step's way of its impact, which DART takes
-back at 1 mm/s. A pair that stands in neither table of a detector has not been measured: it is refused unless it is accepted by
-name.
+Shapes of several materials stay on one node as long as all of them meet the same others. Where they do not (a copy of a
+shape in another layer of the contact plan, a material that passes through another), the first stays on the body's own node,
+and the others go onto nodes without mass, welded to it.
 """
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
+from simspec.contact.plan import ContactPlan
+from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.errors import Problem
 from simspec.support.declarations import acceptance
 from simspec.world.meeting import meeting_kinds, solid_shapes
-from simspec.world.types import World
+from simspec.world.types import Body, World
+
+Part = tuple[str, int]
+"""A material and a layer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One of DART's body nodes: ``body`` it belongs to, ``index`` among its nodes (0 = the body's own), and its parts."""
+
+    body: str
+    index: int
+    parts: tuple[Part, ...]
+
+
+class Nodes:
+    """The nodes of a world's bodies, and which of them must not touch."""
+
+    def __init__(self, world: World, plan: ContactPlan):
+        self._layer_of = plan.layer_of
+        self._passing = {(pair.first, pair.second) for pair in world.contact.pairs if not pair.collide}
+        materials = {body.name: _materials(body) for body in world.bodies}
+        present = sorted({name for names in materials.values() for name in names})
+        self._parts = tuple((name, layer) for name in present for layer in plan.layers(name))
+        split = functools.cache(lambda names: self._split([(name, at) for name in names for at in plan.layers(name)]))
+        self.of: Mapping[str, tuple[Node, ...]] = {
+            body: tuple(Node(body, index, parts) for index, parts in enumerate(split(names)))
+            for body, names in materials.items()
+        }
+
+    def _meet(self, one: Part, other: Part) -> bool | None:
+        """Whether two parts touch; None where it does not matter, as no two bodies of these materials ever meet."""
+        pair = (min(one[0], other[0]), max(one[0], other[0]))
+        if pair in self._passing:
+            return False
+        layer = self._layer_of.get(pair)
+        return None if layer is None else one[1] == other[1] == layer
+
+    def _split(self, parts: list[Part]) -> list[tuple[Part, ...]]:
+        """Each part joins the first node whose parts meet and leave the same others as it does."""
+        found: list[tuple[list[Part], dict[Part, bool]]] = []
+        for part in parts:
+            row = {other: met for other in self._parts if (met := self._meet(part, other)) is not None}
+            for held, known in found:
+                if all(known.get(other, met) == met for other, met in row.items()):
+                    held.append(part)
+                    known.update(row)
+                    break
+            else:
+                found.append(([part], row))
+        return [tuple(held) for held, _ in found] or [()]
+
+    def layers(self) -> list[tuple[str, str, int | None]]:
+        """For every pair of materials that meets, or passes through each other, the layer it meets in (None = none)."""
+        present = {name for name, _ in self._parts}
+        known: dict[tuple[str, str], int | None] = {**self._layer_of, **dict.fromkeys(self._passing, None)}
+        return [(*pair, known[pair]) for pair in sorted(known) if present.issuperset(pair)]
+
+    def classes(self) -> dict[tuple[Part, ...], list[Node]]:
+        """The nodes that hold the same parts, and so touch the same others; only nodes with shapes."""
+        found: dict[tuple[Part, ...], list[Node]] = {}
+        for nodes in self.of.values():
+            for node in nodes:
+                if node.parts:
+                    found.setdefault(node.parts, []).append(node)
+        return dict(sorted(found.items()))
+
+    def apart(self) -> list[tuple[tuple[Part, ...], tuple[Part, ...]]]:
+        """The pairs of classes whose nodes must not touch."""
+        names = list(self.classes())
+        return [
+            (one, other)
+            for index, one in enumerate(names)
+            for other in names[index:]
+            if any(self._meet(a, b) is False for a in one for b in other)
+        ]
+
+
+def _materials(body: Body) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(shape.material for shape in solid_shapes(body)))
+
+
+def class_name(parts: tuple[Part, ...]) -> str:
+    """What a class of nodes is called in the sidecar."""
+    return "+".join(f"{material}.{layer}" for material, layer in parts)
+
+
+# Which of DART's collision detectors is sound for which shapes.
+#
+# *Measured* with dartpy 6.20.0: 40 random poses of each pair of shapes at an overlap of 1 mm (missed, wrong depth, wrong
+# normal), and bodies of about 0.2 m let down on a fixed plane, box, or flat end of a cylinder, in three to four poses (how
+# deep their lowest point came to lie after 4 s). All detectors lose a flat face where they give it one contact instead of
+# three or four. Sound means contacts to 0.06 mm, and no body that goes in deeper than one step's way of its impact, which
+# DART takes back at 1 mm/s. A pair that stands in neither table of a detector has not been measured: it is refused unless it
+# is accepted by name.
 
 Pairs = Mapping[tuple[str, str], str]
 
@@ -278,3 +375,76 @@ def _first(world: World, kind: str) -> str:
         for index, shape in enumerate(body.shapes)
         if shape.collision and shape.kind == kind
     )
+
+
+# The filter in a .skel folder's sidecar, held against itself (proof level L0): every two shapes meet once at most.
+#
+# A shape may be there several times, each copy on a node of its own (see ``dialects/dart/copies.py``). The sidecar names
+# classes of nodes by the materials and layers of their copies, and the pairs of classes that are apart.
+
+Copies = tuple[str, ...]
+"""Of one shape the class of each node that has a copy of it; "" for a node that no pair of classes concerns."""
+
+
+def check_filter(sidecar: DartSidecar, nodes: set[str], fixed: set[str]) -> None:
+    """Raise ValueError where copies of two shapes meet in more than one layer, or in another than that of their materials.
+
+    ``nodes`` are the names of all nodes of the file, ``fixed`` the bodies that cannot move.
+    Shapes of two bodies that never touch may meet in any number of layers; what is told of them has no effect.
+    """
+    classes, pairs = sidecar.filter.classes, sidecar.filter.apart
+    unknown = sorted({node for held in classes.values() for node in held} - nodes)
+    if unknown or {name for pair in pairs for name in pair} != set(classes):
+        raise ValueError(f"the filter's classes do not fit the file: unknown nodes {unknown}")
+    of = {node: name for name, held in classes.items() for node in held}
+    apart = {frozenset(pair) for pair in pairs}
+    layer_of = {frozenset((one, other)): layer for one, other, layer in sidecar.filter.layers}
+    for one in classes:
+        for other in classes:
+            for (a, layer), (b, other_layer) in itertools.product(_parts(one), _parts(other)):
+                pair = frozenset((a, b))
+                meet = layer_of.get(pair, -1) == layer == other_layer
+                if pair in layer_of and meet == (frozenset((one, other)) in apart):
+                    raise ValueError(
+                        f"{one} and {other} {'do not ' if meet else ''}touch, against the layers of {a}, {b}"
+                    )
+    for copies, other_copies in _meeting(sidecar, of, fixed):
+        met = [(a, b) for a in copies for b in other_copies if frozenset((a, b)) not in apart]
+        if len(met) > 1:
+            raise ValueError(f"copies of the same two shapes meet {len(met)} times: {met}")
+
+
+def _parts(name: str) -> list[tuple[str, int]]:
+    """The materials and layers that the name of a class tells."""
+    return [(part.rpartition(".")[0], int(part.rpartition(".")[2])) for part in name.split("+")]
+
+
+def _meeting(sidecar: DartSidecar, of: Mapping[str, str], fixed: set[str]) -> set[tuple[Copies, Copies]]:
+    """The pairs of shapes, by their copies, of which some body may touch some other. Two bodies of a kind are enough."""
+    copies: dict[str, set[Copies]] = {}
+    for shape in sidecar.shapes:
+        if shape.surfaces:
+            copies.setdefault(shape.body, set()).add(tuple(of.get(copy.node, "") for copy in shape.surfaces))
+    if all(len(one) < 2 for held in copies.values() for one in held):
+        return set()
+    group = {name: key for key, names in sidecar.groups.items() for name in names}
+    ignored = {frozenset(pair) for pair in sidecar.ignored_groups}
+    excluded = {frozenset(pair) for pair in sidecar.excluded}
+    special = {name for pair in excluded for name in pair}
+    chosen: dict[tuple[Any, ...], list[str]] = {}
+    for name, held in copies.items():
+        key = (frozenset(held), group.get(name), name in fixed, name if name in special else "")
+        alike = chosen.setdefault(key, [])
+        if len(alike) < 2:
+            alike.append(name)
+    bodies = [name for names in chosen.values() for name in names]
+    return {
+        (a, b)
+        for index, one in enumerate(bodies)
+        for other in bodies[index + 1 :]
+        if not (one in fixed and other in fixed)
+        and frozenset((one, other)) not in excluded
+        and (one not in group or other not in group or frozenset((group[one], group[other])) not in ignored)
+        for a in copies[one]
+        for b in copies[other]
+    }
