@@ -35,8 +35,7 @@ from simspec.support.features import Feature
 from simspec.support.needs import Need, needs
 from simspec.support.negotiation import Decision, negotiate
 from simspec.world.canonical import canonical_json
-from simspec.world.meeting import Pair, meeting_laws
-from simspec.world.thinnest import thinnest
+from simspec.world.contact_pairs import Pair, meeting_laws, thinnest
 from simspec.world.types import EngineOptions, World
 
 WORLD_FILE = "world.json"

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from simspec.world import frames
-from simspec.world.forces import Force
+from simspec.world.actions import Force
 from simspec.world.kinematics import layout_of, poses
 from simspec.world.types import Connect, Follow, Pose, World
 from tests import worlds

@@ -11,9 +11,9 @@ import numpy as np
 
 from simspec.testing.worlds import inertial, pose
 from simspec.world import frames
-from simspec.world.hull import centred, corners, size_of
+from simspec.world.frames import sorted_pair
+from simspec.world.hull import centred, corners, mesh_size
 from simspec.world.kinematics import poses
-from simspec.world.tuples import sorted_pair
 from simspec.world.types import Body, Connect, Contact, Follow, Material, PairContact, Pose, Shape, Weld, World
 from tests import worlds
 
@@ -72,7 +72,7 @@ def hull(number: int) -> tuple[float, ...]:
     points = np.random.default_rng(number).normal(size=(12, 3)) * (0.05, 0.08, 0.11)
     if number == 0:
         points = np.array([[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
-    return size_of(centred(points[corners(points)])[1])
+    return mesh_size(centred(points[corners(points)])[1])
 
 
 def _follows(bodies: tuple[Body, ...], draw: random.Random) -> list[Follow]:

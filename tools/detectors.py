@@ -29,7 +29,7 @@ from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.proof.touch.geometry import Solid, gap, solids, transform
 from simspec.support.features import Feature
 from simspec.world import frames
-from simspec.world.hull import centred, corners, size_of
+from simspec.world.hull import centred, corners, mesh_size
 from simspec.world.types import (
     Body,
     Contact,
@@ -83,7 +83,7 @@ def _hull(half: Sequence[float], draw: np.random.Generator) -> tuple[float, ...]
     points = draw.normal(size=(POINTS, 3))
     points *= np.array(half) / np.linalg.norm(points, axis=1, keepdims=True)
     _, vertices = centred(points[corners(points)])
-    return size_of(vertices)
+    return mesh_size(vertices)
 
 
 def _world(kinds: tuple[str, str], detector: str, sizes: Sequence[tuple[float, ...]]) -> World:

@@ -23,7 +23,7 @@ from simspec.errors import EngineError
 from simspec.proof.hulls import extent
 from simspec.testing.worlds import accepting
 from simspec.world import frames
-from simspec.world.hull import centred, corners, size_of
+from simspec.world.hull import centred, corners, mesh_size
 from simspec.world.shapes import SHAPES
 from simspec.world.types import (
     Body,
@@ -108,7 +108,7 @@ def draws(count: int) -> Iterator[tuple[tuple[float, ...], list[Quaternion]]]:
         points = generator.normal(size=(int(generator.integers(8, 41)), 3)) * generator.uniform(0.025, 0.1, 3)
         _, vertices = centred(points[corners(points)])
         turns = generator.normal(size=(POSES, 4)).tolist()
-        yield size_of(vertices), [frames.normalise((w, x, y, z)) for w, x, y, z in turns]
+        yield mesh_size(vertices), [frames.normalise((w, x, y, z)) for w, x, y, z in turns]
 
 
 def main() -> None:

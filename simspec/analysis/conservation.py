@@ -16,8 +16,8 @@ from simspec.analysis.contacts import demand_contacts
 from simspec.mapped import parts
 from simspec.runner import metrics
 from simspec.runner.run import Run
-from simspec.world.along import JointSums
 from simspec.world.kinematics import layout_of
+from simspec.world.passive_forces import JointSums
 from simspec.world.types import World
 
 Numbers = NDArray[np.float64]

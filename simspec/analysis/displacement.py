@@ -12,7 +12,7 @@ import numpy as np
 
 from simspec.errors import Problem, SpecError
 from simspec.runner.run import Run
-from simspec.world.meeting import solid_shapes
+from simspec.world.contact_pairs import solid_shapes
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body
 

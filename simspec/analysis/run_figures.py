@@ -17,7 +17,7 @@ from simspec.errors import Problem, SpecError
 from simspec.language.strict import near
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import Run
-from simspec.world.coordinates import coordinates
+from simspec.world.kinematics import coordinates
 from simspec.world.types import World
 
 MOST_NAMED = 40

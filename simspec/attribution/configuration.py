@@ -21,8 +21,8 @@ from simspec.engines.kit.settings import Value, idle_settings, pair_settings, re
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
+from simspec.world.contact_pairs import Pair
 from simspec.world.kinematics import initial_state
-from simspec.world.meeting import Pair
 from simspec.world.types import EngineOptions, PairSettings, World
 
 Floats = NDArray[np.float64]

@@ -28,8 +28,8 @@ from simspec.compiler import needed_decisions
 from simspec.engines.kit.process import Answer
 from simspec.engines.kit.recovery import Recovery
 from simspec.support.declarations import Level
+from simspec.world.contact_pairs import solid_shapes
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import solid_shapes
 from simspec.world.types import Body, PairContact, World
 
 ACTS: Mapping[str, str] = {

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from simspec.contact.rules import NOT_COMBINED, Rules
 from simspec.language.vocabulary import COMBINED_QUANTITIES
-from simspec.world.meeting import Pair
+from simspec.world.contact_pairs import Pair
 from simspec.world.types import Hardness, PairContact, Surface, World
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from simspec.contact.plan import ContactPlan
-from simspec.world.meeting import solid_shapes
+from simspec.world.contact_pairs import solid_shapes
 from simspec.world.types import Body, Shape, Surface
 
 

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from simspec.contact.inversion import invert
 from simspec.contact.rules import Rules, combine, same
 from simspec.language.vocabulary import COMBINED_QUANTITIES
-from simspec.world.derived import derived
-from simspec.world.meeting import Pair, meeting_laws
+from simspec.world.canonical import derived
+from simspec.world.contact_pairs import Pair, meeting_laws
 from simspec.world.types import PairContact, Surface, World
 
 MOST_SPLIT_MATERIALS = 32

@@ -9,7 +9,7 @@ from simspec.contact.rules import Rules, combine, same
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.support.features import Feature
 from simspec.support.needs import Need
-from simspec.world.meeting import Pair, meeting_laws
+from simspec.world.contact_pairs import Pair, meeting_laws
 from simspec.world.reach import reach
 from simspec.world.types import World
 

@@ -1,4 +1,4 @@
-"""Forces and torques on bodies (:mod:`simspec.world.forces`) at work: as generalised efforts Jᵀ F, the same in every engine.
+"""Forces and torques on bodies (:mod:`simspec.world.actions`) at work: as generalised efforts Jᵀ F, the same in every engine.
 
 Runs in the engine's process, with numpy alone. J follows from the poses that the engine itself tells.
 """
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.world.actions import Force
 from simspec.world.canonical import from_plain, to_plain
-from simspec.world.forces import Force
-from simspec.world.gathering import lumped_inertial
+from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.rotations import matrices
 from simspec.world.types import Contact, Record, World

@@ -1,4 +1,4 @@
-"""The control laws at work (:mod:`simspec.world.control` says what they are): state in, effort out, the same in every engine.
+"""The control laws at work (:mod:`simspec.world.actions` says what they are): state in, effort out, the same in every engine.
 
 Runs in the engine's process, with numpy and, where a law asks for the world's mass matrix or bias force, Pinocchio. Every law
 is affine in the state but for M, h and g; the affine parts of many steps are made at once, ahead of them.
@@ -18,7 +18,7 @@ from simspec.control.reference import Reference
 from simspec.errors import SimspecError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.processor_time import processor_clock
-from simspec.world.control import Controller
+from simspec.world.actions import Controller
 from simspec.world.kinematics import layout_of, trees
 from simspec.world.types import Body, World
 

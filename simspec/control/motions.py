@@ -1,4 +1,4 @@
-"""Motions of kinematic bodies (:mod:`simspec.world.motions`) at work: as efforts on free roots, the same in every engine.
+"""Motions of kinematic bodies (:mod:`simspec.world.actions`) at work: as efforts on free roots, the same in every engine.
 
 Runs in the engine's process, with numpy alone; the polynomials are made before, and cross over as arrays.
 """
@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.reference import Piecewise, positions
+from simspec.world.actions import Box, Fluid, Motion, Trajectory
 from simspec.world.canonical import from_plain, to_plain
-from simspec.world.control import Trajectory
-from simspec.world.drag import Drag
-from simspec.world.fluid import Box, Fluid
-from simspec.world.gathering import lumped_inertial
+from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of
-from simspec.world.motions import Motion
+from simspec.world.passive_forces import Drag
 from simspec.world.rotations import conjugate, cross, exponential, logarithm, multiply, rotate
 from simspec.world.types import Body, Contact, Record, World
 

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from simspec.control.reference import Reference, reference
-from simspec.world.control import Controller
+from simspec.world.actions import Controller
 from simspec.world.types import World
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.world.control import Trajectory
+from simspec.world.actions import Trajectory
 from simspec.world.types import World
 
 
@@ -71,7 +71,7 @@ def reference(world: World) -> Reference:
 
 
 def positions(trajectory: Trajectory) -> Piecewise:
-    """The positions of a trajectory, in its own columns (see :class:`simspec.world.control.Trajectory`)."""
+    """The positions of a trajectory, in its own columns (see :class:`simspec.world.actions.Trajectory`)."""
     times, values = np.array(trajectory.times), np.array(trajectory.positions)
     if len(times) == 1:
         return Piecewise(np.array([times[0], times[0] + 1.0]), values[None], values[-1])

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.dynamics.oracle_tree import Tree
-from simspec.world.along import JointSums
-from simspec.world.control import Controller
+from simspec.world.actions import Controller
 from simspec.world.kinematics import initial_state, layout, sprung_trees, within
+from simspec.world.passive_forces import JointSums
 from simspec.world.types import Body, World
 
 POSTURES = 20

@@ -6,7 +6,7 @@ world axes, and its angular velocity is in the body's axes. One step is semi-imp
 q ⊕ dt v, with rotations advanced by the exponential of the angular velocity.
 
 Constraints act on each step by their law, J v⁺ = −φ/dt, on all trees that they join at once: after v* = v + dt a the velocity
-is v* − M⁻¹ Jᵀ λ (``world/violation.py``).
+is v* − M⁻¹ Jᵀ λ (``world/constraints.py``).
 
 The oracle knows damping, springs (those along sums of joint positions too), armature, constraints and the fluid. It leaves out
 contact, position limits and dry friction: motion probes stay away from limits, and have dry friction switched off (see
@@ -24,9 +24,8 @@ import numpy as np
 from simspec.dynamics import settling
 from simspec.dynamics.oracle_tree import Tree
 from simspec.mapped import blocks
-from simspec.world.forces import Force
+from simspec.world.actions import Force, JointSum
 from simspec.world.kinematics import constrained_trees, layout_of, members, trees, within
-from simspec.world.sums import JointSum
 from simspec.world.types import VELOCITY_SIZE, Body, Constraint, Follow, World
 
 MODEL_SIZE = 48

@@ -10,12 +10,12 @@ import numpy as np
 from simspec.dynamics.resistance import Resisted
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
-from simspec.world.along import JointSums
-from simspec.world.gathering import lumped_inertial
+from simspec.world.constraints import Violation, impulse
+from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of, within
+from simspec.world.passive_forces import JointSums
 from simspec.world.rotations import logarithm
 from simspec.world.types import Body, Follow, Pose, Weld, World
-from simspec.world.violation import Violation, impulse
 
 
 def _depth_first(bodies: Sequence[Body]) -> list[Body]:
@@ -364,7 +364,7 @@ class Tree:
         return self.pin.integrate(self.model, ours_q, self.timestep * ours_v)[self.q_index], v
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """J (rows, nv) of the constraints (``world/violation.py``), by Pinocchio's Jacobians of joints."""
+        """J (rows, nv) of the constraints (``world/constraints.py``), by Pinocchio's Jacobians of joints."""
         if self.held is None:
             return np.zeros((0, self.nv))
         pin = self.pin

@@ -1,4 +1,4 @@
-"""What a fluid does to one body, for the oracle: the law of ``world/fluid.py``, written a second time and face by face."""
+"""What a fluid does to one body, for the oracle: the law of ``world/actions.py``, written a second time and face by face."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.world.fluid import Fluid
+from simspec.world.actions import Fluid
 
 
 @dataclass(frozen=True)

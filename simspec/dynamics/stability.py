@@ -17,8 +17,8 @@ import numpy as np
 from simspec.dynamics.oracle import model_key
 from simspec.dynamics.oracle_tree import Tree
 from simspec.dynamics.states import random_states
-from simspec.world.along import JointSums
 from simspec.world.kinematics import initial_state, layout_of, sprung_trees, within
+from simspec.world.passive_forces import JointSums
 from simspec.world.types import World
 
 POSTURES, FEW, LARGE = 8, 1, 200

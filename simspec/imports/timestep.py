@@ -15,7 +15,7 @@ from simspec.language.beginning import begin_within
 from simspec.language.foreign import Imported
 from simspec.language.load import Spec
 from simspec.language.mesh import named_files
-from simspec.world.carriers import owner_of
+from simspec.world.kinematics import owner_of
 from simspec.world.types import World
 
 USUAL: Final = 1e-3

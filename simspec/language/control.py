@@ -1,4 +1,4 @@
-"""Control: which joints are driven, by which law, with which gains and limits. The laws stand in ``world/control.py``."""
+"""Control: which joints are driven, by which law, with which gains and limits. The laws stand in ``world/actions.py``."""
 
 from __future__ import annotations
 

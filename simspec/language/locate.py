@@ -216,7 +216,8 @@ def _base(name: str, names: Mapping[str, Any]) -> str:
 
 def _own_joint(bodies: trees.Bodies, name: str, rest: tuple[str, ...]) -> tuple[int, tuple[str, ...]]:
     """Which of its joints a path below a body speaks of (−1: the last one), and the path below that joint; () where it speaks
-    of none. What moves with the first of several joints stands in the world under its joint's name (``world/carriers.py``)."""
+    of none. What moves with the first of several joints stands in the world under its joint's name
+    (``world/kinematics.py``)."""
     if rest[:1] == ("joint",):
         return -1, rest[1:]
     if rest[1:2] == ("joint",) and name in bodies.raw and rest[0] in (names := bodies.joint_names(name)):

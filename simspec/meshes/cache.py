@@ -34,7 +34,7 @@ def _maker() -> str:
     package = Path(__file__).resolve().parents[1]
     files = [
         *(package / "meshes").glob("*.py"),
-        *(package / "world" / name for name in ("hull.py", "solid.py", "frames.py")),
+        *(package / "world" / name for name in ("hull.py", "frames.py")),
     ]
     digest = hashlib.sha256(json.dumps([sys.version, *map(_version, LIBRARIES)]).encode())
     for path in sorted(files):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.world.solid import Points, Solid, Triangles, solid
+from simspec.world.hull import Points, Solid, Triangles, solid
 
 
 @dataclass(frozen=True)

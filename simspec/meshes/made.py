@@ -11,8 +11,7 @@ from simspec.meshes.closed import Enclosed, enclosed, merged
 from simspec.meshes.files import MeshError
 from simspec.meshes.reading import Surface
 from simspec.meshes.reduced import reduced
-from simspec.world.hull import FlatError, centred, corners, hull, size_of
-from simspec.world.solid import Points, Solid
+from simspec.world.hull import FlatError, Points, Solid, centred, corners, hull, mesh_size
 from simspec.world.types import Pose
 
 FURTHEST = 1e5
@@ -127,7 +126,7 @@ def _convex(points: Points, most: int | None) -> Convex:
         pose, local = centred(kept)
         chosen = corners(local)
         if len(chosen) == len(kept):
-            return Convex(size_of(local), pose, error, len(points))
+            return Convex(mesh_size(local), pose, error, len(points))
         kept = kept[chosen]
 
 

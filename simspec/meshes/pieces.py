@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 from simspec.meshes.files import MeshError
 from simspec.meshes.reading import split
-from simspec.world.solid import Points, Triangles
+from simspec.world.hull import Points, Triangles
 
 SECONDS = 120.0
 """Processor time: a profile of 20 triangles takes 2 s on a quiet machine, a robot's link of 26,000 more than three minutes."""

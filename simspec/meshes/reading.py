@@ -20,7 +20,7 @@ from simspec.exchange import exchange
 from simspec.isolated import ELSEWHERE, with_search_path
 from simspec.meshes.files import MeshError, MeshFile
 from simspec.reading import NotReadableError, parse_json
-from simspec.world.solid import Points, Triangles
+from simspec.world.hull import Points, Triangles
 
 START_SECONDS, FILE_SECONDS = 60.0, 60.0
 """Deadline of the process, for its start and for each file, where the process does not end itself: it does so after 5 s of

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.world.hull import corners
-from simspec.world.solid import Points
+from simspec.world.hull import Points, corners
 
 EQUAL = 1e-9
 """Share of the extent within which two distances are the same, so that of a symmetric solid's vertices the first in the file is

@@ -22,7 +22,7 @@ from simspec.plausibility.parts import (
     pose_of,
     reach,
 )
-from simspec.world import mass
+from simspec.world import inertia
 from simspec.world.types import Inertial, World
 
 OUTSIDE: Final = 0.05
@@ -127,11 +127,11 @@ def solid_of(part: Part, total: float) -> Inertial | None:
     if whole <= 0.0:
         return None
     pieces = [
-        mass.part(solid.shape.kind, solid.shape.size, pose_of(solid), total * volume / whole)
+        inertia.shape_part(solid.shape.kind, solid.shape.size, pose_of(solid), total * volume / whole)
         for solid, volume in zip(solids, volumes, strict=True)
         if volume > 0.0
     ]
-    return mass.combined(pieces, total)
+    return inertia.combined_inertial(pieces, total)
 
 
 def _volume(solids: tuple[Lump, ...]) -> float:

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.world import frames, hull
-from simspec.world.derived import derived
-from simspec.world.gathering import NOTHING, rigid_members, summed
+from simspec.world.canonical import derived
+from simspec.world.frames import vector3
+from simspec.world.inertia import NO_INERTIA, rigid_members, summed_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.overlap import SPREAD, fibonacci, separation
 from simspec.world.shapes import SHAPES, ShapeKind
-from simspec.world.tuples import vector3
 from simspec.world.types import Body, Inertial, Pose, Shape, World
 
 Floats = NDArray[np.float64]
@@ -97,10 +97,10 @@ def lump_of(body: str, shape: Shape) -> Lump:
     kind = SHAPES[shape.kind]
     points = None
     if kind.points:
-        points = hull.vertices_of(shape.size)
+        points = hull.mesh_vertices(shape.size)
         if len(points) > len(FAR):
             points = points[np.unique((FAR @ points.T).argmax(axis=1))]
-            shape = dataclasses.replace(shape, size=hull.size_of(points))
+            shape = dataclasses.replace(shape, size=hull.mesh_size(points))
     inner, outer = kind.inner_radius(shape.size), kind.outer_radius(shape.size) + shape.margin
     corners = kind.support(shape.size, AXES) if points is None else (AXES @ points.T).max(axis=1)
     high, low = corners[:3] + shape.margin, -corners[3:] - shape.margin
@@ -154,7 +154,7 @@ def part_of(name: str, members: Sequence[tuple[Body, Pose]], lumps: Mapping[str,
     if len(heavy) == len(members) == 1:
         inertial = heavy[0][0]
     else:
-        inertial = summed(heavy) if heavy else NOTHING
+        inertial = summed_inertial(heavy) if heavy else NO_INERTIA
     return Part(name, inertial, tuple(lump.at(place) for body, place in members for lump in lumps[body.name]))
 
 

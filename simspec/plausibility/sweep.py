@@ -20,7 +20,8 @@ import numpy as np
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.plausibility.findings import Finding, Grade, Sampling
 from simspec.plausibility.parts import DIRECTIONS, Floats, Lump, carrying, lumps_of
-from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.overlap import SPREAD
 from simspec.world.rotations import exponential, matrices
 from simspec.world.types import Body, Follow, Joint, World

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from simspec.proof.checks import Tally
 from simspec.proof.distances import distance, relative, turn_between
-from simspec.world.fluid import Box
+from simspec.world.actions import Box
 from simspec.world.kinematics import members as ends_of
 from simspec.world.types import Connect, Constraint, Follow, ReadBack, Weld, World
 

@@ -8,7 +8,7 @@ from simspec.proof import motion
 from simspec.proof.motionless import motionless
 from simspec.proof.precision import PRECISIONS
 from simspec.proof.touch.plan import oracle_of
-from simspec.world.derived import derived
+from simspec.world.canonical import derived
 from simspec.world.types import World
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 TEXT_TOLERANCE = 1e-12
 """L0: numbers are printed to round-trip; left is the way from a tensor to principal axes and back, whose largest moment may
-be clipped by 2⁻⁴⁰ ≈ 9e-13 (``world/principal.py``), and frames composed and undone (a few last bits)."""
+be clipped by 2⁻⁴⁰ ≈ 9e-13 (``world/inertia.py``), and frames composed and undone (a few last bits)."""
 MODEL_TOLERANCE = 1e-9
 """L1 to L4: engines keep doubles, but diagonalise inertias, shift frames and invert matrices; all stay below 1e-10 when they
 are told the same model (measured), while the smallest real error of a model, a digit lost in printing, is 1e-7."""

@@ -23,13 +23,12 @@ from simspec.proof.heightfields import field_distance
 from simspec.proof.hulls import hull_distance
 from simspec.proof.precision import PRECISIONS, Precision
 from simspec.proof.table import table_differences
-from simspec.world.gathering import lumped, lumped_gravity_scale, rigid_members, summed
-from simspec.world.hull import HullError
-from simspec.world.inset import thickened, within
+from simspec.world.contact_pairs import meeting_laws, shape_pairs
+from simspec.world.frames import quaternion, sorted_pair
+from simspec.world.hull import HullError, hull_within_margin, thickened
+from simspec.world.inertia import lumped, lumped_gravity_scale, rigid_members, summed_inertial
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import meeting_laws, shape_pairs
 from simspec.world.shapes import SHAPES
-from simspec.world.tuples import quaternion, sorted_pair
 from simspec.world.types import (
     Body,
     EngineValue,
@@ -191,8 +190,8 @@ class _Comparison(BesideBodies):
             if sorted(body.name for body, _ in held.get(top, ())) != sorted(body.name for body, _ in members):
                 self.note("mass", "bodies joined rigidly", None, f"bodies.{top}", "others than the world's")
                 continue
-            actual = summed((body.inertial, pose) for body, pose in held[top])
-            wanted = summed((body.inertial, pose) for body, pose in members)
+            actual = summed_inertial((body.inertial, pose) for body, pose in held[top])
+            wanted = summed_inertial((body.inertial, pose) for body, pose in members)
             self.inertial(wanted, actual, f"bodies.{top}")
 
     def inertial(self, wanted: Inertial, actual: Inertial, where: str) -> None:
@@ -344,7 +343,7 @@ class _Comparison(BesideBodies):
         if wrong is None:
             try:
                 if name == HULL:
-                    deviation = hull_distance(within(shape.size, other.rounding), other.size, tolerance)
+                    deviation = hull_distance(hull_within_margin(shape.size, other.rounding), other.size, tolerance)
                 else:
                     deviation = field_distance(shape.size, other.size)
             except HullError as error:

@@ -23,8 +23,15 @@ from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
 from simspec.proof.inside import Stops, inside
 from simspec.proof.precision import PRECISIONS, Precision, Rounded
-from simspec.world.control import Trajectory
-from simspec.world.kinematics import constrained_trees, frictional_coordinates, initial_state, layout_of, trees, within
+from simspec.world.actions import Trajectory
+from simspec.world.kinematics import (
+    constrained_trees,
+    frictional_coordinates,
+    initial_state,
+    layout_of,
+    trees,
+    within,
+)
 from simspec.world.types import World
 
 STEPS = 500

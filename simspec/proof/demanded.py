@@ -14,7 +14,7 @@ from simspec.proof.motion import ROUND_OFF, Motion
 from simspec.proof.precision import Precision
 from simspec.proof.sum_limits import TOLERANCE as STOPS_TOLERANCE
 from simspec.proof.verify import Probes, prepare
-from simspec.world.derived import derived
+from simspec.world.canonical import derived
 from simspec.world.types import World
 
 LEEWAY = 4.0

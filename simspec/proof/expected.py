@@ -17,8 +17,8 @@ from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
 from simspec.proof.motionless import motionless
 from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK, no_ball_stops, nothing_stops
 from simspec.proof.touch.plan import nothing_to_try
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import frictional_coordinates
-from simspec.world.meeting import meeting_laws
 from simspec.world.types import VELOCITY_SIZE, World
 
 NOT_ASKED = "not asked for"

@@ -22,9 +22,8 @@ from simspec.proof.checks import Check
 from simspec.proof.inside import inside
 from simspec.proof.motion import DISTURBED, comes_near_limits, deviation
 from simspec.proof.precision import PRECISIONS, Precision, Rounded
-from simspec.world.forces import Force
+from simspec.world.actions import Force, Motion
 from simspec.world.kinematics import frictional_coordinates, initial_state
-from simspec.world.motions import Motion
 from simspec.world.types import World
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.world.heightfield import Field, field_of
+from simspec.world.shapes import Field, field_of
 
 Array = NDArray[np.float64]
 KEPT = 64

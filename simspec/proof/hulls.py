@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.world.hull import hull_of, vertices_of
+from simspec.world.hull import hull_of, mesh_vertices
 
 DIRECTIONS = 2000
 """Spread over the sphere: 4.5° apart."""
@@ -48,7 +48,7 @@ def _bound(wanted: tuple[float, ...], held: tuple[float, ...]) -> float:
         return 0.0
     from scipy.spatial import KDTree
 
-    ours, theirs = vertices_of(wanted), vertices_of(held)
+    ours, theirs = mesh_vertices(wanted), mesh_vertices(held)
     if not (np.isfinite(ours).all() and np.isfinite(theirs).all()):
         return math.nan
     there, back = KDTree(theirs).query(ours)[0], KDTree(ours).query(theirs)[0]
@@ -57,11 +57,11 @@ def _bound(wanted: tuple[float, ...], held: tuple[float, ...]) -> float:
 
 def extent(size: tuple[float, ...]) -> float:
     """The largest extent (m) of a hull along its frame's axes."""
-    return float(np.ptp(vertices_of(size), axis=0).max())
+    return float(np.ptp(mesh_vertices(size), axis=0).max())
 
 
 def _support(size: tuple[float, ...], directions: Array) -> Array:
-    vertices = vertices_of(size).T
+    vertices = mesh_vertices(size).T
     step = max(1, AT_ONCE // vertices.shape[1])
     parts = (directions[start : start + step] @ vertices for start in range(0, len(directions), step))
     reach: Array = np.concatenate([part.max(axis=1) for part in parts])

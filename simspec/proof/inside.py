@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.world.along import JointSums
 from simspec.world.kinematics import layout_of
+from simspec.world.passive_forces import JointSums
 from simspec.world.types import Follow, World
 
 Floats = NDArray[np.float64]

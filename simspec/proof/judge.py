@@ -29,7 +29,7 @@ from simspec.proof.probes import FEW_STATES, LARGE, STATES
 from simspec.proof.realised import realised
 from simspec.proof.sum_limits import TOLERANCE as STOPS_TOLERANCE
 from simspec.world.canonical import sha256
-from simspec.world.gathering import lumped
+from simspec.world.inertia import lumped
 from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World

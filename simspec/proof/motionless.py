@@ -6,7 +6,7 @@ import numpy as np
 
 from simspec.proof.inside import followers, left_to
 from simspec.proof.touch.plan import oracle_of
-from simspec.world.derived import derived
+from simspec.world.canonical import derived
 from simspec.world.kinematics import initial_state
 from simspec.world.types import World
 

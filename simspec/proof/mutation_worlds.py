@@ -12,9 +12,9 @@ from simspec.engines.kit.settings import Setting, idle_settings
 from simspec.proof import selftest_worlds
 from simspec.proof.selftest_smaller import EVERY, SMALLER
 from simspec.proof.selftest_worlds import FREE, FRICTION, STILL, TENSOR
-from simspec.world.carriers import joined
-from simspec.world.control import Controller, Trajectory
-from simspec.world.heightfield import size_of
+from simspec.world.actions import Controller, Trajectory
+from simspec.world.kinematics import joined
+from simspec.world.shapes import heightfield_size
 from simspec.world.types import (
     Body,
     Contact,
@@ -31,7 +31,7 @@ from simspec.world.types import (
 )
 
 AT = (0.0, 0.0, 0.6, *FREE)
-GROUND = size_of(0.8, 0.6, 0.2, np.array([[0.1, 0.0, 0.05], [0.02, 0.12, 0.03]]))
+GROUND = heightfield_size(0.8, 0.6, 0.2, np.array([[0.1, 0.0, 0.05], [0.02, 0.12, 0.03]]))
 """Two rows of three heights, without symmetries."""
 
 

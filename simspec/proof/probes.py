@@ -15,8 +15,8 @@ from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check, Tally
 from simspec.proof.precision import PRECISIONS, Precision
 from simspec.world import frames
+from simspec.world.frames import quaternion, vector3
 from simspec.world.rotations import rotation_error
-from simspec.world.tuples import quaternion, vector3
 from simspec.world.types import Pose, World
 
 FRAME_CHECK = "frame, position"

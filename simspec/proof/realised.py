@@ -15,8 +15,8 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import UnsupportedError
 from simspec.support.declarations import Level
 from simspec.support.negotiation import Decision
-from simspec.world.derived import derived
-from simspec.world.meeting import Pair
+from simspec.world.canonical import derived
+from simspec.world.contact_pairs import Pair
 from simspec.world.types import World
 
 

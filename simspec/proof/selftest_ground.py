@@ -7,12 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from simspec.world.heightfield import size_of
 from simspec.world.hull import centred
-from simspec.world.hull import size_of as hull_size
+from simspec.world.hull import mesh_size as hull_size
+from simspec.world.shapes import heightfield_size
 from simspec.world.types import Pose, Shape, World
 
-ROUGH: Final = size_of(
+ROUGH: Final = heightfield_size(
     *(3.0, 2.4, 0.4), np.array([[0.1, 0.0, 0.05, 0.2], [0.02, 0.12, 0.3, 0.06], [0.06, 0.25, 0.09, 0.0]])
 )
 """Ground without symmetries."""

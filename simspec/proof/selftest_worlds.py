@@ -10,10 +10,9 @@ from typing import TypedDict, Unpack
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.proof.selftest_ground import GEM, WEDGE, on_rough_ground
 from simspec.world import frames
-from simspec.world.boxes import boxed
-from simspec.world.fluid import Fluid
+from simspec.world.actions import Fluid, JointSum
+from simspec.world.inertia import boxed
 from simspec.world.kinematics import poses
-from simspec.world.sums import JointSum
 from simspec.world.types import (
     Body,
     Connect,

@@ -18,7 +18,7 @@ from simspec.dynamics.states import SEED
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
 from simspec.proof.inside import MIDDLE, Stops, inside
-from simspec.world.derived import derived
+from simspec.world.canonical import derived
 from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.types import Follow, World
 

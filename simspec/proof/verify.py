@@ -56,7 +56,7 @@ from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
-from simspec.world.meeting import meeting_laws
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import ReadBack, World
 
 LEVELS = ("L0", "L1", "L2", "L3", "L4", "L5", "L6", "L7")

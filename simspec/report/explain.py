@@ -21,8 +21,8 @@ from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.report.kit import table
 from simspec.report.terminal import decisions
 from simspec.scratch import scratch_folder
-from simspec.world.control import Controller
-from simspec.world.meeting import meeting_laws, solid_shapes
+from simspec.world.actions import Controller
+from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.types import Hardness, PairContact, Surface, World
 
 SIGNS: Mapping[str, str] = {"max": "max", "min": "min", "product": "×", "cross": "crossed with"}

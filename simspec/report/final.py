@@ -11,9 +11,8 @@ from rich.table import Table
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.report.kit import table
 from simspec.runner.run import Run
-from simspec.world.carriers import display_name
 from simspec.world.frames import to_rpy
-from simspec.world.kinematics import rigid_groups
+from simspec.world.kinematics import display_name, rigid_groups
 from simspec.world.types import World
 
 MOST_ROWS = 16

@@ -29,7 +29,7 @@ from simspec.resolve.scenario import (
 )
 from simspec.resolve.stability import beginning_within, unstable_joints
 from simspec.resolve.trajectory import trajectory
-from simspec.world.boxes import boxed
+from simspec.world.inertia import boxed
 from simspec.world.types import World
 
 __all__ = ["resolve"]

@@ -23,7 +23,7 @@ from simspec.language.trees import Bodies, chosen_state, model_of, placed, state
 from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.poses import elements
-from simspec.world.control import Controller, Trajectory
+from simspec.world.actions import Controller, Trajectory
 from simspec.world.types import Body, Joint
 
 

@@ -22,7 +22,7 @@ from simspec.resolve.named_frames import Written, written_frames
 from simspec.resolve.poses import elements, orientation, pose
 from simspec.resolve.shapes import ShapeFiles
 from simspec.world import frames
-from simspec.world.carriers import owner_of
+from simspec.world.kinematics import owner_of
 from simspec.world.types import Body, Joint, Pose, Vector3
 
 DEFAULT_MATERIAL = "default"

@@ -13,9 +13,9 @@ from simspec.language.trees import Bodies
 from simspec.resolve.meshes import fills
 from simspec.resolve.poses import direction, orientation, pose
 from simspec.resolve.shapes import PIECE, Resolved, ShapeFiles, resolved_shape
-from simspec.world import frames, mass
-from simspec.world.boxes import box_of
-from simspec.world.carriers import carrier_name, owner_of
+from simspec.world import frames, inertia
+from simspec.world.inertia import box_of
+from simspec.world.kinematics import carrier_name, owner_of
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Vector3
 
 
@@ -132,7 +132,9 @@ def _inertial(spec: SpecBody, shapes: Sequence[Resolved]) -> tuple[Inertial, Qua
             moments = (tensor.xx, tensor.yy, tensor.zz, tensor.xy, tensor.xz, tensor.yz)
             return Inertial(required(spec.mass), centre, moments), None
         axes = orientation(spec.inertia)
-        return Inertial(required(spec.mass), centre, mass.turned(required(spec.inertia.principal), axes)), axes
+        return Inertial(
+            required(spec.mass), centre, inertia.rotated_tensor(required(spec.inertia.principal), axes)
+        ), axes
     if not spec.mass:
         return Inertial(0.0), None
     filled = [fill for shape in shapes if fills(spec, shape.written) for fill in shape.fill()]
@@ -144,8 +146,8 @@ def _inertial(spec: SpecBody, shapes: Sequence[Resolved]) -> tuple[Inertial, Qua
     return _of_parts([fill.part(spec.mass * (fill.volume / total)) for fill in filled], spec.mass)
 
 
-def _of_parts(parts: Sequence[mass.Part], total: float | None = None) -> tuple[Inertial, Quaternion | None]:
-    return mass.combined(parts, total), parts[0].pose.quaternion if len(parts) == 1 else None
+def _of_parts(parts: Sequence[inertia.Part], total: float | None = None) -> tuple[Inertial, Quaternion | None]:
+    return inertia.combined_inertial(parts, total), parts[0].pose.quaternion if len(parts) == 1 else None
 
 
 def _joint(name: str, kind: str, written: SpecJoint | None, parent: str | None) -> Joint:

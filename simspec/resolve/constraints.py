@@ -28,10 +28,10 @@ from simspec.resolve.bodies import Expansion
 from simspec.resolve.named_frames import places_of
 from simspec.resolve.poses import elements, pose
 from simspec.world import frames
+from simspec.world.actions import JointSum
+from simspec.world.constraints import ROWS, Violation
 from simspec.world.kinematics import initial_state, poses, rigid_groups
-from simspec.world.sums import JointSum
 from simspec.world.types import Body, Connect, Constraint, Follow, Frame, Pose, Weld, World
-from simspec.world.violation import ROWS, Violation
 
 AGREE = 1e-9
 """How far an initial position or velocity of a follower that is stated may be from its leader's, relative to the larger of it

@@ -12,9 +12,8 @@ from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.language.vocabulary import LAW_QUANTITIES
 from simspec.resolve.bodies import DEFAULT_MATERIAL, Expansion
-from simspec.world.carriers import joined
-from simspec.world.kinematics import rigid_groups
-from simspec.world.tuples import sorted_pair
+from simspec.world.frames import sorted_pair
+from simspec.world.kinematics import joined, rigid_groups
 from simspec.world.types import Contact, Hardness, Material, PairContact, World
 
 Names = tuple[str, str]

@@ -19,7 +19,7 @@ from simspec.language.strict import Faults, near, required
 from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.resolve.actuators import ActuatorsDraft
-from simspec.world.control import Controller
+from simspec.world.actions import Controller
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, World
 

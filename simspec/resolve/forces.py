@@ -10,7 +10,7 @@ from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.resolve.named_frames import places_of
 from simspec.world import frames
-from simspec.world.forces import Force
+from simspec.world.actions import Force
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, Frame, Physics, Pose, World
 

@@ -17,7 +17,7 @@ from simspec.language.sources import Source
 from simspec.language.strict import required
 from simspec.meshes.files import MeshError
 from simspec.meshes.grids import read_grid
-from simspec.world.heightfield import HEAD, size_of
+from simspec.world.shapes import HEIGHTFIELD_HEAD, heightfield_size
 from simspec.world.types import Body, Pose
 
 Array = NDArray[np.float64]
@@ -65,13 +65,13 @@ def placed_field(field: Heightfield, source: Source, grids: Grids) -> tuple[tupl
         heights = low + (heights - least) * ((high - low) / span if span else 0.0)
     lowest = float(heights.min())
     x, y = required(field.size)
-    return size_of(x, y, field.base, heights - lowest), Pose((0.0, 0.0, lowest))
+    return heightfield_size(x, y, field.base, heights - lowest), Pose((0.0, 0.0, lowest))
 
 
 def too_many_heights(source: Source, bodies: tuple[Body, ...]) -> list[Problem]:
     """The problem of a world whose height fields have too many heights; none where they do not."""
     sizes = [shape.size for body in bodies for shape in body.shapes if shape.kind == "heightfield"]
-    total = sum(len(size) - HEAD for size in sizes)
+    total = sum(len(size) - HEIGHTFIELD_HEAD for size in sizes)
     if total <= MOST_HEIGHTS:
         return []
     own, path, _ = next(field_shapes(source))

@@ -11,9 +11,8 @@ from simspec.language.locate import locate
 from simspec.language.moments import principal_moments
 from simspec.language.sources import Source
 from simspec.world import frames
-from simspec.world.carriers import is_carrier, owner_of
-from simspec.world.gathering import lumped, rigid_members, singular, summed
-from simspec.world.kinematics import joint_displacement
+from simspec.world.inertia import lumped, rigid_members, singular, summed_inertial
+from simspec.world.kinematics import is_carrier, joint_displacement, owner_of
 from simspec.world.types import Body, Inertial, Pose, World
 
 
@@ -25,7 +24,7 @@ def without_inertia(source: Source, bodies: Sequence[Body]) -> list[Problem]:
         others = [body.name for body, _ in members[1:]]
         if not others:
             continue
-        whole = summed((body.inertial, pose) for body, pose in members)
+        whole = summed_inertial((body.inertial, pose) for body, pose in members)
         if not singular(whole):
             continue
         path = f"bodies.{top}"
@@ -81,7 +80,7 @@ def dependent_joints(source: Source, bodies: Sequence[Body]) -> list[Problem]:
         row = [body]
         while (above := row[0].joint.parent) is not None and is_carrier(above):
             row.insert(0, known[above])
-        whole = summed((member.inertial, pose) for member, pose in groups[body.name])
+        whole = summed_inertial((member.inertial, pose) for member, pose in groups[body.name])
         mass = _mass_matrix(row, whole)
         scale = np.sqrt(np.diag(mass))
         if scale.min() > 0.0 and np.linalg.eigvalsh(mass / np.outer(scale, scale)).min() > DEPENDENT:

@@ -13,8 +13,8 @@ from simspec.language.motions import Motion as SpecMotion
 from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.resolve.poses import orientation
+from simspec.world.actions import KINEMATIC_MASS_RATIO, Motion, Quaternion, Vector3
 from simspec.world.kinematics import rigid_groups
-from simspec.world.motions import HEAVIER, Motion, Quaternion, Vector3
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Inertial, Shape, World
 
@@ -63,7 +63,7 @@ def motions(source: Source, bodies: tuple[Body, ...], kinematic: Sequence[str]) 
         (first, second) for first in moving for second in moving if first < second and groups[first] != groups[second]
     ]
     carried = sum(body.inertial.mass for body in bodies if groups[body.name] not in ("world", *kinematic))
-    placed = {motion.body: _placed(motion, HEAVIER * max(carried, LEAST)) for motion in moved}
+    placed = {motion.body: _placed(motion, KINEMATIC_MASS_RATIO * max(carried, LEAST)) for motion in moved}
     return Kinematic(
         moved, tuple(placed[body.name](body) if body.name in placed else body for body in bodies), apart, []
     )

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from simspec.control.motions import curve
 from simspec.world import frames
-from simspec.world.kinematics import CollisionFilter, poses, rigid_groups
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import poses, rigid_groups
 from simspec.world.rotations import matrices
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Shape, World

@@ -19,7 +19,7 @@ from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.mapped import RECORDED_BYTES
-from simspec.world.fluid import Fluid
+from simspec.world.actions import Fluid
 from simspec.world.kinematics import layout_of, poses, rigid_groups
 from simspec.world.types import Body, EngineOptions, Expectation, PairSettings, Physics, Record, World
 

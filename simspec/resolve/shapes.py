@@ -14,7 +14,7 @@ from simspec.meshes.made import MadeMesh
 from simspec.resolve.heightfields import Grids, placed_field
 from simspec.resolve.meshes import Meshes, options_of
 from simspec.resolve.poses import pose
-from simspec.world import frames, mass
+from simspec.world import frames, inertia
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose, Shape, Vector3, Velocity6
 
@@ -35,7 +35,7 @@ class Fill:
     """What a shape fills: its volume (m³), and the part of a body that it is when it has a mass (kg)."""
 
     volume: float
-    part: Callable[[float], mass.Part]
+    part: Callable[[float], inertia.Part]
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _all(shapes: tuple[Shape, ...]) -> list[Fill]:
 
 def _fill(shape: Shape) -> Fill:
     volume = SHAPES[shape.kind].volume(shape.size)
-    return Fill(volume, lambda heavy: mass.part(shape.kind, shape.size, shape.pose, heavy))
+    return Fill(volume, lambda heavy: inertia.shape_part(shape.kind, shape.size, shape.pose, heavy))
 
 
 def _solid(mesh: MadeMesh, place: Pose) -> Fill:
@@ -103,8 +103,8 @@ def _solid(mesh: MadeMesh, place: Pose) -> Fill:
     solid = required(mesh.enclosed)
     at = frames.compose(place, solid.frame)
 
-    def part(heavy: float) -> mass.Part:
+    def part(heavy: float) -> inertia.Part:
         xx, yy, zz = (heavy * moment / solid.volume for moment in solid.moments)
-        return mass.Part(heavy, at, (xx, yy, zz))
+        return inertia.Part(heavy, at, (xx, yy, zz))
 
     return Fill(solid.volume, part)

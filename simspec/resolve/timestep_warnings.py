@@ -99,7 +99,7 @@ def _dragged(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
 
 def _drag_rates(body: Body, density: float, wind: tuple[float, float, float]) -> Iterator[float]:
     """The shares (1/s) of a free body's velocities that quadratic drag takes at the beginning, along and about the axes of its
-    box (``world/fluid.py``). The moments about these axes are its principal ones."""
+    box (``world/actions.py``). The moments about these axes are its principal ones."""
     if body.box is None:
         return
     edges, mass = body.box.edges, body.inertial.mass

@@ -16,7 +16,7 @@ from simspec.language.strict import Faults, near, required
 from simspec.language.trajectory import BY_JOINT, MOST_NUMBERS, TrajectoryPoint
 from simspec.resolve.grasps import Grasp, grasps
 from simspec.resolve.tables import QUANTITIES, read_table
-from simspec.world.control import Trajectory
+from simspec.world.actions import Trajectory
 from simspec.world.types import World
 
 BETWEEN = np.linspace(0.0, 1.0 - 1e-9, 17)

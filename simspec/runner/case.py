@@ -14,8 +14,7 @@ from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.world.canonical import canonical_json, to_plain
-from simspec.world.derived import derived
+from simspec.world.canonical import canonical_json, derived, to_plain
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Record, World
 

@@ -17,8 +17,8 @@ from simspec.dynamics.states import angles_of
 from simspec.mapped import parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run
-from simspec.world.along import beyond_limits
 from simspec.world.kinematics import initial_state, layout_of
+from simspec.world.passive_forces import beyond_limits
 from simspec.world.rotations import matrices
 from simspec.world.types import World
 

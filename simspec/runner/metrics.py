@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from simspec.mapped import parts, release, zeros
-from simspec.world.along import JointSums
 from simspec.world.kinematics import layout_of, rigid_groups
+from simspec.world.passive_forces import JointSums
 from simspec.world.rotations import logarithm, matrices
 from simspec.world.types import Inertial, World
 

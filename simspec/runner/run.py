@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from simspec.errors import Problem, SpecError
 from simspec.language.strict import near
 from simspec.markup import html_table
-from simspec.world.coordinates import Coordinates, coordinates
+from simspec.world.kinematics import Coordinates, coordinates
 from simspec.world.types import World
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class Run:
 
     @cached_property
     def coordinates(self) -> Coordinates:
-        """The names of the columns of q and v (:mod:`simspec.world.coordinates`)."""
+        """The names of the columns of q and v (:mod:`simspec.world.kinematics`)."""
         return coordinates(self.world)
 
     def q(self, name: str) -> np.ndarray:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from simspec.mapped import parts
 from simspec.runner import metrics
 from simspec.runner.passed import fallen, passed
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import meeting_laws
 from simspec.world.overlap import deep_overlaps
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World

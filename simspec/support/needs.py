@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.features import Feature
-from simspec.world.carriers import is_carrier, joined, owner_of
-from simspec.world.gathering import singular
-from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
-from simspec.world.meeting import meeting_laws
-from simspec.world.tuples import sorted_pair
+from simspec.world.contact_pairs import CollisionFilter, meeting_laws
+from simspec.world.frames import sorted_pair
+from simspec.world.inertia import singular
+from simspec.world.kinematics import is_carrier, joined, owner_of, rigid_groups, trees
 from simspec.world.types import Follow, Inertial, PairContact, World
 
 LARGE_TREE = 127

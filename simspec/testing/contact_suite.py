@@ -29,7 +29,8 @@ from simspec.testing.bench import (
     touching_operation,
     windows_operation,
 )
-from simspec.world.kinematics import CollisionFilter, initial_state
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Hardness, PairContact, Pose, Shape, World
 
 MATERIALS = [f"m{index}" for index in range(6)]

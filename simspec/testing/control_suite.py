@@ -24,7 +24,7 @@ from simspec.testing.base import Suite
 from simspec.testing.bench import Bench, failures, run_operation, windows_operation
 from simspec.testing.driving import OracleJoints, chain, driven, native, wheel, with_targets
 from simspec.testing.servos import SERVOS, closed_form, servo_world
-from simspec.world.control import Controller, Trajectory
+from simspec.world.actions import Controller, Trajectory
 from simspec.world.types import Physics, Record, World
 
 STEPS = 250

@@ -11,7 +11,7 @@ from simspec.control.law import Control
 from simspec.dynamics.oracle import Oracle
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.testing import worlds
-from simspec.world.control import Controller, Trajectory
+from simspec.world.actions import Controller, Trajectory
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 

@@ -19,9 +19,8 @@ from simspec.testing import worlds
 from simspec.testing.base import Suite
 from simspec.testing.bench import Bench, state_error, windows_operation
 from simspec.testing.driving import OracleJoints, driven, pushes
-from simspec.world.forces import Force
+from simspec.world.actions import Force, Motion
 from simspec.world.kinematics import initial_state
-from simspec.world.motions import Motion
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 
 STEPS = 120

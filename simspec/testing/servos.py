@@ -9,7 +9,7 @@ import numpy as np
 
 from simspec.engines.kit.native_law import ServoLaw
 from simspec.testing import worlds
-from simspec.world.control import Controller, Trajectory
+from simspec.world.actions import Controller, Trajectory
 from simspec.world.types import Body, Inertial, Joint, Physics, World
 
 GRAVITY = -9.81

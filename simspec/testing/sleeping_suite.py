@@ -15,8 +15,7 @@ from simspec.testing import worlds
 from simspec.testing.base import Suite
 from simspec.testing.bench import Bench
 from simspec.testing.driving import driven
-from simspec.world.control import Trajectory
-from simspec.world.forces import Force
+from simspec.world.actions import Force, Trajectory
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Physics, Pose, Shape, World
 
 SETTING = "sleeping"

@@ -17,11 +17,11 @@ from simspec.compiler import missing_options
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.support.features import Feature
 from simspec.world import frames
-from simspec.world.boxes import boxed
-from simspec.world.carriers import carrier_name
-from simspec.world.fluid import Fluid
-from simspec.world.heightfield import size_of
-from simspec.world.tuples import quaternion, sorted_pair, vector3
+from simspec.world.actions import Fluid
+from simspec.world.frames import quaternion, sorted_pair, vector3
+from simspec.world.inertia import boxed
+from simspec.world.kinematics import carrier_name
+from simspec.world.shapes import heightfield_size
 from simspec.world.types import (
     Body,
     Contact,
@@ -290,7 +290,9 @@ def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule
     return world(tuple(bodies), "shapes", contact=contact)
 
 
-GROUND = size_of(0.8, 0.6, 0.2, np.array([[0.1, 0.0, 0.05, 0.02], [0.02, 0.12, 0.0, 0.06], [0.06, 0.03, 0.09, 0.0]]))
+GROUND = heightfield_size(
+    0.8, 0.6, 0.2, np.array([[0.1, 0.0, 0.05, 0.02], [0.02, 0.12, 0.0, 0.06], [0.06, 0.03, 0.09, 0.0]])
+)
 """Rough ground."""
 
 

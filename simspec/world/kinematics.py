@@ -8,7 +8,7 @@ ball           quaternion w x y z of child in joint frame; angular velocity of t
                child's axes
 free           position of the root body's **centre of mass** in the world, quaternion w x y z of the body frame;
                velocity of the centre of mass in world axes, angular velocity in the **body's** axes. Where the inertia of
-               a rigid group is gathered on the root (``world/gathering.py``), the centre of mass of the group
+               a rigid group is gathered on the root (``world/inertia.py``), the centre of mass of the group
 
 A free body's position is integrated at its centre of mass because that is what all engines can be made to do; integrating
 another point gives another discrete motion (measured in one of them: 2e-3 m after 2,000 steps of 1 ms).
@@ -16,17 +16,118 @@ another point gives another discrete motion (measured in one of them: 2e-3 m aft
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
 from simspec.world import frames
-from simspec.world.derived import derived
-from simspec.world.gathering import lumped_inertial
-from simspec.world.tuples import quaternion, vector3
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Constraint, Follow, Pose, World
+from simspec.world.canonical import derived
+from simspec.world.frames import quaternion, sorted_pair, vector3
+from simspec.world.inertia import NO_INERTIA, lumped_inertial
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, Constraint, Follow, Inertial, Pose, World
+
+# Bodies between the joints of a body that has several: without mass and shapes, they carry the next joint.
+#
+# A body with the joints `steer` and `spin` stands in the world as two: `wheel.steer`, which the first joint moves, and `wheel`,
+# which the second one moves against it. No name in a spec has a point, so no other body is called so.
+
+CARRYING: Final = ("hinge", "slide")
+"""Joints that further ones of the same body may follow."""
+
+
+def carrier_name(body: str, joint: str) -> str:
+    """The name of what a joint moves that is not the last of its body's."""
+    return f"{body}.{joint.rpartition('/')[2]}"
+
+
+def is_carrier(name: str) -> bool:
+    """Whether a body of this name stands between two joints of another."""
+    return "." in name
+
+
+def display_name(name: str, names: Container[str]) -> str:
+    """The body that tables show for one of this name: the one whose joint it carries, where ``names`` has that."""
+    owner = owner_of(name)
+    return owner if owner in names else name
+
+
+def owner_of(name: str) -> str:
+    """The body of the spec that a body of this name belongs to: itself, or the one whose joint it carries."""
+    return name.partition(".")[0]
+
+
+def joined(bodies: Sequence[Body]) -> set[tuple[str, str]]:
+    """The sorted pairs of bodies that joints join: each with its parent, and across the carriers between joints of one body."""
+    parents: Mapping[str, str | None] = {body.name: body.joint.parent for body in bodies}
+    pairs = set()
+    for body in bodies:
+        above = body.joint.parent
+        if above is not None:
+            pairs.add(sorted_pair(body.name, above))
+        while above is not None and is_carrier(above):
+            above = parents[above]
+        if above is not None:
+            pairs.add(sorted_pair(body.name, above))
+    return pairs
+
+
+@derived
+def absorbed(world: World) -> Mapping[str, str]:
+    """By the name of each carrier of :func:`carried` the body that it may be one with."""
+    return MappingProxyType({carrier.name: body for body, row in carried(world).items() for carrier in row})
+
+
+@derived
+def carried(world: World) -> Mapping[str, tuple[Body, ...]]:
+    """By the name of each body with several joints the carriers above it, the parent's side first: those that have nothing but
+    their joint, so that they and the body may stand as one body with several joints."""
+    known = {body.name: body for body in world.bodies}
+    below: dict[str | None, int] = {}
+    for body in world.bodies:
+        below[body.joint.parent] = below.get(body.joint.parent, 0) + 1
+    held = {
+        end for one in world.constraints if not isinstance(one, Follow) for end in (one.first, one.second)
+    }  # of carriers only in worlds that are made in Python
+    rows: dict[str, tuple[Body, ...]] = {}
+    for body in world.bodies:
+        row: list[Body] = []
+        above = body.joint.parent if body.joint.kind in (*CARRYING, "ball") else None
+        while above is not None and is_carrier(above) and owner_of(above) == body.name:
+            carrier = known[above]
+            alone = below[above] == 1 and above not in held and not carrier.shapes
+            if not alone or carrier.inertial != Inertial(0.0) or carrier.joint.kind not in CARRYING:
+                break
+            row.insert(0, carrier)
+            above = carrier.joint.parent
+        if row:
+            rows[body.name] = tuple(row)
+    return MappingProxyType(rows)
+
+
+# Bodies that are nothing but frames: fixed to others, without mass and shapes, and carrying nothing but such bodies.
+
+
+@derived
+def bare_frames(world: World) -> frozenset[str]:
+    """The names of the bodies of a world that are nothing but frames: where they are follows from the body that carries them,
+    and nothing follows from them. The ends of constraints are none, since something acts there."""
+    held = {end for one in world.constraints if not isinstance(one, Follow) for end in (one.first, one.second)}
+    carrying: set[str] = set()
+    bare: set[str] = set()
+    for body in reversed(world.bodies):
+        if _is_frame(body) and body.name not in held and body.name not in carrying:
+            bare.add(body.name)
+        elif body.joint.parent is not None:
+            carrying.add(body.joint.parent)
+    return frozenset(bare)
+
+
+def _is_frame(body: Body) -> bool:
+    fixed = body.joint.kind == "fixed" and body.joint.parent is not None
+    return fixed and not body.shapes and body.inertial == NO_INERTIA and body.gravity_scale == 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,37 +324,65 @@ def free_rigid(world: World) -> frozenset[str]:
     )
 
 
-class CollisionFilter:
-    """Which bodies may touch, by the world's rules (see :class:`simspec.world.types.Contact`)."""
+# Names of the generalised coordinates, one for every column of q and of v.
+#
+# A hinge or slide has its joint's name (``elbow``). A ball joint has a column for each component of its quaternion and of its
+# angular velocity (``shoulder.qw``, ``shoulder.wx``). A free body has those of its centre of mass, its quaternion and its
+# velocities, under the *body's* name (``base.x``, ``base.qw``, ``base.vx``, ``base.wx``). What they mean physically stands in
+# :mod:`simspec.world.kinematics`.
 
-    def __init__(self, world: World):
-        self._groups = rigid_groups(world)
-        self._collision_group = {body.name: body.collision_group for body in world.bodies}
-        self._ignored = set(world.contact.ignored_groups)
-        self._excluded = set(world.contact.excluded_bodies)
-        self._solid = {body.name for body in world.bodies if any(shape.collision for shape in body.shapes)}
-        self._passing = {(pair.first, pair.second) for pair in world.contact.pairs if not pair.collide}
-        self._materials = (
-            {body.name: {shape.material for shape in body.shapes if shape.collision} for body in world.bodies}
-            if self._passing
-            else {}
-        )
+POSITION_COMPONENTS: Mapping[str, tuple[str, ...]] = {
+    "fixed": (),
+    "hinge": ("",),
+    "slide": ("",),
+    "ball": (".qw", ".qx", ".qy", ".qz"),
+    "free": (".x", ".y", ".z", ".qw", ".qx", ".qy", ".qz"),
+}
+"""What stands behind the name in q, by the joint's kind."""
+VELOCITY_COMPONENTS: Mapping[str, tuple[str, ...]] = {
+    "fixed": (),
+    "hinge": ("",),
+    "slide": ("",),
+    "ball": (".wx", ".wy", ".wz"),
+    "free": (".vx", ".vy", ".vz", ".wx", ".wy", ".wz"),
+}
+"""The same in v."""
 
-    def may_touch(self, first: str, second: str) -> bool:
-        """Whether contact between the two bodies is allowed; False for a body with itself or without shapes."""
-        if first == second or first not in self._solid or second not in self._solid:
-            return False
-        if self._groups[first] == self._groups[second]:
-            return False
-        if (min(first, second), max(first, second)) in self._excluded:
-            return False
-        group, other = self._collision_group[first], self._collision_group[second]
-        if (min(group, other), max(group, other)) in self._ignored:
-            return False
-        return not self._passing or any(
-            self.may_materials_touch(a, b) for a in self._materials[first] for b in self._materials[second]
-        )
 
-    def may_materials_touch(self, first: str, second: str) -> bool:
-        """Whether shapes of the two materials collide at all."""
-        return (min(first, second), max(first, second)) not in self._passing
+@dataclass(frozen=True, slots=True)
+class Coordinates:
+    """The names of the columns of q (nq,) and v (nv,), and which columns belong to a name: those of a whole joint under the
+    joint's name (of a free body also under the body's), and each column under its own."""
+
+    q: tuple[str, ...]
+    v: tuple[str, ...]
+    q_columns: Mapping[str, slice]
+    v_columns: Mapping[str, slice]
+
+    def __repr__(self) -> str:
+        return f"<Coordinates: {len(self.q)} positions, {len(self.v)} velocities>"
+
+
+def coordinates(world: World) -> Coordinates:
+    """The names of ``world``'s generalised coordinates."""
+    where = layout_of(world)
+    balls = {body.joint.name for body in world.bodies if body.joint.kind == "ball"}
+    q: list[str] = []
+    v: list[str] = []
+    of_q: dict[str, slice] = {}
+    of_v: dict[str, slice] = {}
+    for body, position, velocity in zip(world.bodies, where.position, where.velocity, strict=True):
+        joint = body.joint
+        name = joint.name
+        if joint.kind == "free":
+            # no name of a spec has brackets: different from a ball joint that is called like the body
+            name = body.name if body.name not in balls else f"{body.name}(free)"
+        if joint.kind != "fixed":
+            for known, part in ((of_q, position), (of_v, velocity)):
+                known[name] = part
+                known.setdefault(joint.name, part)
+        q.extend(name + component for component in POSITION_COMPONENTS[joint.kind])
+        v.extend(name + component for component in VELOCITY_COMPONENTS[joint.kind])
+    of_q |= {name: slice(k, k + 1) for k, name in enumerate(q)}
+    of_v |= {name: slice(k, k + 1) for k, name in enumerate(v)}
+    return Coordinates(tuple(q), tuple(v), of_q, of_v)

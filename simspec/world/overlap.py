@@ -18,10 +18,10 @@ from typing import Protocol
 import numpy as np
 
 from simspec.world import frames
-from simspec.world.heightfield import field_of
-from simspec.world.kinematics import CollisionFilter, poses
-from simspec.world.shapes import SHAPES, Round, ShapeKind
-from simspec.world.tuples import sorted_pair
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.frames import sorted_pair
+from simspec.world.kinematics import poses
+from simspec.world.shapes import SHAPES, Round, ShapeKind, field_of
 from simspec.world.types import Body, Pose, Shape, World
 
 DEEP = 0.1

@@ -15,11 +15,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from simspec.language.vocabulary import CHANNELS
-from simspec.world.control import Controller, Trajectory
-from simspec.world.fluid import Box, Fluid
-from simspec.world.forces import Force
-from simspec.world.motions import Motion
-from simspec.world.sums import JointSum
+from simspec.world.actions import Box, Controller, Fluid, Force, JointSum, Motion, Trajectory
 
 POSITION_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 4, "free": 7}
 """Numbers in a joint's position: ball = quaternion w x y z; free = x y z, then quaternion w x y z."""
@@ -103,7 +99,7 @@ class Shape:
     that the shape is felt that far from its surface. ``surface_velocity``: linear (m/s), then angular (rad/s), in the shape's
     axes: at x its surface moves at linear + angular × x, along the surface, while the shape stays. ``rounding`` is of a
     read-back alone: how far (m) an engine keeps around the points of a mesh, whose faces are that much further in, and within a
-    box or cylinder, of which no half is less (``world/inset.py``).
+    box or cylinder, of which no half is less (``world/hull.py``).
     """
 
     name: str
@@ -394,7 +390,7 @@ class EnginePair:
 @dataclass(frozen=True, slots=True)
 class EngineServo:
     """A position or velocity controller of its own that an engine holds for a joint: gains as in
-    :class:`simspec.world.control.Controller`, and the largest effort (None: unlimited)."""
+    :class:`simspec.world.actions.Controller`, and the largest effort (None: unlimited)."""
 
     joint: str
     kp: float

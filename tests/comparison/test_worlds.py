@@ -13,7 +13,7 @@ from simspec.attribution.differences import differences
 from simspec.commands.diff import diff_specs
 from simspec.comparison.worlds import diff_worlds, leaves
 from simspec.language.load import load
-from simspec.world.control import Trajectory
+from simspec.world.actions import Trajectory
 from simspec.world.types import Contact, Expectation, PairContact, Physics
 from tests import worlds
 

@@ -16,7 +16,7 @@ from simspec.contact.plan import MOST_SPLIT_MATERIALS, contact_plan
 from simspec.contact.reachability import pair_needs
 from simspec.contact.rules import Rules, combine
 from simspec.language.vocabulary import COMBINED_QUANTITIES
-from simspec.world.meeting import meeting_laws, shape_pairs
+from simspec.world.contact_pairs import meeting_laws, shape_pairs
 from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, Surface, World
 from tests import worlds
 

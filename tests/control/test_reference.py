@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simspec.control.reference import driven_joints, efforts, positions, reference
-from simspec.world.control import Controller, Trajectory
+from simspec.world.actions import Controller, Trajectory
 from tests import worlds
 
 TIMES = (0.5, 1.0, 2.0, 2.25)

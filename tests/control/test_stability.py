@@ -11,7 +11,7 @@ from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.control.stability import unstable
 from simspec.testing.driving import OracleJoints, chain, driven, wheel, with_targets
-from simspec.world.control import Controller
+from simspec.world.actions import Controller
 
 
 def growth(world, steps: int = 400) -> float:

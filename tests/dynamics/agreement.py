@@ -9,10 +9,10 @@ import numpy as np
 
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
-from simspec.world.forces import Force
+from simspec.world.actions import Force
+from simspec.world.constraints import ROWS
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Physics, World
-from simspec.world.violation import ROWS
 from tests import worlds
 from tests.dynamics.simbody import Simbody
 from tests.dynamics.simbody_model import turned

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simspec.world.forces import Force
-from simspec.world.gathering import lumped_inertial
+from simspec.world.actions import Force
+from simspec.world.inertia import lumped_inertial
 from simspec.world.types import Connect, Follow, Weld
 from tests.dynamics.simbody_model import Model, opensim, turned, vector
 
@@ -163,7 +163,7 @@ class Simbody(Model):
         return effort
 
     def _fluid(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """What the fluid does to each body at the state that Simbody is in (``world/fluid.py``)."""
+        """What the fluid does to each body at the state that Simbody is in (``world/actions.py``)."""
         fluid, found = self.world.physics.fluid, {}
         if fluid is None:
             return found
@@ -213,8 +213,8 @@ class Simbody(Model):
     # --- constraints ----------------------------------------------------------------------------------------------
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """J (rows, nv) of the constraints as ``world/violation.py`` has them: of points and turns by the efforts of unit forces
-        and torques (J is the transpose of what turns them into efforts)."""
+        """J (rows, nv) of the constraints as ``world/constraints.py`` has them: of points and turns by the efforts of unit
+        forces and torques (J is the transpose of what turns them into efforts)."""
         turn = self.put(q)
         self.model.realizePosition(self.state)
         at = {body.joint.name: slot for body, slot in zip(self.world.bodies, self.layout.velocity, strict=True)}

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simspec.world.gathering import lumped_inertial
+from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of
 from simspec.world.types import Body, Inertial, Joint, World
 

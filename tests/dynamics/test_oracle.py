@@ -15,8 +15,7 @@ from simspec.engines.kit.precision import SINGLE
 from simspec.proof.precision import PRECISIONS
 from simspec.proof.selftest_worlds import held, sums
 from simspec.testing import worlds as model_worlds
-from simspec.world.fluid import Box, Fluid
-from simspec.world.forces import Force
+from simspec.world.actions import Box, Fluid, Force
 from simspec.world.kinematics import initial_state, poses
 from simspec.world.rotations import logarithm
 from simspec.world.types import Body, Connect, Inertial, Joint, Physics, Pose

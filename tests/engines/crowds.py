@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from simspec.world.kinematics import CollisionFilter
+from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests import worlds
 

@@ -10,7 +10,7 @@ import pytest
 from simspec.errors import EngineError
 from simspec.proof.verify import read_back_checks
 from simspec.testing.bench import failures
-from simspec.world.hull import HullError, centred, corners, size_of
+from simspec.world.hull import HullError, centred, corners, mesh_size
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, Inertial, Pose, Shape
 from tests.engines.free_bodies import ball, of, scene
@@ -21,7 +21,7 @@ def random_hull(seed: int, points: int = 20) -> tuple[float, ...]:
     draw = np.random.default_rng(seed)
     found = draw.normal(size=(points, 3))
     found *= draw.uniform(0.05, 0.2, 3) / np.linalg.norm(found, axis=1)[:, None]
-    return size_of(centred(found[corners(found)])[1])
+    return mesh_size(centred(found[corners(found)])[1])
 
 
 def prism(sides: int, radius: float = 0.1, height: float = 0.1) -> tuple[float, ...]:
@@ -29,13 +29,13 @@ def prism(sides: int, radius: float = 0.1, height: float = 0.1) -> tuple[float, 
     turns = 0.1 + 2.0 * np.pi * np.arange(sides) / sides
     rim = np.stack([radius * np.cos(turns), radius * np.sin(turns)], axis=1)
     ends = [np.column_stack([rim, np.full(sides, end)]) for end in (-0.5 * height, 0.5 * height)]
-    return size_of(np.concatenate(ends))
+    return mesh_size(np.concatenate(ends))
 
 
 def cube(edge: float) -> tuple[float, ...]:
     """A cube as a hull."""
     signs = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    return size_of(edge * signs)
+    return mesh_size(edge * signs)
 
 
 def solid(name: str, size: tuple[float, ...], at: tuple[float, float, float], turn=(1.0, 0.0, 0.0, 0.0)) -> Body:
@@ -102,7 +102,7 @@ def many(count: int) -> list[tuple[float, ...]]:
                 points = np.round(3.0 * points) / 3.0
         points *= draw.uniform(0.02, 1.0, 3) * 10.0 ** draw.uniform(-2.0, 0.0)
         try:
-            found.append(size_of(centred(points[corners(points)])[1]))
+            found.append(mesh_size(centred(points[corners(points)])[1]))
         except HullError:
             continue
     return found

@@ -12,7 +12,7 @@ from simspec.compiler import check_options, compile_world, deep_contact
 from simspec.engines.kit.bounds import of_mobility, of_thinnest, under_weight
 from simspec.engines.kit.registry import engines
 from simspec.errors import EXIT_WRONG, SpecError
-from simspec.world.thinnest import heaviest, thinnest
+from simspec.world.contact_pairs import heaviest, thinnest
 from simspec.world.types import World
 
 SPEC = """

@@ -14,8 +14,9 @@ from simspec.runner.execution import run
 from simspec.testing import worlds
 from simspec.testing.control_suite import with_load
 from simspec.testing.driving import driven, wheel, with_targets
-from simspec.world.control import Controller
-from simspec.world.kinematics import CollisionFilter, initial_state
+from simspec.world.actions import Controller
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint
 from tests.installed import JOINTED
 

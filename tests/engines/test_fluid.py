@@ -16,9 +16,9 @@ from simspec.proof.selftest_worlds import immersed
 from simspec.proof.verify import verify
 from simspec.testing import worlds
 from simspec.world import frames
-from simspec.world.boxes import box_of, boxed
+from simspec.world.actions import Fluid
 from simspec.world.canonical import canonical_json
-from simspec.world.fluid import Fluid
+from simspec.world.inertia import box_of, boxed
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Inertial
 from tests.installed import INSTALLED

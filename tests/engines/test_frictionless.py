@@ -14,7 +14,7 @@ from simspec.engines.kit.registry import engines, find_engine
 from simspec.engines.kit.settings import check_settings, default_settings, resolve_settings
 from simspec.errors import UnsupportedError
 from simspec.report.matrix import engine_data
-from simspec.world.meeting import frictionless, only_free_spheres
+from simspec.world.contact_pairs import frictionless, only_free_spheres
 from simspec.world.types import Body, EngineOptions, Inertial, Joint, PairContact, World
 from tests import worlds
 

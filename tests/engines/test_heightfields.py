@@ -17,11 +17,11 @@ from simspec.proof.comparator import FIELD
 from simspec.proof.touch.geometry import gap, solids, transform
 from simspec.proof.verify import read_back_checks
 from simspec.testing.worlds import GROUND, accepting, ground
-from simspec.world.heightfield import HEAD, field_of, size_of
+from simspec.world.shapes import HEIGHTFIELD_HEAD, field_of, heightfield_size
 from simspec.world.types import Contact, Inertial, Material, PairContact, Pose, Shape, World
 
 ENGINES = ("mujoco", "pybullet")
-SLOPE = size_of(2.0, 1.0, 0.3, np.array([[0.0, 0.8, 1.0], [0.0, 0.2, 0.5]]))
+SLOPE = heightfield_size(2.0, 1.0, 0.3, np.array([[0.0, 0.8, 1.0], [0.0, 0.2, 0.5]]))
 
 
 def session(world: World, engine: str, folder) -> Session:
@@ -44,9 +44,9 @@ def test_the_surface_that_it_holds_is_the_worlds(engine, tmp_path):
     (check,) = [one for one in read_back_checks(world, find_engine(engine), read_back) if one.name == FIELD]
     assert check.passed
     assert check.count == 2
-    heights = np.array(GROUND[HEAD:]).reshape(3, 4)
+    heights = np.array(GROUND[HEIGHTFIELD_HEAD:]).reshape(3, 4)
     heights[1, 2] += 8e-6
-    shape = dataclasses.replace(floor.shapes[0], size=size_of(0.8, 0.6, 0.2, heights))
+    shape = dataclasses.replace(floor.shapes[0], size=heightfield_size(0.8, 0.6, 0.2, heights))
     other = dataclasses.replace(world, bodies=(dataclasses.replace(floor, shapes=(shape, seen)), *world.bodies[1:]))
     (check,) = [one for one in read_back_checks(other, find_engine(engine), read_back) if one.name == FIELD]
     assert not check.passed

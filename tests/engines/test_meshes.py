@@ -18,8 +18,7 @@ from simspec.proof.verify import read_back_checks
 from simspec.testing import worlds
 from simspec.testing.bench import failures, run_operation, touching_operation
 from simspec.world import frames
-from simspec.world.hull import FlatError, hull_of
-from simspec.world.inset import inset
+from simspec.world.hull import FlatError, hull_of, inset
 from simspec.world.kinematics import initial_state
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World

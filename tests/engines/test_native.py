@@ -25,7 +25,7 @@ from simspec.proof.verify import verify
 from simspec.runner.execution import run
 from simspec.testing.driving import chain, driven, native, wheel, with_targets
 from simspec.testing.servos import Servo, closed_form
-from simspec.world.control import Controller, Trajectory
+from simspec.world.actions import Controller, Trajectory
 from simspec.world.types import Record, World
 from tests import worlds
 from tests.engines.natively import at_work

@@ -21,8 +21,8 @@ from simspec.proof.contact.run import measure
 from simspec.support.declarations import EXACT, Attempt, combine
 from simspec.support.features import Feature
 from simspec.testing.driving import wheel
-from simspec.world.control import Controller
-from simspec.world.meeting import meeting_laws
+from simspec.world.actions import Controller
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import Hardness, World
 from tests import constrained, worlds
 from tests.installed import INSTALLED

@@ -36,7 +36,7 @@ def aims(world: World) -> dict[str, tuple[float, float, float]]:
 
 
 def law(world: World, name: str, q: float, v: float, aim: tuple[float, float, float]) -> float:
-    """The effort of the world's pd law (``world/control.py``)."""
+    """The effort of the world's pd law (``world/actions.py``)."""
     for controller in world.controllers:
         if name in controller.joints:
             index = controller.joints.index(name)

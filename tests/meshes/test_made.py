@@ -20,7 +20,7 @@ from simspec.meshes.made import ManyVerticesError, MeshOptions, bounded, made
 from simspec.meshes.reading import Surface
 from simspec.meshes.reduced import reduced
 from simspec.world import frames
-from simspec.world.hull import corners, hull, vertices_of
+from simspec.world.hull import corners, hull, mesh_vertices
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose
 from tests.meshes.solids import BOX_FACES, box, l_profile, stl
@@ -346,6 +346,6 @@ def test_the_key_holds_all_that_matters(tmp_path):
 def test_vertices_of_parts_are_in_the_frame_of_their_mass():
     points, faces = l_profile()
     (part,) = made(Surface(points, faces), HULL).parts
-    own = hull(vertices_of(part.size)).solid
+    own = hull(mesh_vertices(part.size)).solid
     assert np.abs(own.frame.position).max() < 1e-15
     assert own.frame.quaternion[0] == pytest.approx(1.0, abs=1e-12)

@@ -13,10 +13,9 @@ from simspec.contact.rules import Rules
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.distances import held_apart
 from simspec.world import frames
-from simspec.world.fluid import Box, Fluid
-from simspec.world.inset import inset
-from simspec.world.meeting import shape_pairs
-from simspec.world.sums import JointSum
+from simspec.world.actions import Box, Fluid, JointSum
+from simspec.world.contact_pairs import shape_pairs
+from simspec.world.hull import inset
 from simspec.world.types import (
     Body,
     Connect,

@@ -17,7 +17,7 @@ from simspec.errors import UnsupportedError
 from simspec.proof.contact import held as module
 from simspec.proof.contact.held import held, of_pair
 from simspec.proof.selftest_worlds import WORLDS
-from simspec.world.meeting import meeting_laws
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import Hardness, PairContact
 from tests import worlds
 from tests.declared import TOUCHING

@@ -10,7 +10,7 @@ from simspec.proof.certificate import EngineProof
 from simspec.proof.checks import NOTHING, Check, Tally, failed
 from simspec.proof.expected import NOT_ASKED, judge, left_out, shortfalls
 from simspec.proof.verify import verify
-from simspec.world.control import Controller
+from simspec.world.actions import Controller
 from tests import worlds
 
 pytestmark = pytest.mark.usefixtures("warm_engines")

@@ -17,7 +17,7 @@ from simspec.proof.precision import PRECISIONS
 from simspec.proof.verify import prepare
 from simspec.testing import worlds
 from simspec.testing.driving import chain, driven
-from simspec.world.forces import Force
+from simspec.world.actions import Force
 from simspec.world.types import Body, PairContact, ReadBack, Surface, World
 
 OF_SINGLES, OF_DOUBLES = PRECISIONS[SINGLE], PRECISIONS[DOUBLE]

@@ -10,7 +10,7 @@ import pytest
 import simspec
 from simspec.dynamics.states import angles_of
 from simspec.proof import control
-from simspec.world.control import Controller
+from simspec.world.actions import Controller
 from simspec.world.kinematics import layout_of
 from tests.constrained import pushed_loop
 

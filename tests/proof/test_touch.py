@@ -17,9 +17,10 @@ from simspec.proof.touch.geometry import Solid, gap, transform, transforms, want
 from simspec.proof.touch.judge import SEEN, touch_checks
 from simspec.proof.touch.place import POSES, Overlaps
 from simspec.world import frames
-from simspec.world.kinematics import CollisionFilter, rigid_groups
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.frames import sorted_pair
+from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES
-from simspec.world.tuples import sorted_pair
 from simspec.world.types import Body, Contact, Inertial, Joint, PairContact, Pose, Shape, World
 from tests import worlds
 

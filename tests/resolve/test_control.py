@@ -14,8 +14,8 @@ from simspec.errors import SpecError
 from simspec.language.load import Spec
 from simspec.resolve.control import Driven, controllers
 from simspec.resolve.scenario import expectations, physics, record, shortened
+from simspec.world.actions import Controller
 from simspec.world.canonical import canonical_json, from_plain, sha256, to_plain
-from simspec.world.control import Controller
 from simspec.world.types import World
 
 resolve = Spec.resolve

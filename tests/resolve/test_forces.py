@@ -13,8 +13,8 @@ from simspec.control.forces import AppliedForces, brought_forward, forces_from_r
 from simspec.errors import SpecError
 from simspec.support.features import Feature
 from simspec.support.needs import needs
+from simspec.world.actions import Force
 from simspec.world.canonical import canonical_json
-from simspec.world.forces import Force
 from simspec.world.types import World
 
 TOP = """simspec: 1

@@ -11,7 +11,7 @@ from simspec.errors import SpecError
 from simspec.language.load import Spec
 from simspec.meshes.files import MeshError
 from simspec.meshes.grids import read_grid
-from simspec.world.heightfield import HEAD, field_of
+from simspec.world.shapes import HEIGHTFIELD_HEAD, field_of
 from tests.pictures import png
 
 
@@ -55,7 +55,7 @@ def test_heights_stretch_what_the_numbers_say(folder):
     np.testing.assert_allclose(field_of(shape.size).heights, np.array([[4, 0, 1], [2, 1, 3]]) * 0.5, atol=1e-15)
     flat = shape_of(folder, {"rows": [[2, 2], [2, 2]], "size": [1, 1], "heights": [0.25, 1]})
     assert flat.pose.position == (0.0, 0.0, 0.25)
-    assert set(flat.size[HEAD:]) == {0.0}
+    assert set(flat.size[HEIGHTFIELD_HEAD:]) == {0.0}
 
 
 @pytest.mark.parametrize("depth", [8, 16])

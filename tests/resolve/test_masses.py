@@ -14,7 +14,7 @@ from simspec.language.load import Spec
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.testing import worlds
-from simspec.world.gathering import lumped, rigid_members, singular, summed
+from simspec.world.inertia import lumped, rigid_members, singular, summed_inertial
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Inertial, Pose, World
 
@@ -66,7 +66,7 @@ def test_a_rigid_group_needs_one_regular_inertia_together(name):
     found = world(ALLOWED[name])
     tops = rigid_members(found.bodies)
     for members in tops.values():
-        whole = summed((body.inertial, pose) for body, pose in members)
+        whole = summed_inertial((body.inertial, pose) for body, pose in members)
         assert not singular(whole)
         assert np.linalg.eigvalsh(Oracle(found).mass_matrix(initial_state(found)[0])).min() > 0.0
 
@@ -149,7 +149,7 @@ def test_sums_are_those_of_the_parallel_axis_theorem():
         return Inertial(float(masses.sum()), tuple(centre), tensor)
 
     shifted = [Pose(tuple(generator.normal(size=3))) for _ in parts]
-    whole = summed((of(*part), pose) for part, pose in zip(parts, shifted, strict=True))
+    whole = summed_inertial((of(*part), pose) for part, pose in zip(parts, shifted, strict=True))
     points = np.concatenate([part[0] + np.array(pose.position) for part, pose in zip(parts, shifted, strict=True)])
     expected = of(points, np.concatenate([part[1] for part in parts]))
     assert whole.mass == pytest.approx(expected.mass)

@@ -16,7 +16,7 @@ from simspec.errors import SpecError
 from simspec.runner.metrics import Masses
 from simspec.support.features import Feature
 from simspec.support.needs import needs
-from simspec.world.motions import HEAVIER, Motion
+from simspec.world.actions import KINEMATIC_MASS_RATIO, Motion
 from simspec.world.types import World
 
 TOP = """simspec: 1
@@ -52,7 +52,7 @@ def test_what_points_leave_out_stays_as_it_is(tmp_path):
     np.testing.assert_allclose(lift.quaternions, [[half, 0, 0, half], [half, 0, 0, half], [1, 0, 0, 0]], atol=1e-15)
     assert other == Motion("other", (0.0,), ((0.0, 5.0, 1.0),), ((1.0, 0.0, 0.0, 0.0),))
     bodies = {body.name: body for body in world.bodies}
-    assert bodies["lift"].inertial.mass == HEAVIER * 5.0
+    assert bodies["lift"].inertial.mass == KINEMATIC_MASS_RATIO * 5.0
     assert bodies["lift"].inertial.inertia[0] > 9.0 * bodies["lift"].inertial.mass  # as far out as it reaches
     assert bodies["lift"].joint.position[:3] == (0.0, 0.0, 1.0)
     assert {("floor", "lift"), ("floor", "other"), ("lift", "other")} <= set(world.contact.excluded_bodies)
@@ -89,7 +89,7 @@ def test_a_placed_model_is_kinematic(tmp_path):
     (motion,) = world.motions
     assert (motion.body, motion.positions) == ("hand/palm", ((0.0, 0.0, 1.0), (1.0, 0.0, 1.0)))
     assert world.bodies[0].joint.kind == "free"
-    assert world.bodies[0].inertial.mass == HEAVIER
+    assert world.bodies[0].inertial.mass == KINEMATIC_MASS_RATIO
 
 
 @pytest.mark.parametrize(

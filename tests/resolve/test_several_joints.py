@@ -13,8 +13,8 @@ from simspec.formats.mjcf.from_world import inertial_of
 from simspec.language.load import Spec, load
 from simspec.support.features import Feature
 from simspec.support.needs import needs
-from simspec.world.carriers import carried
-from simspec.world.kinematics import CollisionFilter, initial_state, trees
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import carried, initial_state, trees
 from simspec.world.types import World
 
 resolve = Spec.resolve

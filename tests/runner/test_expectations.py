@@ -9,7 +9,7 @@ import pytest
 
 from simspec.runner.expectations import evaluate
 from simspec.runner.measures import MEASURES
-from simspec.world.control import Controller
+from simspec.world.actions import Controller
 from simspec.world.types import Expectation
 from tests.runner.synthetic import column, free_body, run, world
 

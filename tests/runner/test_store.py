@@ -19,7 +19,7 @@ from simspec.runner import execution, store, tables
 from simspec.runner.execution import failed_run, run_all
 from simspec.runner.labels import Labels
 from simspec.runner.store import is_run, load_run
-from simspec.world.coordinates import coordinates
+from simspec.world.kinematics import coordinates
 from simspec.world.types import Joint
 from tests import worlds
 from tests.runner.synthetic import free_body, run, world

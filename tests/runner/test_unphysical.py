@@ -14,7 +14,7 @@ from simspec.comparison.runs import diff
 from simspec.report.plain import run_data
 from simspec.runner.run import Run
 from simspec.runner.unphysical import ENERGY, GONE, PASSED, SINKS, together
-from simspec.world.control import Controller
+from simspec.world.actions import Controller
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World
 from tests.runner.synthetic import column, free_body, run, world
 

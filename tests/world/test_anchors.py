@@ -11,11 +11,10 @@ import simspec
 from simspec.dynamics.oracle import Oracle
 from simspec.proof.verify import verify
 from simspec.world import frames
-from simspec.world.anchors import anchors, least_moved, mass_matrix
-from simspec.world.forces import Force
+from simspec.world.actions import Force
+from simspec.world.constraints import Violation, anchors, least_moved, mass_matrix
 from simspec.world.kinematics import initial_state, poses
 from simspec.world.types import Pose
-from simspec.world.violation import Violation
 from tests.random_specs import spec
 
 pytestmark = pytest.mark.usefixtures("warm_engines")

@@ -10,10 +10,11 @@ import pytest
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.world import canonical, derived
+from simspec.world import canonical
+from simspec.world import canonical as derived
 from simspec.world.canonical import sha256
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import layout_of, rigid_groups, trees
-from simspec.world.meeting import meeting_laws
 from tests import worlds
 
 

@@ -9,16 +9,15 @@ import pytest
 
 from simspec.proof.heightfields import field_distance, surface
 from simspec.world import overlap
-from simspec.world.heightfield import HEAD, fault_of, field_of, size_of
-from simspec.world.shapes import SHAPES
+from simspec.world.shapes import HEIGHTFIELD_HEAD, SHAPES, field_of, heightfield_fault, heightfield_size
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape, World
 
 ROWS = np.array([[0.1, 0.0, 0.4], [0.3, 0.2, 0.1]])
-ROUGH = size_of(2.0, 1.0, 0.5, np.random.default_rng(5).uniform(0.0, 0.3, (5, 7)))
+ROUGH = heightfield_size(2.0, 1.0, 0.5, np.random.default_rng(5).uniform(0.0, 0.3, (5, 7)))
 
 
 def test_a_cell_is_two_triangles_along_the_diagonal_from_its_least_corner():
-    field = field_of(size_of(4.0, 3.0, 0.5, ROWS))
+    field = field_of(heightfield_size(4.0, 3.0, 0.5, ROWS))
     assert field.points[:3].tolist() == [[-2.0, -1.5, 0.1], [0.0, -1.5, 0.0], [2.0, -1.5, 0.4]]
     assert field.triangles.tolist()[:2] == [[0, 1, 4], [0, 4, 3]]
     assert (field.normals[:, 2] > 0.0).all()
@@ -26,7 +25,7 @@ def test_a_cell_is_two_triangles_along_the_diagonal_from_its_least_corner():
     assert surface(field, np.array([[0.25, 0.5]])) == pytest.approx([(0.1 + 0.2) / 2.0])
 
 
-@pytest.mark.parametrize("size", [size_of(4.0, 3.0, 0.5, ROWS), ROUGH], ids=["2x3", "5x7"])
+@pytest.mark.parametrize("size", [heightfield_size(4.0, 3.0, 0.5, ROWS), ROUGH], ids=["2x3", "5x7"])
 def test_its_boundary_is_closed_and_holds_its_volume(size):
     field = field_of(size)
     points, triangles = field.closed()
@@ -48,22 +47,22 @@ def test_its_boundary_is_closed_and_holds_its_volume(size):
 
 def test_the_distance_of_two_fields_tells_diagonals_and_single_heights():
     rows, columns = 5, 7
-    heights = np.array(ROUGH[HEAD:]).reshape(rows, columns)
+    heights = np.array(ROUGH[HEIGHTFIELD_HEAD:]).reshape(rows, columns)
     assert field_distance(ROUGH, ROUGH) == 0.0
     one = heights.copy()
     one[2, 3] += 1e-5
-    assert field_distance(ROUGH, size_of(2.0, 1.0, 0.5, one)) == pytest.approx(1e-5 / 2.0, rel=1e-6)
+    assert field_distance(ROUGH, heightfield_size(2.0, 1.0, 0.5, one)) == pytest.approx(1e-5 / 2.0, rel=1e-6)
     for changed in (
-        size_of(2.0 + 1e-4, 1.0, 0.5, heights),
-        size_of(2.0, 1.0, 0.5 + 1e-4, heights),
-        size_of(2.0, 1.0, 0.5, heights[::-1]),
-        size_of(2.0, 1.0, 0.5, heights[:, ::-1]),
-        size_of(2.0, 1.0, 0.5, heights * (1.0 + 1e-3)),
+        heightfield_size(2.0 + 1e-4, 1.0, 0.5, heights),
+        heightfield_size(2.0, 1.0, 0.5 + 1e-4, heights),
+        heightfield_size(2.0, 1.0, 0.5, heights[::-1]),
+        heightfield_size(2.0, 1.0, 0.5, heights[:, ::-1]),
+        heightfield_size(2.0, 1.0, 0.5, heights * (1.0 + 1e-3)),
     ):
         assert field_distance(ROUGH, changed) > 4e-5
     # the same points, split along the other diagonal: a mirror image, looked at in a mirror
-    bent = size_of(1.0, 1.0, 0.5, np.array([[0.2, 0.0], [0.0, 0.2]]))
-    mirrored = field_of(size_of(1.0, 1.0, 0.5, np.array([[0.0, 0.2], [0.2, 0.0]])))
+    bent = heightfield_size(1.0, 1.0, 0.5, np.array([[0.2, 0.0], [0.0, 0.2]]))
+    mirrored = field_of(heightfield_size(1.0, 1.0, 0.5, np.array([[0.0, 0.2], [0.2, 0.0]])))
     inside = np.array([[2.0 / 3.0, 1.0 / 3.0]])
     other = surface(mirrored, np.array([[1.0 / 3.0, 1.0 / 3.0]]))
     assert abs(float(surface(field_of(bent), inside)[0] - other[0])) > 0.05
@@ -82,13 +81,13 @@ def test_the_distance_of_two_fields_tells_diagonals_and_single_heights():
     ],
 )
 def test_a_size_that_is_none_is_told(size, said):
-    assert said in (fault_of(size) or "")
-    assert fault_of(ROUGH) is None
+    assert said in (heightfield_fault(size) or "")
+    assert heightfield_fault(ROUGH) is None
 
 
 def ball_over_ground(height: float) -> World:
     """A ball of 0.1 m, this high (m) above the middle of a V-shaped valley with walls at 45°."""
-    valley = size_of(2.0, 2.0, 0.5, np.array([[1.0, 0.0, 1.0]] * 3))
+    valley = heightfield_size(2.0, 2.0, 0.5, np.array([[1.0, 0.0, 1.0]] * 3))
     fixed, free = (
         Joint("g", "fixed"),
         Joint("b", "free", position=(0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),

@@ -12,9 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simspec.world import frames
-from simspec.world.hull import FlatError, centred, corners, faces, hull, hull_of, size_of, vertices_of
+from simspec.world.hull import (
+    FlatError,
+    centred,
+    corners,
+    hull,
+    hull_of,
+    mesh_size,
+    mesh_triangles,
+    mesh_vertices,
+    principal,
+    solid,
+)
 from simspec.world.shapes import SHAPES
-from simspec.world.solid import principal, solid
 from simspec.world.types import Pose
 
 CUBE = np.array(list(itertools.product((0.0, 1.0), repeat=3)))
@@ -39,8 +49,8 @@ def test_of_a_box_of_points_its_corners_are_left():
     assert chosen.tolist() == list(range(203, 211))  # of equal points the first, in the order of the file
     frame, vertices = centred(points[chosen])
     assert frame == Pose(tuple(edges / 2))  # the axes of a box are its own, to the last bit
-    size = size_of(vertices)
-    assert vertices_of(size).tolist() == vertices.tolist()
+    size = mesh_size(vertices)
+    assert mesh_vertices(size).tolist() == vertices.tolist()
     assert SHAPES["mesh"].volume(size) == pytest.approx(0.006, rel=1e-15)
     assert SHAPES["mesh"].moments(size, 2.0) == pytest.approx(SHAPES["box"].moments(tuple(edges), 2.0), rel=1e-14)
     assert SHAPES["mesh"].inner_radius(size) == pytest.approx(0.05, rel=1e-14)
@@ -90,7 +100,7 @@ def test_a_solid_that_is_not_convex():
 
 def test_many_faces_come_near_a_sphere():
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.3)
-    size = size_of(centred(np.asarray(ball.vertices))[1])
+    size = mesh_size(centred(np.asarray(ball.vertices))[1])
     assert SHAPES["mesh"].volume(size) == pytest.approx(SHAPES["sphere"].volume((0.3,)), rel=0.003)
     assert SHAPES["mesh"].moments(size, 1.0) == pytest.approx(SHAPES["sphere"].moments((0.3,), 1.0), rel=0.003)
     assert SHAPES["mesh"].inner_radius(size) == pytest.approx(0.3, rel=0.002)
@@ -118,16 +128,16 @@ def test_what_has_no_volume_is_refused(points):
 def test_faces_are_closed_and_wound_outwards_in_a_fixed_order():
     points = turned(np.concatenate([CUBE, directions(60) * 0.4 + 0.5]))
     vertices = centred(points[corners(points)])[1]
-    triangles = faces(size_of(vertices))
+    triangles = mesh_triangles(mesh_size(vertices))
     assert triangles.tolist() == sorted(triangles.tolist())
     assert (triangles[:, 0] == triangles.min(axis=1)).all()
     assert len(triangles) == 2 * len(vertices) - 4  # Euler
     edges = [(int(row[k]), int(row[(k + 1) % 3])) for row in triangles for k in range(3)]
     assert len(set(edges)) == len(edges)
     assert {(b, a) for a, b in edges} == set(edges)
-    made = hull_of(size_of(vertices))
+    made = hull_of(mesh_size(vertices))
     assert (np.einsum("ij,ij->i", made.normals, vertices[triangles[:, 0]]) > 0.0).all()
-    assert hull_of(list(size_of(vertices))) is made
+    assert hull_of(list(mesh_size(vertices))) is made
 
 
 @settings(max_examples=60, deadline=None)
@@ -150,9 +160,9 @@ def test_random_hulls_agree_with_another_reader(count, seed, stretch, place, sna
         assert np.linalg.matrix_rank(points - points[0], tol=1e-9) < 3
         return
     frame, vertices = centred(points[chosen])
-    size = size_of(vertices)
+    size = mesh_size(vertices)
     row = SHAPES["mesh"]
-    other = trimesh.Trimesh(vertices, faces(size), process=False)
+    other = trimesh.Trimesh(vertices, mesh_triangles(size), process=False)
     assert other.is_volume
     extent = float(np.abs(vertices).max())
     assert row.volume(size) == pytest.approx(other.volume, rel=1e-12)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from simspec.world import kinematics
-from simspec.world.kinematics import CollisionFilter
+from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Pose, Shape
 from tests import worlds
 

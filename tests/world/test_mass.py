@@ -9,7 +9,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from simspec.world import frames, mass
+from simspec.world import frames
+from simspec.world import inertia as mass
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose
 
@@ -29,7 +30,7 @@ def parts(draw):
     raw = draw(st.tuples(*[st.floats(-1, 1, allow_subnormal=False)] * 4))
     assume(sum(x * x for x in raw) > 1e-2)
     place = Pose(draw(st.tuples(*[st.floats(-2, 2, allow_subnormal=False)] * 3)), frames.normalise(raw))
-    return mass.part(kind, size, place, draw(st.floats(0.1, 5.0)))
+    return mass.shape_part(kind, size, place, draw(st.floats(0.1, 5.0)))
 
 
 def full(inertia) -> np.ndarray:
@@ -47,7 +48,7 @@ def test_a_body_is_the_sum_of_its_parts(found):
     for one in found:
         r, d = np.array(frames.matrix(one.pose.quaternion)), np.array(one.pose.position) - centre
         inertia += r @ np.diag(one.moments) @ r.T + one.mass * ((d @ d) * np.eye(3) - np.outer(d, d))
-    whole = mass.combined(found)
+    whole = mass.combined_inertial(found)
     assert whole.mass == pytest.approx(total, rel=1e-14)
     np.testing.assert_allclose(whole.centre_of_mass, centre, atol=1e-13)
     np.testing.assert_allclose(full(whole.inertia), inertia, atol=1e-12)
@@ -56,7 +57,7 @@ def test_a_body_is_the_sum_of_its_parts(found):
 @settings(max_examples=40)
 @given(st.lists(parts(), min_size=1, max_size=4))
 def test_no_body_breaks_the_triangle_inequality(found):
-    low, middle, high = np.linalg.eigvalsh(full(mass.combined(found).inertia))
+    low, middle, high = np.linalg.eigvalsh(full(mass.combined_inertial(found).inertia))
     assert low > 0
     assert high <= (low + middle) * (1 + 1e-12)
 
@@ -64,19 +65,19 @@ def test_no_body_breaks_the_triangle_inequality(found):
 @settings(max_examples=40)
 @given(parts())
 def test_one_part_keeps_its_centre_and_mass_to_the_bit(one):
-    whole = mass.combined([one])
+    whole = mass.combined_inertial([one])
     assert (whole.mass, whole.centre_of_mass) == (one.mass, one.pose.position)
 
 
 def test_a_stated_total_is_kept_to_the_bit():
-    third = [mass.part("sphere", (0.1,), Pose((float(i), 0.0, 0.0)), 0.1) for i in range(3)]
-    assert mass.combined(third).mass != 0.3  # 0.1 + 0.1 + 0.1
-    assert mass.combined(third, 0.3).mass == 0.3
+    third = [mass.shape_part("sphere", (0.1,), Pose((float(i), 0.0, 0.0)), 0.1) for i in range(3)]
+    assert mass.combined_inertial(third).mass != 0.3  # 0.1 + 0.1 + 0.1
+    assert mass.combined_inertial(third, 0.3).mass == 0.3
 
 
 def test_a_box_cut_in_two_is_the_box():
-    halves = [mass.part("box", (0.5, 0.4, 0.3), Pose((x, 1.0, 0.0)), 1.0) for x in (-0.25, 0.25)]
-    whole = mass.combined(halves)
+    halves = [mass.shape_part("box", (0.5, 0.4, 0.3), Pose((x, 1.0, 0.0)), 1.0) for x in (-0.25, 0.25)]
+    whole = mass.combined_inertial(halves)
     assert whole.centre_of_mass == pytest.approx((0.0, 1.0, 0.0), abs=1e-16)
     expected = (*SHAPES["box"].moments((1.0, 0.4, 0.3), 2.0), 0.0, 0.0, 0.0)
     assert whole.inertia == pytest.approx(expected, rel=1e-15, abs=1e-16)
@@ -84,11 +85,11 @@ def test_a_box_cut_in_two_is_the_box():
 
 def test_a_product_of_inertia_has_the_tensors_own_sign():
     """Two balls on the line x = y lie where x y > 0: Ixy = −∫ x y dm is negative."""
-    balls = [mass.part("sphere", (0.1,), Pose((s, s, 0.0)), 1.0) for s in (-1.0, 1.0)]
-    assert mass.combined(balls).inertia[3] == pytest.approx(-2.0)
+    balls = [mass.shape_part("sphere", (0.1,), Pose((s, s, 0.0)), 1.0) for s in (-1.0, 1.0)]
+    assert mass.combined_inertial(balls).inertia[3] == pytest.approx(-2.0)
 
 
 def test_principal_moments_are_turned_into_the_bodys_axes():
     quarter = frames.from_rpy(0.0, 0.0, math.pi / 2)
-    assert mass.turned((1.0, 2.0, 2.5), quarter) == pytest.approx((2.0, 1.0, 2.5, 0.0, 0.0, 0.0), abs=1e-15)
-    assert mass.turned((1.0, 2.0, 2.5), frames.IDENTITY) == (1.0, 2.0, 2.5, 0.0, 0.0, 0.0)
+    assert mass.rotated_tensor((1.0, 2.0, 2.5), quarter) == pytest.approx((2.0, 1.0, 2.5, 0.0, 0.0, 0.0), abs=1e-15)
+    assert mass.rotated_tensor((1.0, 2.0, 2.5), frames.IDENTITY) == (1.0, 2.0, 2.5, 0.0, 0.0, 0.0)

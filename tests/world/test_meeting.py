@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simspec.world.meeting import excluded_pairs
+from simspec.world.contact_pairs import excluded_pairs
 from tests import worlds
 
 

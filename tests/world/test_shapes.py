@@ -24,7 +24,7 @@ SOLIDS = [
 ]
 LENGTHS = SOLIDS
 """Those that lengths define."""
-WEDGE = hull.size_of(
+WEDGE = hull.mesh_size(
     hull.centred(np.array([[0, 0, 0], [0.6, 0, 0], [0, 0.5, 0], [0.6, 0.5, 0], [0.2, 0.1, 0.4], [0.2, 0.4, 0.4]]))[1]
 )
 SOLIDS = [*LENGTHS, ("mesh", WEDGE)]

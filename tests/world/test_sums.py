@@ -18,10 +18,10 @@ from simspec.proof.inside import Stops, inside
 from simspec.proof.selftest_worlds import bench, sums
 from simspec.proof.selftest_worlds import sum_limits as limited
 from simspec.runner import metrics
-from simspec.world.along import JointSums
+from simspec.world.actions import JointSum
 from simspec.world.canonical import canonical_json, from_plain
 from simspec.world.kinematics import constrained_trees, initial_state
-from simspec.world.sums import JointSum
+from simspec.world.passive_forces import JointSums
 from simspec.world.types import World
 
 LINK = {"mass": 1, "inertia": {"principal": [0.01, 0.01, 0.01]}, "centre_of_mass": [0, 0, -0.2]}

@@ -6,8 +6,8 @@ import numpy as np
 
 from simspec.dynamics.oracle_tree import Tree
 from simspec.proof.selftest_worlds import held
+from simspec.world.constraints import ROWS, Violation, impulse
 from simspec.world.kinematics import initial_state
-from simspec.world.violation import ROWS, Violation, impulse
 
 
 def test_the_jacobian_is_the_derivative_of_the_violation():

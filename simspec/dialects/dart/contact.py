@@ -17,7 +17,7 @@ from simspec.contact.plan import ContactPlan
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.errors import Problem
 from simspec.support.declarations import acceptance
-from simspec.world.meeting import meeting_kinds, solid_shapes
+from simspec.world.contact_pairs import meeting_kinds, solid_shapes
 from simspec.world.types import Body, World
 
 Part = tuple[str, int]

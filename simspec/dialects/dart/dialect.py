@@ -49,8 +49,8 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
+from simspec.world.contact_pairs import excluded_pairs, frictionless, only_free_spheres, solid_shapes
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import excluded_pairs, frictionless, only_free_spheres, solid_shapes
 from simspec.world.types import Body, Inertial, Pose, Quaternion, ReadBack, Shape, Vector3, World
 
 COPY = "{body}.{index}"

@@ -9,8 +9,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from simspec.formats.kit.forms import check_distinct, check_known
-from simspec.world.fluid import Box, Fluid
-from simspec.world.gathering import lumped_gravity_scale
+from simspec.world.actions import Box, Fluid
+from simspec.world.inertia import lumped_gravity_scale
 from simspec.world.types import Body, World
 
 
@@ -33,7 +33,7 @@ class FreeDamping:
 
 @dataclass(frozen=True, slots=True)
 class InFluid:
-    """The box by which a body feels the fluid (``world/fluid.py``)."""
+    """The box by which a body feels the fluid (``world/actions.py``)."""
 
     body: str
     box: Box

@@ -19,8 +19,8 @@ from simspec.formats.kit.text import json_text
 from simspec.language.vocabulary import FRICTION_CONES, JOINT_KINDS
 from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
+from simspec.world.actions import JointSum
 from simspec.world.canonical import sha256
-from simspec.world.sums import JointSum
 from simspec.world.types import Constraint, Follow, Vector3, World
 
 SIDECAR = "sidecar.json"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from simspec.contact.plan import ContactPlan
 from simspec.contact.rules import Rules
-from simspec.world.meeting import Pair
+from simspec.world.contact_pairs import Pair
 from simspec.world.types import Surface
 
 

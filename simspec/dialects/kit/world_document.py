@@ -19,8 +19,8 @@ from simspec.formats.kit.passes import recentre_free_roots
 from simspec.formats.world import tree
 from simspec.formats.world.format import WorldJson
 from simspec.support.declarations import LUMPED, Table
-from simspec.world.gathering import NOTHING
-from simspec.world.meeting import excluded_pairs, solid_shapes
+from simspec.world.contact_pairs import excluded_pairs, solid_shapes
+from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Joint, ReadBack, Shape, Surface, Vector3, World
 
 NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")
@@ -87,7 +87,7 @@ def world_document(world: World, target: Target) -> tuple[tree.Document, Mapping
 
 def _body(body: Body, plan: ContactPlan, servo: tree.Servo | None) -> tree.Body:
     # what cannot move may be written without mass and with moments, which engines refuse
-    inertial = body.inertial if body.inertial.mass else NOTHING
+    inertial = body.inertial if body.inertial.mass else NO_INERTIA
     return tree.Body(
         body.name,
         body.model,

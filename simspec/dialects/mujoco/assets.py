@@ -46,7 +46,7 @@ def read_assets(document: Document) -> tuple[Sizes, Sizes]:
 
 
 def _height_field(item: Item) -> tuple[str, tuple[float, ...]]:
-    """The name and the size (``world/heightfield.py``) of a height field. Raises ValueError where its elevations are not what
+    """The name and the size (``world/shapes.py``) of a height field. Raises ValueError where its elevations are not what
     every reader leaves as it is: shares from 0 to 1, or 0 throughout."""
     if item.values.keys() != IN_FIELD or item.element.children:
         raise item.refused(f"is not read, but with {', '.join(sorted(IN_FIELD))} and nothing else")

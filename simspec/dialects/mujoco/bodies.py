@@ -17,8 +17,7 @@ from simspec.formats.mjcf.filter import Kind
 from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, body_of, geom_of, joint_attributes
 from simspec.formats.mjcf.rows import Row
 from simspec.formats.mjcf.tree import Attributes, Value
-from simspec.world.carriers import absorbed
-from simspec.world.kinematics import free_rigid, rigid_groups
+from simspec.world.kinematics import absorbed, free_rigid, rigid_groups
 from simspec.world.types import Joint, Pose, Shape, World
 
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.world import frames
-from simspec.world.carriers import owner_of
+from simspec.world.kinematics import owner_of
 from simspec.world.types import Pose, Quaternion
 
 Chain = tuple[tuple[str, Quaternion], ...]

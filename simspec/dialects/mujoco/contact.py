@@ -13,8 +13,8 @@ from simspec.errors import Problem, UnsupportedError
 from simspec.formats.mjcf.from_world import dimensions, margins_of
 from simspec.formats.mjcf.tree import Attributes, Default, Value
 from simspec.formats.mjcf.tree import Pair as ExplicitPair
+from simspec.world.contact_pairs import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.types import Body, Hardness, PairContact, Surface, World
 
 SPRING_IMPEDANCE = 1e-4

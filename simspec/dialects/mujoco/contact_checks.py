@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from simspec.dialects.kit.target import Target
 from simspec.dialects.mujoco.contact import COMPLIANT, inverse_masses, is_coulomb
 from simspec.errors import Problem
-from simspec.world.meeting import meeting_laws, shape_pairs
+from simspec.world.contact_pairs import meeting_laws, shape_pairs
 from simspec.world.types import PairContact, World
 
 MOST_PER_STEP = 4.0

@@ -73,10 +73,10 @@ from simspec.support.declarations import (
     unsupported_if,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
-from simspec.world.anchors import anchors
-from simspec.world.carriers import absorbed
-from simspec.world.gathering import least_moment, rigid_members
-from simspec.world.meeting import excluded_pairs
+from simspec.world.constraints import anchors
+from simspec.world.contact_pairs import excluded_pairs
+from simspec.world.inertia import least_moment, rigid_members
+from simspec.world.kinematics import absorbed
 from simspec.world.types import ReadBack, Surface, World
 
 LEAST_INERTIA = 1e-15

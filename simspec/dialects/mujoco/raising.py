@@ -23,9 +23,8 @@ from simspec.formats.mjcf.document import Document, Item
 from simspec.formats.mjcf.names import world_name
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.fluid import Box, Fluid
-from simspec.world.sums import JointSum
-from simspec.world.tuples import vector6
+from simspec.world.actions import Box, Fluid, JointSum
+from simspec.world.frames import vector6
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,

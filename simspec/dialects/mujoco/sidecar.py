@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from simspec.dialects.kit.settings import wrong_pair_settings, wrong_settings
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.dialects.mujoco.choices import SETTINGS
-from simspec.world.carriers import CARRYING, is_carrier, owner_of
+from simspec.world.kinematics import CARRYING, is_carrier, owner_of
 from simspec.world.types import Quaternion
 
 UNIT = 1e-9

@@ -14,7 +14,7 @@ from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.formats.world.tree import Document
 from simspec.support.declarations import Refinement, Support, Table, unsupported_if
 from simspec.support.features import Feature
-from simspec.world.meeting import meeting_laws
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import World
 
 

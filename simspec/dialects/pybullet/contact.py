@@ -16,9 +16,9 @@ from simspec.contact.parts import Part, parts
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.pybullet.sidecar import CollisionFilter, FilterClass
 from simspec.errors import Problem
-from simspec.world.inset import thickened, within
+from simspec.world.contact_pairs import excluded_pairs, meeting_laws
+from simspec.world.hull import hull_within_margin, thickened
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import excluded_pairs, meeting_laws
 from simspec.world.types import Body, Hardness, Shape, Surface, World
 
 FILTER_BITS = 31
@@ -188,7 +188,7 @@ def _apart(of: Mapping[str, Key], touch: Callable[[Key, Key], bool]) -> set[tupl
 # On the base of a tree the margin is the setting ``collision_margin``; on every other link PyBullet keeps 1 mm, whatever it
 # is told (measured, 3.2.7). It is outside of the hull, so that hulls are told with their faces that much further in: faces
 # are then where they should be, and edges are rounded by the margin, as PyBullet's own boxes and cylinders are there. A hull
-# that is too thin for that is told as far in as it goes (``world/inset.py``), and is thicker in PyBullet. In boxes and
+# that is too thin for that is told as far in as it goes (``world/hull.py``), and is thicker in PyBullet. In boxes and
 # cylinders the margin is within: what is thinner is told as thick as both margins, since Bullet overlooks contacts of cores
 # of less than nothing (measured: of a sole of 16 × 7 cm and 1 mm, 11 of 93 pairs of a robot's shapes).
 
@@ -233,4 +233,4 @@ def _within(shape: Shape, margin: float) -> Shape:
         return dataclasses.replace(shape, size=thickened(shape.kind, shape.size, margin))
     if shape.kind != "mesh":
         return shape
-    return dataclasses.replace(shape, size=within(shape.size, margin))
+    return dataclasses.replace(shape, size=hull_within_margin(shape.size, margin))

@@ -13,9 +13,8 @@ from simspec.formats.kit.forms import DISTINCT, NamePairs, Names, check_distinct
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.support.declarations import Level, Refinement, Support, never
 from simspec.support.needs import LARGE_TREE
-from simspec.world.bare import bare_frames
-from simspec.world.derived import derived
-from simspec.world.kinematics import trees
+from simspec.world.canonical import derived
+from simspec.world.kinematics import bare_frames, trees
 from simspec.world.types import POSITION_SIZE, Pose, Vector3, World
 
 FREE: Final = "free"

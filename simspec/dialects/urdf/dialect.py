@@ -41,8 +41,8 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.world.contact_pairs import excluded_pairs, meeting_laws, shape_pairs
 from simspec.world.kinematics import trees
-from simspec.world.meeting import excluded_pairs, meeting_laws, shape_pairs
 from simspec.world.types import Body, Hardness, ReadBack, Shape, World
 
 _SIDECAR = "in the sidecar, for the engine's own calls"

@@ -45,9 +45,9 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
-from simspec.world.gathering import lumped_inertial, rigid_members, summed
+from simspec.world.contact_pairs import solid_shapes
+from simspec.world.inertia import lumped_inertial, rigid_members, summed_inertial
 from simspec.world.kinematics import poses, rigid_groups
-from simspec.world.meeting import solid_shapes
 from simspec.world.types import Body, Inertial, PairContact, Pose, Quaternion, ReadBack, Vector3, World
 
 # Where bodies are at the beginning and how they move: what a .wbt says of jointed bodies in place of joint rates.
@@ -82,7 +82,7 @@ def centres(bodies: Sequence[Body]) -> Mapping[str, Vector3]:
     """Of the topmost body of each rigid group that moves the group's centre of mass in its frame (m), of which Webots' body has
     the velocity."""
     return {
-        top: summed((body.inertial, pose) for body, pose in members).centre_of_mass
+        top: summed_inertial((body.inertial, pose) for body, pose in members).centre_of_mass
         for top, members in rigid_members(bodies).items()
     }
 

@@ -10,7 +10,7 @@ from simspec.formats.wbt.document import Field
 from simspec.formats.wbt.document import Node as DocumentNode
 from simspec.formats.wbt.tree import Node
 from simspec.world import frames
-from simspec.world.meeting import solid_shapes
+from simspec.world.contact_pairs import solid_shapes
 from simspec.world.types import Body, Joint, PairContact, Pose, Quaternion, Shape, Vector3
 
 COMMON_ERROR_REDUCTION: Final = 0.01

@@ -66,7 +66,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.meeting import frictionless, meeting_laws
+from simspec.world.contact_pairs import frictionless, meeting_laws
 from simspec.world.reach import reach
 from simspec.world.types import Body, EngineValue, PairContact, ReadBack, World
 

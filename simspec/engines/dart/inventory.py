@@ -17,8 +17,8 @@ from simspec.engines.dart.nodes import collision_nodes
 from simspec.engines.dart.simulation import Simulation
 from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named_set
 from simspec.engines.kit.labels import sidecar_labels
+from simspec.world.contact_pairs import frictionless, only_free_spheres
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import frictionless, only_free_spheres
 from simspec.world.types import VELOCITY_SIZE, Body, EngineValue, PlainValue, World
 
 SOLVER_FLAGS = ("enableContact", "maxNumContacts", "maxNumContactsPerPair", "allowNegativePenetrationDepthContacts")

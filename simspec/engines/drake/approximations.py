@@ -19,10 +19,9 @@ from simspec.control.native import natives
 from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.support.declarations import Level, Refinement, Support, unsupported_if
-from simspec.world.hull import hull_of, vertices_of
-from simspec.world.inset import inset
+from simspec.world.contact_pairs import meeting_laws, solid_shapes
+from simspec.world.hull import hull_of, inset, mesh_vertices
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.reach import crossing
 from simspec.world.types import World
 
@@ -260,7 +259,7 @@ def corners(kind: str, size: Sequence[float]) -> list[Part]:
         return [("sphere", (size[0],), (0.0, 0.0, z)) for z in (-size[1] / 2.0, size[1] / 2.0)]
     if kind == "mesh":
         radius = min(RADIUS, SHARE * 2.0 * float(hull_of(size).offsets.min()))
-        centres = spread(vertices_of(inset(tuple(size), radius)))
+        centres = spread(mesh_vertices(inset(tuple(size), radius)))
         return [("sphere", (radius,), (x, y, z)) for x, y, z in centres.tolist()]
     return []
 

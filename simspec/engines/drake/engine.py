@@ -64,9 +64,9 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.gathering import lumped_inertial
+from simspec.world.contact_pairs import solid_shapes
+from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import solid_shapes
 from simspec.world.types import VELOCITY_SIZE, EngineValue, PairContact, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"

@@ -32,9 +32,9 @@ from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.formats.kit.passes import recentre_free_roots
 from simspec.world import frames
-from simspec.world.gathering import NOTHING
+from simspec.world.contact_pairs import solid_shapes
+from simspec.world.inertia import NO_INERTIA
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import solid_shapes
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, EngineValue, Shape, World
 
 BIG = 1e308
@@ -325,7 +325,7 @@ def _body_expected(body: Body, still: bool, gains: Gains) -> dict[str, EngineVal
             "actuator.controller": False,
         }
     if still:
-        mass = body.inertial if body.inertial.mass else NOTHING
+        mass = body.inertial if body.inertial.mass else NO_INERTIA
         found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
     return {f"body.{body.name}.{field}": value for field, value in found.items()}
 

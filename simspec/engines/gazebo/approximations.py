@@ -12,7 +12,7 @@ from pathlib import Path
 from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.support.declarations import Level, Refinement, Support
-from simspec.world.meeting import meeting_kinds
+from simspec.world.contact_pairs import meeting_kinds
 from simspec.world.types import World
 
 _PGS = "contact_solver=pgs"

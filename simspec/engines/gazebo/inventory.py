@@ -17,7 +17,7 @@ from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.inventory import Carrier, expected_apart, named_set
 from simspec.engines.kit.labels import sidecar_labels
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.gathering import NOTHING, lumped
+from simspec.world.inertia import NO_INERTIA, lumped
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Body, EngineValue, Inertial, Pose, World
 
@@ -183,6 +183,6 @@ def _body_expected(body: Body, mass: Inertial, timestep: float, still: bool) -> 
     if mass.mass == 0.0:
         found["centre_of_mass"] = (0.0, 0.0, 0.0)
     if still:
-        whole = mass if mass.mass else NOTHING  # what is told of a fixed body without mass
+        whole = mass if mass.mass else NO_INERTIA  # what is told of a fixed body without mass
         found |= {"mass": whole.mass, "centre_of_mass": whole.centre_of_mass, "inertia": whole.inertia}
     return found

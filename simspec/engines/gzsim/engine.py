@@ -38,9 +38,9 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
-from simspec.world.gathering import lumped
+from simspec.world.contact_pairs import solid_shapes
+from simspec.world.inertia import lumped
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import solid_shapes
 from simspec.world.types import Inertial, ReadBack, World
 
 _NO_CONTACT = "simspec tells gz sim no shapes: its Python bindings tell no contacts, so that nothing could be compared"

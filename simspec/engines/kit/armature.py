@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from simspec.support.declarations import Refinement, unsupported_if
-from simspec.world.kinematics import CollisionFilter, natively_driven, rigid_groups, trees
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import natively_driven, rigid_groups, trees
 from simspec.world.types import Body, World
 
 

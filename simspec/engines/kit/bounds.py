@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from simspec.world.thinnest import heaviest, thinnest
+from simspec.world.contact_pairs import heaviest, thinnest
 from simspec.world.types import World
 
 

@@ -10,7 +10,7 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import written_settings
 from simspec.support.declarations import Level, Refinement, Support, approximate
-from simspec.world.meeting import meeting_laws
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.reach import Reach, largest_ratio, reach
 from simspec.world.types import PairContact, World
 

@@ -20,20 +20,12 @@ from numpy.typing import NDArray
 from simspec.engines.kit.contract import Engine
 from simspec.support.declarations import Refinement, Support, outside, unsupported_if
 from simspec.support.features import Feature
-from simspec.world.along import JointSums
-from simspec.world.joint_forces import JointForces
-from simspec.world.kinematics import (
-    CollisionFilter,
-    constrained_trees,
-    layout_of,
-    members,
-    natively_driven,
-    rigid_groups,
-    within,
-)
-from simspec.world.sums import JointSum
+from simspec.world.actions import JointSum
+from simspec.world.constraints import Violation, multipliers
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import constrained_trees, layout_of, members, natively_driven, rigid_groups, within
+from simspec.world.passive_forces import JointForces, JointSums
 from simspec.world.types import Body, Constraint, ReadBack, World
-from simspec.world.violation import Violation, multipliers
 
 HOW = (
     "−Jᵀ λ/dt from the engine's own M and h before every step, for trees that nothing touches; a joint that arrives at a limit "

@@ -1,9 +1,9 @@
 """Forces that act on bodies at all times and that an engine does not have: it is given them as an effort before every step.
 
 A weight that is not mass × gravity differs from it by the force (s − 1) m g at the centre of mass, s ``gravity_scale``; damping
-of a free body is −d v, −d ω of its own coordinates; what a fluid does says ``world/fluid.py``. All follow from the engine's own
-masses, poses and velocities before the step, and act in it as a constant effort, as its own gravity and explicit damping would:
-exact, also in contact.
+of a free body is −d v, −d ω of its own coordinates; what a fluid does says ``world/actions.py``. All follow from the engine's
+own masses, poses and velocities before the step, and act in it as a constant effort, as its own gravity and explicit damping
+would: exact, also in contact.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.outside import Outside
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import via_api
-from simspec.world.drag import Drag
-from simspec.world.gathering import lumped_inertial
+from simspec.world.actions import JointSum
+from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import layout_of
+from simspec.world.passive_forces import Drag
 from simspec.world.rotations import matrices
-from simspec.world.sums import JointSum
 from simspec.world.types import Constraint, ReadBack, World
 
 GIVEN_GRAVITY_SCALE = via_api("the difference as a force at the centre of mass before every step")

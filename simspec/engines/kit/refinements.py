@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from simspec.support.declarations import Level, Refinement, unsupported_if
-from simspec.world.gathering import lumped
+from simspec.world.contact_pairs import Pair, frictionless, meeting_kinds, meeting_laws, solid_shapes
+from simspec.world.inertia import lumped
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.meeting import Pair, frictionless, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.types import Body, Shape, World
 
 Refine = Callable[[World], Refinement | None]

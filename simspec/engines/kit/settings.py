@@ -12,8 +12,8 @@ from typing import Any, ClassVar, Protocol
 from simspec.engines.kit.bounds import Bound
 from simspec.errors import Problem
 from simspec.language.vocabulary import FRICTION_CONES
+from simspec.world.contact_pairs import Pair, meeting_laws, only_free_spheres
 from simspec.world.kinematics import frictional_coordinates
-from simspec.world.meeting import Pair, meeting_laws, only_free_spheres
 from simspec.world.types import PairContact, World
 
 ROUND_OFF = 1e-9

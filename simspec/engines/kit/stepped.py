@@ -12,7 +12,7 @@ from simspec.dialects.kit.passive import Passive
 from simspec.engines.kit.arrays import pick_blocks
 from simspec.engines.kit.passive import BeforeSteps
 from simspec.engines.kit.simulated import Simulated, SimulatedEngine
-from simspec.world.sums import JointSum
+from simspec.world.actions import JointSum
 from simspec.world.types import Constraint, ReadBack
 
 

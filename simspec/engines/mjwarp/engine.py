@@ -25,7 +25,7 @@ from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.rewritten import NO_EQUALITIES, met_exactly, no_friction, without_coulomb
 from simspec.support.declarations import EXACT, Level, Refinement, Support, Table, never
 from simspec.support.features import Feature
-from simspec.world.meeting import meeting_laws
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import EngineValue, World
 
 SEARCHED = (

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from simspec.engines.mujoco.rewritten import rubs
 from simspec.support.declarations import Refinement, unsupported_if
+from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import World
 
 PYRAMID = (

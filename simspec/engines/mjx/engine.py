@@ -39,8 +39,8 @@ from simspec.support.declarations import (
     unsupported_if,
 )
 from simspec.support.features import Feature
+from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.kinematics import layout_of
-from simspec.world.meeting import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.types import EngineValue, World
 
 MOST_NUMBERS = 1_000_000

@@ -20,7 +20,7 @@ from simspec.engines.mujoco import bouncing
 from simspec.engines.mujoco.coupled import DEVIATIONS, coupled_support
 from simspec.support.declarations import Level, Refinement, Support, approximate, never
 from simspec.support.features import Feature
-from simspec.world.meeting import meeting_kinds, meeting_laws, solid_shapes
+from simspec.world.contact_pairs import meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.types import World
 
 BOXES = "3.4"

@@ -14,13 +14,12 @@ from typing import Any, NamedTuple
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.world import frames
+from simspec.world.actions import JointSum
 from simspec.world.canonical import sha256
-from simspec.world.carriers import absorbed
-from simspec.world.gathering import lumped_inertial
-from simspec.world.kinematics import free_rigid, rigid_groups
-from simspec.world.meeting import Pair, meeting_laws, shape_pairs
-from simspec.world.sums import JointSum
-from simspec.world.tuples import quaternion, vector3
+from simspec.world.contact_pairs import Pair, meeting_laws, shape_pairs
+from simspec.world.frames import quaternion, vector3
+from simspec.world.inertia import lumped_inertial
+from simspec.world.kinematics import absorbed, free_rigid, rigid_groups
 from simspec.world.types import (
     VELOCITY_SIZE,
     Body,

@@ -7,9 +7,8 @@ import math
 from typing import Final
 
 from simspec.support.declarations import Level, Refinement, Support
-from simspec.world.heightfield import field_of
-from simspec.world.kinematics import CollisionFilter
-from simspec.world.shapes import SHAPES
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.shapes import SHAPES, field_of
 from simspec.world.types import Shape, World
 
 ONE_POINT: Final = ("sphere", "ellipsoid")

@@ -20,8 +20,8 @@ from simspec.engines.mujoco.expectation import HARDEST, Expectation, ExpectedJoi
 from simspec.engines.mujoco.fields import ELEMENTS, NEUTRAL_ARRAYS
 from simspec.formats.mjcf.names import world_name
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.carriers import absorbed
-from simspec.world.gathering import lumped_gravity_scale, lumped_inertial
+from simspec.world.inertia import lumped_gravity_scale, lumped_inertial
+from simspec.world.kinematics import absorbed
 from simspec.world.types import VELOCITY_SIZE, Constraint, Weld
 
 REFERENCE = """

@@ -19,9 +19,8 @@ from simspec.formats.kit.passes import restore_frames, tensor
 from simspec.formats.mjcf.format import MODEL
 from simspec.formats.mjcf.names import file_name, world_name
 from simspec.world import frames
-from simspec.world.fluid import LEAST, Box, Fluid
-from simspec.world.sums import JointSum
-from simspec.world.tuples import vector3
+from simspec.world.actions import LEAST_MOMENT, Box, Fluid, JointSum
+from simspec.world.frames import vector3
 from simspec.world.types import (
     POSITION_SIZE,
     VELOCITY_SIZE,
@@ -171,10 +170,10 @@ class _ReadBack:
     def _box(self, index: int) -> Box | None:
         """The box by which the fluid acts on a body: MuJoCo's own, of a moving body with mass."""
         model, mass = self._model, float(self._model.body_mass[index])
-        if self._fluid() is None or model.body_weldid[index] == 0 or mass < LEAST:
+        if self._fluid() is None or model.body_weldid[index] == 0 or mass < LEAST_MOMENT:
             return None
         x, y, z = model.body_inertia[index].tolist()
-        edges = [math.sqrt(max(LEAST, moment) / mass * 6.0) for moment in (y + z - x, x + z - y, x + y - z)]
+        edges = [math.sqrt(max(LEAST_MOMENT, moment) / mass * 6.0) for moment in (y + z - x, x + z - y, x + y - z)]
         return Box((edges[0], edges[1], edges[2]), frames.normalise(tuple(model.body_iquat[index].tolist())))
 
     def _constraints(self) -> tuple[Constraint, ...]:

@@ -17,7 +17,7 @@ from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulatio
 from simspec.errors import EngineError
 from simspec.support.declarations import Refinement, Support, Table, for_each, never, unsupported_if
 from simspec.support.features import Feature
-from simspec.world.meeting import meeting_kinds, meeting_laws
+from simspec.world.contact_pairs import meeting_kinds, meeting_laws
 from simspec.world.types import PairContact, ReadBack, World
 
 HARDNESSES = (

@@ -13,7 +13,7 @@ from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force,
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.support.declarations import Level, Refinement, Support
 from simspec.support.features import Feature
-from simspec.world.meeting import meeting_kinds
+from simspec.world.contact_pairs import meeting_kinds
 from simspec.world.types import World
 
 _STEP, _QUICK = "solver=step", "solver=quick-step"

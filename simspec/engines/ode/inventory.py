@@ -14,9 +14,9 @@ from simspec.engines.ode.readback import asked, told_law
 from simspec.engines.ode.simulation import Simulation
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.gathering import lumped_inertial
+from simspec.world.contact_pairs import meeting_laws, solid_shapes
+from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import Body, EngineValue, World
 
 BIG = 1e308

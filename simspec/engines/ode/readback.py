@@ -23,7 +23,7 @@ from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint, parent_
 from simspec.formats.world.tree import Body as Told
 from simspec.formats.world.tree import Shape as ToldShape
 from simspec.world import frames
-from simspec.world.gathering import NOTHING
+from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Quaternion, ReadBack, Shape, Surface, Vector3
 
 CLASSES = {0: "sphere", 1: "box", 2: "capsule", 3: "cylinder", 4: "plane"}
@@ -92,7 +92,7 @@ def inertial(sim: Simulation, row: int) -> Inertial:
     if mass is None:
         still = sim.library.sim_carrier(sim.sim, row) < 0
         told = sim.document.bodies[row]
-        return Inertial(told.mass, told.centre_of_mass, told.inertia) if still else NOTHING
+        return Inertial(told.mass, told.centre_of_mass, told.inertia) if still else NO_INERTIA
     m = list(mass.inertia)
     x, y, z = told_body(sim, row)[15:18]
     centre = (x + mass.centre[0], y + mass.centre[1], z + mass.centre[2])

@@ -16,8 +16,8 @@ from simspec.engines.kit.coupled import heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.refinements import approximate_pairs, met_pairs
 from simspec.support.declarations import Refinement, Support, unsupported_if
-from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, vertices_of
-from simspec.world.meeting import solid_shapes
+from simspec.world.contact_pairs import solid_shapes
+from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, mesh_vertices
 from simspec.world.types import World
 
 _ANCHORS = (
@@ -81,7 +81,7 @@ def hulls_held(world: World) -> Refinement | None:
 @functools.lru_cache(maxsize=KEPT)
 def left_out(size: tuple[float, ...]) -> str | None:
     """Why PhysX would not hold a hull (flat vertices, m) as it is; None where it does."""
-    vertices = vertices_of(size)
+    vertices = mesh_vertices(size)
     if len(vertices) > MOST_CORNERS:
         return f"PhysX holds hulls of up to {MOST_CORNERS} corners, and this has {len(vertices)}"
     if closed_triangles(len(vertices)) > MOST_FACES and (faces := _faces(size)) > MOST_FACES:

@@ -18,7 +18,7 @@ from simspec.engines.kit.single import held_by
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Copy, Document, FixedJoint, FreeJoint, Shape, parent_of
 from simspec.world import frames
-from simspec.world.principal import principal_axes
+from simspec.world.inertia import principal_axes
 from simspec.world.rotations import matrices
 from simspec.world.types import Pose
 

@@ -20,7 +20,7 @@ from simspec.formats.world.tree import Body as Told
 from simspec.formats.world.tree import FreeJoint, parent_of
 from simspec.formats.world.tree import Shape as ToldShape
 from simspec.world import frames
-from simspec.world.gathering import NOTHING
+from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
 PREFIX = "PhysxCollisionShape"
@@ -55,7 +55,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
 def inertial(sim: Simulation, row: int) -> Inertial:
     """The mass properties of a body; nothing of one that cannot move, or is a part of another."""
     if sim.built.carrier[row] != row:
-        return NOTHING
+        return NO_INERTIA
     held = sim.built.actors[row]
     m, (x, y, z) = held_tensor(held), (np.array(held.cmass_local_pose.p, dtype=float) / SCALE).tolist()
     return Inertial(held.mass, (x, y, z), (m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))

@@ -33,8 +33,8 @@ from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import Document, initial_coordinates
 from simspec.world import frames
+from simspec.world.actions import JointSum
 from simspec.world.rotations import cross, exponential, matrices, multiply, rotate
-from simspec.world.sums import JointSum
 from simspec.world.types import Constraint
 
 # How bodies turn in a step: by simspec's law of motion, where PhysX has another gyroscopic term and few digits.

@@ -13,9 +13,9 @@ from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import UNCLAMPED, Tree, told_turn
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
+from simspec.world.actions import JointSum
 from simspec.world.kinematics import natively_driven
 from simspec.world.rotations import from_xyzw_of, logarithm_of
-from simspec.world.sums import JointSum
 from simspec.world.types import World
 
 NATIVE = (

@@ -91,7 +91,7 @@ def hold(
     sim: Simulation, constraints: Sequence[Constraint], anchors: Mapping[str, Vector3] = MappingProxyType({})
 ) -> tuple[Held, ...]:
     """Tell PyBullet the constraints; what they are is read back by :func:`read_held`. ``anchors``: by the name of a weld the
-    point at which it is held (``world/anchors.py``), by default the origin of the second body's frame."""
+    point at which it is held (``world/constraints.py``), by default the origin of the second body's frame."""
     p, client = sim.bullet, sim.client
     joints = _joints(sim)
     held = []

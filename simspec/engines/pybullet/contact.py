@@ -15,8 +15,8 @@ from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force,
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.settings import Group, Setting
 from simspec.support.declarations import Level, Refinement, Support
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import constrained_trees
-from simspec.world.meeting import meeting_laws
 from simspec.world.reach import reach
 from simspec.world.types import World
 

@@ -85,7 +85,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.anchors import anchors
+from simspec.world.constraints import anchors
 from simspec.world.kinematics import members
 from simspec.world.types import Body, EngineValue, PairContact, ReadBack, Vector3, World
 

@@ -18,9 +18,9 @@ from simspec.engines.kit.inventory import Carrier, expected_apart, listed
 from simspec.engines.pybullet.bullet_file import COLLIDER
 from simspec.engines.pybullet.inventory import JOINT_INFO, OF_THE_READ_BACK
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.world.gathering import lumped_inertial
+from simspec.world.contact_pairs import meeting_laws
+from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import free_rigid, rigid_groups, trees
-from simspec.world.meeting import meeting_laws
 from simspec.world.types import Body, EngineValue, Inertial, Surface, World
 
 LOAD_FLAGS = 2 | 8 | 128 | 8192 | 131072

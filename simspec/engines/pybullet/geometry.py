@@ -32,9 +32,8 @@ from simspec.formats.kit.meshes import FIELDS
 from simspec.outputs.reading import files_below
 from simspec.scratch import scratch_folder
 from simspec.support.declarations import Level, Refinement, unsupported_if
-from simspec.world.hull import HullError
-from simspec.world.inset import THINNEST, outside
-from simspec.world.meeting import meeting_kinds
+from simspec.world.contact_pairs import meeting_kinds
+from simspec.world.hull import SLACK_OF_HALVES, HullError, margin_excess
 from simspec.world.types import Shape, World
 
 STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -323,7 +322,7 @@ def _outside(engine: type[Engine], world: World, kind: str) -> dict[str, float]:
             margins.setdefault(shape, set()).add(margin)
         for shape, of_shape in margins.items():
             short = _short(shape, of_shape)
-            if short > (THINNEST if kind in HALVES else 0.0):
+            if short > (SLACK_OF_HALVES if kind in HALVES else 0.0):
                 found[shape.name] = short
     return found
 
@@ -334,7 +333,7 @@ def _short(shape: Shape, margins: set[float]) -> float:
     if len(margins) > 1:
         raise ValueError(f"copies of the mesh {shape.name!r} are on links with and without PyBullet's margin")
     try:
-        return outside(shape.size, max(margins))
+        return margin_excess(shape.size, max(margins))
     except HullError as error:
         raise ValueError(f"PyBullet keeps {max(margins):g} m around the mesh {shape.name!r}: {error}") from error
 

@@ -14,8 +14,8 @@ from simspec.engines.kit.coupled import heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.refinements import approximate_pairs, met_pairs
 from simspec.support.declarations import Level, Refinement, Support, unsupported_if
+from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.hull import Hull, HullError, hull_of
-from simspec.world.meeting import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.types import World
 
 # Balls. Rapier's normal of a ball is the direction from the other surface to the ball's centre, in single precision: it is

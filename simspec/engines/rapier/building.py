@@ -17,8 +17,8 @@ from simspec.engines.kit.single import held_by
 from simspec.errors import EngineError
 from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, Shape, parent_of
 from simspec.world import frames
-from simspec.world.hull import HullError, hull_of, vertices_of
-from simspec.world.principal import principal_axes
+from simspec.world.hull import HullError, hull_of, mesh_vertices
+from simspec.world.inertia import principal_axes
 from simspec.world.types import Hardness, PairContact, Pose, Quaternion, Vector3
 
 # The unit of length that Rapier is given, and the share of an overlap that a step takes back.
@@ -359,7 +359,7 @@ def convex(rapier: Any, name: str, size: Sequence[float]) -> Any:
         raise EngineError(NAME, f"has no hull {name!r}: {error}") from error
     except ImportError as error:
         raise EngineError(NAME, f"meshes need scipy beside Rapier: {error}") from error
-    return rapier.Collider.convex_mesh(vertices_of(size).astype(np.float32), faces.astype(np.uint32))
+    return rapier.Collider.convex_mesh(mesh_vertices(size).astype(np.float32), faces.astype(np.uint32))
 
 
 def configure(rapier: Any, world: Any, timestep: float, settings: Settings) -> None:

@@ -12,9 +12,9 @@ from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.rapier.building import SCALE
 from simspec.engines.rapier.readback import inertial, kind_of
 from simspec.engines.rapier.simulation import Simulation
-from simspec.world.gathering import NOTHING
+from simspec.world.contact_pairs import excluded_pairs, meeting_laws, solid_shapes
+from simspec.world.inertia import NO_INERTIA
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import excluded_pairs, meeting_laws, solid_shapes
 from simspec.world.types import Body, EngineValue, PairContact, World
 
 NUMBERS = (
@@ -193,7 +193,7 @@ def expected(
                 own |= {"gyroscopic_forces_enabled": False, "allow_fast_rotation": True, "sleeps": False}
             else:
                 # Rapier keeps no moments without a mass; those of a fixed body have no effect
-                mass = body.inertial if body.inertial.mass else NOTHING
+                mass = body.inertial if body.inertial.mass else NO_INERTIA
                 own |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
             own["colliders"] = " ".join(sorted(owns.get(body.name, ())))
             found |= {f"{at}.{name}": value for name, value in own.items()}

@@ -19,7 +19,7 @@ from simspec.formats.world.tree import Body as Told
 from simspec.formats.world.tree import FreeJoint, parent_of
 from simspec.formats.world.tree import Shape as ToldShape
 from simspec.world import frames
-from simspec.world.gathering import NOTHING
+from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, ReadBack, Shape, Surface, Vector3
 
 KINDS = {
@@ -66,11 +66,11 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
 def inertial(sim: Simulation, row: int) -> Inertial:
     """The mass properties of a body; nothing of one that is a part of another."""
     if sim.built.carrier[row] not in (-1, row):
-        return NOTHING
+        return NO_INERTIA
     held = sim.world.rigid_bodies[sim.built.bodies[row]]
     mass = held.mass_properties
     if not mass.mass:
-        return NOTHING
+        return NO_INERTIA
     m = held_tensor(held)
     x, y, z = (value / SCALE for value in mass.local_com)
     return Inertial(mass.mass, (x, y, z), (m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))

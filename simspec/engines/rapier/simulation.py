@@ -24,8 +24,8 @@ from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import initial_coordinates
 from simspec.world import frames
+from simspec.world.actions import JointSum
 from simspec.world.rotations import exponential_of, matrices, multiply_of, rotate, unit
-from simspec.world.sums import JointSum
 from simspec.world.types import Constraint, Quaternion, Vector3
 
 # Rotation. Rapier's gyroscopic torque is implicit; simspec's law of motion has −ω × Iω at the beginning of the step. Rapier's

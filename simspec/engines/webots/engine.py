@@ -44,9 +44,9 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames
-from simspec.world.derived import derived
-from simspec.world.kinematics import CollisionFilter, poses, rigid_groups
-from simspec.world.meeting import solid_shapes
+from simspec.world.canonical import derived
+from simspec.world.contact_pairs import CollisionFilter, solid_shapes
+from simspec.world.kinematics import poses, rigid_groups
 from simspec.world.types import Body, ReadBack, Vector3, World
 
 # Collision filter. Webots has none except for joints (its collision callback, R2023b): two bodies that a joint connects never

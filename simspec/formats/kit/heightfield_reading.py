@@ -15,7 +15,7 @@ Indices = NDArray[np.int64]
 
 
 def field_of_triangles(corners: Array) -> tuple[float, ...]:
-    """The size (``world/heightfield.py``) of the height field whose whole boundary is these triangles (n, 3, 3), in any order,
+    """The size (``world/shapes.py``) of the height field whose whole boundary is these triangles (n, 3, 3), in any order,
     anticlockwise as seen from outside.
 
     Raises ValueError where they are no such boundary: a grid of points over an even rectangle about the origin, each cell split

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from simspec.formats.kit.text import environment, numbers
-from simspec.world.heightfield import field_of
+from simspec.world.shapes import field_of
 from simspec.world.types import Shape, World
 
 MESHES: Final = "meshes"
@@ -73,9 +73,9 @@ def hulls_of(world: World) -> Iterator[Vertices]:
 @functools.lru_cache(maxsize=256)
 def mesh_text(vertices: Vertices) -> str:
     """A hull as OBJ: triangles, counterclockwise from outside. Raises FlatError for points that are no solid."""
-    from simspec.world.hull import faces
+    from simspec.world.hull import mesh_triangles
 
-    triangles = (faces(vertices) + 1).tolist()  # OBJ counts from 1
+    triangles = (mesh_triangles(vertices) + 1).tolist()  # OBJ counts from 1
     points = [vertices[start : start + 3] for start in range(0, len(vertices), 3)]
     text: str = environment().get_template("obj/hull.obj.j2").render(vertices=points, faces=triangles)
     return text

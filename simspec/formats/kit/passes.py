@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from simspec.world import frames
-from simspec.world.gathering import lumped, lumped_gravity_scale
+from simspec.world.inertia import lumped, lumped_gravity_scale
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World
 
 
@@ -125,6 +125,6 @@ def restore_frames(bodies: tuple[Body, ...], offsets: dict[str, Vector3]) -> tup
 
 
 def tensor(moments: Vector3, turn: Quaternion) -> tuple[float, float, float, float, float, float]:
-    """The inverse of :func:`simspec.world.principal.principal_axes`: (xx, yy, zz, xy, xz, yz) from principal moments and their
+    """The inverse of :func:`simspec.world.inertia.principal_axes`: (xx, yy, zz, xy, xz, yz) from principal moments and their
     axes."""
     return frames.rotate_inertia(turn, (*moments, 0.0, 0.0, 0.0))

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import VELOCITY_SIZE, World
 
 MIB: Final = 2**20

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.mjcf.tree import Attributes
-from simspec.world.meeting import solid_shapes
+from simspec.world.contact_pairs import solid_shapes
 from simspec.world.types import World
 
 Kind = tuple[str, str]

@@ -16,9 +16,8 @@ from simspec.formats.mjcf.tree import Attributes, HeightField, Inertial, Key, Me
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
-from simspec.world.boxes import moments_along
-from simspec.world.heightfield import field_of
-from simspec.world.principal import principal_axes
+from simspec.world.inertia import moments_along, principal_axes
+from simspec.world.shapes import field_of
 from simspec.world.types import Body, Joint, PairContact, Pose, Shape, Surface, World
 
 DEFAULT_COLOUR: Final = (0.7, 0.7, 0.7, 1.0)

@@ -53,8 +53,8 @@ from simspec.support.declarations import (
     shape_kinds,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
-from simspec.world.carriers import absorbed, is_carrier
-from simspec.world.meeting import Pair, excluded_pairs, meeting_laws, shape_pairs, solid_shapes
+from simspec.world.contact_pairs import Pair, excluded_pairs, meeting_laws, shape_pairs, solid_shapes
+from simspec.world.kinematics import absorbed, is_carrier
 from simspec.world.types import Joint, PairContact, Pose, Shape, World
 
 KEYFRAME: Final = "initial"

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from simspec.world import frames
-from simspec.world.carriers import carried
+from simspec.world.kinematics import carried
 from simspec.world.types import Body, Joint, Pose, Quaternion, World
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from simspec.formats.mjcf.tree import Attributes, Tendon, Value
-from simspec.world.sums import JointSum
+from simspec.world.actions import JointSum
 from simspec.world.types import World
 
 

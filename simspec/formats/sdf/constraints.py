@@ -13,7 +13,7 @@ from typing import Final
 from simspec.formats.sdf import tree
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world import frames
-from simspec.world.derived import derived
+from simspec.world.canonical import derived
 from simspec.world.kinematics import poses, trees
 from simspec.world.types import Body, Connect, Follow, Pose, Weld, World
 

@@ -26,8 +26,8 @@ from simspec.support.declarations import (
     unsupported_if,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
-from simspec.world.kinematics import CollisionFilter, rigid_groups, trees
-from simspec.world.meeting import meeting_laws
+from simspec.world.contact_pairs import CollisionFilter, meeting_laws
+from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import Body, Inertial, PairContact, Pose, Shape, World
 
 SIZES: Final = {

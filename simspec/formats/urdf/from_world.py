@@ -19,7 +19,7 @@ from simspec.formats.urdf.tree import (
     nameless,
 )
 from simspec.world import frames
-from simspec.world.principal import principal_axes
+from simspec.world.inertia import principal_axes
 from simspec.world.types import Body, Pose, Shape
 from simspec.world.types import Inertial as WorldInertial
 

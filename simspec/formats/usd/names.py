@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from simspec.formats.usd.several import carriers, several
+from simspec.world.contact_pairs import solid_shapes
 from simspec.world.kinematics import trees
-from simspec.world.meeting import solid_shapes
 from simspec.world.types import Body, World
 
 ROOT: Final = "World"

@@ -16,10 +16,10 @@ from simspec.formats.usd.several import carriers, several
 from simspec.formats.usd.shapes import place, shape_prim
 from simspec.formats.usd.tree import Prim, Stage
 from simspec.world import frames
-from simspec.world.carriers import is_carrier, joined
-from simspec.world.kinematics import CollisionFilter, poses, rigid_groups, trees
-from simspec.world.principal import principal_axes
-from simspec.world.tuples import sorted_pair
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.frames import sorted_pair
+from simspec.world.inertia import principal_axes
+from simspec.world.kinematics import is_carrier, joined, poses, rigid_groups, trees
 from simspec.world.types import Body, Connect, Frame, Inertial, Material, Pose, Vector3, Weld, World
 
 SMALLEST_MASS: Final = 1e-9

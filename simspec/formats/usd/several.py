@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from simspec.world import frames
-from simspec.world.carriers import is_carrier
 from simspec.world.frames import Matrix3
+from simspec.world.kinematics import is_carrier
 from simspec.world.types import Body, Joint, Pose, Quaternion, Vector3, World
 
 LETTERS: Final = "XYZ"

@@ -83,9 +83,9 @@ def _extent(prim: Prim, half: Sequence[float]) -> None:
 
 def _mesh(prim: Prim, size: Sequence[float]) -> None:
     """A hull: triangles, anticlockwise from outside."""
-    from simspec.world.hull import faces
+    from simspec.world.hull import mesh_triangles
 
-    triangles = faces(tuple(size)).tolist()
+    triangles = mesh_triangles(tuple(size)).tolist()
     points = [tuple(size[start : start + 3]) for start in range(0, len(size), 3)]
     low, high = (tuple(limit(point[k] for point in points) for k in range(3)) for limit in (min, max))
     prim.say("float3[]", "extent", [low, high])

@@ -21,8 +21,8 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import trees
-from simspec.world.meeting import meeting_laws
 from simspec.world.types import World
 
 KINDS: Final = ("sphere", "box", "cylinder", "capsule", "plane", "mesh")

@@ -14,7 +14,7 @@ from typing import Literal
 
 from simspec.formats.kit.forms import NamePairs
 from simspec.world import frames
-from simspec.world.tuples import quaternion, vector3
+from simspec.world.frames import quaternion, vector3
 from simspec.world.types import Hardness, Pose, Vector3
 
 SCHEMA = 1
@@ -59,7 +59,7 @@ class FixedJoint:
 
 @dataclass(frozen=True, slots=True)
 class Servo:
-    """The engine's own controller of a joint: gains as in :class:`simspec.world.control.Controller`, and the largest effort."""
+    """The engine's own controller of a joint: gains as in :class:`simspec.world.actions.Controller`, and the largest effort."""
 
     kp: float
     kd: float

@@ -20,7 +20,7 @@ from simspec.imports.mjcf.importer import imported
 from simspec.imports.mjcf.tendons import without_effect
 from simspec.language.foreign import Imported, ImportOptions
 from simspec.language.load import Spec
-from simspec.world.gathering import lumped_inertial
+from simspec.world.inertia import lumped_inertial
 from simspec.world.types import World
 
 SPREAD: Final = 0.7

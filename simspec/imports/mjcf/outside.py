@@ -9,7 +9,7 @@ import numpy as np
 from simspec.imports.mjcf.bodies import Bodies
 from simspec.imports.mjcf.compiled import Compiled
 from simspec.imports.mjcf.tendons import add_tendons
-from simspec.world.gathering import SINGULAR
+from simspec.world.inertia import SINGULAR
 
 JOINT: Final = 0
 """The type of transmission that is a joint."""

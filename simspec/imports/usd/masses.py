@@ -20,7 +20,7 @@ from simspec.imports.usd.stage import OWN, STALE, Prim, Stage, agree
 from simspec.language.foreign import Fate, Severity
 from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
-from simspec.world.mass import combined, part
+from simspec.world.inertia import combined_inertial, shape_part
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Vector3
 
@@ -194,10 +194,10 @@ class MassReader:
             if shape.sizes is None:
                 return None
             kind, size = shape.sizes
-            parts.append(part(kind, size, shape.pose, self._density(shape, prim) * SHAPES[kind].volume(size)))
+            parts.append(shape_part(kind, size, shape.pose, self._density(shape, prim) * SHAPES[kind].volume(size)))
         if not any(one.mass for one in parts):
             return None
-        inertial = combined(parts)
+        inertial = combined_inertial(parts)
         return inertial.mass, inertial.centre_of_mass, inertial.inertia
 
     def _density(self, shape: Shape, body: Prim) -> float:

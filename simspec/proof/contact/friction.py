@@ -31,7 +31,7 @@ from simspec.proof.contact.probe import (
 )
 from simspec.proof.contact.worlds import FLOOR_SIZE, box, floor
 from simspec.world import frames
-from simspec.world.tuples import vector3
+from simspec.world.frames import vector3
 from simspec.world.types import Body, Quaternion, Vector3
 
 DIRECTIONS = tuple(15.0 * number for number in range(24))

@@ -29,7 +29,7 @@ from simspec.proof.contact.friction import PUSH_TOLERANCE
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, by_name, direction, furthest
 from simspec.proof.contact.worlds import ball, cluster, fixed_box, floor
 from simspec.world import frames
-from simspec.world.tuples import vector3
+from simspec.world.frames import vector3
 from simspec.world.types import Body
 
 STANDS, SLIPS = (1.1, 1.7), (0.6, 0.9)

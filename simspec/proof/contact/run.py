@@ -45,8 +45,8 @@ from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Probe, Tr
 from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
 from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import layout_of
-from simspec.world.meeting import meeting_laws
 from simspec.world.reach import Reach, reach
 from simspec.world.types import Physics, ReadBack, World
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from simspec.proof.contact.compliance import LYING
 from simspec.proof.contact.declared import EFFECTS
-from simspec.world.meeting import meeting_laws
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.reach import Reach, reach
 from simspec.world.types import World
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from simspec.proof.contact.probe import Figure
 from simspec.world import frames, shapes
-from simspec.world.heightfield import Field, field_of
+from simspec.world.contact_pairs import meeting_laws, solid_shapes
+from simspec.world.frames import sorted_pair, vector3
 from simspec.world.hull import hull_of
 from simspec.world.kinematics import initial_state, layout_of, trees
-from simspec.world.meeting import meeting_laws, solid_shapes
-from simspec.world.tuples import sorted_pair, vector3
+from simspec.world.shapes import Field, field_of
 from simspec.world.types import Body, Contact, Inertial, Joint, Pose, Shape, World
 
 NAME = "size"

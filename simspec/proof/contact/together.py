@@ -33,7 +33,7 @@ from simspec.proof.contact.probe import (
 )
 from simspec.proof.contact.worlds import STEPS_BEFORE, ball, box, flight, floor
 from simspec.world import frames
-from simspec.world.tuples import sorted_pair, vector3
+from simspec.world.frames import sorted_pair, vector3
 from simspec.world.types import Body
 
 APPROACH = 2.0

@@ -12,9 +12,9 @@ import numpy as np
 from simspec.engines.kit.process import Answer, Operation
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion, Phase, Trial
 from simspec.world import frames
+from simspec.world.frames import vector6
 from simspec.world.kinematics import layout_of
 from simspec.world.shapes import SHAPES
-from simspec.world.tuples import vector6
 from simspec.world.types import (
     Body,
     Contact,

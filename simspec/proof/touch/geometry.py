@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from simspec.world import frames
-from simspec.world.heightfield import field_of
-from simspec.world.hull import faces, vertices_of
-from simspec.world.shapes import SHAPES
+from simspec.world.hull import mesh_triangles, mesh_vertices
+from simspec.world.shapes import SHAPES, field_of
 from simspec.world.types import Pose, Shape, World
 
 DIP = 0.5
@@ -141,7 +140,7 @@ def _thing(kind: str, size: tuple[float, ...]) -> Any:
 
 
 def _convex(coal: Any, size: tuple[float, ...]) -> Any:
-    return _closed(coal, vertices_of(size), faces(size).tolist())
+    return _closed(coal, mesh_vertices(size), mesh_triangles(size).tolist())
 
 
 def _closed(coal: Any, points: np.ndarray, sides: Iterable[Sequence[int]]) -> Any:

@@ -14,9 +14,9 @@ from simspec.proof.checks import Check
 from simspec.proof.touch.geometry import Solid, gap, transforms
 from simspec.proof.touch.plan import Meetings, oracle_of
 from simspec.proof.touch.scene import Pair
-from simspec.world.inset import core
-from simspec.world.kinematics import CollisionFilter
-from simspec.world.tuples import sorted_pair
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.frames import sorted_pair
+from simspec.world.hull import rounded_core
 from simspec.world.types import World
 
 MATRIX = "collision matrix"
@@ -151,7 +151,7 @@ def _edges_only(
 def _core(solid: Solid, radius: float) -> Solid:
     if not radius:
         return solid
-    size = core(solid.shape.kind, solid.shape.size, radius)
+    size = rounded_core(solid.shape.kind, solid.shape.size, radius)
     return dataclasses.replace(solid, shape=dataclasses.replace(solid.shape, size=size))
 
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simspec.proof.touch.geometry import Solid, gap, wanted_depth
-from simspec.world.heightfield import field_of
 from simspec.world.hull import hull_of
 from simspec.world.rotations import matrices
+from simspec.world.shapes import field_of
 
 POSES = 3
 """Poses in which two shapes that may touch are tried when some detector misses overlaps of their kinds; one contact is enough.

@@ -14,7 +14,7 @@ from simspec.proof.touch.free import FreePairs
 from simspec.proof.touch.geometry import Solid, overlap
 from simspec.proof.touch.mechanisms import JointPairs
 from simspec.proof.touch.scene import Pair, Scene, States
-from simspec.world.derived import derived
+from simspec.world.canonical import derived
 from simspec.world.kinematics import trees
 from simspec.world.types import World
 

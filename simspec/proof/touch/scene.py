@@ -10,8 +10,9 @@ import numpy as np
 from simspec.dynamics.oracle import Oracle
 from simspec.proof.touch.geometry import Solid, solids, transforms
 from simspec.world import frames
-from simspec.world.gathering import lumped_inertial
-from simspec.world.kinematics import CollisionFilter, initial_state, rigid_groups, trees
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.inertia import lumped_inertial
+from simspec.world.kinematics import initial_state, rigid_groups, trees
 from simspec.world.types import World
 
 FAR = 500.0

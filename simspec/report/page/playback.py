@@ -13,9 +13,8 @@ from simspec.report.page.frames import FARTHEST, Frames, Rows, drawable, turns_u
 from simspec.report.page.ghost import driven_bodies, target_poses
 from simspec.report.page.packing import Numbers, Packed, coded, turns
 from simspec.runner.run import Run
-from simspec.world.heightfield import field_of
-from simspec.world.hull import faces, vertices_of
-from simspec.world.shapes import SHAPES
+from simspec.world.hull import mesh_triangles, mesh_vertices
+from simspec.world.shapes import SHAPES, field_of
 from simspec.world.types import Shape, World
 
 MOST_FORCES = 9_000
@@ -86,7 +85,9 @@ def _size(shape: Shape, hulls: dict[tuple[float, ...], dict[str, str]], packed: 
         return {"size": [round(length, DIGITS) for length in shape.size]}
     if shape.size not in hulls:
         points, corners = (
-            _drawn_field(shape.size) if SHAPES[shape.kind].grid else (vertices_of(shape.size), faces(shape.size))
+            _drawn_field(shape.size)
+            if SHAPES[shape.kind].grid
+            else (mesh_vertices(shape.size), mesh_triangles(shape.size))
         )
         vertices, triangles = packed.floats(points), packed.codes(corners.astype(np.uint16).view(np.int16))
         hulls[shape.size] = {"vertices": vertices, "triangles": triangles}

@@ -13,7 +13,7 @@ from simspec.dialects.dart.contact import Nodes
 from simspec.dialects.dart.dialect import DartDialect
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.proof.selftest_worlds import surfaces
-from simspec.world.kinematics import CollisionFilter
+from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
 from tests.dialects.dart.saying import drop_filter, edited, emit, failures, target, two_materials

@@ -18,9 +18,8 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.proof.touch.geometry import gap, solids, transform
 from simspec.support.declarations import Level
-from simspec.world import frames, meeting
-from simspec.world.kinematics import CollisionFilter
-from simspec.world.meeting import meeting_kinds
+from simspec.world import contact_pairs, frames
+from simspec.world.contact_pairs import CollisionFilter, meeting_kinds
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
 from tests.files import write
@@ -140,7 +139,7 @@ def test_the_search_does_not_try_all_pairs(monkeypatch):
     asked = []
     may_touch = CollisionFilter.may_touch
     monkeypatch.setattr(
-        meeting.CollisionFilter,
+        contact_pairs.CollisionFilter,
         "may_touch",
         lambda self, one, other: asked.append(1) or may_touch(self, one, other),
     )

@@ -14,7 +14,7 @@ from simspec.errors import UnsupportedError
 from simspec.formats.mjcf.filter import FILTER_BITS
 from simspec.formats.mjcf.format import MODEL
 from simspec.formats.mjcf.rows import depth_first
-from simspec.world.kinematics import CollisionFilter
+from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Physics, Pose, Shape, World
 from tests import worlds
 from tests.dialects.mujoco.saying import WORLDS, as_held, box_world, differences, emit, frictional

@@ -18,7 +18,7 @@ from simspec.engines.pybullet.engine import PyBullet
 from simspec.errors import UnsupportedError
 from simspec.support.declarations import combine
 from simspec.support.negotiation import negotiate
-from simspec.world.kinematics import CollisionFilter
+from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Body, Contact, Hardness, Inertial, Joint, Material, PairContact, Pose, Shape
 from tests import worlds
 from tests.dialects.pybullet.saying import (

@@ -7,7 +7,7 @@ import dataclasses
 from simspec.errors import UnsupportedError
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing.worlds import accepting
-from simspec.world.carriers import joined
+from simspec.world.kinematics import joined
 from simspec.world.types import World
 
 

@@ -13,7 +13,7 @@ from simspec.engines.dart.engine import MOST_RECOVERY, Dart
 from simspec.errors import EngineError
 from simspec.formats.skel.format import WORLD
 from simspec.proof.selftest_worlds import surfaces
-from simspec.world.kinematics import CollisionFilter
+from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Contact, Joint, Material, PairContact, Physics, Pose, Shape
 from tests import worlds
 from tests.dialects.dart.saying import drop_filter, edited, failures

@@ -7,7 +7,7 @@ import pytest
 
 from simspec.engines.drake.approximations import MOST_CORNERS, RADIUS, corners
 from simspec.testing.worlds import SIZES
-from simspec.world.hull import centred, hull_of, size_of
+from simspec.world.hull import centred, hull_of, mesh_size
 from simspec.world.hull import corners as extremes
 
 
@@ -15,7 +15,7 @@ def ball_shaped(points: int) -> tuple[float, ...]:
     """A hull of points all over an ellipsoid."""
     spread = np.random.default_rng(4).normal(size=(points, 3))
     spread *= np.array([0.1, 0.07, 0.04]) / np.linalg.norm(spread, axis=1, keepdims=True)
-    return size_of(centred(spread[extremes(spread)])[1])
+    return mesh_size(centred(spread[extremes(spread)])[1])
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from simspec.proof.heightfields import field_distance
 from simspec.proof.touch.geometry import gap, solids
 from simspec.support.declarations import Level
 from simspec.testing.worlds import GROUND, accepting, ground
-from simspec.world.heightfield import HEAD, size_of
+from simspec.world.shapes import HEIGHTFIELD_HEAD, heightfield_size
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -28,13 +28,13 @@ def test_it_holds_heights_to_single_precision_of_their_range(scale):
     """Shares are rounded to the nearest of 24 bits: off by 2⁻²⁵ at most, 3e-8."""
     base = ground()
     floor = base.bodies[0]
-    heights = scale * np.array(GROUND[HEAD:]).reshape(3, 4)
-    shape = dataclasses.replace(floor.shapes[0], size=size_of(0.8, 0.6, 0.2, heights))
+    heights = scale * np.array(GROUND[HEIGHTFIELD_HEAD:]).reshape(3, 4)
+    shape = dataclasses.replace(floor.shapes[0], size=heightfield_size(0.8, 0.6, 0.2, heights))
     model = loaded(dataclasses.replace(base, bodies=(dataclasses.replace(floor, shapes=(shape,)), *base.bodies[1:])))
     held = model.hfield_size[0, 2] * np.asarray(model.hfield_data, dtype=float).reshape(3, 4)
     assert np.abs(held - heights).max() <= 2.0**-25 * heights.max()
     if scale == 1.0:
-        assert 0.0 < field_distance(GROUND, size_of(0.8, 0.6, 0.2, held)) < 3e-8 * 0.12 / 0.8
+        assert 0.0 < field_distance(GROUND, heightfield_size(0.8, 0.6, 0.2, held)) < 3e-8 * 0.12 / 0.8
 
 
 def test_a_ball_touches_it_where_the_triangles_are():
@@ -79,7 +79,7 @@ def test_what_covers_more_triangles_than_mujoco_has_contacts_is_told():
     """A plate on flat ground of 40 × 40 cells: MuJoCo keeps 50 contacts, all below one of its edges."""
     world = ground(("box",))
     floor, box = world.bodies
-    flat = dataclasses.replace(floor.shapes[0], size=size_of(2.0, 2.0, 0.2, np.zeros((41, 41))))
+    flat = dataclasses.replace(floor.shapes[0], size=heightfield_size(2.0, 2.0, 0.2, np.zeros((41, 41))))
     plate = dataclasses.replace(box.shapes[0], size=(1.2, 1.2, 0.1))
     world = dataclasses.replace(
         world, bodies=(dataclasses.replace(floor, shapes=(flat,)), dataclasses.replace(box, shapes=(plate,)))

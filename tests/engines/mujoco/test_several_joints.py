@@ -16,7 +16,7 @@ from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.mjcf.format import MODEL, Mjcf
 from simspec.language.load import load
-from simspec.world.carriers import absorbed
+from simspec.world.kinematics import absorbed
 from simspec.world.types import Inertial
 from tests import worlds
 from tests.dialects.mujoco.saying import as_held, differences, emit

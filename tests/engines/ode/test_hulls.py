@@ -19,7 +19,7 @@ from simspec.formats.world.format import WORLD
 from simspec.proof.comparator import compare
 from simspec.proof.touch.geometry import gap, solids, transform
 from simspec.world import frames
-from simspec.world.hull import centred, corners, size_of
+from simspec.world.hull import centred, corners, mesh_size
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests.engines.drake.scenes import boxes
 
@@ -44,7 +44,7 @@ def load(load_files):
 def stone(seed, count=20, half=(0.05, 0.08, 0.04)):
     points = np.random.default_rng(seed).normal(size=(count, 3))
     points *= np.array(half) / np.linalg.norm(points, axis=1, keepdims=True)
-    return size_of(centred(points[corners(points)])[1])
+    return mesh_size(centred(points[corners(points)])[1])
 
 
 def two(kind, size, hull):
@@ -142,7 +142,7 @@ def test_an_edge_has_two_points_and_edges_that_cross_one(load):
 def test_of_a_face_with_many_corners_sixteen_bear(load):
     turns = np.linspace(0.0, 2.0 * math.pi, 61)[:-1]
     rim = np.stack([0.1 * np.cos(turns), 0.1 * np.sin(turns)], axis=1)
-    drum = size_of(np.concatenate([np.insert(rim, 2, z, axis=1) for z in (-0.05, 0.05)]))
+    drum = mesh_size(np.concatenate([np.insert(rim, 2, z, axis=1) for z in (-0.05, 0.05)]))
     engine = load(two("plane", (), drum))
     told = met(engine, Pose((0.0, 0.0, 0.049), FREE))
     assert len(told["position"]) == 16

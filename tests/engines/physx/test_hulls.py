@@ -12,7 +12,7 @@ from simspec.engines.physx.approximations import left_out
 from simspec.engines.physx.engine import PhysX
 from simspec.errors import EngineError, UnsupportedError
 from simspec.testing.worlds import accepting
-from simspec.world.hull import size_of
+from simspec.world.hull import mesh_size
 from tests.engines.free_bodies import loader, of, scene
 from tests.engines.hulls import check_corners, check_stands, cube, many, prism, random_hull, solid, still
 
@@ -29,7 +29,7 @@ def dented(out: float) -> tuple[float, ...]:
     """A cube of 0.2 m that stands on a corner, with a ninth corner so far (m) above one of its faces."""
     corners = np.concatenate([np.array(cube(0.2)).reshape(-1, 3), [[0.02, 0.01, 0.1 + out]]])
     x, y, z = np.array([1.0, 2.0, 2.0]) / 3.0, np.array([2.0, 1.0, -2.0]) / 3.0, np.array([-2.0, 2.0, -1.0]) / 3.0
-    return size_of(corners @ np.stack([x, y, z]))
+    return mesh_size(corners @ np.stack([x, y, z]))
 
 
 @installed

@@ -14,8 +14,7 @@ from simspec.engines.kit.process import Operation, call
 from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify
 from simspec.world import frames
-from simspec.world.bare import bare_frames
-from simspec.world.kinematics import initial_state, poses
+from simspec.world.kinematics import bare_frames, initial_state, poses
 from simspec.world.types import Body, Connect, EngineOptions, Inertial, Joint, Physics, Pose, World
 
 TURNED = frames.from_axis_angle((2.0 / 7.0, 3.0 / 7.0, 6.0 / 7.0), 0.4)

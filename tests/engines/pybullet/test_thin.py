@@ -13,14 +13,13 @@ from simspec.errors import UnsupportedError
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings, meetings_of
 from simspec.proof.verify import verify
-from simspec.world.hull import size_of
-from simspec.world.inset import core, outside, thickened, within
+from simspec.world.hull import hull_within_margin, margin_excess, mesh_size, rounded_core, thickened
 from simspec.world.types import EngineOptions, Joint, Pose, World
 from tests import worlds
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-PLATE = size_of(np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.03, 0.03) for z in (-0.000125, 0.000125)]))
+PLATE = mesh_size(np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.03, 0.03) for z in (-0.000125, 0.000125)]))
 THIN = [
     ("box", (0.1, 0.06, 0.0015)),
     ("box", (0.1, 0.06, 0.0004)),
@@ -81,7 +80,7 @@ def drum(radius: float, length: float, corners: int) -> tuple[float, ...]:
     """The hull of two regular polygons."""
     turns = 2.0 * np.pi * np.arange(corners) / corners
     ring = radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    return size_of(np.array([[x, y, z] for x, y in ring for z in (-length / 2.0, length / 2.0)]))
+    return mesh_size(np.array([[x, y, z] for x, y in ring for z in (-length / 2.0, length / 2.0)]))
 
 
 @pytest.mark.parametrize(
@@ -114,15 +113,15 @@ def test_a_short_cylinder_is_felt_as_it_says_and_proven_so(kind, size):
 
 
 def test_a_hull_too_thin_for_the_margin_is_told_as_far_in_as_it_goes():
-    assert outside(PLATE, 1e-3) == pytest.approx(1e-3 - 0.000125 / 1.5)
-    told = np.array(within(PLATE, 1e-3)).reshape(-1, 3)
+    assert margin_excess(PLATE, 1e-3) == pytest.approx(1e-3 - 0.000125 / 1.5)
+    told = np.array(hull_within_margin(PLATE, 1e-3)).reshape(-1, 3)
     assert np.ptp(told, axis=0) == pytest.approx([0.1 - 2 * 0.000125 / 1.5, 0.06 - 2 * 0.000125 / 1.5, 0.00025 / 3.0])
     thick = tuple(40.0 * value for value in PLATE)
-    assert outside(thick, 1e-3) == 0.0
+    assert margin_excess(thick, 1e-3) == 0.0
     assert thickened("box", (0.1, 0.06, 0.0019), 1e-3) == (0.1, 0.06, 0.0019)
     assert thickened("box", (0.1, 0.06, 0.0015), 1e-3) == (0.1, 0.06, 0.002)
     assert thickened("cylinder", (0.0007, 0.1), 1e-3) == (0.001, 0.1)
-    assert core("cylinder", (0.02, 0.1), 1e-3) == pytest.approx((0.019, 0.098))
+    assert rounded_core("cylinder", (0.02, 0.1), 1e-3) == pytest.approx((0.019, 0.098))
 
 
 def test_pairs_that_overlap_by_rounded_edges_alone_are_told_and_are_no_error():

@@ -13,7 +13,7 @@ from simspec.engines.rapier.engine import Rapier
 from simspec.errors import EngineError, UnsupportedError
 from simspec.testing.worlds import accepting, with_options
 from simspec.world import frames
-from simspec.world.hull import size_of
+from simspec.world.hull import mesh_size
 from tests.engines.free_bodies import ball, loader, of, scene
 from tests.engines.hulls import check_corners, check_stands, cube, many, prism, random_hull, solid, still
 from tests.engines.overlapping import overlaps
@@ -32,7 +32,7 @@ def bent(up: float) -> tuple[float, ...]:
     """A cube of 0.2 m, one corner of which is so much (m) higher, so that two triangles of its top are not in one plane."""
     corners = np.array(cube(0.2)).reshape(-1, 3)
     corners[7, 2] += up
-    return size_of(corners)
+    return mesh_size(corners)
 
 
 @installed

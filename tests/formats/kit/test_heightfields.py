@@ -9,9 +9,9 @@ from simspec.formats.kit.heightfield_reading import field_of_triangles
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.kit.meshes import FIELDS, field_file, field_files
 from simspec.proof.heightfields import field_distance
-from simspec.world.heightfield import field_of, size_of
+from simspec.world.shapes import field_of, heightfield_size
 
-ROUGH = size_of(2.0, 1.0, 0.5, np.random.default_rng(5).uniform(0.0, 0.3, (4, 6)))
+ROUGH = heightfield_size(2.0, 1.0, 0.5, np.random.default_rng(5).uniform(0.0, 0.3, (4, 6)))
 
 
 def corners(size=ROUGH) -> np.ndarray:
@@ -20,7 +20,7 @@ def corners(size=ROUGH) -> np.ndarray:
 
 
 def test_a_file_is_read_back_to_the_bit(tmp_path):
-    flat = size_of(0.3, 0.7, 1e-3, np.zeros((2, 2)))
+    flat = heightfield_size(0.3, 0.7, 1e-3, np.zeros((2, 2)))
     for name, text in field_files([ROUGH, flat, ROUGH]).items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)

@@ -7,13 +7,13 @@ import pytest
 
 from simspec.formats.kit.mesh_reading import read_meshes, triangles
 from simspec.formats.kit.meshes import mesh_file, mesh_files, mesh_text
-from simspec.world.hull import centred, size_of
+from simspec.world.hull import centred, mesh_size
 
 TETRAHEDRON = ((0.1, 0.0, -0.03), (-0.05, 0.08, -0.03), (-0.05, -0.08, -0.03), (0.0, 0.01, 0.09))
 
 
 def hull(points):
-    return size_of(centred(np.array(points, dtype=float))[1])
+    return mesh_size(centred(np.array(points, dtype=float))[1])
 
 
 def ball(count, seed=1, stretch=(1.0, 1.0, 1.0)):

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from simspec.dialects.kit.sidecar import sidecar_text
 from simspec.formats.kit import passes
 from simspec.formats.kit.text import number
-from simspec.world import frames, kinematics, principal
+from simspec.world import frames, kinematics
+from simspec.world import inertia as principal
 from tests import worlds
 
 unit = st.floats(-1, 1).filter(lambda x: x == 0 or abs(x) > 1e-3)

@@ -22,7 +22,8 @@ from simspec.support.needs import needs
 from simspec.testing.control_suite import native
 from simspec.testing.driving import chain
 from simspec.world import frames
-from simspec.world.kinematics import CollisionFilter, initial_state, poses
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import initial_state, poses
 from simspec.world.types import Hardness
 from tests import worlds
 

@@ -28,7 +28,8 @@ from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.world import frames
-from simspec.world.kinematics import CollisionFilter, initial_state, layout_of, poses, rigid_groups, trees
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import initial_state, layout_of, poses, rigid_groups, trees
 from simspec.world.types import Connect, Follow, Pose, World
 from tests import worlds
 from tests.files import write

@@ -22,7 +22,8 @@ from simspec.resources import find_spec
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.support.needs import needs
-from simspec.world.kinematics import CollisionFilter, poses
+from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.kinematics import poses
 from tests import worlds
 from tests.random_specs import spec
 

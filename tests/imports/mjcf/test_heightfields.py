@@ -8,7 +8,7 @@ import pytest
 from simspec.compiler import compile_world
 from simspec.language.load import load
 from simspec.testing.worlds import accepting
-from simspec.world.heightfield import field_of
+from simspec.world.shapes import field_of
 from tests.imports.mjcf.models import lost, read, written
 from tests.pictures import png
 

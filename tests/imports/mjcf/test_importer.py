@@ -20,7 +20,7 @@ from simspec.language import foreign
 from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
 from simspec.world import frames
-from simspec.world.kinematics import CollisionFilter
+from simspec.world.contact_pairs import CollisionFilter
 from tests.imports.mjcf.models import ARM, SCENE, lost, read, written
 from tests.meshes.solids import box, stl
 

@@ -13,9 +13,9 @@ import pytest
 from simspec.dynamics.oracle import Oracle
 from simspec.language.load import load
 from simspec.world import frames
+from simspec.world.constraints import Violation
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Connect, Follow, Weld
-from simspec.world.violation import Violation
 from tests.imports.sdf.texts import imported, joint, link, lost, model
 
 HELD = joint("fixed", name="hold", parent="world", child="base")

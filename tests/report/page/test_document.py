@@ -21,9 +21,9 @@ from simspec.report.page import playback
 from simspec.report.page.document import MOST_STUDIES, page
 from simspec.report.page.packing import Packed
 from simspec.report.stored_study import StoredStudy, load_study
-from simspec.world import heightfield
+from simspec.world import shapes
 from simspec.world.canonical import sha256
-from simspec.world.hull import faces, size_of
+from simspec.world.hull import mesh_size, mesh_triangles
 from simspec.world.types import Shape
 from tests.report.page import samples
 
@@ -270,7 +270,7 @@ def test_markup_in_any_text_of_runs_and_certificates_is_text(tmp_path):
 def test_hulls_of_meshes_are_packed_once_with_their_faces():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) - 0.25
     world = samples.a_world()
-    mesh, other = size_of(vertices), size_of(2.0 * vertices)
+    mesh, other = mesh_size(vertices), mesh_size(2.0 * vertices)
     bodies = tuple(
         dataclasses.replace(body, shapes=(Shape("hull", "mesh", size), Shape("ball", "sphere", (0.1,))))
         for body, size in zip(world.bodies[:3], (mesh, mesh, other), strict=True)
@@ -287,15 +287,15 @@ def test_hulls_of_meshes_are_packed_once_with_their_faces():
 
     np.testing.assert_allclose(np.frombuffer(unpacked(hulls[2]["vertices"]), "<f4").reshape(-1, 3), 2.0 * vertices)
     low, high = np.frombuffer(unpacked(hulls[0]["triangles"]), np.uint8).reshape(2, -1).astype(int)
-    assert (low + 256 * high).reshape(-1, 3).tolist() == faces(mesh).tolist()
+    assert (low + 256 * high).reshape(-1, 3).tolist() == mesh_triangles(mesh).tolist()
 
 
 def test_height_fields_are_drawn_as_their_triangles_and_large_ones_with_fewer():
     generator = np.random.default_rng(2)
-    small = heightfield.size_of(2.0, 1.0, 0.5, generator.uniform(0.0, 0.3, (4, 5)))
-    large = heightfield.size_of(2.0, 1.0, 0.5, generator.uniform(0.0, 0.3, (300, 500)))
+    small = shapes.heightfield_size(2.0, 1.0, 0.5, generator.uniform(0.0, 0.3, (4, 5)))
+    large = shapes.heightfield_size(2.0, 1.0, 0.5, generator.uniform(0.0, 0.3, (300, 500)))
     points, triangles = playback._drawn_field(small)
-    assert len(triangles) == len(heightfield.field_of(small).closed()[1])
+    assert len(triangles) == len(shapes.field_of(small).closed()[1])
     points, triangles = playback._drawn_field(large)
     assert triangles.max() == len(points) - 1 < 2**16
     assert np.ptp(points[:, :2], axis=0).tolist() == [2.0, 1.0]

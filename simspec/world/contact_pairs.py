@@ -1,13 +1,56 @@
-"""Which materials and which shapes may meet in a world, and the laws of those that do."""
+"""Which bodies, shapes and materials may touch in a world, the laws of those that do, and the sizes that bound solver
+settings."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
-from simspec.world.derived import derived
-from simspec.world.kinematics import CollisionFilter, rigid_groups
+from simspec.world.canonical import derived
+from simspec.world.kinematics import rigid_groups
+from simspec.world.shapes import SHAPES
 from simspec.world.types import Body, PairContact, Shape, World
+
+# Which materials and which shapes may meet in a world, and the laws of those that do.
+
+
+class CollisionFilter:
+    """Which bodies may touch, by the world's rules (see :class:`simspec.world.types.Contact`)."""
+
+    def __init__(self, world: World):
+        self._groups = rigid_groups(world)
+        self._collision_group = {body.name: body.collision_group for body in world.bodies}
+        self._ignored = set(world.contact.ignored_groups)
+        self._excluded = set(world.contact.excluded_bodies)
+        self._solid = {body.name for body in world.bodies if any(shape.collision for shape in body.shapes)}
+        self._passing = {(pair.first, pair.second) for pair in world.contact.pairs if not pair.collide}
+        self._materials = (
+            {body.name: {shape.material for shape in body.shapes if shape.collision} for body in world.bodies}
+            if self._passing
+            else {}
+        )
+
+    def may_touch(self, first: str, second: str) -> bool:
+        """Whether contact between the two bodies is allowed; False for a body with itself or without shapes."""
+        if first == second or first not in self._solid or second not in self._solid:
+            return False
+        if self._groups[first] == self._groups[second]:
+            return False
+        if (min(first, second), max(first, second)) in self._excluded:
+            return False
+        group, other = self._collision_group[first], self._collision_group[second]
+        if (min(group, other), max(group, other)) in self._ignored:
+            return False
+        return not self._passing or any(
+            self.may_materials_touch(a, b) for a in self._materials[first] for b in self._materials[second]
+        )
+
+    def may_materials_touch(self, first: str, second: str) -> bool:
+        """Whether shapes of the two materials collide at all."""
+        return (min(first, second), max(first, second)) not in self._passing
+
 
 Pair = tuple[str, str]
 
@@ -135,3 +178,49 @@ def excluded_pairs(world: World) -> tuple[Pair, ...]:
         names.sort()
         pairs.update((first, second) for index, first in enumerate(names) for second in names[index + 1 :])
     return tuple(sorted(pairs))
+
+
+# The smallest shape of a world, and the heaviest body that can touch something: sizes that bound solver settings.
+
+
+@dataclass(frozen=True, slots=True)
+class Thinnest:
+    """A collision shape by its body, its place among the body's shapes, and its inner radius (m)."""
+
+    body: str
+    index: int
+    inner: float
+
+
+@derived
+def thinnest(world: World) -> Thinnest | None:
+    """The collision shape of the least inner radius; None where all have no end, or there are none."""
+    shapes = [
+        Thinnest(body.name, index, SHAPES[shape.kind].inner_radius(shape.size))
+        for body in world.bodies
+        for index, shape in enumerate(body.shapes)
+        if shape.collision
+    ]
+    finite = [one for one in shapes if 0.0 < one.inner < math.inf]
+    return min(finite, key=lambda one: one.inner, default=None)
+
+
+@derived
+def heaviest(world: World) -> tuple[str, float] | None:
+    """The name and mass (kg) of the heaviest rigid body that moves and can touch something; None where there is none. Kinematic
+    bodies, which no contact moves, are left out."""
+    groups, kinematic = rigid_groups(world), {motion.body for motion in world.motions}
+    masses: dict[str, float] = {}
+    solid: set[str] = set()
+    for body in world.bodies:
+        group = groups[body.name]
+        if group == "world" or group in kinematic:
+            continue
+        masses[group] = masses.get(group, 0.0) + body.inertial.mass
+        if any(shape.collision for shape in body.shapes):
+            solid.add(group)
+    touching = [(mass, name) for name, mass in masses.items() if name in solid and mass]
+    if not touching:
+        return None
+    mass, name = max(touching)
+    return name, mass
