@@ -16,7 +16,7 @@ from simspec.errors import SpecError
 from simspec.imports.elements import parse
 from simspec.imports.files import Files
 from simspec.imports.mjcf import compiled
-from simspec.imports.mjcf.assembly import Assembly
+from simspec.imports.mjcf.assembly import MjcfAssembly
 from simspec.imports.usd import stage
 from simspec.language.foreign import ImportOptions
 from simspec.meshes.files import open_mesh
@@ -69,7 +69,7 @@ import xacro
 from simspec.imports.xacro import child
 child.sys = type("Without", (), {{"addaudithook": lambda hook: None, "stdin": sys.stdin, "stdout": sys.stdout,
     "argv": sys.argv, "setrecursionlimit": lambda most: None}})
-child.Program.run = lambda self, text, beyond: told({str(project)!r}, {str(project)!r}) + f";{{beyond}}"
+child.XacroProgram.run = lambda self, text, beyond: told({str(project)!r}, {str(project)!r}) + f";{{beyond}}"
 with open("now", "w+b") as now:
     now.write(bytes(16))
     now.flush()
@@ -104,7 +104,7 @@ def test_the_compiler_of_models(project, monkeypatch):
     monkeypatch.setattr(compiled, "_compiler", lambda root: planted)
     monkeypatch.setattr(compiled, "_refused", lambda error, assembly: pytest.fail(error))
     root = parse(b"<mujoco/>", "a.xml")
-    assembly = Assembly.__new__(Assembly)
+    assembly = MjcfAssembly.__new__(MjcfAssembly)
     assembly.root, assembly.texts = root, {}
     with pytest.raises(pytest.fail.Exception) as failed:
         compiled.compile_model(assembly)

@@ -13,8 +13,8 @@ from simspec.audit.meaning import Meaning, plain_text
 from simspec.audit.placed import WORLD, folded, full, groups_of, match, parents_first, zero_poses
 from simspec.audit.shapes import compare_shapes
 from simspec.engines.kit.foreign import MESH, Own
-from simspec.imports.moments import NOT_POSITIVE
-from simspec.imports.moments import RULE as TRIANGLE
+from simspec.imports.draft import NOT_POSITIVE
+from simspec.imports.draft import RULE as TRIANGLE
 from simspec.language.moments import principal_moments
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.distances import relative, turn_between

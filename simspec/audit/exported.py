@@ -23,8 +23,7 @@ from simspec.control.native import drives
 from simspec.engines.kit.effects import FILE, Exported, foreseen
 from simspec.engines.kit.foreign import Reads
 from simspec.engines.kit.registry import engines
-from simspec.formats.kit.contract import formats
-from simspec.formats.kit.plain import Loss
+from simspec.formats.kit.contract import Loss, formats
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Level
 from simspec.support.features import Feature

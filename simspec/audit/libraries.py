@@ -14,7 +14,7 @@ import numpy as np
 
 from simspec.engines.kit.effects import REFUSED, Effect
 from simspec.engines.kit.foreign import MESH, HeldLink, Reads, bodies_of_links, support, told_apart
-from simspec.formats.kit.passes import tensor
+from simspec.formats.kit.contract import tensor
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Vector3

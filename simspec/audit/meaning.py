@@ -13,8 +13,8 @@ from typing import Any, Final
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SimspecError, SpecError
+from simspec.imports.draft import FROM_SHAPES
 from simspec.imports.elements import Element, parse
-from simspec.imports.moments import FROM_SHAPES
 from simspec.imports.packages import Packages
 from simspec.language.foreign import Imported, ImportOptions, Repair, importers
 from simspec.language.load import Spec, load

@@ -15,8 +15,7 @@ from simspec.arguments import spec_file
 from simspec.audit.exported import ReaderLoss, reader_losses
 from simspec.commands.single import only_one, write_single
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
-from simspec.formats.kit.contract import Format, formats
-from simspec.formats.kit.plain import Loss, Plain
+from simspec.formats.kit.contract import Format, Loss, Plain, formats
 from simspec.formats.kit.text import json_text
 from simspec.outputs.marker import PLAIN
 from simspec.outputs.targets import demand, folder_problem

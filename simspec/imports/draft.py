@@ -1,22 +1,34 @@
-"""What an importer is making: the spec's data with the places that its values come from, the defects and the repairs.
+"""The spec that an importer makes: its data with places, problems and repairs, its materials, masses and meshes.
 
-Every problem of a file is collected, and raised at the end: a user repairs a file in one go.
+Problems of a file are collected and raised together.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import math
-from collections.abc import Iterator, Sequence
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from pathlib import Path
+from typing import Any, Final, Protocol, TypeVar
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
 from simspec.language.document import Path_, dotted
-from simspec.language.foreign import Fate, ImportOptions, Repair, Severity
+from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Repair, RequestedRepairs, Severity
+from simspec.language.mesh import MOST_VERTICES, SUFFIXES
+from simspec.language.quantities import Number
+from simspec.language.strict import Faults
 from simspec.language.words import LONGEST_NAME, NAME, clean_name
+from simspec.meshes.files import MeshError
+from simspec.meshes.load import load
+from simspec.meshes.made import MadeMesh, MeshOptions
+from simspec.outputs.entries import Entries
+from simspec.outputs.writing import write_file
 
 WHOLE: Final = 1e15
 """Whole numbers below this are written without a point, and read back as the same double."""
@@ -80,6 +92,11 @@ class Draft:
         """A sentence that stands above a value in the written spec, after those that are there already."""
         key = dotted(path)
         self.comments[key] = f"{self.comments[key]}; {sentence}" if key in self.comments else sentence
+
+    def imported(self, data: dict[str, Any], accounts: list[Account], made: Iterable[str] = ()) -> Imported:
+        """The import of ``data``; ``made``: names of files that the source has within itself."""
+        files = self.meshes, frozenset(made), self.files.read
+        return Imported(data, self.places, accounts, self.repairs, *files, self.comments, self.suspicious)
 
     def finish(self) -> None:
         """Raise SpecError with all problems, in the order of the file; a rule that does not exist is one."""
@@ -150,3 +167,238 @@ def pose(xyz: Sequence[float] | None, rpy: Sequence[float] | None) -> dict[str, 
     if rpy is not None and any(rpy):
         said["rpy"] = [angle(value) for value in rpy]
     return said
+
+
+# --- surfaces as materials ---
+
+CONTACT_OF_LINK: Final[Mapping[str, str]] = {
+    "lateral_friction": "friction",
+    "spinning_friction": "torsional",
+    "rolling_friction": "rolling",
+    "restitution": "restitution",
+}
+"""Words of a ``contact`` of a link, which one reader of robot files has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """What a file says of a surface, as a material of the language."""
+
+    friction: float = 1.0
+    restitution: float = 0.0
+    threshold: float = 0.0
+    torsional: float = 0.0
+    rolling: float = 0.0
+
+    def data(self) -> dict[str, Any]:
+        """The material."""
+        data: dict[str, Any] = {"friction": self.friction}
+        for key, value in (
+            ("restitution", self.restitution),
+            ("restitution_threshold", self.threshold),
+            ("torsional_friction", self.torsional),
+            ("rolling_friction", self.rolling),
+        ):
+            if value:
+                data[key] = value
+        return data
+
+
+@dataclass
+class Materials:
+    """Names of surfaces; equal ones are one material."""
+
+    names: dict[Surface, str] = field(default_factory=dict)
+
+    def name(self, surface: Surface) -> str:
+        """The material of a surface."""
+        if surface not in self.names:
+            self.names[surface] = f"surface-{len(self.names) + 1}"
+        return self.names[surface]
+
+    def data(self) -> dict[str, Any]:
+        """Materials by name; a single one is called ``surface``."""
+        if len(self.names) == 1:
+            return {"surface": next(iter(self.names)).data()}
+        return {name: surface.data() for surface, name in self.names.items()}
+
+
+# --- repairs of mass properties ---
+
+S = TypeVar("S", bound="FilledShape")
+Six = tuple[float, float, float, float, float, float]
+"""A symmetric tensor: xx, yy, zz, xy, xz, yz."""
+
+RULE: Final = "triangle-inequality"
+NOT_POSITIVE: Final = "not-positive"
+"""The rule of repair of moments that are not above 0."""
+MEANING: Final = "a tensor that no body has becomes the nearest one that a body can have"
+FROM_SHAPES: Final = "masses-from-shapes"
+DENSITY: Final = 1000.0
+"""kg/m³ of :data:`FROM_SHAPES` unless a value is given with it: that of water."""
+OF_SHAPES: Final = (
+    "what moves and has no mass, or one below 0, has that of its shapes of 1000 kg/m³, or of another density: "
+    "`masses-from-shapes=7850 kg/m^3`"
+)
+
+OF_SHAPES_OR_BALL: Final = "moments that are not above 0 follow from the mass and the shapes, or are those of a ball"
+
+
+def ball(mass: float) -> float:
+    """The moment of inertia (kg m²) of a ball of a mass (kg) and of :data:`DENSITY`: it stands for moments that are missing."""
+    radius: float = (3.0 * mass / (4.0 * math.pi * DENSITY)) ** (1.0 / 3.0)
+    return 0.4 * mass * radius * radius
+
+
+class FilledShape(Protocol):
+    """A shape that is filled. ``volume`` in m³; ``is_open``: of a mesh that is not closed, of which the hull is filled."""
+
+    is_open: bool
+    volume: float
+
+    @property
+    def collides(self) -> bool:
+        """Whether it takes part in contact."""
+
+
+def solids_of(shapes: Iterable[S]) -> list[S]:
+    """Those of the shapes of a link that are filled: those that collide, or where none of these has a volume, those that are
+    seen."""
+    filled = [shape for shape in shapes if shape.volume > 0.0]
+    return [shape for shape in filled if shape.collides] or filled
+
+
+def given(name: str, before: float, solids: Sequence[FilledShape], density: float) -> str:
+    """What :data:`FROM_SHAPES` did: the mass (kg) of the body ``name``, before and by shapes of ``density`` (kg/m³)."""
+    counted = f"{len(solids)} {'collision' if solids[0].collides else 'visual'} shape{'s' if len(solids) > 1 else ''}"
+    aside = [] if solids[0].collides else ["no collision shape has a volume"]
+    if hulls := sum(shape.is_open for shape in solids):
+        aside.append(f"{hulls} {'mesh is' if hulls == 1 else 'meshes are'} not closed: the hull is filled")
+    kilograms = density * math.fsum(shape.volume for shape in solids)
+    became = f"{before:g} kg became " if before else ""
+    why = f" ({'; '.join(aside)})" if aside else ""
+    return f"{name}: {became}{kilograms:.6g} kg, of {counted} of {density:g} kg/m³{why}"
+
+
+def density_of(requested: RequestedRepairs, shown: str) -> tuple[float, list[Problem]]:
+    """kg/m³ of the rule :data:`FROM_SHAPES`, and the problems of the value that is given with it. ``shown``: what messages call
+    the file."""
+    text = requested.value(FROM_SHAPES)
+    if text is None:
+        return DENSITY, []
+    try:
+        return Number("density", 0.0, above=True).read(text), []
+    except Faults as error:
+        form = f"{FROM_SHAPES}=1000, {FROM_SHAPES}=7850 kg/m^3"
+        message = f"{shown}: the density of {FROM_SHAPES}: "
+        return DENSITY, [Problem(message + one.message, found=text[:80], allowed=form) for one in error.faults]
+
+
+def nearest(tensor: Sequence[float]) -> Six:
+    """The tensor nearest to a positive one (by the sum of squares) that obeys the triangle inequality. It has the same
+    principal axes: what the largest moment is too large by is shared by all three."""
+    import numpy as np
+
+    xx, yy, zz, xy, xz, yz = tensor
+    moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    excess = max(0.0, (moments[2] - moments[0] - moments[1]) / 3.0)
+    moved = moments + excess * np.array([1.0, 1.0, -1.0])
+    full = (axes * moved) @ axes.T
+    return tuple(float(full[index]) for index in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))  # type: ignore[return-value]
+
+
+def shown(moments: Sequence[float]) -> str:
+    """Moments in a message."""
+    return ", ".join(f"{value:.6g}" for value in moments)
+
+
+def became(before: Sequence[float], after: Sequence[float]) -> str:
+    """What the rule did, by the principal moments."""
+    return f"the principal moments {shown(before)} kg m² became {shown(after)} kg m²"
+
+
+# --- meshes ---
+
+COLLADA: Final = ".dae"
+
+FEWER: Final = 128
+"""Vertices that a hull keeps of which a file has more than a spec may have: they leave 0.1 to 0.3 mm of
+parts of 0.1 m, and take 2 to 4 s of computing once (measured); engines are fast with so few."""
+
+BEGINNING: Final = b"# Made by simspec import"
+ENTRIES: Final = Entries("stages", head=BEGINNING, largest=256 * 2**20, bound=512 * 2**20)
+"""Where the user's cache has the meshes that files have within themselves, by the hash of their content."""
+
+
+@dataclass(frozen=True)
+class NamedMesh:
+    """A mesh of a robot file: the text that names it, the file, and the factors along the axes."""
+
+    text: str
+    path: Path
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def data(self) -> dict[str, Any]:
+        """The word ``mesh`` of a shape."""
+        data: dict[str, Any] = {"file": self.text}
+        if self.up is not None:
+            data["up"] = self.up
+        x, y, z = self.scale
+        if not x == y == z:
+            data["scale"] = [plain(value) for value in self.scale]
+        elif x != 1.0:
+            data["scale"] = plain(x)
+        return data
+
+    @property
+    def up(self) -> str | None:
+        """The word ``up``: robots are drawn with the axes that a COLLADA file has, whatever it says is up."""
+        return "z" if self.path.suffix.lower() == COLLADA else None
+
+
+def find_mesh(
+    text: str, scale: tuple[float, float, float], element: Element, files: Files, beside: Path | None = None
+) -> NamedMesh:
+    """The mesh that a text in a file means; ``beside``: the folder that its path starts from, where that is another than the
+    imported file's. Raises MissingFileError where there is no such file, SpecError for one that may
+    not be read, is of no language of meshes, or has no volume."""
+    if not text.lower().endswith(SUFFIXES):
+        raise element.error("not a file of triangles that is read", text[:200], " ".join(SUFFIXES))
+    if 0.0 in scale:
+        raise element.error("a factor of 0 leaves no volume", " ".join(map(str, scale)), "numbers other than 0")
+    return NamedMesh(text, files.find(text, element, beside), scale)
+
+
+def read_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:
+    """What is made of each, or why nothing is; it is remembered for the spec that names them."""
+    return _made(meshes, None)
+
+
+def reduced_meshes(meshes: Sequence[NamedMesh]) -> list[MadeMesh | MeshError]:
+    """The same of meshes whose hulls have more vertices than a spec may have: :data:`FEWER` are kept."""
+    return _made(meshes, FEWER)
+
+
+def _made(meshes: Sequence[NamedMesh], most: int | None) -> list[MadeMesh | MeshError]:
+    wanted = [(mesh.path, MeshOptions(up=mesh.up, scale=mesh.scale, max_vertices=most)) for mesh in meshes]
+    made = load(wanted, MOST_VERTICES)
+    return [made[one] for one in wanted]
+
+
+def kept_vertices(mesh: MadeMesh) -> int | None:
+    """The word `max_vertices` of a mesh that is reduced; None for one that is whole."""
+    return FEWER if any(part.vertices > MOST_VERTICES for part in mesh.parts) else None
+
+
+def made_file(obj: bytes, called: str) -> tuple[str, Path]:
+    """A mesh that a file has within itself, as a file of the cache (else of the folder of temporary files): what a spec calls
+    it, and the file. ``obj`` begins with :data:`BEGINNING`. Raises SpecError where it cannot be written."""
+    place = ENTRIES.folder()
+    folder = place if place is not None else Path(tempfile.gettempdir()) / f"simspec-{os.getuid()}" / ENTRIES.name
+    digest = hashlib.sha256(obj).hexdigest()
+    path = folder / f"{digest[:32]}.obj"
+    try:
+        write_file(path, obj.decode(), lambda content: content.startswith(BEGINNING), lasting=False)
+    except (OSError, SpecError) as error:
+        raise SpecError([Problem(f"a mesh of this file cannot be written to {path.parent}: {error}")]) from None
+    return f"meshes/{clean_name(called)[:60]}_{digest[:8]}.obj", path

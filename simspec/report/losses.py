@@ -11,7 +11,7 @@ from rich.table import Table
 from simspec.audit.exported import ReaderLoss, readers
 from simspec.engines.kit.effects import REFUSED
 from simspec.errors import Location
-from simspec.formats.kit.plain import Loss
+from simspec.formats.kit.contract import Loss
 from simspec.report.kit import table
 
 WIDTH: Final = 80

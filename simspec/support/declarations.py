@@ -246,7 +246,7 @@ LUMPED: Mapping[Feature, Support] = for_each(
     Support(Level.EXACT, "the topmost body of the rigid group is told the inertia of the whole group"),
     *(Feature.MASSLESS, Feature.INERTIA_SINGULAR),
 )
-"""For dialects that write what ``formats/kit/passes.py`` gathers."""
+"""For dialects that write what ``formats/kit/contract.py`` gathers."""
 
 
 BETWEEN_JOINTS = Support(Level.EXACT, "bodies without mass and shapes stand between the joints")

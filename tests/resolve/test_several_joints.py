@@ -9,7 +9,7 @@ import pytest
 
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import SpecError
-from simspec.formats.mjcf.from_world import inertial_of
+from simspec.formats.mjcf.bodies import inertial_of
 from simspec.language.load import Spec, load
 from simspec.support.features import Feature
 from simspec.support.needs import needs

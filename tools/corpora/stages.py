@@ -101,8 +101,8 @@ def _original(path: Path, options: ImportOptions, imported: bool | None) -> dict
     from those of its own compiled model."""
     from simspec.imports.files import Files
     from simspec.imports.mjcf.assembly import assemble
+    from simspec.imports.mjcf.comparison import deviations
     from simspec.imports.mjcf.compiled import compile_model
-    from simspec.imports.mjcf.equality import deviations
 
     try:
         model = compile_model(assemble(Files(path, str(path), options)))

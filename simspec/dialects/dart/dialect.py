@@ -27,10 +27,10 @@ from simspec.dialects.kit.settings import NeededSetting
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
 from simspec.dialects.kit.target import Target, known
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.passes import recentre_free_roots
-from simspec.formats.skel import tree
-from simspec.formats.skel.document import Document
-from simspec.formats.skel.from_world import KINDS, coordinates, file_name, zero_poses
+from simspec.formats.kit.contract import recentre_free_roots
+from simspec.formats.skel import format
+from simspec.formats.skel.format import KINDS, coordinates, file_name, zero_poses
+from simspec.formats.skel.reading import SkelDocument
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     BETWEEN_JOINTS,
@@ -139,7 +139,7 @@ class DartDialect(Dialect):
         nodes = Nodes(world, target.plan)
         static = {name for name, group in rigid_groups(moved).items() if group == "world"}
         skeletons = tuple(
-            tree.Skeleton(
+            format.Skeleton(
                 root,
                 not all(body.name in static for body in bodies),
                 tuple(
@@ -154,10 +154,10 @@ class DartDialect(Dialect):
             for root, bodies in trees(moved).items()
         )
         detector = collision_detector(world, target)
-        told = tree.World(world.name, world.physics.timestep, world.physics.gravity, detector, skeletons)
+        told = format.SkelWorld(world.name, world.physics.timestep, world.physics.gravity, detector, skeletons)
         return Lowered(told, _sidecar(world, target, nodes, offsets))
 
-    def raise_(self, document: Document, sidecar: DartSidecar) -> ReadBack:
+    def raise_(self, document: SkelDocument, sidecar: DartSidecar) -> ReadBack:
         """See ``dialects/dart/raising.py``."""
         from simspec.dialects.dart.raising import raised
 
@@ -217,25 +217,25 @@ def rotation_vector(q: Quaternion) -> Vector3:
     return (x * factor, y * factor, z * factor)
 
 
-def _body(body: Body, node: Node, at_zero: Pose, plan: ContactPlan) -> tree.Body:
+def _body(body: Body, node: Node, at_zero: Pose, plan: ContactPlan) -> format.SkelBody:
     """A body's own node with what is seen of it, or a further one, without mass."""
     copies = tuple(
-        tree.Shape(shape.kind, shape.size, shape.pose)
+        format.SkelShape(shape.kind, shape.size, shape.pose)
         for shape in solid_shapes(body)
         for layer in plan.layers(shape.material)
         if (shape.material, layer) in node.parts
     )
     if node.index > 0:
-        return tree.Body(node_name(node), at_zero, Inertial(0.0), (), copies)
+        return format.SkelBody(node_name(node), at_zero, Inertial(0.0), (), copies)
     visual = tuple(
-        tree.Shape(shape.kind, shape.size, shape.pose, shape.colour) for shape in body.shapes if shape.visual
+        format.SkelShape(shape.kind, shape.size, shape.pose, shape.colour) for shape in body.shapes if shape.visual
     )
-    return tree.Body(node_name(node), at_zero, body.inertial, visual, copies)
+    return format.SkelBody(node_name(node), at_zero, body.inertial, visual, copies)
 
 
-def _joint(body: Body) -> tree.Joint:
+def _joint(body: Body) -> format.SkelJoint:
     joint = body.joint
-    return tree.Joint(
+    return format.SkelJoint(
         joint.name,
         joint.kind,
         None if joint.parent is None else file_name(joint.parent),
@@ -247,9 +247,9 @@ def _joint(body: Body) -> tree.Joint:
     )
 
 
-def _weld(node: Node) -> tree.Joint:
+def _weld(node: Node) -> format.SkelJoint:
     """What holds a further node to the body's own."""
-    return tree.Joint(node_name(node), "fixed", file_name(node.body), node_name(node))
+    return format.SkelJoint(node_name(node), "fixed", file_name(node.body), node_name(node))
 
 
 def _sidecar(world: World, target: Target, nodes: Nodes, offsets: Mapping[str, Vector3]) -> DartSidecar:

@@ -14,8 +14,8 @@ from simspec.dialects.dart.contact import check_filter
 from simspec.dialects.dart.sidecar import DartSidecar, ShapeEntry
 from simspec.dialects.kit.joints import UNREADABLE, add_springs
 from simspec.dialects.kit.passive import fluid_of, with_passive
-from simspec.formats.kit.passes import restore_frames
-from simspec.formats.skel import document as skel
+from simspec.formats.kit.contract import restore_frames
+from simspec.formats.skel import reading as skel
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.rotations import exponential_of
@@ -42,7 +42,7 @@ IMPLICIT = ("damping", "spring_stiffness", "spring_rest_position")
 Value = TypeVar("Value")
 
 
-def raised(document: skel.Document, sidecar: DartSidecar) -> ReadBack:
+def raised(document: skel.SkelDocument, sidecar: DartSidecar) -> ReadBack:
     """The model of a document. Raises ValueError, which names the place, for what is missing, for what simspec does not say to
     DART, and where document and sidecar do not fit together."""
     for complaint in skel.strangers(document):
@@ -89,14 +89,14 @@ def raised(document: skel.Document, sidecar: DartSidecar) -> ReadBack:
     )
 
 
-def _needed(item: skel.Item, value: Value | None, tag: str) -> Value:
+def _needed(item: skel.SkelItem, value: Value | None, tag: str) -> Value:
     """What a file of this dialect always says. Raises ValueError where it does not."""
     if value is None:
         raise item.refused(f"has no <{tag}>")
     return value
 
 
-def _distinct(document: skel.Document) -> list[skel.Body]:
+def _distinct(document: skel.SkelDocument) -> list[skel.SkelBodyItem]:
     """All bodies. Raises ValueError where two have one name, which DART would leave out, or gravity does not act on one."""
     bodies = [body for skeleton in document.skeletons for body in skeleton.bodies]
     names: set[str] = set()
@@ -112,7 +112,7 @@ def _distinct(document: skel.Document) -> list[skel.Body]:
 # --- joints -------------------------------------------------------------------------------------------------------
 
 
-def _joints(document: skel.Document, places: Mapping[str, Pose]) -> dict[str, Joint]:
+def _joints(document: skel.SkelDocument, places: Mapping[str, Pose]) -> dict[str, Joint]:
     """The joint of every body, by its name."""
     joints: dict[str, Joint] = {}
     for skeleton in document.skeletons:
@@ -126,7 +126,7 @@ def _joints(document: skel.Document, places: Mapping[str, Pose]) -> dict[str, Jo
     return joints
 
 
-def _joint(joint: skel.Joint, places: Mapping[str, Pose]) -> Joint:
+def _joint(joint: skel.SkelJointItem, places: Mapping[str, Pose]) -> Joint:
     item = joint.item
     kind = KINDS.get(joint.type)
     if kind is None:
@@ -148,7 +148,7 @@ def _joint(joint: skel.Joint, places: Mapping[str, Pose]) -> Joint:
     return _with_state(read, joint)
 
 
-def _about_axis(read: Joint, axis: skel.Axis) -> Joint:
+def _about_axis(read: Joint, axis: skel.SkelAxisItem) -> Joint:
     limits = None
     if axis.item.find("limit") is not None:
         limits = (_needed(axis.item, axis.lower, "lower"), _needed(axis.item, axis.upper, "upper"))
@@ -163,7 +163,7 @@ def _about_axis(read: Joint, axis: skel.Axis) -> Joint:
     )
 
 
-def _with_state(read: Joint, joint: skel.Joint) -> Joint:
+def _with_state(read: Joint, joint: skel.SkelJointItem) -> Joint:
     """The same with its initial state: in the world's coordinates."""
     count = COORDINATES[read.kind]
     if not count:
@@ -223,7 +223,7 @@ def _complete_joints(bodies: dict[str, Body], sidecar: DartSidecar) -> None:
 # --- shapes -------------------------------------------------------------------------------------------------------
 
 
-def _check_meshes(document: skel.Document) -> None:
+def _check_meshes(document: skel.SkelDocument) -> None:
     """Raise ValueError where no shape names a mesh that is there."""
     bodies = (body for skeleton in document.skeletons for body in skeleton.bodies)
     named = {shape.file for body in bodies for shape in (*body.visual, *body.collision)}
@@ -232,7 +232,7 @@ def _check_meshes(document: skel.Document) -> None:
 
 
 def _shapes(
-    nodes: Mapping[str, skel.Body],
+    nodes: Mapping[str, skel.SkelBodyItem],
     own: str,
     entries: Sequence[ShapeEntry],
     meshes: Mapping[str, tuple[float, ...]],
@@ -267,7 +267,7 @@ def _shapes(
     return tuple(shapes)
 
 
-def _shape(name: str, shape: skel.Shape, meshes: Mapping[str, tuple[float, ...]]) -> Shape:
+def _shape(name: str, shape: skel.SkelShapeItem, meshes: Mapping[str, tuple[float, ...]]) -> Shape:
     pose = _needed(shape.item, shape.pose, "transformation")
     if shape.kind == "mesh":
         if shape.file is None or shape.file not in meshes or shape.values != {"scale": (1.0, 1.0, 1.0)}:
@@ -288,7 +288,7 @@ def _shape(name: str, shape: skel.Shape, meshes: Mapping[str, tuple[float, ...]]
     return Shape(name, shape.kind, size, pose)
 
 
-def _check_welded(node: skel.Body, body: skel.Body, joint: Joint) -> None:
+def _check_welded(node: skel.SkelBodyItem, body: skel.SkelBodyItem, joint: Joint) -> None:
     """A further node of a body is its own but for the name: in the same place, without mass, held by a weld."""
     if joint.kind != "fixed" or joint.parent != body.name:
         raise node.item.refused(f"is not welded to {body.name!r}")

@@ -13,7 +13,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from simspec.dialects.kit.sidecar import SIDECAR, sidecar_text
-from simspec.formats.kit.passes import tensor
+from simspec.formats.kit.contract import tensor
 from simspec.formats.kit.text import number, numbers
 from simspec.world import frames
 

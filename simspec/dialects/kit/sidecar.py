@@ -31,7 +31,7 @@ SIDECAR_SCHEMA = 2
 @dataclass(frozen=True, slots=True)
 class SidecarBody:
     """One body: its name, the kind of its joint, and where the file's body frame stands in the world's (m): zero but for free
-    roots (see ``formats/kit/passes.py``)."""
+    roots (see ``formats/kit/contract.py``)."""
 
     name: str
     kind: str

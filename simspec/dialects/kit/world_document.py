@@ -15,7 +15,7 @@ from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.sidecar import Sidecar, common_fields
 from simspec.dialects.kit.target import Target, known
 from simspec.dialects.kit.world_sidecar import WorldSidecar
-from simspec.formats.kit.passes import recentre_free_roots
+from simspec.formats.kit.contract import recentre_free_roots
 from simspec.formats.world import tree
 from simspec.formats.world.format import WorldJson
 from simspec.support.declarations import LUMPED, Table
@@ -24,7 +24,7 @@ from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Joint, ReadBack, Shape, Surface, Vector3, World
 
 NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")
-"""Of a surface, in the order of :class:`simspec.formats.world.tree.Copy`."""
+"""Of a surface, in the order of :class:`simspec.formats.world.tree.ShapeCopy`."""
 
 
 class WorldDialect(Dialect, abstract=True):
@@ -34,7 +34,7 @@ class WorldDialect(Dialect, abstract=True):
     SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **LUMPED}
     SIDECAR: ClassVar[type[Sidecar]] = WorldSidecar
 
-    def fields(self, world: World, target: Target, document: tree.Document) -> Mapping[str, Any]:
+    def fields(self, world: World, target: Target, document: tree.JsonWorld) -> Mapping[str, Any]:
         """The fields of the sidecar that are not common to all dialects."""
         return {}
 
@@ -43,14 +43,14 @@ class WorldDialect(Dialect, abstract=True):
         fields = common_fields(self.NAME, self.FORMAT, world, target, offsets)
         return Lowered(document, self.SIDECAR(**fields, **self.fields(world, target, document)))
 
-    def raise_(self, document: tree.Document, sidecar: Any) -> ReadBack:
+    def raise_(self, document: tree.JsonWorld, sidecar: Any) -> ReadBack:
         """See ``dialects/kit/world_model.py``."""
         from simspec.dialects.kit.world_model import world_model
 
         return world_model(document, sidecar)
 
 
-def world_document(world: World, target: Target) -> tuple[tree.Document, Mapping[str, Vector3]]:
+def world_document(world: World, target: Target) -> tuple[tree.JsonWorld, Mapping[str, Vector3]]:
     """The document of ``world`` with the copies of the target's plan, and where the frames of free
     roots stand in the world's (m)."""
     moved, offsets = recentre_free_roots(world)
@@ -62,12 +62,12 @@ def world_document(world: World, target: Target) -> tuple[tree.Document, Mapping
         for layer in plan.layers(shape.material)
     }
     servos = {
-        name: tree.Servo(kp, kd, limit)
+        name: tree.JsonServo(kp, kd, limit)
         for one in natives(world)
         for name, kp, kd, limit in zip(one.joints, one.kp, one.kd, one.effort_limits, strict=True)
     }
     used = {body.collision_group for body in world.bodies if solid_shapes(body)}
-    document = tree.Document(
+    document = tree.JsonWorld(
         gravity=world.physics.gravity,
         timestep=world.physics.timestep,
         friction_cone=world.contact.friction_cone,
@@ -85,10 +85,10 @@ def world_document(world: World, target: Target) -> tuple[tree.Document, Mapping
     return document, offsets
 
 
-def _body(body: Body, plan: ContactPlan, servo: tree.Servo | None) -> tree.Body:
+def _body(body: Body, plan: ContactPlan, servo: tree.JsonServo | None) -> tree.JsonBody:
     # what cannot move may be written without mass and with moments, which engines refuse
     inertial = body.inertial if body.inertial.mass else NO_INERTIA
-    return tree.Body(
+    return tree.JsonBody(
         body.name,
         body.model,
         body.collision_group,
@@ -100,7 +100,7 @@ def _body(body: Body, plan: ContactPlan, servo: tree.Servo | None) -> tree.Body:
     )
 
 
-def _joint(joint: Joint, servo: tree.Servo | None) -> tree.Joint:
+def _joint(joint: Joint, servo: tree.JsonServo | None) -> tree.Joint:
     """Of a joint the fields that its kind has."""
     name, parent, origin = joint.name, joint.parent, joint.origin
     position, velocity = joint.position, joint.velocity
@@ -139,10 +139,10 @@ def _joint(joint: Joint, servo: tree.Servo | None) -> tree.Joint:
     )
 
 
-def _shape(shape: Shape, plan: ContactPlan) -> tree.Shape:
+def _shape(shape: Shape, plan: ContactPlan) -> tree.JsonShape:
     """A shape; one that is not solid has no copies, one that cannot be seen no colour."""
     layers = plan.layers(shape.material) if shape.collision else ()
-    return tree.Shape(
+    return tree.JsonShape(
         shape.name,
         shape.kind,
         shape.size,
@@ -153,7 +153,7 @@ def _shape(shape: Shape, plan: ContactPlan) -> tree.Shape:
     )
 
 
-def _copy(layer: int, numbers: Surface) -> tree.Copy:
+def _copy(layer: int, numbers: Surface) -> tree.ShapeCopy:
     """A copy's numbers."""
     sliding, torsional, rolling, bounce = (known(numbers, name) for name in NUMBERS)
-    return tree.Copy(layer, sliding, torsional, rolling, bounce, numbers.hardness)
+    return tree.ShapeCopy(layer, sliding, torsional, rolling, bounce, numbers.hardness)

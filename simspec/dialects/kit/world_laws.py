@@ -13,11 +13,11 @@ from simspec.dialects.kit.world_document import WorldDialect
 from simspec.dialects.kit.world_sidecar import WorldSidecar
 from simspec.formats.kit.forms import check_distinct, check_known
 from simspec.formats.world.format import WORLD
-from simspec.formats.world.tree import Copy, Document
+from simspec.formats.world.tree import JsonWorld, ShapeCopy
 from simspec.language.vocabulary import HARDNESS_KINDS
 from simspec.world.types import PairContact, ReadBack, World
 
-NOTHING = Copy(0, 0.0, 0.0, 0.0, 0.0)
+NOTHING = ShapeCopy(0, 0.0, 0.0, 0.0, 0.0)
 """What shapes have for numbers: the table has all."""
 
 
@@ -39,7 +39,7 @@ class LawSidecar(WorldSidecar):
             if not law.collide:
                 raise ValueError(f"{at} is of materials that pass through each other")
 
-    def check_document(self, document: Document) -> None:
+    def check_document(self, document: JsonWorld) -> None:
         """Raise ValueError where the sidecar is of another world than ``document``, or where shapes have numbers of their own,
         which nothing would go by."""
         WorldSidecar.check_document(self, document)
@@ -58,10 +58,10 @@ class LawDialect(WorldDialect, abstract=True):
 
     SIDECAR: ClassVar[type[Sidecar]] = LawSidecar
 
-    def fields(self, world: World, target: Target, document: Document) -> Mapping[str, Any]:
+    def fields(self, world: World, target: Target, document: JsonWorld) -> Mapping[str, Any]:
         # in a probe of two materials the plan may have more pairs than meet there
         laws = {(law.first, law.second): law for law in world.contact.pairs}
         return {"laws": tuple(laws[one, other] for one, other, _ in document.meets)}
 
-    def raise_(self, document: Document, sidecar: LawSidecar) -> ReadBack:
+    def raise_(self, document: JsonWorld, sidecar: LawSidecar) -> ReadBack:
         return replace(super().raise_(document, sidecar), laws=sidecar.laws)

@@ -9,13 +9,13 @@ from dataclasses import replace
 
 from simspec.dialects.kit.passive import fluid_of, with_passive
 from simspec.dialects.kit.world_sidecar import WorldSidecar
-from simspec.formats.kit.passes import restore_frames
+from simspec.formats.kit.contract import restore_frames
 from simspec.formats.world import tree
 from simspec.world import frames
 from simspec.world.types import Body, EngineServo, Inertial, Joint, ReadBack, Shape, Surface
 
 
-def world_model(document: tree.Document, sidecar: WorldSidecar) -> ReadBack:
+def world_model(document: tree.JsonWorld, sidecar: WorldSidecar) -> ReadBack:
     """The model of a document. Raises ValueError where document and sidecar are not of one world."""
     sidecar.check_document(document)
     return ReadBack(
@@ -30,7 +30,7 @@ def world_model(document: tree.Document, sidecar: WorldSidecar) -> ReadBack:
     )
 
 
-def _servos(document: tree.Document) -> tuple[EngineServo, ...]:
+def _servos(document: tree.JsonWorld) -> tuple[EngineServo, ...]:
     joints = (body.joint for body in document.bodies)
     return tuple(
         EngineServo(joint.name, joint.servo.kp, joint.servo.kd, joint.servo.effort_limit)
@@ -39,7 +39,7 @@ def _servos(document: tree.Document) -> tuple[EngineServo, ...]:
     )
 
 
-def _body(body: tree.Body) -> Body:
+def _body(body: tree.JsonBody) -> Body:
     inertial = Inertial(body.mass, body.centre_of_mass, body.inertia)
     shapes = tuple(_shape(shape) for shape in body.shapes)
     return Body(body.name, body.model, inertial, _joint(body.joint), shapes, body.group)
@@ -69,7 +69,7 @@ def _joint(joint: tree.Joint) -> Joint:
     )
 
 
-def _shape(shape: tree.Shape) -> Shape:
+def _shape(shape: tree.JsonShape) -> Shape:
     surfaces = tuple(
         Surface(copy.friction, copy.torsional_friction, copy.rolling_friction, copy.restitution, copy.hardness)
         for copy in shape.copies

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.world.format import WORLD
-from simspec.formats.world.tree import Document
+from simspec.formats.world.tree import JsonWorld
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,7 +21,7 @@ class WorldSidecar(Sidecar):
             if body.kind != "free" and any(body.frame_offset):
                 raise ValueError(f"the sidecar moves the frame of {body.name!r}, which is not a free root")
 
-    def check_document(self, document: Document) -> None:
+    def check_document(self, document: JsonWorld) -> None:
         """Raise ValueError where the sidecar is of another world than ``document``."""
         if [(body.name, body.kind) for body in self.bodies] != [
             (body.name, body.joint.kind) for body in document.bodies

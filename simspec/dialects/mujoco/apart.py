@@ -13,7 +13,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from simspec.formats.mjcf.tree import Body, Geom, Inertial, Site
+from simspec.formats.mjcf.tree import MjcfBody, MjcfGeom, MjcfInertial, MjcfSite
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion
 
@@ -40,7 +40,7 @@ def taken_for_one(frame: Pose, other: Pose) -> bool:
     return axes < NEAR and (axes > SAME or SAME < away < NEAR)
 
 
-def apart(body: Body) -> Body:
+def apart(body: MjcfBody) -> MjcfBody:
     """The body, with an inertial frame and geoms that MuJoCo does not take for what they are not."""
     inertial = body.inertial and _inertial(body.inertial)
     others = [Pose()] if inertial is None else [Pose(), Pose(inertial.position, inertial.orientation)]
@@ -48,7 +48,7 @@ def apart(body: Body) -> Body:
     return dataclasses.replace(body, inertial=inertial, geoms=geoms)
 
 
-def _inertial(inertial: Inertial) -> Inertial:
+def _inertial(inertial: MjcfInertial) -> MjcfInertial:
     if not taken_for_one(Pose(inertial.position, inertial.orientation), Pose()):
         return inertial
     x, y, z = inertial.moments
@@ -56,7 +56,7 @@ def _inertial(inertial: Inertial) -> Inertial:
     return dataclasses.replace(inertial, orientation=turn, moments=(y, z, x))
 
 
-def _geom(geom: Geom, others: Sequence[Pose]) -> Geom:
+def _geom(geom: MjcfGeom, others: Sequence[Pose]) -> MjcfGeom:
     orientations = [geom.orientation]
     orientations += [frames.multiply(geom.orientation, turn) for turn in TURNS.get(geom.type, ())]
     for orientation in orientations:
@@ -65,7 +65,7 @@ def _geom(geom: Geom, others: Sequence[Pose]) -> Geom:
     return geom
 
 
-def sites_apart(sites: Mapping[str, tuple[Site, ...]]) -> dict[str, tuple[Site, ...]]:
+def sites_apart(sites: Mapping[str, tuple[MjcfSite, ...]]) -> dict[str, tuple[MjcfSite, ...]]:
     """The sites of bodies, in pairs of which each constraint holds the frames together."""
     pair = {site.name: site.name.rpartition("/")[0] for held in sites.values() for site in held}
     turned = {

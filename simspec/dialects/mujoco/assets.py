@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from simspec.formats.mjcf.document import Document, Item
+from simspec.formats.mjcf.reading import MjcfDocument, MjcfItem
 
 IN_MESH: Final = {"name", "file", "inertia"}
 """The attributes of a mesh. Others would scale, move or cut it."""
@@ -20,7 +20,7 @@ Sizes = dict[str, tuple[float, ...]]
 """Sizes of shapes by the names of what they are."""
 
 
-def read_assets(document: Document) -> tuple[Sizes, Sizes]:
+def read_assets(document: MjcfDocument) -> tuple[Sizes, Sizes]:
     """The meshes and the height fields of a document. Raises ValueError for what is not read."""
     if document.section("asset") and (moved := MESH_FOLDERS & document.compiler.own.keys()):
         raise document.compiler.refused(f"{min(moved)} is not read")
@@ -45,7 +45,7 @@ def read_assets(document: Document) -> tuple[Sizes, Sizes]:
     return meshes, fields
 
 
-def _height_field(item: Item) -> tuple[str, tuple[float, ...]]:
+def _height_field(item: MjcfItem) -> tuple[str, tuple[float, ...]]:
     """The name and the size (``world/shapes.py``) of a height field. Raises ValueError where its elevations are not what
     every reader leaves as it is: shares from 0 to 1, or 0 throughout."""
     if item.values.keys() != IN_FIELD or item.element.children:

@@ -13,17 +13,16 @@ from simspec.dialects.mujoco.choices import (
 )
 from simspec.dialects.mujoco.names import NO_RATING
 from simspec.formats.mjcf import tree
-from simspec.formats.mjcf.filter import Kind
-from simspec.formats.mjcf.from_world import DEFAULT_COLOUR, GROUPS, body_of, geom_of, joint_attributes
-from simspec.formats.mjcf.rows import Row
+from simspec.formats.mjcf.bodies import DEFAULT_COLOUR, GROUPS, BodyRow, body_of, geom_of, joint_attributes
+from simspec.formats.mjcf.contact import Kind
 from simspec.formats.mjcf.tree import Attributes, Value
 from simspec.world.kinematics import absorbed, free_rigid, rigid_groups
 from simspec.world.types import Joint, Pose, Shape, World
 
 
 def lower_body(
-    row: Row, masks: Mapping[Kind, Attributes], restless: bool, sites: tuple[tree.Site, ...] = ()
-) -> tree.Body:
+    row: BodyRow, masks: Mapping[Kind, Attributes], restless: bool, sites: tuple[tree.MjcfSite, ...] = ()
+) -> tree.MjcfBody:
     """One body; ``masks`` by kind of shape, ``restless``: it must never fall asleep."""
     body = row.body
     geoms = tuple(_geom(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
@@ -31,15 +30,15 @@ def lower_body(
     return apart(body_of(row, joints, geoms, (("sleep", "never"),) if restless else (), sites))
 
 
-def _joint(joint: Joint, frame: Pose) -> tree.Joint:
+def _joint(joint: Joint, frame: Pose) -> tree.MjcfJoint:
     more = joint_attributes(joint, frame)
     ratings = (joint.velocity_limit, joint.effort_limit)
     if ratings != (None, None):
         more.append(("user", tuple(NO_RATING if rating is None else rating for rating in ratings)))
-    return tree.Joint(joint.name, joint.kind, tuple(more))
+    return tree.MjcfJoint(joint.name, joint.kind, tuple(more))
 
 
-def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
+def _geom(shape: Shape, mask: Attributes) -> tree.MjcfGeom:
     more: list[tuple[str, Value]] = []
     if shape.collision:
         more.extend(mask)
@@ -56,7 +55,7 @@ def _geom(shape: Shape, mask: Attributes) -> tree.Geom:
     return geom_of(shape, class_name, tuple(more))
 
 
-def actuators(world: World) -> Iterator[tree.Actuator]:
+def actuators(world: World) -> Iterator[tree.MjcfActuator]:
     """A position actuator for each natively driven joint; without kp a velocity actuator."""
     for controller in natives(world):
         for name, kp, kd, limit in zip(
@@ -66,7 +65,7 @@ def actuators(world: World) -> Iterator[tree.Actuator]:
             more += [("kv", kd), *ACTUATOR, ("forcelimited", limit is not None)]
             if limit is not None:
                 more.append(("forcerange", (-limit, limit)))
-            yield tree.Actuator("position" if kp else "velocity", name, name, tuple(more))
+            yield tree.MjcfActuator("position" if kp else "velocity", name, name, tuple(more))
 
 
 def restless_bodies(world: World) -> frozenset[str]:

@@ -1,6 +1,6 @@
 """Bodies with several joints, for those who read a file or a model: what each joint of a body moves in the world.
 
-Nothing here is known to what writes them (``formats/mjcf/rows.py``).
+Nothing here is known to what writes them (``formats/mjcf/bodies.py``).
 """
 
 from __future__ import annotations

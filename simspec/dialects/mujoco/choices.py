@@ -10,7 +10,7 @@ from typing import Final
 
 from simspec.dialects.kit.settings import NeededSetting
 from simspec.dialects.mujoco.names import COULOMB, NATIVE, NO_RATING
-from simspec.formats.mjcf.from_world import DEFAULT_COLOUR
+from simspec.formats.mjcf.bodies import DEFAULT_COLOUR
 from simspec.formats.mjcf.tree import Attributes
 
 COMPILER: Final[Attributes] = (

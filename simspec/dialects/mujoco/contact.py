@@ -10,9 +10,8 @@ from simspec.dialects.kit.target import Target
 from simspec.dialects.mujoco.choices import MATERIAL_CLASS, VISUAL_CLASS
 from simspec.dialects.mujoco.names import COULOMB
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.mjcf.from_world import dimensions, margins_of
-from simspec.formats.mjcf.tree import Attributes, Default, Value
-from simspec.formats.mjcf.tree import Pair as ExplicitPair
+from simspec.formats.mjcf.bodies import dimensions, margins_of
+from simspec.formats.mjcf.tree import Attributes, MjcfDefault, MjcfPair, Value
 from simspec.world.contact_pairs import Pair, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, Hardness, PairContact, Surface, World
@@ -191,16 +190,16 @@ def pair_defaults(world: World, target: Target) -> Attributes:
     )
 
 
-def classes(world: World, target: Target) -> tuple[Default, ...]:
+def classes(world: World, target: Target) -> tuple[MjcfDefault, ...]:
     """One class for each material, and the class of shapes that only show."""
-    rows = [Default(VISUAL_CLASS, (("geom", (("contype", 0), ("conaffinity", 0), ("group", 2))),))]
+    rows = [MjcfDefault(VISUAL_CLASS, (("geom", (("contype", 0), ("conaffinity", 0), ("group", 2))),))]
     for material in world.contact.materials:
         held = target.plan.numbers[material.name, 0]
         friction = (held.friction or 0.0, held.torsional_friction or 0.0, held.rolling_friction or 0.0)
         surface: Attributes = (("condim", dimensions(held)), ("friction", friction))
         # no cushion: without an explicit pair's own reference for friction it does not help
         solref = contact_reference(world, target, dataclasses.replace(held, friction=0.0))
-        rows.append(Default(MATERIAL_CLASS + material.name, (("geom", (*surface, *solref)),)))
+        rows.append(MjcfDefault(MATERIAL_CLASS + material.name, (("geom", (*surface, *solref)),)))
     return tuple(rows)
 
 
@@ -225,7 +224,7 @@ def pairs_needed(world: World, target: Target) -> dict[Pair, str]:
     return found
 
 
-def explicit_pairs(world: World, target: Target) -> tuple[tuple[ExplicitPair, ...], bool]:
+def explicit_pairs(world: World, target: Target) -> tuple[tuple[MjcfPair, ...], bool]:
     """Rows of explicit pairs, and whether all that should be listed are.
 
     Listed are every two shapes that may touch and whose law needs it (``pairs_needed``), and every two with friction: they
@@ -261,9 +260,7 @@ def explicit_pairs(world: World, target: Target) -> tuple[tuple[ExplicitPair, ..
     return _rows(world, target, laws, list(needed)), False
 
 
-def _rows(
-    world: World, target: Target, laws: Mapping[Pair, PairContact], pairs: list[Pair]
-) -> tuple[ExplicitPair, ...]:
+def _rows(world: World, target: Target, laws: Mapping[Pair, PairContact], pairs: list[Pair]) -> tuple[MjcfPair, ...]:
     shared, margins = dict(pair_defaults(world, target)), margins_of(world)
     inverse = inverse_masses(world)
     rows = []
@@ -286,7 +283,7 @@ def _rows(
             if margin := margins[first] + margins[second] if law.margin is None else law.margin:
                 values["margin"] = margin
             own = tuple((name, value) for name, value in values.items() if shared.get(name) != value)
-            rows.append(ExplicitPair(first, second, own))
+            rows.append(MjcfPair(first, second, own))
     return tuple(rows)
 
 

@@ -39,26 +39,28 @@ from simspec.dialects.mujoco.contact_checks import check_friction, check_laws
 from simspec.dialects.mujoco.names import KEYFRAME
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.passes import recentre_free_roots
-from simspec.formats.mjcf.arena import arena_megabytes
-from simspec.formats.mjcf.document import Document
-from simspec.formats.mjcf.equality import equalities, frame_sites, sites_of
-from simspec.formats.mjcf.filter import collision_masks
-from simspec.formats.mjcf.from_world import (
+from simspec.formats.kit.contract import recentre_free_roots
+from simspec.formats.mjcf.bodies import (
     CONES,
     KINDS,
     ONE_NUMBER,
+    carrier_frames,
+    depth_first,
+    equalities,
+    file_name,
     fluid_options,
+    frame_sites,
     heightfields_of,
     keyframe,
     meshes_of,
     no_more_than_its_weight,
     one_number,
+    sites_of,
+    tendons,
 )
-from simspec.formats.mjcf.names import file_name
-from simspec.formats.mjcf.rows import carrier_frames, depth_first
-from simspec.formats.mjcf.tendons import tendons
-from simspec.formats.mjcf.tree import Attributes, Default, Exclude, Model
+from simspec.formats.mjcf.contact import arena_megabytes, collision_masks
+from simspec.formats.mjcf.reading import MjcfDocument
+from simspec.formats.mjcf.tree import Attributes, MjcfDefault, MjcfExclude, MjcfModel
 from simspec.support.declarations import (
     LUMPED,
     Level,
@@ -181,13 +183,13 @@ class MujocoDialect(Dialect):
         pairs, all_pairs = explicit_pairs(moved, target)
         restless = restless_bodies(world) if _sleeping(target) else frozenset()
         sites, named = sites_apart(sites_of(world, offsets, anchors(world))), frame_sites(world, offsets)
-        model = Model(
+        model = MjcfModel(
             world.name,
             COMPILER,
             _option(world, target),
             (*FLAGS, *_flag_settings(target)),
             _size(world, target),
-            Default(
+            MjcfDefault(
                 elements=(
                     ("joint", (*JOINT_DEFAULTS, *joint_references(world, target))),
                     ("geom", (*GEOM_DEFAULTS, *contact_reference(world, target, Surface()))),
@@ -206,7 +208,7 @@ class MujocoDialect(Dialect):
             ),
             pairs,
             tuple(
-                Exclude(file_name(first), file_name(second))
+                MjcfExclude(file_name(first), file_name(second))
                 for first, second in sorted({*excluded_pairs(moved), *group_excludes})
             ),
             tuple(actuators(world)),
@@ -228,7 +230,7 @@ class MujocoDialect(Dialect):
             ),
         )
 
-    def raise_(self, document: Document, sidecar: MujocoSidecar) -> ReadBack:
+    def raise_(self, document: MjcfDocument, sidecar: MujocoSidecar) -> ReadBack:
         """The model that the document holds, or ValueError (see ``raising.py``)."""
         from simspec.dialects.mujoco.raising import raise_document
 

@@ -16,11 +16,10 @@ from simspec.dialects.mujoco.chains import Chain, chains, origins
 from simspec.dialects.mujoco.names import NO_RATING
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
-from simspec.formats.kit.passes import restore_frames, tensor
+from simspec.formats.kit.contract import restore_frames, tensor
 from simspec.formats.kit.text import finite_numbers
-from simspec.formats.mjcf.document import Body as BodyItem
-from simspec.formats.mjcf.document import Document, Item
-from simspec.formats.mjcf.names import world_name
+from simspec.formats.mjcf.bodies import world_name
+from simspec.formats.mjcf.reading import MjcfBodyItem, MjcfDocument, MjcfItem
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.actions import Box, Fluid, JointSum
@@ -73,7 +72,7 @@ NO_OFFSET: Final = (0.0, 0.0, 0.0)
 Meaning = TypeVar("Meaning")
 
 
-def raise_document(document: Document, sidecar: MujocoSidecar) -> ReadBack:
+def raise_document(document: MjcfDocument, sidecar: MujocoSidecar) -> ReadBack:
     """The model that the document holds, in the world's frames and order. Raises ValueError for what is not read."""
     raising = _Raising(document, sidecar)
     bodies = raising.bodies()
@@ -100,17 +99,17 @@ def raise_document(document: Document, sidecar: MujocoSidecar) -> ReadBack:
     )
 
 
-def _vector(item: Item, name: str) -> Vector3:
+def _vector(item: MjcfItem, name: str) -> Vector3:
     x, y, z = item.numbers(name, 3)
     return (x, y, z)
 
 
-def _turn(item: Item, name: str) -> Quaternion:
+def _turn(item: MjcfItem, name: str) -> Quaternion:
     w, x, y, z = item.numbers(name, 4)
     return frames.normalise((w, x, y, z))
 
 
-def _word(item: Item, name: str, words: Mapping[str, Meaning]) -> Meaning:
+def _word(item: MjcfItem, name: str, words: Mapping[str, Meaning]) -> Meaning:
     """What a word of an attribute means."""
     text = item.text(name)
     if text not in words:
@@ -118,14 +117,14 @@ def _word(item: Item, name: str, words: Mapping[str, Meaning]) -> Meaning:
     return words[text]
 
 
-def _whole(item: Item, name: str) -> int:
+def _whole(item: MjcfItem, name: str) -> int:
     value = item.number(name)
     if value != int(value):
         raise item.refused(f"{name} is {value}, should be a whole number")
     return int(value)
 
 
-def _weight(item: Item) -> float:
+def _weight(item: MjcfItem) -> float:
     """The share of its weight that a body has."""
     return 1.0 - item.number("gravcomp") if "gravcomp" in item.values else 1.0
 
@@ -133,7 +132,7 @@ def _weight(item: Item) -> float:
 class _Raising:
     """One document."""
 
-    def __init__(self, document: Document, sidecar: MujocoSidecar):
+    def __init__(self, document: MjcfDocument, sidecar: MujocoSidecar):
         self._document, self._sidecar = document, sidecar
         if document.includes:
             line = document.includes[0].line
@@ -159,9 +158,9 @@ class _Raising:
         self.fluid = None if fluid == Fluid() else fluid
         self._moving: set[str] = set()
 
-    def _read_sites(self) -> dict[str, tuple[str, Item]]:
+    def _read_sites(self) -> dict[str, tuple[str, MjcfItem]]:
         """The sites by name, each with its body."""
-        sites: dict[str, tuple[str, Item]] = {}
+        sites: dict[str, tuple[str, MjcfItem]] = {}
         for body in self._document.bodies:
             for site in body.all("site"):
                 if (called := site.text("name")) in sites:
@@ -191,7 +190,7 @@ class _Raising:
             )
         return raised
 
-    def _body(self, body: BodyItem, chain: Chain, parent: str | None) -> Iterator[Body]:
+    def _body(self, body: MjcfBodyItem, chain: Chain, parent: str | None) -> Iterator[Body]:
         """A body, after those between its joints."""
         place = Pose(_vector(body.item, "pos"), _turn(body.item, "quat"))
         inertials = body.all("inertial")
@@ -225,7 +224,7 @@ class _Raising:
             yield moved
             parent = called
 
-    def _box(self, item: Item) -> Box | None:
+    def _box(self, item: MjcfItem) -> Box | None:
         """What a fluid pushes of a body with this inertial: the cuboid of its mass and moments."""
         if self.fluid is None:
             return None
@@ -234,7 +233,7 @@ class _Raising:
         a, b, c = (math.sqrt(square) for square in squares)
         return Box((a, b, c), _turn(item, "quat"))
 
-    def _joint(self, item: Item, parent: str | None, origin: Pose, turn: Quaternion) -> Joint:
+    def _joint(self, item: MjcfItem, parent: str | None, origin: Pose, turn: Quaternion) -> Joint:
         """A joint; ``origin``: of its frame in what it moves against, ``turn``: the orientation of that in the body's."""
         kind = item.text("type")
         if kind not in (*SCALAR_JOINTS, *QUATERNION_JOINTS):
@@ -288,7 +287,7 @@ class _Raising:
             return frames.normalise((w, x, y, z)), velocity
         return position, velocity
 
-    def _shape(self, geom: Item) -> Shape:
+    def _shape(self, geom: MjcfItem) -> Shape:
         kind = geom.text("type")
         size: tuple[float, ...] = ()
         if ("mesh" in geom.values) != (kind == "mesh"):
@@ -324,20 +323,20 @@ class _Raising:
             surface_velocity=vector6(geom.numbers("surfacevel", 6)) if "surfacevel" in geom.values else (0.0,) * 6,
         )
 
-    def _hull(self, geom: Item) -> tuple[float, ...]:
+    def _hull(self, geom: MjcfItem) -> tuple[float, ...]:
         name = geom.text("mesh")
         if name not in self._meshes:
             raise geom.refused(f"there is no mesh {name[:60]!r}")
         return self._meshes[name]
 
-    def _field(self, geom: Item) -> tuple[float, ...]:
+    def _field(self, geom: MjcfItem) -> tuple[float, ...]:
         name = geom.text("hfield")
         if name not in self._fields:
             raise geom.refused(f"there is no height field {name[:60]!r}")
         return self._fields[name]
 
     @staticmethod
-    def _surface(item: Item, friction: tuple[float, ...], law: CommonLaw, inverse_mass: float = 1.0) -> Surface:
+    def _surface(item: MjcfItem, friction: tuple[float, ...], law: CommonLaw, inverse_mass: float = 1.0) -> Surface:
         numbers = (item.numbers("solref", 2), item.numbers("solimp", 5))
         return surface(_whole(item, "condim"), friction, *numbers, law, inverse_mass)
 
@@ -416,7 +415,7 @@ class _Raising:
         return tuple(sorted(held, key=lambda constraint: constraint.name))
 
     @staticmethod
-    def _of_sites(item: Item) -> tuple[str, str]:
+    def _of_sites(item: MjcfItem) -> tuple[str, str]:
         """The names of the sites that an equality is of."""
         return item.text("site1"), item.text("site2")
 
@@ -454,7 +453,7 @@ class _Raising:
             held.append(JointSum(item.text("name"), tuple(sorted(weights.items())), *numbers, limits, friction))
         return tuple(sorted(held, key=lambda one: one.name))
 
-    def _end(self, body: str, site: Item) -> tuple[str, Pose]:
+    def _end(self, body: str, site: MjcfItem) -> tuple[str, Pose]:
         """A site's body, and where it is in the world's frame of that."""
         place = frames.add(_vector(site, "pos"), self._sidecar.offsets.get(body, NO_OFFSET))
         return body, Pose(place, _turn(site, "quat"))
@@ -472,7 +471,7 @@ class _Raising:
         return inverse
 
 
-def _only(items: tuple[Item, ...], body: Item) -> Item:
+def _only(items: tuple[MjcfItem, ...], body: MjcfItem) -> MjcfItem:
     if len(items) != 1:
         raise body.refused(f"{len(items)} of <{items[0].tag}>, not one")
     return items[0]

@@ -11,7 +11,7 @@ from simspec.dialects.kit.sidecar import Sidecar
 from simspec.dialects.kit.target import Target
 from simspec.dialects.kit.world_document import WorldDialect
 from simspec.dialects.kit.world_sidecar import WorldSidecar
-from simspec.formats.world.tree import Document
+from simspec.formats.world.tree import JsonWorld
 from simspec.support.declarations import Refinement, Support, Table, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws
@@ -71,5 +71,5 @@ class PhysxDialect(WorldDialect):
     }
     SIDECAR: ClassVar[type[Sidecar]] = PhysxSidecar
 
-    def fields(self, world: World, target: Target, document: Document) -> Mapping[str, Any]:
+    def fields(self, world: World, target: Target, document: JsonWorld) -> Mapping[str, Any]:
         return {"restitution_threshold": threshold(world)}

@@ -25,8 +25,7 @@ from simspec.dialects.kit.defects import (
     xml,
 )
 from simspec.dialects.urdf.defects import ARM, BALL, HINGE, INERTIAL, LANGUAGE, attribute, sidecar_number
-from simspec.formats.kit.meshes import FIELDS
-from simspec.formats.kit.text import number
+from simspec.formats.kit.text import FIELDS, number
 from simspec.world import frames
 
 # Defects of height fields: in the file of the surface, and in what names it.

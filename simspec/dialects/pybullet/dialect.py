@@ -44,11 +44,21 @@ from simspec.dialects.pybullet.sidecar import (
     held_beside,
 )
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.passes import recentre_free_roots
-from simspec.formats.urdf.document import Document
-from simspec.formats.urdf.from_world import (
+from simspec.formats.kit.contract import recentre_free_roots
+from simspec.formats.urdf.reading import UrdfDocument
+from simspec.formats.urdf.robots import (
     KINDS,
-    Files,
+    RobotFiles,
+    UrdfCollision,
+    UrdfDynamics,
+    UrdfExtension,
+    UrdfGeometry,
+    UrdfInertial,
+    UrdfJoint,
+    UrdfLink,
+    UrdfOrigin,
+    UrdfRobot,
+    UrdfVisual,
     collision_of,
     geometry_of,
     limits_of,
@@ -56,18 +66,6 @@ from simspec.formats.urdf.from_world import (
     principal_inertial,
     unlike,
     visual_of,
-)
-from simspec.formats.urdf.tree import (
-    Collision,
-    Dynamics,
-    Element,
-    Geometry,
-    Inertial,
-    Joint,
-    Link,
-    Origin,
-    Robot,
-    Visual,
 )
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
 from simspec.support.declarations import (
@@ -103,9 +101,9 @@ JOINT_TYPES: Final[Mapping[str, str]] = {
 UNLIMITED_SLIDE: Final = (("lower", 1.0), ("upper", -1.0))
 """URDF has no unlimited prismatic joint; PyBullet takes lower > upper as one."""
 
-PLANE: Final = Geometry("plane", (("normal", (0.0, 0.0, 1.0)),))
+PLANE: Final = UrdfGeometry("plane", (("normal", (0.0, 0.0, 1.0)),))
 
-UNSEEN: Final = Visual("unseen", Geometry("sphere", (("radius", 0.0),)))
+UNSEEN: Final = UrdfVisual("unseen", UrdfGeometry("sphere", (("radius", 0.0),)))
 """A visual of no size: PyBullet shows the collision shapes of a link that has no visual at all (measured)."""
 
 CONCAVE: Final = (("concave", "yes"),)
@@ -114,7 +112,7 @@ CONCAVE: Final = (("concave", "yes"),)
 NO_AXIS: Final = (1.0, 0.0, 0.0)
 """Of joints that have none: without one PyBullet warns and takes x."""
 
-MASSLESS: Final = Inertial(Origin(), 0.0, (0.0,) * 6)
+MASSLESS: Final = UrdfInertial(UrdfOrigin(), 0.0, (0.0,) * 6)
 
 WORLD_SUFFIX: Final = "__world"
 """Added to a root's name for the massless base link that stands for the world."""
@@ -162,12 +160,12 @@ def instance_of(file: str, bodies: tuple[Body, ...], parts: Parts, coordinates: 
     )
 
 
-def robot_of(bodies: tuple[Body, ...], parts: Parts, base_margin: float) -> Robot:
+def robot_of(bodies: tuple[Body, ...], parts: Parts, base_margin: float) -> UrdfRobot:
     """The robot that a tree is: a world link where it needs one, the bodies' links, then the links of further shapes.
     ``base_margin``: what PyBullet keeps around hulls on the first link (m)."""
     root = bodies[0]
-    links: list[Link] = []
-    joints: list[Joint] = []
+    links: list[UrdfLink] = []
+    joints: list[UrdfJoint] = []
     world_link = unlike(root.name + WORLD_SUFFIX, {body.name for body in bodies})
     if has_world_link(root):
         links.append(_carrier(world_link, Surface(), ()))
@@ -177,7 +175,7 @@ def robot_of(bodies: tuple[Body, ...], parts: Parts, base_margin: float) -> Robo
         margin = LINK_MARGIN if links else base_margin
         shapes = told[body.name] = told_shapes(body, parts[body.name], margin)
         links.append(
-            Link(
+            UrdfLink(
                 body.name,
                 principal_inertial(body.inertial),
                 *_shown(tuple(shapes.values()), tuple(shapes[shape.name] for shape in own.shapes)),
@@ -193,54 +191,56 @@ def robot_of(bodies: tuple[Body, ...], parts: Parts, base_margin: float) -> Robo
             name = copy_name(part)
             carried = tuple(told[body.name][shape.name] for shape in part.shapes)
             links.append(_carrier(name, part.surface, carried))
-            joints.append(Joint(f"{name}.joint", JOINT_TYPES["fixed"], body.name, name, Origin(), NO_AXIS))
-    return Robot(root.model, tuple(links), tuple(joints))
+            joints.append(UrdfJoint(f"{name}.joint", JOINT_TYPES["fixed"], body.name, name, UrdfOrigin(), NO_AXIS))
+    return UrdfRobot(root.model, tuple(links), tuple(joints))
 
 
-def _carrier(name: str, surface: Surface, shapes: tuple[Shape, ...]) -> Link:
+def _carrier(name: str, surface: Surface, shapes: tuple[Shape, ...]) -> UrdfLink:
     """A massless link, which carries shapes that touch and are not seen."""
-    return Link(name, MASSLESS, *_shown((), shapes), extensions=(_contact(surface),))
+    return UrdfLink(name, MASSLESS, *_shown((), shapes), extensions=(_contact(surface),))
 
 
-def _contact(surface: Surface) -> Element:
+def _contact(surface: Surface) -> UrdfExtension:
     values = contact_values(surface)
-    return Element("contact", (), tuple(Element(name, (("value", value),)) for name, value in values))
+    return UrdfExtension("contact", (), tuple(UrdfExtension(name, (("value", value),)) for name, value in values))
 
 
-def _shown(shapes: tuple[Shape, ...], solid: tuple[Shape, ...]) -> tuple[tuple[Visual, ...], tuple[Collision, ...]]:
+def _shown(
+    shapes: tuple[Shape, ...], solid: tuple[Shape, ...]
+) -> tuple[tuple[UrdfVisual, ...], tuple[UrdfCollision, ...]]:
     """The visuals of ``shapes`` and the collisions of ``solid``."""
     visuals = tuple(visual_of(shape, _geometry(shape), f"{shape.name}_colour") for shape in shapes if shape.visual)
     collisions = tuple(_collision(shape) for shape in solid)
     return visuals or ((UNSEEN,) if collisions else ()), collisions
 
 
-def _collision(shape: Shape) -> Collision:
+def _collision(shape: Shape) -> UrdfCollision:
     made = collision_of(shape, _geometry(shape))
     return dataclasses.replace(made, more=CONCAVE) if shape.kind == "heightfield" else made
 
 
-def _geometry(shape: Shape) -> Geometry:
+def _geometry(shape: Shape) -> UrdfGeometry:
     if shape.kind == "plane":
         return PLANE
     if shape.kind == "capsule":
-        return Geometry("capsule", (("radius", shape.size[:1]), ("length", shape.size[1:])))
+        return UrdfGeometry("capsule", (("radius", shape.size[:1]), ("length", shape.size[1:])))
     return geometry_of(shape)
 
 
-def _joint(body: Body, parent: str, origin: Pose) -> Joint:
+def _joint(body: Body, parent: str, origin: Pose) -> UrdfJoint:
     joint = body.joint
     limits = limits_of(body)
     if joint.kind == "slide" and joint.position_limits is None:
         limits = (*UNLIMITED_SLIDE, *limits)
     limited_hinge = joint.kind == "hinge" and joint.position_limits is not None
-    return Joint(
+    return UrdfJoint(
         joint.name,
         "revolute" if limited_hinge else JOINT_TYPES[joint.kind],
         parent,
         body.name,
         origin_of(origin),
         joint.axis if joint.kind in SCALAR_JOINTS else NO_AXIS,
-        Dynamics(joint.damping, joint.dry_friction) if joint.kind != "fixed" else None,
+        UrdfDynamics(joint.damping, joint.dry_friction) if joint.kind != "fixed" else None,
         limits,
     )
 
@@ -338,7 +338,7 @@ class PybulletDialect(Dialect):
         _check(world, target)
         moved, offsets = recentre_free_roots(world)
         coordinates = Coordinates(world)
-        files = Files({SIDECAR})
+        files = RobotFiles({SIDECAR})
         instances = []
         beside = held_beside(world)
         for tree in trees(moved).values():
@@ -361,7 +361,7 @@ class PybulletDialect(Dialect):
         )
         return Lowered(files.robots, sidecar)
 
-    def raise_(self, document: Document, sidecar: PybulletSidecar) -> ReadBack:
+    def raise_(self, document: UrdfDocument, sidecar: PybulletSidecar) -> ReadBack:
         return raised(document, sidecar)
 
 

@@ -14,9 +14,16 @@ from typing import Final
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
 from simspec.dialects.kit.passive import fluid_of, with_passive
 from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, PybulletSidecar
-from simspec.formats.kit.passes import restore_frames
-from simspec.formats.urdf.document import WRITTEN, Document, Link, Node, Robot, strangers
-from simspec.formats.urdf.document import Joint as JointRead
+from simspec.formats.kit.contract import restore_frames
+from simspec.formats.urdf.reading import (
+    WRITTEN,
+    Node,
+    UrdfDocument,
+    UrdfJointNode,
+    UrdfLinkNode,
+    UrdfRobotNode,
+    strangers,
+)
 from simspec.formats.urdf.to_world import (
     DEFAULT_AXIS,
     check_empty,
@@ -74,7 +81,7 @@ Layers = list[tuple[int, tuple[Shape, ...]]]
 """Shapes of one body by the layer of the link that carries them."""
 
 
-def raised(document: Document, sidecar: PybulletSidecar) -> ReadBack:
+def raised(document: UrdfDocument, sidecar: PybulletSidecar) -> ReadBack:
     """The model of a document and its sidecar. Raises ValueError where they do not fit together, or a file has what simspec
     does not write."""
     check_meshes(document)
@@ -114,14 +121,14 @@ class _File:
     """One file: its links, the joint above each, and what each link holds of contact; the meshes of its folder, and
     what PyBullet keeps around hulls on the first link (m)."""
 
-    links: tuple[Link, ...]
-    joints: Mapping[str, JointRead]
+    links: tuple[UrdfLinkNode, ...]
+    joints: Mapping[str, UrdfJointNode]
     surface: Mapping[str, Surface]
     meshes: Mapping[str, tuple[float, ...]]
     base_margin: float
 
     @staticmethod
-    def of(robot: Robot, meshes: Mapping[str, tuple[float, ...]], base_margin: float) -> _File:
+    def of(robot: UrdfRobotNode, meshes: Mapping[str, tuple[float, ...]], base_margin: float) -> _File:
         """Raises ValueError for what PyBullet's dialect does not have."""
         for stranger in strangers(robot, WRITTEN):
             if stranger.name == "concave" and stranger.path == "robot/link/collision":
@@ -174,7 +181,7 @@ def _geometry(geometry: Node, meshes: Mapping[str, tuple[float, ...]]) -> tuple[
     return size_of(geometry, meshes)
 
 
-def _shapes(file: _File, link: Link, names: Sequence[str], copied: bool = False) -> tuple[Shape, ...]:
+def _shapes(file: _File, link: UrdfLinkNode, names: Sequence[str], copied: bool = False) -> tuple[Shape, ...]:
     """The shapes of a link, in the order of ``names``."""
     surface = file.surface[link.name]
     for collision in link.collisions:
@@ -194,7 +201,7 @@ def _shapes(file: _File, link: Link, names: Sequence[str], copied: bool = False)
     return tuple(held[name] for name in names if name in held)
 
 
-def _joint(joint: JointRead) -> Joint:
+def _joint(joint: UrdfJointNode) -> Joint:
     if joint.type not in KINDS:
         raise joint.node.error(f"type={joint.type[:60]!r} of joint {joint.name!r} is not of the dialect")
     kind = KINDS[joint.type]
@@ -270,7 +277,7 @@ def _instance_bodies(file: _File, first: Instance, instance: Instance) -> list[B
 
 
 def _joint_above(
-    file: _File, link: Link, instance: Instance, world_link: str | None, own_name: Mapping[str, str]
+    file: _File, link: UrdfLinkNode, instance: Instance, world_link: str | None, own_name: Mapping[str, str]
 ) -> Joint:
     """The joint above a link, with its parent's own name; the root's is what the instance says."""
     if link.name not in file.joints:
@@ -283,7 +290,7 @@ def _joint_above(
     return dataclasses.replace(joint, parent=own_name[joint.parent])
 
 
-def _copies(file: _File, carriers: Sequence[Link], first: Instance, instance: Instance) -> dict[str, Layers]:
+def _copies(file: _File, carriers: Sequence[UrdfLinkNode], first: Instance, instance: Instance) -> dict[str, Layers]:
     """Of each body of this instance the layers and shapes that other links carry, under the file's names."""
     copies: dict[str, Layers] = {}
     for link, in_file, own in zip(carriers, first.copies, instance.copies, strict=True):

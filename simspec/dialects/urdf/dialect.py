@@ -26,10 +26,9 @@ from simspec.dialects.urdf.sidecar import (
     UrdfSidecar,
 )
 from simspec.errors import Problem, UnsupportedError
-from simspec.formats.kit.passes import recentre_free_roots
-from simspec.formats.urdf.document import Document
-from simspec.formats.urdf.from_world import UNLIMITED, Files
-from simspec.formats.urdf.standard import LANGUAGE_KINDS, standard_robot
+from simspec.formats.kit.contract import recentre_free_roots
+from simspec.formats.urdf.reading import UrdfDocument
+from simspec.formats.urdf.robots import LANGUAGE_KINDS, UNLIMITED, RobotFiles, standard_robot
 from simspec.support.declarations import (
     FRAMES_ALONGSIDE,
     LUMPED,
@@ -107,7 +106,7 @@ class UrdfDialect(Dialect):
         _check(world, target.plan)
         moved, offsets = recentre_free_roots(world)
         coordinates = Coordinates(world)
-        files = Files({SIDECAR})
+        files = RobotFiles({SIDECAR})
         instances = []
         for bodies in trees(moved).values():
             robot = standard_robot(bodies, LANGUAGE_KINDS)
@@ -133,7 +132,7 @@ class UrdfDialect(Dialect):
         )
         return Lowered(files.robots, sidecar)
 
-    def raise_(self, document: Document, sidecar: UrdfSidecar) -> ReadBack:
+    def raise_(self, document: UrdfDocument, sidecar: UrdfSidecar) -> ReadBack:
         return raised(document, sidecar)
 
 

@@ -10,9 +10,16 @@ from typing import Final
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
 from simspec.dialects.kit.passive import fluid_of, with_passive
 from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
-from simspec.formats.kit.passes import restore_frames
-from simspec.formats.urdf.document import WRITTEN, Document, Limit, Link, Robot, strangers
-from simspec.formats.urdf.document import Joint as JointRead
+from simspec.formats.kit.contract import restore_frames
+from simspec.formats.urdf.reading import (
+    WRITTEN,
+    UrdfDocument,
+    UrdfJointNode,
+    UrdfLimitNode,
+    UrdfLinkNode,
+    UrdfRobotNode,
+    strangers,
+)
 from simspec.formats.urdf.to_world import (
     DEFAULT_AXIS,
     check_empty,
@@ -46,7 +53,7 @@ NO_LIMIT: Final = 1e9
 """A limit from here on stands for none."""
 
 
-def raised(document: Document, sidecar: UrdfSidecar) -> ReadBack:
+def raised(document: UrdfDocument, sidecar: UrdfSidecar) -> ReadBack:
     """The model of a document and its sidecar. Raises ValueError where they do not fit together, or a file has what simspec
     does not write."""
     for robot in document.robots.values():
@@ -99,7 +106,7 @@ class _Tree:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: UrdfRobotNode,
         meshes: Mapping[str, tuple[float, ...]],
         first: Instance,
         instance: Instance,
@@ -144,7 +151,7 @@ class _Tree:
             )
         return bodies
 
-    def _joint_above(self, link: Link) -> Joint:
+    def _joint_above(self, link: UrdfLinkNode) -> Joint:
         read = self._joints.get(link.name)
         if read is None:
             return Joint("", "free")
@@ -153,7 +160,7 @@ class _Tree:
             return dataclasses.replace(joint, parent=None)
         return dataclasses.replace(joint, parent=self._own_name[joint.parent or ""])
 
-    def _shapes(self, place: int, link: Link) -> tuple[Shape, ...]:
+    def _shapes(self, place: int, link: UrdfLinkNode) -> tuple[Shape, ...]:
         """The shapes of a body, in the sidecar's order: of the file, or of the sidecar itself."""
         in_file = shapes_of(link, partial(size_of, meshes=self._meshes))
         names, own = self._first.shapes[place], self._instance.shapes[place]
@@ -180,7 +187,7 @@ def _shape(entry: BesideShape) -> Shape:
     return dataclasses.replace(shape, colour=entry.colour) if entry.visual else shape
 
 
-def _joint(joint: JointRead) -> Joint:
+def _joint(joint: UrdfJointNode) -> Joint:
     if joint.type not in KINDS:
         raise joint.node.error(f"type={joint.type[:60]!r} of joint {joint.name!r} is not of the dialect")
     kind = KINDS[joint.type]
@@ -203,7 +210,7 @@ def _joint(joint: JointRead) -> Joint:
     )
 
 
-def _position_limits(joint: JointRead, limits: Limit | None) -> tuple[float, float] | None:
+def _position_limits(joint: UrdfJointNode, limits: UrdfLimitNode | None) -> tuple[float, float] | None:
     """The limits of a revolute or prismatic joint; URDF demands the element, and takes 0 for what it does not say."""
     if joint.type == "fixed":
         return None

@@ -96,7 +96,7 @@ class ShapePair:
 class UrdfSidecar(Sidecar):
     """What an engine that reads plain URDF is told beside the files.
 
-    A limit of 1e9 (``formats/urdf/from_world.py``, UNLIMITED) in a file stands for none: URDF demands one.
+    A limit of 1e9 (``formats/urdf/robots.py``, UNLIMITED) in a file stands for none: URDF demands one.
     """
 
     gravity: Vector3

@@ -25,14 +25,13 @@ from simspec.dialects.kit.defects import (
 )
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
 from simspec.formats.kit.text import numbers
-from simspec.formats.wbt.document import Node
 from simspec.formats.wbt.format import WORLD
-from simspec.formats.wbt.reading import parse
+from simspec.formats.wbt.reading import WbtNode, parse
 
 Change = Callable[[str], str]
 
 
-def _edit(find: Callable[[list[Node]], tuple[Node, str]], change: Change) -> Plant:
+def _edit(find: Callable[[list[WbtNode]], tuple[WbtNode, str]], change: Change) -> Plant:
     """A defect in the numbers of one field, which stand in a line of their own."""
 
     def plant(files: Files) -> dict[str, str]:
@@ -50,7 +49,7 @@ def _edit(find: Callable[[list[Node]], tuple[Node, str]], change: Change) -> Pla
     return plant
 
 
-def _body(nodes: list[Node], name: str) -> Node:
+def _body(nodes: list[WbtNode], name: str) -> WbtNode:
     return next(node for node in nodes if node.kind == "Solid" and node.text("name") == name)
 
 
@@ -62,7 +61,7 @@ def _of(body: str, name: str, change: Change) -> Plant:
 def _in(body: str, inside: str, name: str, change: Change) -> Plant:
     """A defect in a field of the node that another field of a body's Solid holds, or of the first of a kind below it."""
 
-    def find(nodes: list[Node]) -> tuple[Node, str]:
+    def find(nodes: list[WbtNode]) -> tuple[WbtNode, str]:
         solid = _body(nodes, body)
         return next(node for node in solid.walk() if node.kind == inside), name
 
@@ -72,7 +71,7 @@ def _in(body: str, inside: str, name: str, change: Change) -> Plant:
 def _joint(body: str, name: str, change: Change) -> Plant:
     """A defect in the parameters of a body's joint."""
 
-    def find(nodes: list[Node]) -> tuple[Node, str]:
+    def find(nodes: list[WbtNode]) -> tuple[WbtNode, str]:
         number = _body(nodes, body).label.removeprefix("body")
         joint = next(node for node in nodes if node.label == f"joint{number}")
         parameters = joint.node("jointParameters")
@@ -84,7 +83,7 @@ def _joint(body: str, name: str, change: Change) -> Plant:
 
 
 def _physics(body: str, name: str, change: Change) -> Plant:
-    def find(nodes: list[Node]) -> tuple[Node, str]:
+    def find(nodes: list[WbtNode]) -> tuple[WbtNode, str]:
         physics = _body(nodes, body).node("physics")
         if physics is None:
             raise LookupError(f"{body} has no Physics")
@@ -96,7 +95,7 @@ def _physics(body: str, name: str, change: Change) -> Plant:
 def _bounding(body: str, kind: str, name: str, change: Change) -> Plant:
     """A defect in a node of what is solid of a body."""
 
-    def find(nodes: list[Node]) -> tuple[Node, str]:
+    def find(nodes: list[WbtNode]) -> tuple[WbtNode, str]:
         bounding = _body(nodes, body).node("boundingObject")
         if bounding is None:
             raise LookupError(f"{body} has no boundingObject")
@@ -108,7 +107,7 @@ def _bounding(body: str, kind: str, name: str, change: Change) -> Plant:
 def _law(name: str, change: Change, first: str = "", second: str = "") -> Plant:
     """A defect in the law of two materials; of the first where none are named."""
 
-    def find(nodes: list[Node]) -> tuple[Node, str]:
+    def find(nodes: list[WbtNode]) -> tuple[WbtNode, str]:
         laws = (node for node in nodes if node.kind == "ContactProperties")
         told = (law for law in laws if not first or {law.text("material1"), law.text("material2")} == {first, second})
         return next(told), name
@@ -120,7 +119,7 @@ def _info(name: str, change: Change) -> Plant:
     return _edit(lambda nodes: (next(node for node in nodes if node.kind == "WorldInfo"), name), change)
 
 
-def _cut(find: Callable[[list[Node]], Node], by: Callable[[str], str] = lambda block: "") -> Plant:
+def _cut(find: Callable[[list[WbtNode]], WbtNode], by: Callable[[str], str] = lambda block: "") -> Plant:
     """A defect in which the lines of a node are replaced."""
 
     def plant(files: Files) -> dict[str, str]:
@@ -139,12 +138,12 @@ def _cut(find: Callable[[list[Node]], Node], by: Callable[[str], str] = lambda b
     return plant
 
 
-def _cube_shape(nodes: list[Node]) -> Node:
+def _cube_shape(nodes: list[WbtNode]) -> WbtNode:
     bounding = _body(nodes, "cube").node("boundingObject")
     return next(node for node in (bounding.walk() if bounding else ()) if node.kind == "Box")
 
 
-def _cube_solid(nodes: list[Node]) -> Node:
+def _cube_solid(nodes: list[WbtNode]) -> WbtNode:
     bounding = _body(nodes, "cube").node("boundingObject")
     if bounding is None:
         raise LookupError("the cube is not solid")

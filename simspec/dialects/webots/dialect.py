@@ -24,10 +24,9 @@ from simspec.dialects.webots.nodes import (
     turned_all,
 )
 from simspec.dialects.webots.sidecar import JointValue, Range, ShapeEntry, Start, WebotsSidecar
-from simspec.formats.kit.passes import recentre_free_roots
-from simspec.formats.wbt.document import Document
-from simspec.formats.wbt.tree import Node
-from simspec.formats.wbt.tree import World as Scene
+from simspec.formats.kit.contract import recentre_free_roots
+from simspec.formats.wbt.format import WbtNodeTree, WbtWorld
+from simspec.formats.wbt.reading import WbtDocument
 from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support.declarations import (
     FRAMES_ALONGSIDE,
@@ -223,16 +222,16 @@ class WebotsDialect(Dialect):
             "window": "<none>",
         }
         nodes = (
-            Node("WorldInfo", info),
-            Node("Viewpoint"),
-            Node("DirectionalLight"),
+            WbtNodeTree("WorldInfo", info),
+            WbtNodeTree("Viewpoint"),
+            WbtNodeTree("DirectionalLight"),
             *turned_all(_Nest(told, turned).roots(), turned),
-            Node("Robot", robot, "simspec"),
+            WbtNodeTree("Robot", robot, "simspec"),
         )
         sidecar = WebotsSidecar(**common_fields(self.NAME, self.FORMAT, world, target, offsets), **_beside_file(world))
-        return Lowered(Scene(nodes), sidecar)
+        return Lowered(WbtWorld(nodes), sidecar)
 
-    def raise_(self, document: Document, sidecar: WebotsSidecar) -> ReadBack:
+    def raise_(self, document: WbtDocument, sidecar: WebotsSidecar) -> ReadBack:
         """See ``dialects/webots/raising.py``."""
         from simspec.dialects.webots.raising import raised
 
@@ -257,10 +256,10 @@ class _Nest:
         self._centres = centres(world.bodies)
         self._groups = rigid_groups(world)
 
-    def roots(self) -> list[Node]:
+    def roots(self) -> list[WbtNodeTree]:
         """The trees, from their leaves to their roots, so that no chain is too long."""
-        below: dict[str, list[Node]] = {}
-        found: list[Node] = []
+        below: dict[str, list[WbtNodeTree]] = {}
+        found: list[WbtNodeTree] = []
         for index, body in reversed(list(enumerate(self._world.bodies))):
             node = self._solid(index, body, tuple(reversed(below.pop(body.name, []))))
             joint = body.joint
@@ -270,7 +269,7 @@ class _Nest:
                 found.append(node)
             elif joint.parent is None:  # a joint stands in a Solid: one that is the ground
                 ground = {"name": f"ground {index}", "children": (node,)}
-                found.append(Node("Solid", ground, f"ground_{index}"))
+                found.append(WbtNodeTree("Solid", ground, f"ground_{index}"))
             else:
                 below.setdefault(joint.parent, []).append(node)
         return found[::-1]
@@ -281,7 +280,7 @@ class _Nest:
             return self._placed[body.name]
         return frames.compose(frames.inverse(self._placed[body.joint.parent]), self._placed[body.name])
 
-    def _solid(self, index: int, body: Body, below: tuple[Node, ...]) -> Node:
+    def _solid(self, index: int, body: Body, below: tuple[WbtNodeTree, ...]) -> WbtNodeTree:
         place = self._place(body)
         material = next((shape.material for shape in solid_shapes(body)), "default")
         fields: dict[str, object] = {
@@ -298,7 +297,7 @@ class _Nest:
         if body.name in self._centres:
             linear, angular = self._motion(body)
             fields |= {"linearVelocity": linear, "angularVelocity": angular}
-        return Node("Solid", fields, f"body_{index}")
+        return WbtNodeTree("Solid", fields, f"body_{index}")
 
     def _motion(self, body: Body) -> tuple[object, object]:
         """Of the topmost body of a rigid group: of the group's centre of mass, in world axes."""
@@ -310,7 +309,7 @@ class _Nest:
         return frames.rotate(self._turned, linear), frames.rotate(self._turned, angular)
 
 
-def _physics(inertial: Inertial) -> Node:
+def _physics(inertial: Inertial) -> WbtNodeTree:
     xx, yy, zz, xy, xz, yz = inertial.inertia
     fields = {
         "density": -1.0,
@@ -318,7 +317,7 @@ def _physics(inertial: Inertial) -> Node:
         "centerOfMass": (inertial.centre_of_mass,),
         "inertiaMatrix": ((xx, yy, zz), (xy, xz, yz)),
     }
-    return Node("Physics", fields)
+    return WbtNodeTree("Physics", fields)
 
 
 def _beside_file(world: World) -> dict[str, Any]:

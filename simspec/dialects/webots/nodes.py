@@ -6,9 +6,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from simspec.formats.wbt.document import Field
-from simspec.formats.wbt.document import Node as DocumentNode
-from simspec.formats.wbt.tree import Node
+from simspec.formats.wbt.format import WbtNodeTree
+from simspec.formats.wbt.reading import WbtField, WbtNode
 from simspec.world import frames
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.types import Body, Joint, PairContact, Pose, Quaternion, Shape, Vector3
@@ -39,62 +38,64 @@ def downwards(gravity: Vector3) -> tuple[float, Quaternion]:
     return strength, frames.normalise((strength - z, -y, x, 0.0))
 
 
-def turned_all(nodes: Sequence[Node], turned: Quaternion) -> Sequence[Node]:
+def turned_all(nodes: Sequence[WbtNodeTree], turned: Quaternion) -> Sequence[WbtNodeTree]:
     """Nodes in a Pose that turns them, where they are turned."""
     if turned == frames.IDENTITY:
         return nodes
-    return (Node("Pose", {"rotation": turn(turned), "children": tuple(nodes)}, "turned"),)
+    return (WbtNodeTree("Pose", {"rotation": turn(turned), "children": tuple(nodes)}, "turned"),)
 
 
-def seen(body: Body) -> tuple[Node, ...]:
+def seen(body: Body) -> tuple[WbtNodeTree, ...]:
     """What is drawn of a body, each shape in its place."""
     return tuple(_placed(shape, _drawn(shape)) for shape in body.shapes if shape.visual)
 
 
-def bounding(body: Body) -> Node | None:
+def bounding(body: Body) -> WbtNodeTree | None:
     """The solid shapes of a body."""
     solid = tuple(_placed(shape, _geometry(shape)) for shape in solid_shapes(body))
-    return Node("Group", {"children": solid}) if solid else None
+    return WbtNodeTree("Group", {"children": solid}) if solid else None
 
 
-def _placed(shape: Shape, node: Node) -> Node:
+def _placed(shape: Shape, node: WbtNodeTree) -> WbtNodeTree:
     place = {"translation": shape.pose.position, "rotation": turn(shape.pose.quaternion), "children": (node,)}
-    return Node("Pose", place)
+    return WbtNodeTree("Pose", place)
 
 
-def _drawn(shape: Shape) -> Node:
+def _drawn(shape: Shape) -> WbtNodeTree:
     red, green, blue, opacity = shape.colour
     look = {"baseColor": (red, green, blue), "transparency": 1.0 - opacity, "roughness": 1.0, "metalness": 0.0}
-    return Node("Shape", {"appearance": Node("PBRAppearance", look), "geometry": _geometry(shape)})
+    return WbtNodeTree("Shape", {"appearance": WbtNodeTree("PBRAppearance", look), "geometry": _geometry(shape)})
 
 
-def _geometry(shape: Shape) -> Node:
+def _geometry(shape: Shape) -> WbtNodeTree:
     match shape.kind:
         case "sphere":
-            return Node("Sphere", {"radius": shape.size[0], "subdivision": 3})
+            return WbtNodeTree("Sphere", {"radius": shape.size[0], "subdivision": 3})
         case "box":
-            return Node("Box", {"size": shape.size})
+            return WbtNodeTree("Box", {"size": shape.size})
         case "plane":
-            return Node("Plane", {"size": DRAWN_PLANE})
+            return WbtNodeTree("Plane", {"size": DRAWN_PLANE})
     kind = {"cylinder": "Cylinder", "capsule": "Capsule"}[shape.kind]
-    return Node(kind, {"radius": shape.size[0], "height": shape.size[1]})
+    return WbtNodeTree(kind, {"radius": shape.size[0], "height": shape.size[1]})
 
 
-def joint_node(joint: Joint, solid: Node, place: Pose, label: str) -> Node:
+def joint_node(joint: Joint, solid: WbtNodeTree, place: Pose, label: str) -> WbtNodeTree:
     """A joint around the Solid that it moves; ``place`` is where that stands in the node around the joint."""
     axis = frames.rotate(place.quaternion, joint.axis)
     common: dict[str, object] = {"staticFriction": joint.dry_friction}
     if joint.kind == "ball":
-        parameters = Node("BallJointParameters", {**common, "anchor": place.position})
-        return Node("BallJoint", {"jointParameters": parameters, "endPoint": solid}, label)
+        parameters = WbtNodeTree("BallJointParameters", {**common, "anchor": place.position})
+        return WbtNodeTree("BallJoint", {"jointParameters": parameters, "endPoint": solid}, label)
     common |= {"axis": axis, "position": joint.position[0]}
     if joint.position_limits is not None and stops(joint):
         lower, upper = joint.position_limits
         common |= {"minStop": lower, "maxStop": upper}
     if joint.kind == "slide":
-        return Node("SliderJoint", {"jointParameters": Node("JointParameters", common), "endPoint": solid}, label)
-    parameters = Node("HingeJointParameters", {**common, "anchor": place.position})
-    return Node("HingeJoint", {"jointParameters": parameters, "endPoint": solid}, label)
+        return WbtNodeTree(
+            "SliderJoint", {"jointParameters": WbtNodeTree("JointParameters", common), "endPoint": solid}, label
+        )
+    parameters = WbtNodeTree("HingeJointParameters", {**common, "anchor": place.position})
+    return WbtNodeTree("HingeJoint", {"jointParameters": parameters, "endPoint": solid}, label)
 
 
 def stops(joint: Joint) -> bool:
@@ -106,7 +107,7 @@ def stops(joint: Joint) -> bool:
     return -most <= lower <= 0.0 <= upper <= most and lower < upper
 
 
-def contact_properties(law: PairContact, settings: Mapping[str, bool | int | float | str]) -> Node:
+def contact_properties(law: PairContact, settings: Mapping[str, bool | int | float | str]) -> WbtNodeTree:
     """The law of two materials. Torque about the normal and across it is bound by so many metres times the normal force."""
     rolling = law.rolling_friction
     softness = settings["softness"]
@@ -122,7 +123,7 @@ def contact_properties(law: PairContact, settings: Mapping[str, bool | int | flo
         "softCFM": softness,
         "maxContactJoints": settings["contact_points"],
     }
-    return Node("ContactProperties", fields)
+    return WbtNodeTree("ContactProperties", fields)
 
 
 # What stands in the fields of a .wbt that mean nothing to simspec's model: with it Webots adds nothing, and draws what is
@@ -294,7 +295,7 @@ MODEL: Final[Mapping[str, tuple[str, ...]]] = {
 """The fields that say the model."""
 
 
-def check_neutral(nodes: Iterable[DocumentNode]) -> None:
+def check_neutral(nodes: Iterable[WbtNode]) -> None:
     """Raise ValueError, with file and line, for the first node of an unknown type, the first field that is unknown or missing,
     and the first of ``NEUTRAL`` that says something else."""
     for node in nodes:
@@ -313,7 +314,7 @@ def check_neutral(nodes: Iterable[DocumentNode]) -> None:
                 raise node.refused(f"the field {field.name[:60]} is not one that simspec writes", field.line)
 
 
-def _is(field: Field, wanted: Values) -> bool:
+def _is(field: WbtField, wanted: Values) -> bool:
     listed = bool(wanted) and wanted[-1] == LIST
     values = wanted[:-1] if listed else wanted
     same = len(values) == len(field.values) and all(

@@ -14,8 +14,8 @@ from simspec.dialects.kit.joints import UNREADABLE, add_springs
 from simspec.dialects.kit.passive import fluid_of, with_passive
 from simspec.dialects.webots.nodes import check_neutral
 from simspec.dialects.webots.sidecar import ShapeEntry, WebotsSidecar
-from simspec.formats.kit.passes import restore_frames
-from simspec.formats.wbt.document import Document, Node
+from simspec.formats.kit.contract import restore_frames
+from simspec.formats.wbt.reading import WbtDocument, WbtNode
 from simspec.world import frames
 from simspec.world.types import (
     Body,
@@ -38,7 +38,7 @@ class Found:
     """A body as its nodes have it: ``place`` in the node around it and ``pose`` in the world, at the initial state; ``moves``
     whether it can, ``top`` the name of the topmost body of its rigid group."""
 
-    node: Node
+    node: WbtNode
     name: str
     model: str
     joint: Joint
@@ -49,7 +49,7 @@ class Found:
     top: str
 
 
-def pose_of(node: Node) -> Pose:
+def pose_of(node: WbtNode) -> Pose:
     """Where a node stands in the one around it."""
     *axis, angle = node.numbers("rotation", 4)
     if angle == 0.0 and axis != [0.0, 0.0, 1.0]:
@@ -67,12 +67,12 @@ def about(axis: Vector3, angle: float) -> Quaternion:
     return frames.normalise((math.cos(angle / 2.0), axis[0] * sine, axis[1] * sine, axis[2] * sine))
 
 
-def vector(node: Node, name: str) -> Vector3:
+def vector(node: WbtNode, name: str) -> Vector3:
     x, y, z = node.numbers(name, 3)
     return (x, y, z)
 
 
-def unit(node: Node, name: str) -> Vector3:
+def unit(node: WbtNode, name: str) -> Vector3:
     x, y, z = vector(node, name)
     length = math.hypot(x, y, z)
     if abs(length - 1.0) > 1e-9:
@@ -85,7 +85,7 @@ def unit(node: Node, name: str) -> Vector3:
 KINDS: Final = {"Sphere": "sphere", "Box": "box", "Cylinder": "cylinder", "Capsule": "capsule", "Plane": "plane"}
 
 
-def shapes_of(solid: Node, entries: Sequence[ShapeEntry]) -> tuple[Shape, ...]:
+def shapes_of(solid: WbtNode, entries: Sequence[ShapeEntry]) -> tuple[Shape, ...]:
     """The shapes of a body in the order of the sidecar, which says which of them are seen and which are solid. Raises
     ValueError where the nodes are not those."""
     drawn = [_drawn(node) for node in solid.nodes("children") if node.kind == "Pose"]
@@ -119,7 +119,7 @@ def shapes_of(solid: Node, entries: Sequence[ShapeEntry]) -> tuple[Shape, ...]:
     return tuple(shapes)
 
 
-def _drawn(node: Node) -> Shape:
+def _drawn(node: WbtNode) -> Shape:
     shape = _inside(node)
     if shape.kind != "Shape":
         raise shape.refused("should be a Shape")
@@ -130,7 +130,7 @@ def _drawn(node: Node) -> Shape:
     return replace(_shape(node, geometry), colour=(red, green, blue, 1.0 - look.number("transparency")))
 
 
-def _inside(node: Node) -> Node:
+def _inside(node: WbtNode) -> WbtNode:
     """The one node in a Pose."""
     if node.kind != "Pose":
         raise node.refused("should be a Pose")
@@ -140,7 +140,7 @@ def _inside(node: Node) -> Node:
     return inside[0]
 
 
-def _shape(pose: Node, geometry: Node) -> Shape:
+def _shape(pose: WbtNode, geometry: WbtNode) -> Shape:
     kind = KINDS.get(geometry.kind)
     if kind is None:
         raise geometry.refused("is no geometry that simspec writes")
@@ -235,7 +235,7 @@ EXACT: Final = 1e-12
 """How far numbers that stand in a file twice may differ (m)."""
 
 
-def raised(document: Document, sidecar: WebotsSidecar) -> ReadBack:
+def raised(document: WbtDocument, sidecar: WebotsSidecar) -> ReadBack:
     """The model of a document. Raises ValueError, which names the place, for what is missing, for what simspec does not say to
     Webots, and where document and sidecar do not fit together."""
     if document.version != VERSION:
@@ -278,7 +278,7 @@ def raised(document: Document, sidecar: WebotsSidecar) -> ReadBack:
 # --- bodies ---------------------------------------------------------------------------------------------------------
 
 
-def solids_of(document: Document) -> tuple[Quaternion, tuple[Node, ...]]:
+def solids_of(document: WbtDocument) -> tuple[Quaternion, tuple[WbtNode, ...]]:
     """How the world is turned in the file, and the topmost Solids."""
     others = [node for node in document.nodes if node.kind not in AROUND]
     poses = [node for node in others if node.kind == "Pose"]
@@ -294,7 +294,7 @@ def solids_of(document: Document) -> tuple[Quaternion, tuple[Node, ...]]:
     return turned, solids
 
 
-def _ground(node: Node) -> Node:
+def _ground(node: WbtNode) -> WbtNode:
     """The joint in a Solid that is the ground."""
     fields = [node.node(name) for name in ("boundingObject", "physics")]
     numbers = [*node.numbers("translation", 3), *node.numbers("linearVelocity", 3), *node.numbers("angularVelocity", 3)]
@@ -310,18 +310,18 @@ def _ground(node: Node) -> Node:
     return joint
 
 
-def _end(joint: Node) -> Node:
+def _end(joint: WbtNode) -> WbtNode:
     end = joint.node("endPoint")
     if end is None or end.kind != "Solid":
         raise joint.refused("endPoint should be a Solid")
     return end
 
 
-def _bodies(solids: Sequence[Node], sidecar: WebotsSidecar) -> dict[str, Found]:
+def _bodies(solids: Sequence[WbtNode], sidecar: WebotsSidecar) -> dict[str, Found]:
     """The bodies in the sidecar's order. Raises ValueError where one is there twice or no body of the sidecar."""
     starts = {start.body: start.turn for start in sidecar.starts}
     found: dict[int, Found] = {}
-    waiting: list[tuple[Node, Node | None, Found | None]] = []
+    waiting: list[tuple[WbtNode, WbtNode | None, Found | None]] = []
     for node in solids:
         joint = _ground(node) if node.label.startswith("ground") else None
         waiting.append((node if joint is None else _end(joint), joint, None))
@@ -349,7 +349,7 @@ def _bodies(solids: Sequence[Node], sidecar: WebotsSidecar) -> dict[str, Found]:
     return {found[index].name: found[index] for index in sorted(found)}
 
 
-def _index(node: Node, what: str, count: int) -> int:
+def _index(node: WbtNode, what: str, count: int) -> int:
     """The number in a label ``body_3``."""
     word, _, number = node.label.partition("_")
     if word != what or not number.isdecimal() or str(int(number[:9])) != number or int(number) >= count:
@@ -358,7 +358,12 @@ def _index(node: Node, what: str, count: int) -> int:
 
 
 def _body(
-    node: Node, joint: Node | None, above: Found | None, name: str, joint_name: str, starts: Mapping[str, Quaternion]
+    node: WbtNode,
+    joint: WbtNode | None,
+    above: Found | None,
+    name: str,
+    joint_name: str,
+    starts: Mapping[str, Quaternion],
 ) -> Found:
     place = pose_of(node)
     pose = place if above is None else frames.compose(above.pose, place)
@@ -380,7 +385,7 @@ def _body(
     return Found(node, name, node.text("model"), read, inertial or Inertial(0.0), place, pose, moves, top)
 
 
-def _inertial(node: Node | None) -> Inertial | None:
+def _inertial(node: WbtNode | None) -> Inertial | None:
     if node is None:
         return None
     if node.kind != "Physics":
@@ -392,7 +397,7 @@ def _inertial(node: Node | None) -> Inertial | None:
     return Inertial(mass, vector(node, "centerOfMass"), (xx, yy, zz, xy, xz, yz))
 
 
-def _joint(node: Node, kind: str, name: str, parent: str | None, place: Pose, start: Quaternion | None) -> Joint:
+def _joint(node: WbtNode, kind: str, name: str, parent: str | None, place: Pose, start: Quaternion | None) -> Joint:
     """The joint of a Solid that stands at ``place``, joined to the one around it."""
     told = node.node("jointParameters")
     if told is None or told.kind != PARAMETERS[kind]:
@@ -431,7 +436,7 @@ def _joint(node: Node, kind: str, name: str, parent: str | None, place: Pose, st
 # --- laws, settings, the sidecar ------------------------------------------------------------------------------------
 
 
-def _law(node: Node, sidecar: WebotsSidecar) -> PairContact:
+def _law(node: WbtNode, sidecar: WebotsSidecar) -> PairContact:
     if node.kind != "ContactProperties":
         raise node.refused("should be ContactProperties")
     softness, points = sidecar.settings.get("softness"), sidecar.settings.get("contact_points")
@@ -458,7 +463,7 @@ def _law(node: Node, sidecar: WebotsSidecar) -> PairContact:
     )
 
 
-def _check_settings(info: Node, sidecar: WebotsSidecar) -> None:
+def _check_settings(info: WbtNode, sidecar: WebotsSidecar) -> None:
     """Raise ValueError where the file's numbers are not the settings of the sidecar, which has those and no others."""
     if set(sidecar.settings) != set(SETTINGS):
         raise ValueError(f"sidecar.settings has {sorted(sidecar.settings)}, should have {sorted(SETTINGS)}")

@@ -12,8 +12,7 @@ from typing import Any
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.coordinates import NAME
 from simspec.errors import EngineError
-from simspec.formats.skel.format import WORLD
-from simspec.formats.skel.from_world import file_name
+from simspec.formats.skel.format import WORLD, file_name
 
 
 def shape_nodes(node: Any) -> list[Any]:

@@ -14,8 +14,8 @@ from simspec.engines.dart.coordinates import JOINT_KINDS, NAME
 from simspec.engines.dart.nodes import collision_nodes, shape_nodes
 from simspec.engines.dart.simulation import Simulation
 from simspec.errors import EngineError
-from simspec.formats.kit.passes import restore_frames
-from simspec.formats.skel.from_world import world_name
+from simspec.formats.kit.contract import restore_frames
+from simspec.formats.skel.format import world_name
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 

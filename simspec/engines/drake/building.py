@@ -22,7 +22,16 @@ import numpy as np
 
 from simspec.engines.drake.approximations import ANY_RESOLUTION, FACED, corners, hydroelastic, too_large
 from simspec.errors import EngineError, not_importable
-from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, Shape
+from simspec.formats.world.tree import (
+    AxisJoint,
+    BallJoint,
+    FixedJoint,
+    FreeJoint,
+    Joint,
+    JsonBody,
+    JsonShape,
+    JsonWorld,
+)
 from simspec.world.types import VELOCITY_SIZE, Pose
 
 NAME = "drake"
@@ -91,7 +100,7 @@ def warnings_into(lines: list[str]) -> Iterator[None]:
         logger.propagate = spread
 
 
-def body_name(body: Body) -> str:
+def body_name(body: JsonBody) -> str:
     """What a body is called in Drake."""
     return f"{body.model}.{body.name}"
 
@@ -141,7 +150,7 @@ class Built:
     """(body, name) of every collision shape."""
 
 
-def build(document: Document, settings: Mapping[str, Any]) -> Built:
+def build(document: JsonWorld, settings: Mapping[str, Any]) -> Built:
     """Build the world. Raises EngineError for what Drake does not have, or refuses."""
     _check(document, settings)
     drake = import_drake()
@@ -181,7 +190,7 @@ def build(document: Document, settings: Mapping[str, Any]) -> Built:
     return built
 
 
-def _check(document: Document, settings: Mapping[str, Any]) -> None:
+def _check(document: JsonWorld, settings: Mapping[str, Any]) -> None:
     """Raise EngineError for what Drake does not have."""
     driven = any(isinstance(body.joint, AxisJoint) and body.joint.servo is not None for body in document.bodies)
     if driven and settings["contact_approximation"] != "sap":
@@ -209,7 +218,7 @@ def _check(document: Document, settings: Mapping[str, Any]) -> None:
                     raise EngineError(NAME, f"does not support {lacking[0]}, which shape {shape.name!r} has")
 
 
-def _inertia(drake: Drake, body: Body) -> Any:
+def _inertia(drake: Drake, body: JsonBody) -> Any:
     if body.mass == 0.0:
         if any(body.centre_of_mass) or any(body.inertia):
             raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no mass")
@@ -280,7 +289,7 @@ def relaxation(timestep: float) -> float:
     return timestep * (1.0 / ERROR_REDUCTION - 1.0)
 
 
-def _shape(built: Built, index: int, shape: Shape, timestep: float, settings: Mapping[str, Any]) -> None:
+def _shape(built: Built, index: int, shape: JsonShape, timestep: float, settings: Mapping[str, Any]) -> None:
     """Add the geometries of a shape: one to be seen, and where it is solid, in each of its layers itself, and its corners."""
     drake, number = built.drake, len(built.shapes)
     place = drake.place(shape.pose)
@@ -324,7 +333,7 @@ def _by_pressure(drake: Drake, still: bool, settings: Mapping[str, Any], propert
         drake.geometry.AddCompliantHydroelasticProperties(ANY_RESOLUTION, settings["hydroelastic_modulus"], properties)
 
 
-def _filter(built: Built, document: Document, settings: Mapping[str, Any]) -> None:
+def _filter(built: Built, document: JsonWorld, settings: Mapping[str, Any]) -> None:
     """Keep apart what does not touch: bodies that are named, groups, materials and layers that do not meet, corners, and
     corners of shapes whose faces touch by hydroelastic contact from such faces."""
     declared = built.drake.geometry.CollisionFilterDeclaration()

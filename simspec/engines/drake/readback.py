@@ -11,7 +11,7 @@ import numpy as np
 from simspec.engines.drake.building import CONE, NAME, told_name
 from simspec.engines.drake.simulation import Simulation
 from simspec.errors import EngineError
-from simspec.formats.kit.passes import restore_frames
+from simspec.formats.kit.contract import restore_frames
 from simspec.world import frames
 from simspec.world.types import Body, EngineServo, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 

@@ -24,7 +24,16 @@ from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD as SDF_WORLD
 from simspec.formats.sdf.format import Sdf
-from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Copy, Document, FreeJoint, Shape, rows_of
+from simspec.formats.world.tree import (
+    AxisJoint,
+    BallJoint,
+    FreeJoint,
+    JsonBody,
+    JsonShape,
+    JsonWorld,
+    ShapeCopy,
+    rows_of,
+)
 from simspec.world.shapes import SHAPES as WORLD_SHAPES
 from simspec.world.types import Inertial, Pose
 
@@ -191,7 +200,7 @@ class Unit:
 class Plan:
     """What is made of a document: the SDF text, the units of contact and what of them may touch."""
 
-    def __init__(self, document: Document):
+    def __init__(self, document: JsonWorld):
         self.document = document
         rows = {body.name: row for row, body in enumerate(document.bodies)}
         hanging = rows_of(document.bodies)
@@ -250,12 +259,12 @@ class Plan:
 
     # --- the text ---------------------------------------------------------------------------------------------
 
-    def _world(self) -> sdf.World:
+    def _world(self) -> sdf.SdfWorld:
         members: dict[int, list[int]] = {}
         for row, root in enumerate(self.roots):
             members.setdefault(root, []).append(row)
         models = tuple(
-            sdf.Model(
+            sdf.SdfModel(
                 f"t{root}",
                 Pose(),
                 False,
@@ -265,14 +274,14 @@ class Plan:
             )
             for root, rows in members.items()
         )
-        return sdf.World("w", self.document.timestep, self.document.gravity, models)
+        return sdf.SdfWorld("w", self.document.timestep, self.document.gravity, models)
 
-    def _link(self, row: int) -> sdf.Link:
+    def _link(self, row: int) -> sdf.SdfLink:
         body, parent = self.document.bodies[row], self.parents[row]
         pose = Pose() if isinstance(body.joint, FreeJoint) else body.joint.origin
         inertial = Inertial(body.mass, body.centre_of_mass, body.inertia) if proper(body) else STANDS_FOR
         shapes = tuple(
-            sdf.Shape(
+            sdf.SdfShape(
                 unit.name,
                 *_written(body.shapes[unit.shape]),
                 body.shapes[unit.shape].pose,
@@ -281,13 +290,13 @@ class Plan:
             )
             for unit in self._by_body.get(row, ())
         )
-        return sdf.Link(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, True, shapes)
+        return sdf.SdfLink(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, True, shapes)
 
-    def _surface(self, unit: Unit) -> sdf.Surface:
+    def _surface(self, unit: Unit) -> sdf.SdfSurface:
         copy = self._copy(unit)
-        return sdf.Surface(copy.friction, 0.0, min(copy.restitution, MOST_RESTITUTION), 0.0)
+        return sdf.SdfSurface(copy.friction, 0.0, min(copy.restitution, MOST_RESTITUTION), 0.0)
 
-    def _copy(self, unit: Unit) -> Copy:
+    def _copy(self, unit: Unit) -> ShapeCopy:
         copies = self.document.bodies[unit.body].shapes[unit.shape].copies
         return next(copy for copy in copies if copy.layer == unit.layer)
 
@@ -296,15 +305,15 @@ class Plan:
         told = [(number, self._copy(unit).restitution) for number, unit in enumerate(self.units)]
         return [(number, restitution) for number, restitution in told if restitution > MOST_RESTITUTION]
 
-    def _joint(self, row: int) -> sdf.Joint:
+    def _joint(self, row: int) -> sdf.SdfJoint:
         """A joint of the text. Damping there is DART's own, implicit one, which with an effort against it is armature; springs
         and damping of the world are efforts."""
         joint = self.document.bodies[row].joint
         parent = None if self.parents[row] < 0 else f"b{self.parents[row]}"
-        told = sdf.Joint(f"j{row}", joint.kind, parent, f"b{row}")
+        told = sdf.SdfJoint(f"j{row}", joint.kind, parent, f"b{row}")
         if not isinstance(joint, AxisJoint):
             return told
-        return sdf.Joint(
+        return sdf.SdfJoint(
             told.name,
             joint.kind,
             parent,
@@ -318,21 +327,21 @@ class Plan:
         )
 
 
-def _written(shape: Shape) -> tuple[str, tuple[float, ...]]:
+def _written(shape: JsonShape) -> tuple[str, tuple[float, ...]]:
     """Kind and size of a shape in the text: a hull is given to DART's detector afterwards, in place of the ball around it."""
     if shape.kind == "mesh":
         return "sphere", (WORLD_SHAPES["mesh"].outer_radius(shape.size),)
     return shape.kind, shape.size
 
 
-def proper(body: Body) -> bool:
+def proper(body: JsonBody) -> bool:
     """Whether SDF and its reader take the inertia of a body: a mass, and moments of something."""
     xx, yy, zz, xy, xz, yz = body.inertia
     moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     return bool(body.mass > 0.0 and moments[0] > 0.0 and moments[0] + moments[1] > moments[2] * (1.0 + 1e-9))
 
 
-def losses(document: Document) -> np.ndarray:
+def losses(document: JsonWorld) -> np.ndarray:
     """Of each body's joint damping, stiffness, rest and armature (n, 4)."""
     found = np.zeros((len(document.bodies), 4))
     for row, body in enumerate(document.bodies):

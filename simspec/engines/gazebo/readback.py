@@ -12,11 +12,9 @@ from simspec.engines.gazebo.building import NAME, Unit, asked, hull_library
 from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.hulls import vertices_of
 from simspec.errors import EngineError
-from simspec.formats.kit.passes import restore_frames
+from simspec.formats.kit.contract import restore_frames
 from simspec.formats.sdf.format import UNLIMITED
-from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint
-from simspec.formats.world.tree import Body as Told
-from simspec.formats.world.tree import Shape as ToldShape
+from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint, JsonBody, JsonShape
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface, Vector3
 
@@ -122,7 +120,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     return ReadBack(restore_frames(tuple(bodies), offsets), _vector(world[:3]), world[3], sim.cone, dict(unreadable))
 
 
-def _joint(sim: Simulation, row: int, body: Told, held: HeldBody, q: np.ndarray, v: np.ndarray) -> Joint:
+def _joint(sim: Simulation, row: int, body: JsonBody, held: HeldBody, q: np.ndarray, v: np.ndarray) -> Joint:
     joint = body.joint
     position, velocity = q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist()
     if isinstance(joint, FreeJoint):
@@ -156,7 +154,7 @@ def _joint(sim: Simulation, row: int, body: Told, held: HeldBody, q: np.ndarray,
     )
 
 
-def _shape(sim: Simulation, told: ToldShape, copies: Sequence[int]) -> Shape:
+def _shape(sim: Simulation, told: JsonShape, copies: Sequence[int]) -> Shape:
     """A collision shape as DART has it, and what is only seen, which it does not have."""
     seen = Shape(told.name, told.kind, told.size, told.pose, collision=False, visual=told.colour is not None)
     if told.colour is not None:

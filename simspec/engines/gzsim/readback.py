@@ -12,10 +12,9 @@ from simspec.engines.gzsim.bindings import NAME
 from simspec.engines.gzsim.server import Server
 from simspec.engines.gzsim.simulation import Simulation
 from simspec.errors import EngineError
-from simspec.formats.kit.passes import restore_frames
+from simspec.formats.kit.contract import restore_frames
 from simspec.formats.sdf.format import UNLIMITED
-from simspec.formats.world.tree import AxisJoint, FreeJoint
-from simspec.formats.world.tree import Body as Told
+from simspec.formats.world.tree import AxisJoint, FreeJoint, JsonBody
 from simspec.world import frames
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Vector3
 
@@ -57,7 +56,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     return held[0]
 
 
-def _free(told: Told, position: list[float], velocity: list[float]) -> Joint:
+def _free(told: JsonBody, position: list[float], velocity: list[float]) -> Joint:
     turn = frames.normalise(tuple(position[3:]))  # type: ignore[arg-type]
     angular = frames.rotate(turn, tuple(velocity[3:]))  # type: ignore[arg-type]
     return Joint(told.joint.name, "free", position=(*position[:3], *turn), velocity=(*velocity[:3], *angular))
@@ -107,7 +106,7 @@ def _inertial(server: Server, components: Any, row: int) -> Inertial:
     )
 
 
-def _seen(told: Told) -> tuple[Shape, ...]:
+def _seen(told: JsonBody) -> tuple[Shape, ...]:
     return tuple(
         Shape(shape.name, shape.kind, shape.size, shape.pose, collision=False, visual=True) for shape in told.shapes
     )

@@ -18,8 +18,7 @@ import numpy as np
 from simspec.engines.gzsim.bindings import NAME, Bindings
 from simspec.errors import EngineError
 from simspec.formats.sdf.format import WORLD
-from simspec.formats.world.tree import AxisJoint, FreeJoint
-from simspec.formats.world.tree import Body as Told
+from simspec.formats.world.tree import AxisJoint, FreeJoint, JsonBody
 from simspec.scratch import scratch_folder
 from simspec.world.rotations import conjugate, rotate
 
@@ -35,7 +34,7 @@ class Server:
         self,
         bindings: Bindings,
         text: str,
-        bodies: Sequence[Told],
+        bodies: Sequence[JsonBody],
         roots: Sequence[int],
         q: Sequence[slice],
         v: Sequence[slice],

@@ -22,13 +22,21 @@ from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD, Sdf
 from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, initial_coordinates, rows_of
+from simspec.formats.world.tree import (
+    AxisJoint,
+    FixedJoint,
+    FreeJoint,
+    JsonBody,
+    JsonWorld,
+    initial_coordinates,
+    rows_of,
+)
 from simspec.world.rotations import multiply, unit
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Inertial, Pose
 
 # A world as SDF for gz sim: as Gazebo's, with the physics system that a server needs, and without shapes.
 
-PHYSICS: Final = sdf.System("gz-sim-physics-system", "gz::sim::systems::Physics")
+PHYSICS: Final = sdf.SdfSystem("gz-sim-physics-system", "gz::sim::systems::Physics")
 MOMENT: Final = 1e-9
 """s: gz sim's shortest step, in which nothing moves that is slow."""
 WHOLE: Final = 2.5e-10
@@ -38,7 +46,7 @@ WHOLE: Final = 2.5e-10
 class Plan:
     """Of each body of a document its parent and the root of its tree, by rows; -1: the world."""
 
-    def __init__(self, document: Document):
+    def __init__(self, document: JsonWorld):
         self.document = document
         hanging = rows_of(document.bodies)
         self.parents, self.roots = hanging.parents, hanging.roots
@@ -46,7 +54,7 @@ class Plan:
         for body, moves in zip(document.bodies, self.moves, strict=True):
             self._check(body, moves)
 
-    def _check(self, body: Body, moves: bool) -> None:
+    def _check(self, body: JsonBody, moves: bool) -> None:
         if not isinstance(body.joint, FixedJoint | AxisJoint | FreeJoint):
             raise EngineError(NAME, f"does not support the {body.joint.kind} joint {body.joint.name!r}")
         if isinstance(body.joint, AxisJoint) and (body.joint.servo is not None or body.joint.armature):
@@ -65,7 +73,7 @@ class Plan:
     def still(self) -> str:
         """The world without weight, limits and friction, in steps of no length: its bodies are where they are put."""
         joints = [
-            sdf.Joint(told.name, told.kind, told.parent, told.child, told.axis)
+            sdf.SdfJoint(told.name, told.kind, told.parent, told.child, told.axis)
             for told in (self._joint(row) for row in self._joined())
         ]
         return self._text(MOMENT, (0.0, 0.0, 0.0), joints)
@@ -73,13 +81,13 @@ class Plan:
     def _joined(self) -> list[int]:
         return [row for row, body in enumerate(self.document.bodies) if not isinstance(body.joint, FreeJoint)]
 
-    def _text(self, timestep: float, gravity: tuple[float, float, float], joints: list[sdf.Joint]) -> str:
+    def _text(self, timestep: float, gravity: tuple[float, float, float], joints: list[sdf.SdfJoint]) -> str:
         members: dict[int, list[int]] = {}
         for row, root in enumerate(self.roots):
             members.setdefault(root, []).append(row)
         by_child = {joint.child: joint for joint in joints}
         models = tuple(
-            sdf.Model(
+            sdf.SdfModel(
                 f"t{root}",
                 Pose(),
                 False,
@@ -89,20 +97,20 @@ class Plan:
             )
             for root, rows in members.items()
         )
-        return Sdf().write(sdf.World("w", timestep + WHOLE, gravity, models, (PHYSICS,), 0.0))[WORLD]
+        return Sdf().write(sdf.SdfWorld("w", timestep + WHOLE, gravity, models, (PHYSICS,), 0.0))[WORLD]
 
-    def _link(self, row: int) -> sdf.Link:
+    def _link(self, row: int) -> sdf.SdfLink:
         body, parent = self.document.bodies[row], self.parents[row]
         pose = Pose() if isinstance(body.joint, FreeJoint) else body.joint.origin
         inertial = Inertial(body.mass, body.centre_of_mass, body.inertia) if proper(body) else STANDS_FOR
-        return sdf.Link(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, False, ())
+        return sdf.SdfLink(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, False, ())
 
-    def _joint(self, row: int, smooth: Collection[int] = ()) -> sdf.Joint:
+    def _joint(self, row: int, smooth: Collection[int] = ()) -> sdf.SdfJoint:
         joint, parent = self.document.bodies[row].joint, self.parents[row]
-        told = sdf.Joint(f"j{row}", joint.kind, None if parent < 0 else f"b{parent}", f"b{row}")
+        told = sdf.SdfJoint(f"j{row}", joint.kind, None if parent < 0 else f"b{parent}", f"b{row}")
         if not isinstance(joint, AxisJoint):
             return told
-        return sdf.Joint(
+        return sdf.SdfJoint(
             told.name,
             joint.kind,
             told.parent,

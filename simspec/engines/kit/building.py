@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simspec.errors import EngineError
-from simspec.formats.world.tree import AxisJoint, Body, Copy, Document, FixedJoint, Shape, rows_of
+from simspec.formats.world.tree import AxisJoint, FixedJoint, JsonBody, JsonShape, JsonWorld, ShapeCopy, rows_of
 from simspec.world import frames
 from simspec.world.types import Pose
 
@@ -28,7 +28,7 @@ class PlacedBody:
     ``pose`` is its pose in the frame of the carrier, or in the world."""
 
     row: int
-    body: Body
+    body: JsonBody
     parent: int
     root: int
     carrier: int
@@ -47,7 +47,7 @@ class PlacedShape:
     number: int
     owner: PlacedBody
     place: int
-    shape: Shape
+    shape: JsonShape
     pose: Pose
 
 
@@ -57,7 +57,7 @@ class Unit:
 
     number: int
     of: PlacedShape
-    copy: Copy
+    copy: ShapeCopy
 
     @property
     def kind(self) -> tuple[str, str, int]:
@@ -69,7 +69,7 @@ class Unit:
 class Walk:
     """A document in rows. ``excluded``: sorted pairs of rows of bodies that must not touch."""
 
-    document: Document
+    document: JsonWorld
     bodies: tuple[PlacedBody, ...]
     shapes: tuple[PlacedShape, ...]
     units: tuple[Unit, ...]
@@ -78,7 +78,7 @@ class Walk:
     _ignored: frozenset[frozenset[str]] = field(repr=False)
 
     @classmethod
-    def of(cls, document: Document) -> Walk:
+    def of(cls, document: JsonWorld) -> Walk:
         rows = rows_of(document.bodies)
         bodies: list[PlacedBody] = []
         for row, body in enumerate(document.bodies):

@@ -23,7 +23,7 @@ from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.readback import UNREADABLE
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
-from simspec.formats.mjcf.from_world import KINDS
+from simspec.formats.mjcf.bodies import KINDS
 from simspec.support.declarations import (
     AS_EFFORTS,
     HEAVY,

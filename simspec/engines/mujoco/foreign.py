@@ -16,7 +16,7 @@ from simspec.engines.kit.effects import Effect
 from simspec.engines.kit.foreign import MESH, UNNAMED, Own, Reads, support
 from simspec.engines.mujoco.readback import CONE_NAMES, HALVED, JOINT_KINDS, SHAPE_KINDS, VISIBLE_GROUPS
 from simspec.errors import EngineError
-from simspec.formats.kit.passes import tensor
+from simspec.formats.kit.contract import tensor
 from simspec.world import frames
 from simspec.world.types import Body, EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 

@@ -18,7 +18,7 @@ from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.inventory import NEUTRAL, Items, below
 from simspec.engines.mujoco.expectation import HARDEST, Expectation, ExpectedJoint, Law, Reference, flat_impedance
 from simspec.engines.mujoco.fields import ELEMENTS, NEUTRAL_ARRAYS
-from simspec.formats.mjcf.names import world_name
+from simspec.formats.mjcf.bodies import world_name
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.inertia import lumped_gravity_scale, lumped_inertial
 from simspec.world.kinematics import absorbed

@@ -15,9 +15,9 @@ from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.dialects.mujoco.surface import CommonLaw, surface
 from simspec.engines.mujoco.inventory import Inventory
 from simspec.errors import EngineError
-from simspec.formats.kit.passes import restore_frames, tensor
+from simspec.formats.kit.contract import restore_frames, tensor
+from simspec.formats.mjcf.bodies import file_name, world_name
 from simspec.formats.mjcf.format import MODEL
-from simspec.formats.mjcf.names import file_name, world_name
 from simspec.world import frames
 from simspec.world.actions import LEAST_MOMENT, Box, Fluid, JointSum
 from simspec.world.frames import vector3

@@ -28,8 +28,8 @@ from simspec.engines.mujoco.coulomb import Coulomb
 from simspec.engines.mujoco.equality import Equalities
 from simspec.engines.mujoco.readback import JOINT_KINDS, frame_sites, read_back
 from simspec.errors import EngineError, not_importable
+from simspec.formats.mjcf.bodies import file_name
 from simspec.formats.mjcf.format import MODEL
-from simspec.formats.mjcf.names import file_name
 from simspec.world.rotations import cross
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, PairContact, ReadBack
 

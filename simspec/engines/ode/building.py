@@ -22,7 +22,16 @@ from simspec.engines.kit.compiled import Compiled
 from simspec.engines.kit.hulls import check_solid
 from simspec.engines.kit.needs import Needs
 from simspec.errors import EngineError
-from simspec.formats.world.tree import AxisJoint, BallJoint, Body, Document, FixedJoint, FreeJoint, Joint, parent_of
+from simspec.formats.world.tree import (
+    AxisJoint,
+    BallJoint,
+    FixedJoint,
+    FreeJoint,
+    Joint,
+    JsonBody,
+    JsonWorld,
+    parent_of,
+)
 from simspec.world.types import Hardness, PairContact
 
 # ODE and the part in C beside it (``shim/``), which is compiled on first use, by ctypes.
@@ -221,7 +230,7 @@ Settings = Mapping[str, Any]
 class Built:
     """``sim``: the world of the part in C. ``shapes``: (body, name) of every collision shape, in the order of their numbers."""
 
-    def __init__(self, library: Library, document: Document, told: LawSidecar):
+    def __init__(self, library: Library, document: JsonWorld, told: LawSidecar):
         self.library, self.document = library, document
         self.materials = sorted({shape.material for body in document.bodies for shape in body.shapes if shape.copies})
         self.groups = sorted({body.group for body in document.bodies})
@@ -262,7 +271,7 @@ class Built:
         if sim is not None:
             self.library.sim_free(sim)
 
-    def _body(self, body: Body, parent: int, moves: bool) -> None:
+    def _body(self, body: JsonBody, parent: int, moves: bool) -> None:
         joint = body.joint
         if moves and not body.mass and any(body.inertia):
             raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no mass")
@@ -291,7 +300,7 @@ class Built:
         if made < 0:
             raise EngineError(NAME, f"has no memory for {body.name!r}")
 
-    def _shapes(self, row: int, body: Body) -> None:
+    def _shapes(self, row: int, body: JsonBody) -> None:
         for shape in body.shapes:
             if not shape.copies:
                 continue
@@ -315,7 +324,7 @@ class Built:
                 raise EngineError(NAME, f"does not support the {shape.kind} {shape.name!r}{where}")
             self.shapes.append((row, shape.name))
 
-    def _laws(self, document: Document, told: LawSidecar) -> None:
+    def _laws(self, document: JsonWorld, told: LawSidecar) -> None:
         for law in told.laws:
             wrong = not_held(law)
             if wrong:
@@ -332,7 +341,7 @@ class Built:
             )
             self.library.sim_law(self.sim, one, other, numbers(held))
 
-    def _filter(self, document: Document, rows: Mapping[str, int]) -> None:
+    def _filter(self, document: JsonWorld, rows: Mapping[str, int]) -> None:
         for one, other in document.apart.groups:
             self.library.sim_ignore(self.sim, self.groups.index(one), self.groups.index(other))
         keys = sorted(

@@ -18,10 +18,8 @@ import numpy as np
 from simspec.engines.kit.hulls import vertices_of
 from simspec.engines.ode.building import CONES, Mass, Numbers, numbers
 from simspec.engines.ode.simulation import Simulation, quaternions
-from simspec.formats.kit.passes import restore_frames
-from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint, parent_of
-from simspec.formats.world.tree import Body as Told
-from simspec.formats.world.tree import Shape as ToldShape
+from simspec.formats.kit.contract import restore_frames
+from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint, JsonBody, JsonShape, parent_of
 from simspec.world import frames
 from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Quaternion, ReadBack, Shape, Surface, Vector3
@@ -99,7 +97,7 @@ def inertial(sim: Simulation, row: int) -> Inertial:
     return Inertial(mass.mass, centre, (m[0], m[5], m[10], m[1], m[2], m[6]))
 
 
-def _joint(sim: Simulation, row: int, body: Told, q: np.ndarray, v: np.ndarray) -> Joint:
+def _joint(sim: Simulation, row: int, body: JsonBody, q: np.ndarray, v: np.ndarray) -> Joint:
     joint, held = body.joint, told_body(sim, row)
     position, velocity = q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist()
     if isinstance(joint, FreeJoint):
@@ -135,7 +133,7 @@ def _joint(sim: Simulation, row: int, body: Told, q: np.ndarray, v: np.ndarray) 
     )
 
 
-def _shapes(sim: Simulation, row: int, body: Told, solid: Sequence[int]) -> list[Shape]:
+def _shapes(sim: Simulation, row: int, body: JsonBody, solid: Sequence[int]) -> list[Shape]:
     """The collision shapes as ODE has them, and what is only seen, which ODE does not have."""
     found = []
     numbers_of = iter(solid)
@@ -149,7 +147,7 @@ def _shapes(sim: Simulation, row: int, body: Told, solid: Sequence[int]) -> list
     return found
 
 
-def _solid(sim: Simulation, row: int, number: int, told: ToldShape) -> Shape:
+def _solid(sim: Simulation, row: int, number: int, told: JsonShape) -> Shape:
     geom = sim.library.sim_geom(sim.sim, number)
     kind = kind_of(sim, geom)
     surfaces = (Surface(0.0, 0.0, 0.0, 0.0),)

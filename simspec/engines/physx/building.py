@@ -16,7 +16,16 @@ import numpy as np
 from simspec.dialects.physx.dialect import PhysxSidecar
 from simspec.engines.kit.single import held_by
 from simspec.errors import EngineError
-from simspec.formats.world.tree import AxisJoint, Body, Copy, Document, FixedJoint, FreeJoint, Shape, parent_of
+from simspec.formats.world.tree import (
+    AxisJoint,
+    FixedJoint,
+    FreeJoint,
+    JsonBody,
+    JsonShape,
+    JsonWorld,
+    ShapeCopy,
+    parent_of,
+)
 from simspec.world import frames
 from simspec.world.inertia import principal_axes
 from simspec.world.rotations import matrices
@@ -156,8 +165,8 @@ class Unit(NamedTuple):
     """One copy of a shape: the row of its body, the shape, and the layer."""
 
     body: int
-    shape: Shape
-    copy: Copy
+    shape: JsonShape
+    copy: ShapeCopy
 
 
 class Built:
@@ -165,7 +174,7 @@ class Built:
     cannot move; ``local``: each body's pose in it, in the world of what cannot move. ``units``: the copies of shapes, in the
     order of their numbers, ``shapes`` what PhysX has for each."""
 
-    def __init__(self, document: Document, told: PhysxSidecar):
+    def __init__(self, document: JsonWorld, told: PhysxSidecar):
         self.sapien = imported()
         self.physx = self.sapien.physx
         self.document = document
@@ -236,7 +245,7 @@ class Built:
         names = [self.document.bodies[unit.body].name for unit in self.units]
         return [(*first[key], *last.get(name, (0, 0))) for key, name in zip(keys, names, strict=True)]
 
-    def _place(self, row: int, body: Body, rows: Mapping[str, int]) -> None:
+    def _place(self, row: int, body: JsonBody, rows: Mapping[str, int]) -> None:
         joint = body.joint
         if isinstance(joint, FreeJoint):
             self.carrier.append(row)
@@ -254,7 +263,7 @@ class Built:
         if carrier >= 0 and (body.mass or any(body.inertia)):
             raise EngineError(NAME, f"does not support the mass of {body.name!r}, which is fixed to a body that moves")
 
-    def _body(self, row: int, body: Body, shapes: list[Any]) -> None:
+    def _body(self, row: int, body: JsonBody, shapes: list[Any]) -> None:
         carrier = self.carrier[row]
         if carrier not in (-1, row):
             self.entities.append(self.entities[carrier])
@@ -275,7 +284,7 @@ class Built:
         self.entities.append(entity)
         self.actors.append(actor)
 
-    def _dynamic(self, body: Body, shapes: list[Any]) -> Any:
+    def _dynamic(self, body: JsonBody, shapes: list[Any]) -> Any:
         if not body.mass > 0.0:
             raise EngineError(NAME, f"does not support {body.name!r}, which moves and has no mass")
         moments, axes = principal_axes(body.inertia)

@@ -15,10 +15,8 @@ import numpy as np
 from simspec.engines.physx.building import AXES, NAME, SCALE, held_tensor, pose_of
 from simspec.engines.physx.simulation import Simulation
 from simspec.errors import EngineError
-from simspec.formats.kit.passes import restore_frames
-from simspec.formats.world.tree import Body as Told
-from simspec.formats.world.tree import FreeJoint, parent_of
-from simspec.formats.world.tree import Shape as ToldShape
+from simspec.formats.kit.contract import restore_frames
+from simspec.formats.world.tree import FreeJoint, JsonBody, JsonShape, parent_of
 from simspec.world import frames
 from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
@@ -61,7 +59,7 @@ def inertial(sim: Simulation, row: int) -> Inertial:
     return Inertial(held.mass, (x, y, z), (m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))
 
 
-def _joint(sim: Simulation, row: int, told: Told, poses: np.ndarray, q: np.ndarray, v: np.ndarray) -> Joint:
+def _joint(sim: Simulation, row: int, told: JsonBody, poses: np.ndarray, q: np.ndarray, v: np.ndarray) -> Joint:
     joint = told.joint
     if isinstance(joint, FreeJoint):
         number = sim.number[row]
@@ -83,7 +81,7 @@ def _pose(row: np.ndarray) -> Pose:
     return Pose(tuple(row[:3].tolist()), frames.normalise(tuple(row[3:].tolist())))
 
 
-def _shape(sim: Simulation, row: int, told: ToldShape, numbers: Sequence[int]) -> Shape:
+def _shape(sim: Simulation, row: int, told: JsonShape, numbers: Sequence[int]) -> Shape:
     """A collision shape as PhysX has it, and what is only seen, which it does not have."""
     seen = Shape(told.name, told.kind, told.size, told.pose, collision=False, visual=told.colour is not None)
     if told.colour is not None:

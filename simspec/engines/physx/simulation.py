@@ -31,7 +31,7 @@ from simspec.engines.physx.building import (
 from simspec.engines.physx.contact import Depths, Recovery, contact_rows, depths, pressed, touching_pairs
 from simspec.errors import EngineError
 from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import Document, initial_coordinates
+from simspec.formats.world.tree import JsonWorld, initial_coordinates
 from simspec.world import frames
 from simspec.world.actions import JointSum
 from simspec.world.rotations import cross, exponential, matrices, multiply, rotate
@@ -105,7 +105,7 @@ class Simulation:
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         try:
-            self.document: Document = WorldJson().read(folder)
+            self.document: JsonWorld = WorldJson().read(folder)
             self._told = PhysxSidecar.of(sidecar)
             self._told.check_document(self.document)
         except (ValueError, FileNotFoundError) as error:

@@ -19,7 +19,7 @@ from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_li
 from simspec.engines.pybullet.simulation import GREETING
 from simspec.engines.pybullet.trees import JOINT_KINDS, told_turn
 from simspec.errors import EngineError
-from simspec.formats.kit.passes import tensor
+from simspec.formats.kit.contract import tensor
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface

@@ -26,9 +26,8 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.pybullet.bullet_file import Block
 from simspec.errors import EngineError
-from simspec.formats.kit.heightfield_reading import field_of_triangles
-from simspec.formats.kit.mesh_reading import SUFFIX, read_triangles
-from simspec.formats.kit.meshes import FIELDS
+from simspec.formats.kit.mesh_reading import SUFFIX, field_of_triangles, read_triangles
+from simspec.formats.kit.text import FIELDS
 from simspec.outputs.reading import files_below
 from simspec.scratch import scratch_folder
 from simspec.support.declarations import Level, Refinement, unsupported_if

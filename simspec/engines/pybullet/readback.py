@@ -18,9 +18,9 @@ from simspec.engines.pybullet.geometry import Alike, HeldMesh, Hulls
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import JOINT_KINDS, Link, Tree, own_solid, told_turn
 from simspec.errors import EngineError
+from simspec.formats.kit.contract import restore_frames, tensor
 from simspec.formats.kit.mesh_reading import SUFFIX, read_field, read_triangles
-from simspec.formats.kit.meshes import FIELDS
-from simspec.formats.kit.passes import restore_frames, tensor
+from simspec.formats.kit.text import FIELDS
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Body, Hardness, Inertial, Joint, Pose, Quaternion, ReadBack, Shape, Surface

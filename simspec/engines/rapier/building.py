@@ -15,7 +15,7 @@ import numpy as np
 from simspec.dialects.kit.world_laws import LawSidecar
 from simspec.engines.kit.single import held_by
 from simspec.errors import EngineError
-from simspec.formats.world.tree import AxisJoint, Body, Document, FixedJoint, FreeJoint, Shape, parent_of
+from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint, JsonBody, JsonShape, JsonWorld, parent_of
 from simspec.world import frames
 from simspec.world.hull import HullError, hull_of, mesh_vertices
 from simspec.world.inertia import principal_axes
@@ -74,7 +74,7 @@ class Laws:
     def __init__(
         self,
         rapier: Any,
-        document: Document,
+        document: JsonWorld,
         laws: Sequence[PairContact],
         colliders: Sequence[Any],
         materials: Sequence[str],
@@ -200,7 +200,7 @@ class Built:
     row of that body, −1 of what cannot move; ``local``: each body's pose in it, in the world of what cannot move.
     ``shapes``: (body, name) of every collision shape, in the order of their numbers; ``colliders`` their handles."""
 
-    def __init__(self, rapier: Any, document: Document, told: LawSidecar):
+    def __init__(self, rapier: Any, document: JsonWorld, told: LawSidecar):
         self.rapier, self.document = rapier, document
         self.world = rapier.PhysicsWorld(gravity=rapier.Vec3(*lengths(document.gravity, "gravity")))
         self.world.set_num_threads(1)
@@ -258,7 +258,7 @@ class Built:
                 balls[self.carrier[row]] = balls.get(self.carrier[row], True) and ball
         return {row for row, only in balls.items() if only}
 
-    def _body(self, row: int, body: Body, parent: int | None) -> None:
+    def _body(self, row: int, body: JsonBody, parent: int | None) -> None:
         joint = body.joint
         if isinstance(joint, FreeJoint):
             self.carrier.append(row)
@@ -286,7 +286,7 @@ class Built:
             builder = builder.additional_mass_properties(self._mass(body))
         self.bodies.append(self.world.add_body(builder))
 
-    def _dynamic(self, body: Body) -> Any:
+    def _dynamic(self, body: JsonBody) -> Any:
         if not body.mass > 0.0:
             raise EngineError(NAME, f"does not support {body.name!r}, which moves and has no mass")
         if not regular(body.inertia):
@@ -296,7 +296,7 @@ class Built:
         builder = builder.can_sleep(False).gyroscopic_forces(False).allow_fast_rotation(True)
         return self.world.add_body(builder)
 
-    def _mass(self, body: Body) -> Any:
+    def _mass(self, body: JsonBody) -> Any:
         moments, axes = principal(body.inertia)
         mass = held_by(NAME, (body.mass,), f"mass of {body.name}")[0]
         centre = lengths(body.centre_of_mass, f"centre of {body.name}")
@@ -304,7 +304,7 @@ class Built:
         vector = self.rapier.Vec3
         return self.rapier.MassProperties(vector(*centre), mass, vector(*told), self.rapier.Rotation3(*axes))
 
-    def _shape(self, row: int, shape: Shape) -> None:
+    def _shape(self, row: int, shape: JsonShape) -> None:
         builder = collider_of(self.rapier, shape)
         if builder is None:
             raise EngineError(NAME, f"does not support the {shape.kind} {shape.name!r}")
@@ -328,7 +328,7 @@ AXES: Mapping[str, Pose] = {
 """How Rapier's shapes stand in the world's: their axis is y."""
 
 
-def collider_of(rapier: Any, shape: Shape) -> Any:
+def collider_of(rapier: Any, shape: JsonShape) -> Any:
     """A builder of a collider; None of a shape that Rapier does not have."""
     size = lengths(shape.size, f"size of {shape.name}")
     if shape.kind != "mesh" and not all(edge > 0.0 for edge in size):  # Rapier turns a capsule round, in silence

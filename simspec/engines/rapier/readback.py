@@ -14,10 +14,8 @@ import numpy as np
 
 from simspec.engines.rapier.building import AXES, SCALE
 from simspec.engines.rapier.simulation import Simulation, held_tensor, pose_of
-from simspec.formats.kit.passes import restore_frames
-from simspec.formats.world.tree import Body as Told
-from simspec.formats.world.tree import FreeJoint, parent_of
-from simspec.formats.world.tree import Shape as ToldShape
+from simspec.formats.kit.contract import restore_frames
+from simspec.formats.world.tree import FreeJoint, JsonBody, JsonShape, parent_of
 from simspec.world import frames
 from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, ReadBack, Shape, Surface, Vector3
@@ -76,7 +74,7 @@ def inertial(sim: Simulation, row: int) -> Inertial:
     return Inertial(mass.mass, (x, y, z), (m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))
 
 
-def _joint(sim: Simulation, row: int, told: Told, poses: np.ndarray, q: np.ndarray, v: np.ndarray) -> Joint:
+def _joint(sim: Simulation, row: int, told: JsonBody, poses: np.ndarray, q: np.ndarray, v: np.ndarray) -> Joint:
     joint = told.joint
     if isinstance(joint, FreeJoint):
         number = sim.free.index(row)
@@ -100,7 +98,7 @@ def _pose(row: np.ndarray) -> Pose:
     return Pose(tuple(row[:3].tolist()), frames.normalise(tuple(row[3:].tolist())))
 
 
-def _shapes(sim: Simulation, told: Told, numbers: Sequence[int]) -> list[Shape]:
+def _shapes(sim: Simulation, told: JsonBody, numbers: Sequence[int]) -> list[Shape]:
     """The collision shapes as Rapier has them, and what is only seen, which it does not have."""
     found, solid = [], iter(numbers)
     for shape in told.shapes:
@@ -114,7 +112,7 @@ def _shapes(sim: Simulation, told: Told, numbers: Sequence[int]) -> list[Shape]:
     return found
 
 
-def _solid(sim: Simulation, number: int, told: ToldShape) -> Shape:
+def _solid(sim: Simulation, number: int, told: JsonShape) -> Shape:
     collider = sim.world.colliders[sim.built.colliders[number]]
     kind = kind_of(collider)
     pose = _pose(pose_of(collider.position_wrt_parent))

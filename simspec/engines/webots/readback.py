@@ -9,8 +9,8 @@ from simspec.dialects.webots.raising import raised
 from simspec.engines.webots.program import NAME, Live
 from simspec.engines.webots.simulation import Simulation
 from simspec.errors import EngineError
-from simspec.formats.wbt.document import Document, Field, Node, Value
-from simspec.formats.wbt.fields import NODES, VERSION
+from simspec.formats.wbt.format import NODES, VERSION
+from simspec.formats.wbt.reading import Value, WbtDocument, WbtField, WbtNode
 from simspec.world.types import ReadBack
 
 HELD: Final = "Webots"
@@ -33,21 +33,21 @@ def read_back(sim: Simulation) -> ReadBack:
     return held
 
 
-def held_document(live: Live, tops: Sequence[int], strange: dict[str, None]) -> Document:
+def held_document(live: Live, tops: Sequence[int], strange: dict[str, None]) -> WbtDocument:
     """The nodes that Webots holds, as a document; ``tops``: the numbers of bodies that move by themselves. ``strange`` becomes
     the fields that a node of simspec's does not have."""
     speeds = live.states()[2].tolist()
     velocities = {f"body_{row}": speed for row, speed in zip(tops, speeds, strict=True)}
-    return Document(HELD, VERSION, tuple(_node(told, velocities, strange) for told in live.nodes()))
+    return WbtDocument(HELD, VERSION, tuple(_node(told, velocities, strange) for told in live.nodes()))
 
 
-def _node(told: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], strange: dict[str, None]) -> Node:
+def _node(told: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], strange: dict[str, None]) -> WbtNode:
     kind, label = told["node"], told["label"]
     known = NODES.get(kind)
     if known is None:
         raise EngineError(NAME, f"holds a {kind} {label}, which simspec does not write")
     moves = MOVES if kind in MOVING else ()
-    fields: list[Field] = []
+    fields: list[WbtField] = []
     for name, field in told["fields"].items():
         if name not in known:
             strange[f"{kind}.{name}"] = None
@@ -55,8 +55,8 @@ def _node(told: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], st
             values: list[Value] = [
                 _node(value, velocities, strange) if isinstance(value, dict) else value for value in field["values"]
             ]
-            fields.append(Field(name, 0, tuple(values), field["kind"].startswith("MF")))
+            fields.append(WbtField(name, 0, tuple(values), field["kind"].startswith("MF")))
     speed = velocities.get(label, (0.0,) * 6)
     parts = (tuple(speed[:3]), tuple(speed[3:]))
-    fields += [Field(name, 0, part, False) for name, part in zip(moves, parts, strict=False)]
-    return Node(HELD, kind, label, 0, tuple(fields))
+    fields += [WbtField(name, 0, part, False) for name, part in zip(moves, parts, strict=False)]
+    return WbtNode(HELD, kind, label, 0, tuple(fields))

@@ -16,9 +16,8 @@ from simspec.dialects.webots.raising import raised, solids_of
 from simspec.dialects.webots.sidecar import WebotsSidecar
 from simspec.engines.webots.program import NAME, Live
 from simspec.errors import EngineError, SpecError
-from simspec.formats.wbt.document import Document, Node, Value
-from simspec.formats.wbt.format import Wbt
-from simspec.formats.wbt.rewriting import text_of
+from simspec.formats.wbt.format import Wbt, text_of
+from simspec.formats.wbt.reading import Value, WbtDocument, WbtNode
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.frames import quaternion, vector3
@@ -39,7 +38,7 @@ class States:
     Raises ValueError, which names the place, where the two do not fit together or hold what simspec does not write.
     """
 
-    def __init__(self, document: Document, told: WebotsSidecar):
+    def __init__(self, document: WbtDocument, told: WebotsSidecar):
         self.document = document
         self.held = raised(document, told)
         self.world = World("", self.held.bodies)
@@ -73,7 +72,7 @@ class States:
             self.world, bodies=tuple(self._placed(row, q, v) for row in range(len(self.parents)))
         )
         placed, moving = poses(world), twists(world)
-        changes: dict[tuple[Node, str], Sequence[Value]] = {}
+        changes: dict[tuple[WbtNode, str], Sequence[Value]] = {}
         for row, (body, parent) in enumerate(zip(world.bodies, self.parents, strict=True)):
             here = frames.compose(placed[body.name], self._offsets[row])
             around = Pose()
@@ -96,7 +95,7 @@ class States:
         changes |= {(self._parameters(row), "staticFriction"): (0.0,) for row in smooth}
         return text_of(self.document, changes)
 
-    def _parameters(self, row: int) -> Node:
+    def _parameters(self, row: int) -> WbtNode:
         joint = self._nodes[f"joint_{row}"]
         parameters = joint.node("jointParameters")
         if parameters is None:

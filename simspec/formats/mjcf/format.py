@@ -3,23 +3,349 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import Format
+from simspec.control.native import drives
+from simspec.errors import Problem, UnsupportedError
+from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, gather, losses
 from simspec.formats.kit.mesh_reading import read_meshes
-from simspec.formats.kit.meshes import mesh_files
-from simspec.formats.kit.plain import Plain, losses
-from simspec.formats.kit.text import environment
-from simspec.formats.mjcf.document import Document
-from simspec.formats.mjcf.plain import SUPPORT, model_and_losses
-from simspec.formats.mjcf.reading import read_document
-from simspec.formats.mjcf.tree import Body, Model
+from simspec.formats.kit.text import environment, hulls_of, mesh_files
+from simspec.formats.mjcf import tree
+from simspec.formats.mjcf.bodies import (
+    CONES,
+    GROUPS,
+    KINDS,
+    ONE_NUMBER,
+    BodyRow,
+    body_of,
+    depth_first,
+    dimensions,
+    equalities,
+    file_name,
+    fluid_options,
+    frame_sites,
+    geom_of,
+    heightfields_of,
+    joint_attributes,
+    keyframe,
+    margins_of,
+    meshes_of,
+    no_more_than_its_weight,
+    one_number,
+    sites_of,
+    tendons,
+)
+from simspec.formats.mjcf.contact import Kind, arena_megabytes, collision_masks
+from simspec.formats.mjcf.reading import MjcfDocument, read_document
+from simspec.formats.mjcf.tree import Attributes, MjcfBody, MjcfDefault, MjcfModel, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.support.declarations import Table
+from simspec.support.declarations import LUMPED, Level, Support, Table, approximate, exactly, never, shape_kinds
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import types
-from simspec.world.types import World
+from simspec.world.contact_pairs import Pair, excluded_pairs, meeting_laws, shape_pairs, solid_shapes
+from simspec.world.kinematics import absorbed, is_carrier
+from simspec.world.types import Joint, PairContact, Pose, Shape, World
+
+# Contact: a geom has the friction of its material; two geoms have the larger of both numbers and the mean of both time
+# constants. Where two materials have another law, every two of their geoms that may touch are an explicit pair.
+
+KEYFRAME: Final = "initial"
+MOST_PAIRS: Final = 20_000
+"""Explicit pairs in one file; a world with more has the rule of geoms for all, and a row in the list of losses."""
+NATIVE_REFERENCE: Final = (0.02, 1.0)
+"""The language's default of ``solref``: time constant (s) and damping ratio."""
+VISUAL: Final = "visual"
+MATERIAL: Final = "material/"
+
+COMPILER: Final[Attributes] = (("angle", "radian"), ("autolimits", False))
+UNLIMITED: Final = 1e9
+"""The range (rad, m) of a hinge or a slide without limits, which is not ``limited``."""
+MESH_FOLDER: Final[Attributes] = (("meshdir", "./"),)
+"""Where a world has meshes: one reader finds no files without it."""
+WITHOUT_MASS: Final[Attributes] = (("mass", 0.0),)
+"""Of the geoms of a body without mass, which has no ``inertial``: readers differ in which inertials without mass they take."""
+FLAGS: Final = (
+    ("filterparent", False),  # which bodies do not touch is listed
+    ("eulerdamp", False),  # damping is explicit in time
+)
+
+SUPPORT: Final[Table] = {
+    **exactly(
+        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+        *(
+            Feature.DAMPING,
+            Feature.BALL_DAMPING,
+            Feature.ARMATURE,
+            Feature.BALL_ARMATURE,
+            Feature.SPRING,
+            Feature.BALL_SPRING,
+        ),
+        *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+        *(Feature.SHAPE_VISUAL, Feature.SHAPE_MARGIN, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
+        *(Feature.MARGIN_PAIRS, Feature.SURFACE_VELOCITY),
+        *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
+        *(Feature.IMPACT_FRICTION, Feature.HARDNESS_NATIVE, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
+        *COUPLED_CONTACT,
+        *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
+        *(Feature.GRAVITY, Feature.TIMESTEP, Feature.FLUID),
+    ),
+    **shape_kinds("MJCF", KINDS),
+    Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
+    Feature.INITIAL_POSITION: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
+    Feature.INITIAL_VELOCITY: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
+    Feature.LIMIT_POSITION: approximate("the range; its stop is a spring-damper, with the default solreflimit"),
+    Feature.BALL_LIMIT: approximate("the range; its stop is a spring-damper, with the default solreflimit"),
+    Feature.LIMIT_EFFORT: Support(Level.EXACT, "as actuatorfrcrange, which holds for actuators only"),
+    Feature.LIMIT_VELOCITY: never("MJCF has no velocity ratings"),
+    Feature.DRY_FRICTION: approximate("frictionloss, which creeps; with the default solreffriction"),
+    Feature.RESTITUTION: never("MJCF has no restitution; the default solref is critically damped"),
+    Feature.RESTITUTION_PAIRS: never("MJCF has no restitution; the default solref is critically damped"),
+    Feature.RESTITUTION_THRESHOLD: never("MJCF has no speed below which nothing bounces"),
+    Feature.HARDNESS_COMMON: approximate("contacts are spring-dampers, with the default solref and solimp"),
+    Feature.HARDNESS_TIME_CONSTANT: approximate(
+        "solref has both numbers; the default solimp keeps 5 % to 10 % of the load off the spring"
+    ),
+    Feature.HARDNESS_STIFFNESS: approximate(
+        "the default solref: MJCF's own stiffness is an acceleration, which depends on the masses of both bodies"
+    ),
+    Feature.HARDNESS_PAIRS: approximate("time constants by pair; all other kinds are the default solref"),
+    Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate("the inscribed pyramid, up to half the friction across an edge"),
+    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
+    Feature.GRAVITY_SCALE: Support(Level.EXACT, "gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
+    Feature.FREE_DAMPING: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "damping")),
+    Feature.FREE_ARMATURE: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "armature")),
+    Feature.FORCES: never("MJCF has no forces that begin and end"),
+    Feature.CONTROL: approximate(
+        "actuators with the gains and effort limits of pd and the target at the start, motors for laws without gains; without "
+        "the trajectory, gravity compensation, implicit laws and laws that act every few steps"
+    ),
+    Feature.CONTROL_NATIVE: approximate(
+        "actuators with gains, effort limits and the target at the start, without the trajectory"
+    ),
+    Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one body"),
+    **LUMPED,
+    Feature.CONSTRAINT_COUPLING: approximate("an equality of two joints: a spring-damper with the default solref"),
+    Feature.CONSTRAINT_LOOP: approximate("an equality of two sites: a spring-damper with the default solref"),
+    Feature.FRAME: Support(Level.EXACT, "a site"),
+    Feature.SUM: Support(Level.EXACT, "a fixed tendon"),
+    Feature.SUM_DRY_FRICTION: approximate("frictionloss, which creeps; with the default solreffriction"),
+    Feature.SUM_LIMITS: approximate(
+        "a fixed tendon's range; its stop is a spring-damper, with the default solreflimit"
+    ),
+}
+"""What plain MJCF carries of each feature."""
+
+
+def model_and_losses(world: World) -> tuple[MjcfModel, tuple[Loss, ...]]:
+    """The file of a world, and what is lost beyond the table. Raises UnsupportedError for joints that the language refuses."""
+    _check(world)
+    world = gather(world)
+    laws = meeting_laws(world)
+    masks, group_excludes = collision_masks(world)
+    unlike_rule = [pair for pair, law in laws.items() if not _by_rule(world, pair, law)]
+    too_many = _upper_bound(world, unlike_rule) > MOST_PAIRS
+    order = depth_first(world)
+    actuators = tuple(_actuators(world))
+    sites, named = sites_of(world, {}), frame_sites(world, {})
+    model = MjcfModel(
+        world.name,
+        (*COMPILER, *(MESH_FOLDER if any(hulls_of(world)) else ())),
+        (
+            ("timestep", world.physics.timestep),
+            ("gravity", world.physics.gravity),
+            ("cone", CONES.get(world.contact.friction_cone, "pyramidal")),
+            *fluid_options(world),
+        ),
+        FLAGS,
+        () if (memory := arena_megabytes(world)) is None else (("memory", f"{memory}M"),),
+        default=MjcfDefault(),
+        classes=tuple(_classes(world)),
+        bodies=tuple(
+            _body(row, masks, (*sites.get(row.body.name, ()), *named.get(row.body.name, ()))) for row in order
+        ),
+        pairs=() if too_many else tuple(_pairs(world, laws, unlike_rule)),
+        excludes=tuple(
+            tree.MjcfExclude(file_name(first), file_name(second))
+            for first, second in sorted({*excluded_pairs(world), *group_excludes})
+        ),
+        actuators=tuple(actuator for actuator, _ in actuators),
+        keys=(dataclasses.replace(keyframe(KEYFRAME, order), control=tuple(control for _, control in actuators)),),
+        meshes=meshes_of(world),
+        heightfields=heightfields_of(world),
+        equalities=equalities(world),
+        tendons=tendons(world),
+    )
+    return model, tuple(_more(world, unlike_rule if too_many else []))
+
+
+def _check(world: World) -> None:
+    problems = [
+        Problem(
+            "MJCF has no hinge or slide whose lower and upper position limits are equal",
+            f"bodies.{body.name}.joint.limits.position",
+            found=f"{body.joint.position_limits}",
+            hint="make the joint fixed",
+        )
+        for body in world.bodies
+        if body.joint.position_limits is not None and body.joint.position_limits[0] >= body.joint.position_limits[1]
+    ]
+    problems.extend(
+        Problem("MJCF does not support a moving body without mass", f"bodies.{body.name}.mass")
+        for body in world.bodies
+        if is_carrier(body.name) and not body.inertial.mass and body.name not in absorbed(world)
+    )
+    if problems:
+        raise UnsupportedError(problems)
+
+
+def _more(world: World, unlike_rule: list[Pair]) -> Iterator[Loss]:
+    """What is lost of this world only."""
+    no_effort = tuple(
+        f"bodies.{body.name}.joint.limits.effort" for body in world.bodies if body.joint.effort_limit == 0
+    )
+    if no_effort:
+        yield Loss(Feature.LIMIT_EFFORT.value, LossFate.LEFT_OUT, "MJCF has no range of zero", no_effort)
+    for feature, native in ((Feature.CONTROL_NATIVE, True), (Feature.CONTROL, False)):
+        no_drive = tuple(
+            f"control.{controller.name}.effort_limit"
+            for controller in world.controllers
+            if (controller.law == "native") is native and any(limit == 0 for limit in controller.effort_limits)
+        )
+        if no_drive:
+            yield Loss(feature.value, LossFate.LEFT_OUT, "no actuator where its largest effort is zero", no_drive)
+    if unlike_rule:
+        how = f"the larger number of both materials: these laws need more than {MOST_PAIRS} explicit pairs"
+        paths = tuple(f"contact.pairs.{first}.{second}" for first, second in unlike_rule)
+        yield Loss(Feature.FRICTION_PAIRS.value, LossFate.APPROXIMATED, how, paths)
+    renamed = tuple(f"bodies.{body.name}" for body in world.bodies if file_name(body.name) != body.name)
+    if renamed:
+        how = f"called {file_name('world')!r}: the static root has its name"
+        yield Loss("body.name", LossFate.APPROXIMATED, how, renamed)
+
+
+# --- contact ------------------------------------------------------------------------------------------------------
+
+
+def _own_laws(world: World) -> Mapping[str, PairContact]:
+    """The law of each material with itself."""
+    return {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
+
+
+def _friction(law: PairContact) -> tuple[float, float, float]:
+    return (law.friction, law.torsional_friction, law.rolling_friction)
+
+
+def _reference(law: PairContact) -> tuple[float, float]:
+    """``solref``."""
+    hardness = law.hardness
+    return (hardness.time_constant, hardness.damping_ratio) if hardness.kind == "time-constant" else NATIVE_REFERENCE
+
+
+def _by_rule(world: World, pair: Pair, law: PairContact) -> bool:
+    """Whether two geoms of these materials have this law by the language's rule."""
+    own = _own_laws(world)
+    first, second = (own[name] for name in pair)
+    larger = tuple(max(values) for values in zip(_friction(first), _friction(second), strict=True))
+    return (
+        law.margin is None
+        and larger == _friction(law)
+        and _reference(first) == _reference(second) == _reference(law)
+        and max(dimensions(first), dimensions(second)) == dimensions(law)
+    )
+
+
+def _upper_bound(world: World, pairs: list[Pair]) -> float:
+    """How many pairs of shapes there may be at most, without a look at single bodies."""
+    counts: dict[str, int] = {}
+    for body in world.bodies:
+        for shape in solid_shapes(body):
+            counts[shape.material] = counts.get(shape.material, 0) + 1
+    return sum(counts[first] * counts[second] / (1 + (first == second)) for first, second in pairs)
+
+
+def _classes(world: World) -> Iterator[MjcfDefault]:
+    yield MjcfDefault(VISUAL, (("geom", (("contype", 0), ("conaffinity", 0))),))
+    own = _own_laws(world)
+    for material in world.contact.materials:
+        law = own[material.name]
+        reference = _reference(law)
+        attributes: Attributes = (("condim", dimensions(law)), ("friction", _friction(law)))
+        if reference != NATIVE_REFERENCE:
+            attributes = (*attributes, ("solref", reference))
+        yield MjcfDefault(MATERIAL + material.name, (("geom", attributes),))
+
+
+def _pairs(world: World, laws: Mapping[Pair, PairContact], pairs: list[Pair]) -> Iterator[tree.MjcfPair]:
+    margins = margins_of(world)
+    for pair in pairs:
+        law = laws[pair]
+        sliding, torsional, rolling = _friction(law)
+        attributes: Attributes = (
+            ("condim", dimensions(law)),
+            ("friction", (sliding, sliding, torsional, rolling, rolling)),
+            ("solref", _reference(law)),
+        )
+        for first, second in shape_pairs(world, [pair]):
+            margin = margins[first] + margins[second] if law.margin is None else law.margin
+            own: Attributes = (("margin", margin),) if margin else ()
+            yield tree.MjcfPair(first, second, (*attributes, *own))
+
+
+# --- bodies -------------------------------------------------------------------------------------------------------
+
+
+def _body(row: BodyRow, masks: Mapping[Kind, Attributes], sites: tuple[tree.MjcfSite, ...]) -> tree.MjcfBody:
+    body = row.body
+    mass = () if body.inertial.mass else WITHOUT_MASS
+    geoms = tuple(_geom(shape, mass, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
+    return body_of(row, tuple(_joint(joint, frame) for joint, frame in row.joints), geoms, sites=sites)
+
+
+def _joint(joint: Joint, frame: Pose) -> tree.MjcfJoint:
+    more = joint_attributes(joint, frame)
+    if not any(name == "limited" for name, _ in more):
+        more += [("limited", False)]
+        if joint.kind in SCALAR_JOINTS:
+            more.append(
+                ("range", (-UNLIMITED, UNLIMITED))
+            )  # one reader takes a joint without a range for one that is locked
+    if joint.effort_limit:
+        more += [("actuatorfrclimited", True), ("actuatorfrcrange", (-joint.effort_limit, joint.effort_limit))]
+    return tree.MjcfJoint(joint.name, joint.kind, tuple(more))
+
+
+def _geom(shape: Shape, mass: Attributes, mask: Attributes) -> tree.MjcfGeom:
+    group = GROUPS[shape.collision, shape.visual]
+    shown: Attributes = (("group", group),) if group else ()
+    class_name = MATERIAL + shape.material if shape.collision else VISUAL
+    margin: Attributes = (("margin", shape.margin),) if shape.collision and shape.margin else ()
+    moving: Attributes = (("surfacevel", shape.surface_velocity),) if any(shape.surface_velocity) else ()
+    solid = (*mask, *margin, *moving) if shape.collision else ()
+    return geom_of(shape, class_name, (*mass, *solid, *shown, ("rgba", shape.colour)))
+
+
+def _actuators(world: World) -> Iterator[tuple[tree.MjcfActuator, float]]:
+    """An actuator for each driven joint, with its control at the start, so that the actuator's force is the law's there: a
+    position servo; without kp a velocity servo; without gains a motor. The law clips efforts, not targets, and one reader takes
+    ``ctrlrange`` for a limit of the effort: there is none."""
+    for drive in drives(world):
+        if drive.effort_limit == 0:
+            continue
+        more: list[tuple[str, Value]] = []
+        kind, control = "motor", drive.effort
+        if drive.kp:
+            kind, control = "position", drive.position + (drive.kd * drive.velocity + drive.effort) / drive.kp
+            more = [("kp", drive.kp), ("kv", drive.kd)]
+        elif drive.kd:
+            kind, control = "velocity", drive.velocity + drive.effort / drive.kd
+            more = [("kv", drive.kd)]
+        if drive.effort_limit is not None:
+            more += [("forcelimited", True), ("forcerange", (-drive.effort_limit, drive.effort_limit))]
+        yield tree.MjcfActuator(kind, drive.joint, drive.joint, tuple(more)), control
+
 
 MODEL: Final = "model.xml"
 DEEPEST_INDENT: Final = 24
@@ -36,7 +362,7 @@ class Mjcf(Format):
     def write(self, tree: Any) -> dict[str, str]:
         """``model.xml`` of a Model (``tree.py``), and the files of its meshes. Raises ValueError for numbers that are not
         finite, and for bodies that are not listed depth first."""
-        if not isinstance(tree, Model):
+        if not isinstance(tree, MjcfModel):
             raise TypeError(f"{type(tree).__name__} is not a Model of MJCF")
         flags = tuple((name, "enable" if on else "disable") for name, on in tree.flags)
         template = environment().get_template("mjcf/model.xml.j2")
@@ -52,7 +378,7 @@ class Mjcf(Format):
         """``model.xml``."""
         return {MODEL: world.bodies}
 
-    def read(self, folder: Path) -> Document:
+    def read(self, folder: Path) -> MjcfDocument:
         """The document of ``model.xml`` in ``folder``, with the files of meshes below it; files that it includes are not read.
 
         Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file and line, where it is no MJCF,
@@ -61,7 +387,7 @@ class Mjcf(Format):
         return dataclasses.replace(read_document(folder / MODEL), meshes=read_meshes(folder))
 
 
-def _events(bodies: tuple[Body, ...]) -> Iterator[tuple[str, Body | None]]:
+def _events(bodies: tuple[MjcfBody, ...]) -> Iterator[tuple[str, MjcfBody | None]]:
     """Opening and closing of bodies, in the order of the file: (indent, body), or (indent, None) to close."""
     indents = [" " * (4 + 2 * depth) for depth in range(DEEPEST_INDENT)]
     if not bodies:

@@ -16,7 +16,7 @@ Attributes = tuple[tuple[str, Value], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Inertial:
+class MjcfInertial:
     """Mass (kg), centre of mass (m), and principal moments (kg m²) in axes turned by ``orientation``."""
 
     position: Vector3
@@ -26,7 +26,7 @@ class Inertial:
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class MjcfJoint:
     """A joint: ``hinge``, ``slide``, ``ball`` or ``free``."""
 
     name: str
@@ -35,7 +35,7 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
-class Mesh:
+class MjcfMesh:
     """A convex hull: its name, its ``vertices`` (flat, m) as they stand in a file of their own, called ``file``."""
 
     name: str
@@ -45,7 +45,7 @@ class Mesh:
 
 
 @dataclass(frozen=True, slots=True)
-class HeightField:
+class MjcfHeightField:
     """A height field: its name, rows and columns, ``size`` (half lengths along x and y, height of the highest point over the
     lowest, base; m), and the ``elevation`` of its points as shares of that height, the row of the greatest y first."""
 
@@ -57,7 +57,7 @@ class HeightField:
 
 
 @dataclass(frozen=True, slots=True)
-class Geom:
+class MjcfGeom:
     """A shape. ``class_name``: the class of defaults that it takes; empty: its body's. ``mesh``, ``hfield``: the mesh or the
     height field that it is, which has no ``size``."""
 
@@ -73,7 +73,7 @@ class Geom:
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class MjcfSite:
     """A frame in a body."""
 
     name: str
@@ -82,22 +82,22 @@ class Site:
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class MjcfBody:
     """A body. ``depth``: how many bodies it stands in; bodies are listed depth first, so that none refers to its parent."""
 
     name: str
     position: Vector3
     orientation: Quaternion
     depth: int = 0
-    inertial: Inertial | None = None
-    joints: tuple[Joint, ...] = ()
-    geoms: tuple[Geom, ...] = ()
+    inertial: MjcfInertial | None = None
+    joints: tuple[MjcfJoint, ...] = ()
+    geoms: tuple[MjcfGeom, ...] = ()
     more: Attributes = ()
-    sites: tuple[Site, ...] = ()
+    sites: tuple[MjcfSite, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Default:
+class MjcfDefault:
     """Defaults by element. The model's own have no name, and its classes take them over."""
 
     name: str = ""
@@ -105,7 +105,7 @@ class Default:
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class MjcfPair:
     """An explicit pair of shapes."""
 
     geom1: str
@@ -114,7 +114,7 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class Exclude:
+class MjcfExclude:
     """Two bodies whose shapes do not touch."""
 
     body1: str
@@ -122,7 +122,7 @@ class Exclude:
 
 
 @dataclass(frozen=True, slots=True)
-class Equality:
+class MjcfEquality:
     """A constraint; ``type`` is its element."""
 
     type: str
@@ -131,7 +131,7 @@ class Equality:
 
 
 @dataclass(frozen=True, slots=True)
-class Tendon:
+class MjcfTendon:
     """A fixed tendon: joints by name, each with its coefficient."""
 
     name: str
@@ -140,7 +140,7 @@ class Tendon:
 
 
 @dataclass(frozen=True, slots=True)
-class Actuator:
+class MjcfActuator:
     """An actuator of a joint; ``type`` is its element."""
 
     type: str
@@ -150,7 +150,7 @@ class Actuator:
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class MjcfKey:
     """A keyframe: the coordinates and velocities of all joints, and the controls of all actuators, in the order of the file."""
 
     name: str
@@ -160,7 +160,7 @@ class Key:
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class MjcfModel:
     """One file."""
 
     name: str
@@ -168,14 +168,14 @@ class Model:
     option: Attributes = ()
     flags: tuple[tuple[str, bool], ...] = ()
     size: Attributes = ()
-    default: Default = Default()
-    classes: tuple[Default, ...] = ()
-    bodies: tuple[Body, ...] = ()
-    pairs: tuple[Pair, ...] = ()
-    excludes: tuple[Exclude, ...] = ()
-    actuators: tuple[Actuator, ...] = ()
-    keys: tuple[Key, ...] = ()
-    meshes: tuple[Mesh, ...] = ()
-    heightfields: tuple[HeightField, ...] = ()
-    equalities: tuple[Equality, ...] = ()
-    tendons: tuple[Tendon, ...] = ()
+    default: MjcfDefault = MjcfDefault()
+    classes: tuple[MjcfDefault, ...] = ()
+    bodies: tuple[MjcfBody, ...] = ()
+    pairs: tuple[MjcfPair, ...] = ()
+    excludes: tuple[MjcfExclude, ...] = ()
+    actuators: tuple[MjcfActuator, ...] = ()
+    keys: tuple[MjcfKey, ...] = ()
+    meshes: tuple[MjcfMesh, ...] = ()
+    heightfields: tuple[MjcfHeightField, ...] = ()
+    equalities: tuple[MjcfEquality, ...] = ()
+    tendons: tuple[MjcfTendon, ...] = ()

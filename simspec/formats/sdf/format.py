@@ -6,24 +6,83 @@ Poses are a position and a quaternion, which the language has since that version
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import Format
-from simspec.formats.kit.meshes import mesh_file, mesh_files
-from simspec.formats.kit.plain import Plain, losses
-from simspec.formats.kit.text import environment, number
+from simspec.formats.kit.contract import Format, Plain, losses
+from simspec.formats.kit.text import environment, mesh_file, mesh_files, number
 from simspec.formats.kit.xml_elements import Element, read_xml
-from simspec.formats.sdf.classic import CLASSIC, OLDER, classic
-from simspec.formats.sdf.constraints import loops_within
-from simspec.formats.sdf.plain import SIZES, SUPPORT, more_losses, plain_tree
-from simspec.formats.sdf.tree import Joint, Link, Shape, World
-from simspec.support.declarations import Table
+from simspec.formats.sdf import tree
+from simspec.formats.sdf.plain import SIZES, SUPPORT, loops_within, more_losses, plain_tree
+from simspec.formats.sdf.tree import SdfJoint, SdfLink, SdfShape, SdfWorld
+from simspec.support.declarations import Support, Table, approximate, never
+from simspec.support.features import Feature
 from simspec.world import frames, types
 from simspec.world.kinematics import trees
-from simspec.world.types import Pose
+from simspec.world.types import Inertial, Pose
+
+# --- SDF 1.6, for readers that know no newer version ---
+# Links stand in the model's frame, rotations are angles about fixed axes, and a body that cannot move states a mass of zero:
+# older readers assume 1 kg where none is stated, and read no relative_to and no quaternions.
+
+CLASSIC: Final = "1.6"
+"""The newest version that older readers know."""
+OLDER: Final[Mapping[Feature, Support]] = {
+    Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid; SDF 1.6 has no capsules"),
+    Feature.SHAPE_ELLIPSOID: never("SDF 1.6 has no ellipsoids"),
+    Feature.CONSTRAINT_COUPLING: never("SDF 1.6 has no joints that follow others"),
+    Feature.CONSTRAINT_LOOP: never("older readers of SDF expect trees"),
+    Feature.FRAME: never("SDF 1.6 has no frames"),
+}
+"""What files of this version carry otherwise than those of the newer ones."""
+
+
+def classic(newer: tree.SdfWorld) -> tree.SdfWorld:
+    """The file in SDF 1.6."""
+    return dataclasses.replace(newer, version=CLASSIC, models=tuple(map(_model, newer.models)))
+
+
+def _model(model: tree.SdfModel) -> tree.SdfModel:
+    at: dict[str, Pose] = {}
+    for link in model.links:
+        at[link.name] = link.pose if link.relative_to is None else frames.compose(at[link.relative_to], link.pose)
+    joints = tuple(dataclasses.replace(joint, mimic=None) for joint in _tree_joints(model))
+    links = tuple(
+        dataclasses.replace(
+            link,
+            relative_to=None,
+            pose=at[link.name],
+            inertial=link.inertial or Inertial(0.0),
+            shapes=tuple(part for shape in link.shapes for part in _parts(shape)),
+        )
+        for link in model.links
+    )
+    return dataclasses.replace(model, links=links, joints=joints, frames=())
+
+
+def _tree_joints(model: tree.SdfModel) -> Iterator[tree.SdfJoint]:
+    """The joints of the tree: those that close loops stand after them, and are of links that have one already."""
+    held: set[str] = set()
+    for joint in model.joints:
+        if joint.child not in held:
+            held.add(joint.child)
+            yield joint
+
+
+def _parts(shape: tree.SdfShape) -> Iterator[tree.SdfShape]:
+    """The shapes of the older language that stand for a shape."""
+    if shape.kind == "capsule":
+        radius, length = shape.size
+        yield dataclasses.replace(shape, kind="cylinder")
+        for end, height in (("top", length / 2.0), ("bottom", -length / 2.0)):
+            place = frames.compose(shape.pose, Pose((0.0, 0.0, height)))
+            yield dataclasses.replace(shape, name=f"{shape.name}__{end}", kind="sphere", size=(radius,), pose=place)
+    elif shape.kind != "ellipsoid":
+        yield shape
+
 
 WORLD: Final = "world.sdf"
 VERSION: Final = "1.9"
@@ -50,7 +109,7 @@ class Sdf(Format):
         """The format in this version. Raises SpecError for a name that is not of ``PROFILES``."""
         return Sdf(name) if name in self.PROFILES else super().in_profile(name)
 
-    def write(self, tree: World) -> dict[str, str]:
+    def write(self, tree: SdfWorld) -> dict[str, str]:
         """``world.sdf``, and the files of its meshes. Raises KeyError for kinds of joints and shapes that the language does
         not have, and ValueError for numbers that are not finite."""
         joints = [joint for model in tree.models for joint in model.joints]
@@ -123,7 +182,7 @@ def _pose(pose: Pose, older: bool) -> tuple[float, ...]:
     return (*pose.position, x, y, z, w)
 
 
-def _link(link: Link, older: bool) -> dict[str, Any]:
+def _link(link: SdfLink, older: bool) -> dict[str, Any]:
     return {
         "name": link.name,
         "relative_to": link.relative_to,
@@ -135,7 +194,7 @@ def _link(link: Link, older: bool) -> dict[str, Any]:
     }
 
 
-def _shape(shape: Shape, older: bool) -> dict[str, Any]:
+def _shape(shape: SdfShape, older: bool) -> dict[str, Any]:
     sizes: list[tuple[str, tuple[float, ...] | str]] = [("normal", (0.0, 0.0, 1.0)), ("size", (200.0, 200.0))]
     if shape.kind == "mesh":
         sizes = [("uri", mesh_file(shape.size))]
@@ -159,7 +218,7 @@ def _shape(shape: Shape, older: bool) -> dict[str, Any]:
     }
 
 
-def _joint(joint: Joint, older: bool) -> dict[str, Any]:
+def _joint(joint: SdfJoint, older: bool) -> dict[str, Any]:
     none = math.inf if older else UNLIMITED
     lower, upper = joint.position_limits or (-none, none)
     return {

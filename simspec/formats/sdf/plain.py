@@ -1,16 +1,15 @@
-"""A world as plain SDF for any tool: a model for each tree. What a file of the language leaves to its readers is listed."""
+"""A world as plain SDF for any tool: a model for each tree. What a file leaves to its readers is listed."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence, Set
 from itertools import combinations
 from typing import Final
 
-from simspec.formats.kit.axes import readable
-from simspec.formats.kit.plain import Fate, Loss
+from simspec.formats.kit.contract import Loss, LossFate, readable
 from simspec.formats.sdf import tree
-from simspec.formats.sdf.constraints import closing_joints, couplings_in_trees, loops_in_trees, loops_within, mimics
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
     EXACT,
@@ -26,9 +25,105 @@ from simspec.support.declarations import (
     unsupported_if,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.world import frames
+from simspec.world.canonical import derived
 from simspec.world.contact_pairs import CollisionFilter, meeting_laws
-from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.types import Body, Inertial, PairContact, Pose, Shape, World
+from simspec.world.kinematics import poses, rigid_groups, trees
+from simspec.world.types import Body, Connect, Follow, Inertial, PairContact, Pose, Shape, Weld, World
+
+# --- constraints: mimic joints, and a further joint of a link for a loop in a tree ---
+# A joint stands where its child has it, and joins what both links have there with all joints at zero: the file does not state a
+# loop that is open there.
+
+CLOSED: Final = 1e-12
+"""m and rad: how far a loop may be open where all joints are at zero."""
+
+Names = Mapping[tuple[str, str], str]
+
+
+def _roots(world: World) -> dict[str, str]:
+    return {body.name: root for root, bodies in trees(world).items() for body in bodies}
+
+
+def couplings_in_trees(world: World) -> Refinement | None:
+    """Not supported where a joint follows one of another tree, which is another model."""
+    root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
+    across = [held.name for held in _follows(world) if root[held.joint] != root[held.leader]]
+    return (
+        unsupported_if(f"{across[0]!r} couples joints of two models, which do not know each other's")
+        if across
+        else None
+    )
+
+
+def loops_in_trees(world: World) -> Refinement | None:
+    """Not supported where a loop joins two trees, or is open where all joints are at zero."""
+    root = _roots(world)
+    for loop in _loops(world):
+        if root[loop.first] != root[loop.second]:
+            return unsupported_if(f"{loop.name!r} holds bodies of two models, which do not know each other's")
+        if loop.name not in _closed(world):
+            return unsupported_if(
+                f"{loop.name!r} is open where all joints are at zero, and the file says where it is closed there"
+            )
+    return None
+
+
+def _follows(world: World) -> Iterator[Follow]:
+    return (held for held in world.constraints if isinstance(held, Follow))
+
+
+def _loops(world: World) -> Iterator[Connect | Weld]:
+    return (held for held in world.constraints if not isinstance(held, Follow))
+
+
+@derived
+def _closed(world: World) -> Set[str]:
+    """The names of the loops that are closed where all joints are at zero."""
+    loops = list(_loops(world))
+    return {loop.name for loop, away in zip(loops, _openings(world, loops), strict=True) if away <= CLOSED}
+
+
+def _openings(world: World, loops: Sequence[Connect | Weld]) -> Iterator[float]:
+    """How far each loop is open where all joints are at zero."""
+    at_zero = poses(world, at_zero=True) if loops else {}
+    for loop in loops:
+        between = frames.compose(frames.inverse(at_zero[loop.first]), at_zero[loop.second])
+        if isinstance(loop, Connect):
+            yield math.dist(frames.compose(between, Pose(loop.second_point)).position, loop.first_point)
+        else:
+            turn = frames.multiply(frames.conjugate(loop.pose.quaternion), between.quaternion)
+            yield max(math.dist(between.position, loop.pose.position), math.hypot(*turn[1:]))
+
+
+def loops_within(world: World, bodies: tuple[Body, ...]) -> list[Connect | Weld]:
+    """The loops of a tree that a file says."""
+    if not world.constraints:
+        return []
+    names = {body.name for body in bodies}
+    return [loop for loop in _loops(world) if {loop.first, loop.second} <= names and loop.name in _closed(world)]
+
+
+def mimics(world: World, bodies: tuple[Body, ...], names: Names) -> dict[str, tree.SdfMimic]:
+    """What joints of a tree follow, by the names of their bodies."""
+    owner = {body.joint.name: body.name for body in bodies}
+    return {
+        owner[held.joint]: tree.SdfMimic(names["joint", owner[held.leader]], held.ratio, held.offset)
+        for held in _follows(world)
+        if {held.joint, held.leader} <= owner.keys()
+    }
+
+
+def closing_joints(world: World, bodies: tuple[Body, ...], names: Names) -> Iterator[tree.SdfJoint]:
+    """The joints that close the loops of a tree."""
+    for loop in loops_within(world, bodies):
+        first, second = names["body", loop.first], names["body", loop.second]
+        name = names["constraint", loop.name]
+        if isinstance(loop, Connect):
+            yield tree.SdfJoint(name, "ball", first, second, place=loop.second_point)
+        else:
+            yield tree.SdfJoint(name, "fixed", first, second)
+
 
 SIZES: Final = {
     "sphere": (("radius", slice(0, 1)),),
@@ -136,13 +231,13 @@ SUPPORT: Final[Table] = {
 """What plain SDF carries of each feature."""
 
 
-def plain_tree(world: World) -> tree.World:
+def plain_tree(world: World) -> tree.SdfWorld:
     """The file of a world."""
     laws = {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
     static = {name for name, group in rigid_groups(world).items() if group == "world"}
     names = _names(world)
     models = tuple(_model(world, bodies, names, laws, static) for bodies in trees(world).values())
-    return tree.World(world.name, world.physics.timestep, world.physics.gravity, models)
+    return tree.SdfWorld(world.name, world.physics.timestep, world.physics.gravity, models)
 
 
 def more_losses(world: World) -> Iterator[Loss]:
@@ -157,7 +252,7 @@ def more_losses(world: World) -> Iterator[Loss]:
         )
         if paths:
             yield Loss(
-                f"{kind}.name", Fate.APPROXIMATED, "another name: SDF reserves it, or has it once in a model", paths
+                f"{kind}.name", LossFate.APPROXIMATED, "another name: SDF reserves it, or has it once in a model", paths
             )
     laws = {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
     for feature, quantity, rule in (
@@ -173,7 +268,7 @@ def more_losses(world: World) -> Iterator[Loss]:
             and getattr(law, quantity) != rule(getattr(laws[law.first], quantity), getattr(laws[law.second], quantity))
         )
         if odd:
-            yield Loss(feature.value, Fate.APPROXIMATED, "each shape has its own material's number", odd)
+            yield Loss(feature.value, LossFate.APPROXIMATED, "each shape has its own material's number", odd)
 
 
 def self_collide(world: World, bodies: tuple[Body, ...]) -> dict[str, bool] | None:
@@ -272,14 +367,14 @@ def _model(
     names: dict[tuple[str, str], str],
     laws: dict[str, PairContact],
     static: set[str],
-) -> tree.Model:
+) -> tree.SdfModel:
     root = bodies[0]
     prefix = f"{_model_name(bodies)}/"
     pose = Pose(root.joint.position[:3], root.joint.position[3:]) if root.joint.kind == "free" else root.joint.origin  # type: ignore[arg-type]
     immovable = all(body.name in static for body in bodies)
     following = mimics(world, bodies, names)
     flags = self_collide(world, bodies) or dict.fromkeys((body.name for body in bodies), True)
-    return tree.Model(
+    return tree.SdfModel(
         _model_name(bodies),
         pose,
         immovable,
@@ -294,7 +389,7 @@ def _model(
             *closing_joints(world, bodies, names),
         ),
         tuple(
-            tree.Frame(names["frame", frame.name], names["body", frame.body], frame.pose)
+            tree.SdfFrame(names["frame", frame.name], names["body", frame.body], frame.pose)
             for frame in world.frames
             if any(body.name == frame.body for body in bodies)
         ),
@@ -312,11 +407,11 @@ def _link(
     touches: bool,
     static: set[str],
     prefix: str,
-) -> tree.Link:
+) -> tree.SdfLink:
     joint = body.joint
     child = joint.parent is not None
     massless_and_fixed = body.name in static and not body.inertial.mass
-    return tree.Link(
+    return tree.SdfLink(
         names["body", body.name],
         names["body", joint.parent] if joint.parent is not None else None,
         joint.origin if child else Pose(),
@@ -334,25 +429,25 @@ def _positive(inertial: Inertial) -> Inertial:
     return Inertial(max(inertial.mass, SMALLEST_MASS), inertial.centre_of_mass, (*moments, *products))  # type: ignore[arg-type]
 
 
-def _shape(shape: Shape, laws: dict[str, PairContact], prefix: str) -> tree.Shape:
+def _shape(shape: Shape, laws: dict[str, PairContact], prefix: str) -> tree.SdfShape:
     surface = None
     if shape.collision:
         law = laws[shape.material]
-        surface = tree.Surface(law.friction, law.torsional_friction, law.restitution, law.restitution_threshold)
+        surface = tree.SdfSurface(law.friction, law.torsional_friction, law.restitution, law.restitution_threshold)
     colour = shape.colour if shape.visual else None
-    return tree.Shape(
+    return tree.SdfShape(
         ODD.sub("_", shape.name.removeprefix(prefix)), shape.kind, shape.size, shape.pose, surface, colour
     )
 
 
-def _joint(body: Body, names: dict[tuple[str, str], str], following: dict[str, tree.Mimic]) -> tree.Joint:
+def _joint(body: Body, names: dict[tuple[str, str], str], following: dict[str, tree.SdfMimic]) -> tree.SdfJoint:
     joint = body.joint
     name = names["joint", body.name]
     parent = None if joint.parent is None else names["body", joint.parent]
     child = names["body", body.name]
     if joint.kind not in SCALAR_JOINTS:
-        return tree.Joint(name, joint.kind, parent, child)
-    return tree.Joint(
+        return tree.SdfJoint(name, joint.kind, parent, child)
+    return tree.SdfJoint(
         name,
         joint.kind,
         parent,

@@ -11,7 +11,7 @@ from simspec.world.types import Inertial, Pose, Vector3
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
+class SdfSurface:
     """The numbers of one surface; lengths in m, the speed in m/s."""
 
     friction: float
@@ -21,7 +21,7 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class SdfShape:
     """A shape of a link; kind and size as :class:`simspec.world.types.Shape` has them. Without ``surface`` it does not collide,
     without ``colour`` it is not drawn."""
 
@@ -29,12 +29,12 @@ class Shape:
     kind: str
     size: tuple[float, ...]
     pose: Pose
-    surface: Surface | None
+    surface: SdfSurface | None
     colour: tuple[float, float, float, float] | None
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class SdfLink:
     """A link. ``relative_to`` None: the model's frame; ``inertial`` None: it says none."""
 
     name: str
@@ -42,13 +42,13 @@ class Link:
     pose: Pose
     inertial: Inertial | None
     self_collide: bool
-    shapes: tuple[Shape, ...]
+    shapes: tuple[SdfShape, ...]
     gravity: bool = True
     """Whether it has a weight."""
 
 
 @dataclass(frozen=True, slots=True)
-class Mimic:
+class SdfMimic:
     """That a joint follows another of its model: q = ``ratio`` × q of the leader + ``offset``."""
 
     leader: str
@@ -57,7 +57,7 @@ class Mimic:
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class SdfJoint:
     """A joint of one of the world's kinds. ``parent`` None is the world."""
 
     name: str
@@ -72,13 +72,13 @@ class Joint:
     dry_friction: float = 0.0
     spring_rest: float = 0.0
     spring_stiffness: float = 0.0
-    mimic: Mimic | None = None
+    mimic: SdfMimic | None = None
     place: Vector3 | None = None
     """Where it is in its child; None: at its frame."""
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class SdfFrame:
     """A named frame on a link."""
 
     name: str
@@ -87,20 +87,20 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class SdfModel:
     """One tree of links, and the joints that close loops in it, after those of the tree. One that is ``static`` cannot move."""
 
     name: str
     pose: Pose
     static: bool
     self_collide: bool
-    links: tuple[Link, ...]
-    joints: tuple[Joint, ...]
-    frames: tuple[Frame, ...] = ()
+    links: tuple[SdfLink, ...]
+    joints: tuple[SdfJoint, ...]
+    frames: tuple[SdfFrame, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class System:
+class SdfSystem:
     """A system that a server loads with the world: the file of its plugin and the name of its class."""
 
     file: str
@@ -108,14 +108,14 @@ class System:
 
 
 @dataclass(frozen=True, slots=True)
-class World:
+class SdfWorld:
     """A whole file."""
 
     name: str
     timestep: float
     gravity: Vector3
-    models: tuple[Model, ...]
-    systems: tuple[System, ...] = ()
+    models: tuple[SdfModel, ...]
+    systems: tuple[SdfSystem, ...] = ()
     real_time_factor: float = 1.0
     """How fast a server may step, against the clock; 0: as fast as it can."""
     version: str = ""

@@ -7,21 +7,288 @@ joints in their child.
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import Format
+from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
 from simspec.formats.kit.mesh_reading import read_meshes
-from simspec.formats.kit.meshes import mesh_file, mesh_files
-from simspec.formats.kit.plain import Plain, losses
-from simspec.formats.kit.text import environment
-from simspec.formats.skel.document import Document
-from simspec.formats.skel.from_world import GEOMETRY, JOINT_TYPES, PLANE, UNSCALED
-from simspec.formats.skel.plain import SUPPORT, plain_tree, renamed
-from simspec.formats.skel.tree import Body, Joint, Shape, World
-from simspec.support.declarations import Table
+from simspec.formats.kit.text import environment, mesh_file, mesh_files
+from simspec.formats.skel.reading import SkelDocument
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.support.declarations import Level, Support, Table, approximate, exactly, for_each, never, shape_kinds
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import frames, types
-from simspec.world.types import Pose
+from simspec.world.kinematics import poses, rigid_groups, trees
+from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Vector3, World
+
+# --- the written tree; SI units, bodies in the world at zero configuration, joints at their child's frame ---
+
+
+@dataclass(frozen=True, slots=True)
+class SkelShape:
+    """A shape on a body; kind and size as :class:`simspec.world.types.Shape` has them. Colours are of visual shapes."""
+
+    kind: str
+    size: tuple[float, ...]
+    pose: Pose
+    colour: tuple[float, float, float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SkelBody:
+    """A body with its pose in the world at zero configuration."""
+
+    name: str
+    pose: Pose
+    inertial: Inertial
+    visual: tuple[SkelShape, ...]
+    collision: tuple[SkelShape, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SkelJoint:
+    """A joint of one of the world's kinds. ``parent`` None is the world.
+
+    ``position`` and ``velocity`` are the file's coordinates: of a ball a rotation vector, of a free joint a rotation vector and
+    a position; velocities in the same order. Damping and spring are the file's, which are implicit in time.
+    """
+
+    name: str
+    kind: str
+    parent: str | None
+    child: str
+    axis: Vector3 | None = None
+    position_limits: tuple[float, float] | None = None
+    dry_friction: float = 0.0
+    position: tuple[float, ...] = ()
+    velocity: tuple[float, ...] = ()
+    damping: float = 0.0
+    spring_stiffness: float = 0.0
+    spring_rest: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Skeleton:
+    """One tree of bodies. One that is not ``mobile`` cannot move."""
+
+    name: str
+    mobile: bool
+    bodies: tuple[SkelBody, ...]
+    joints: tuple[SkelJoint, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SkelWorld:
+    """A whole file. ``collision_detector`` is the name of the program's detector that the file asks for; None: none."""
+
+    name: str
+    timestep: float
+    gravity: Vector3
+    collision_detector: str | None
+    skeletons: tuple[Skeleton, ...]
+
+
+# --- names, poses, coordinates ---
+
+JOINT_TYPES: Final[Mapping[str, str]] = {
+    "fixed": "weld",
+    "hinge": "revolute",
+    "slide": "prismatic",
+    "ball": "ball",
+    "free": "free",
+}
+"""The name of each kind of joint in .skel."""
+
+GEOMETRY: Final[Mapping[str, tuple[tuple[tuple[str, slice], ...], float]]] = {
+    "sphere": ((("radius", slice(0, 1)),), 1.0),
+    "box": ((("size", slice(0, 3)),), 1.0),
+    "cylinder": ((("radius", slice(0, 1)), ("height", slice(1, 2))), 1.0),
+    "capsule": ((("radius", slice(0, 1)), ("height", slice(1, 2))), 1.0),
+    "ellipsoid": ((("size", slice(0, 3)),), 2.0),
+}
+"""For each kind of shape which part of its size goes into which element, and what it is multiplied with: an ellipsoid's size
+are its diameters."""
+KINDS: Final = ("plane", *GEOMETRY, "mesh")
+"""The kinds of shapes that the language has."""
+UNSCALED: Final = (1.0, 1.0, 1.0)
+"""Of a mesh."""
+PLANE: Final = (("normal", (0.0, 0.0, 1.0)), ("offset", (0.0,)))
+RESERVED: Final = {"world": "world."}
+"""A joint's parent ``world`` is the world; a body of that name gets one that no spec can give."""
+
+
+def file_name(name: str) -> str:
+    """The name of a body in the file."""
+    return RESERVED.get(name, name)
+
+
+def world_name(name: str) -> str:
+    """The inverse of :func:`file_name`."""
+    return {there: here for here, there in RESERVED.items()}.get(name, name)
+
+
+def zero_poses(world: World) -> dict[str, Pose]:
+    """Where the bodies stand in the world at zero configuration: a free root at its origin, unturned."""
+    at_origin = dataclasses.replace(
+        world,
+        bodies=tuple(
+            dataclasses.replace(body, joint=dataclasses.replace(body.joint, position=(0.0, 0.0, 0.0, *frames.IDENTITY)))
+            if body.joint.kind == "free"
+            else body
+            for body in world.bodies
+        ),
+    )
+    return poses(at_origin, at_zero=True)
+
+
+def coordinates(
+    joint: Joint, rotation_vector: Callable[[Quaternion], Vector3]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """A joint's initial position and velocity in the file's coordinates; of a free joint the rotation comes first."""
+    if joint.kind == "ball":
+        return rotation_vector(joint.position), joint.velocity  # type: ignore[arg-type]
+    if joint.kind == "free":
+        turn = rotation_vector(joint.position[3:7])  # type: ignore[arg-type]
+        return (*turn, *joint.position[:3]), (*joint.velocity[3:], *joint.velocity[:3])
+    return joint.position, joint.velocity
+
+
+# --- plain files ---
+
+_SURFACE = ".skel has no numbers of surfaces"
+_FILTER = ".skel does not say what touches what"
+_HARDNESS = ".skel has no hardness of contact"
+
+SUPPORT: Final[Table] = {
+    **exactly(
+        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
+        *(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION),
+        *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
+        *(Feature.INERTIA, Feature.INERTIA_SINGULAR, Feature.MASSLESS, Feature.TREE_SIZE, Feature.TREE_DEPTH),
+        *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
+        *(Feature.GRAVITY, Feature.TIMESTEP),
+    ),
+    **shape_kinds(".skel", KINDS),
+    Feature.BALL_ARMATURE: never(".skel has no armature"),
+    Feature.MARGIN_PAIRS: never(".skel has no margins"),
+    Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
+    Feature.FLUID: never(".skel has no fluids"),
+    Feature.GRAVITY_SCALE: never("simspec writes no weights of single bodies into .skel"),
+    Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into .skel"),
+    Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into .skel"),
+    Feature.SHAPE_MARGIN: never(".skel has no margins"),
+    Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
+    Feature.LIMIT_POSITION: approximate("the limits, but not that they are enforced"),
+    Feature.LIMIT_VELOCITY: never(".skel has limits of velocity that are enforced, and no ratings"),
+    Feature.LIMIT_EFFORT: never(".skel has limits of effort that are enforced, and no ratings"),
+    Feature.DAMPING: approximate("the same number, implicit in time"),
+    Feature.BALL_DAMPING: never(".skel has damping at hinges and slides only"),
+    Feature.SPRING: approximate("the same numbers, implicit in time"),
+    Feature.BALL_SPRING: never(".skel has springs at hinges and slides only"),
+    Feature.ARMATURE: never(".skel has no armature"),
+    **for_each(
+        never(_SURFACE),
+        *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION),
+        *(Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
+        *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC),
+        *COUPLED_CONTACT,
+        *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
+    ),
+    **for_each(
+        never(_HARDNESS),
+        *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+        *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+    ),
+    Feature.PASSING_PAIRS: never(_FILTER),
+    Feature.COLLISION_GROUPS: never(_FILTER),
+    Feature.EXCLUDED_PAIRS: never(_FILTER),
+    Feature.TOUCHING_PAIRS: never(_FILTER),
+    Feature.CONSTRAINT_LOOP: never(".skel has no constraints between bodies"),
+    Feature.CONSTRAINT_COUPLING: never(".skel has no couplings of joints"),
+    Feature.BALL_LIMIT: never(".skel has no limits of ball joints"),
+    Feature.FRAME: never(".skel has no frames but those of bodies"),
+    **for_each(
+        never(".skel has nothing along sums of joint positions"),
+        Feature.SUM,
+        Feature.SUM_LIMITS,
+        Feature.SUM_DRY_FRICTION,
+    ),
+    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
+    Feature.FORCES: never(".skel has no forces on bodies"),
+    Feature.CONTROL: never(".skel has no control laws"),
+    Feature.CONTROL_NATIVE: never(".skel has no gains of controllers"),
+}
+"""What plain .skel carries of each feature."""
+
+
+def plain_tree(world: World) -> SkelWorld:
+    """The file of a world: a skeleton for each tree."""
+    at_zero = zero_poses(world)
+    static = {name for name, group in rigid_groups(world).items() if group == "world"}
+    return SkelWorld(
+        world.name,
+        world.physics.timestep,
+        world.physics.gravity,
+        None,
+        tuple(
+            Skeleton(
+                root,
+                not all(body.name in static for body in bodies),
+                tuple(_body(body, at_zero[body.name]) for body in bodies),
+                tuple(_joint(body) for body in bodies),
+            )
+            for root, bodies in trees(world).items()
+        ),
+    )
+
+
+def renamed(world: World) -> Iterator[Loss]:
+    """The body whose name the language gives to the world."""
+    for body in world.bodies:
+        if body.name in RESERVED:
+            how = f"called {file_name(body.name)!r}: the world itself has its name"
+            yield Loss("body.name", LossFate.APPROXIMATED, how, (f"bodies.{body.name}",))
+
+
+def _body(body: Body, at_zero: Pose) -> SkelBody:
+    return SkelBody(
+        file_name(body.name),
+        at_zero,
+        body.inertial,
+        tuple(SkelShape(shape.kind, shape.size, shape.pose, shape.colour) for shape in body.shapes if shape.visual),
+        tuple(SkelShape(shape.kind, shape.size, shape.pose) for shape in body.shapes if shape.collision),
+    )
+
+
+def _joint(body: Body) -> SkelJoint:
+    joint = body.joint
+    single = joint.kind in SCALAR_JOINTS
+    position, velocity = coordinates(joint, _rotation_vector)
+    return SkelJoint(
+        joint.name,
+        joint.kind,
+        None if joint.parent is None else file_name(joint.parent),
+        file_name(body.name),
+        joint.axis if single else None,
+        joint.position_limits,
+        joint.dry_friction,
+        position,
+        velocity,
+        joint.damping,
+        joint.spring_stiffness,
+        joint.spring_rest,
+    )
+
+
+def _rotation_vector(q: Quaternion) -> Vector3:
+    w, x, y, z = q
+    sine = math.sqrt(x * x + y * y + z * z)
+    factor = 2.0 * frames.angle(sine, w) / sine if sine else 0.0
+    return (x * factor, y * factor, z * factor)
+
 
 WORLD: Final = "world.skel"
 
@@ -32,7 +299,7 @@ class Skel(Format):
     NAME: ClassVar[str] = "skel"
     SUPPORT: ClassVar[Table] = SUPPORT
 
-    def write(self, tree: World) -> dict[str, str]:
+    def write(self, tree: SkelWorld) -> dict[str, str]:
         """``world.skel``, and the files of its meshes. Raises KeyError for kinds of joints and shapes that the language does
         not have, and ValueError for numbers that are not finite."""
         content = {
@@ -44,8 +311,8 @@ class Skel(Format):
                 {
                     "name": skeleton.name,
                     "mobile": "true" if skeleton.mobile else "false",
-                    "bodies": [_body(body) for body in skeleton.bodies],
-                    "joints": [_joint(joint) for joint in skeleton.joints],
+                    "bodies": [_body_words(body) for body in skeleton.bodies],
+                    "joints": [_joint_words(joint) for joint in skeleton.joints],
                 }
                 for skeleton in tree.skeletons
             ],
@@ -59,7 +326,7 @@ class Skel(Format):
         """``world.skel``, without a collision detector's name."""
         return Plain(self.write(plain_tree(world)), losses(world, SUPPORT, renamed(world)))
 
-    def read(self, folder: Path) -> Document:
+    def read(self, folder: Path) -> SkelDocument:
         """The document of ``world.skel`` in ``folder``, with the files of meshes below it.
 
         Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file and line, where it is no
@@ -74,7 +341,7 @@ def _transformation(pose: Pose) -> tuple[float, ...]:
     return (*pose.position, *frames.to_euler_xyz(pose.quaternion))
 
 
-def _body(body: Body) -> dict[str, Any]:
+def _body_words(body: SkelBody) -> dict[str, Any]:
     return {
         "name": body.name,
         "pose": _transformation(body.pose),
@@ -86,7 +353,7 @@ def _body(body: Body) -> dict[str, Any]:
     }
 
 
-def _shape(shape: Shape) -> dict[str, Any]:
+def _shape(shape: SkelShape) -> dict[str, Any]:
     sizes: tuple[tuple[str, tuple[float, ...] | str], ...] = PLANE
     if shape.kind == "mesh":
         sizes = (("file_name", mesh_file(shape.size)), ("scale", UNSCALED))
@@ -96,7 +363,7 @@ def _shape(shape: Shape) -> dict[str, Any]:
     return {"kind": shape.kind, "sizes": sizes, "pose": _transformation(shape.pose), "colour": shape.colour}
 
 
-def _joint(joint: Joint) -> dict[str, Any]:
+def _joint_words(joint: SkelJoint) -> dict[str, Any]:
     return {
         "name": joint.name,
         "type": JOINT_TYPES[joint.kind],

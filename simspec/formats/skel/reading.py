@@ -1,32 +1,241 @@
-"""From a .skel file to a document: poses as rotations, inertias as tensors, everything else as it stands there.
-
-Nothing here is shared with the writer: rotations are put together from the angles' own.
-"""
+""".skel files as documents: what a file does not state is None, not a default of a program. No code of the writer is used."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 from xml.etree import ElementTree
 
+from simspec.formats.kit.text import finite_numbers
 from simspec.formats.kit.xml_elements import Element, read_xml
-from simspec.formats.skel.document import Axis, Body, Document, Item, Joint, Shape, Skeleton
 from simspec.world import frames
 from simspec.world.types import Inertial, Pose, Quaternion, Vector3
+
+ONCE: Final = "once"
+"""An element that may stand there once."""
+OFTEN: Final = "often"
+_SHAPE = ((), dict.fromkeys(("transformation", "geometry", "color"), ONCE))
+_LEAVES = (
+    *("time_step", "gravity", "collision_detector", "mobile", "transformation", "mass", "offset", "color"),
+    *("ixx", "iyy", "izz", "ixy", "ixz", "iyz", "radius", "height", "size", "normal", "parent", "child"),
+    *(
+        "xyz",
+        "lower",
+        "upper",
+        "damping",
+        "friction",
+        "spring_rest_position",
+        "spring_stiffness",
+        "init_pos",
+        "init_vel",
+    ),
+    *("file_name", "scale"),
+)
+LANGUAGE: Final[Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]]] = {
+    "skel": (("version",), {"world": ONCE}),
+    "world": (("name",), {"physics": ONCE, "skeleton": OFTEN}),
+    "physics": ((), dict.fromkeys(("time_step", "gravity", "collision_detector"), ONCE)),
+    "skeleton": (("name",), {"mobile": ONCE, "transformation": ONCE, "body": OFTEN, "joint": OFTEN}),
+    "body": (
+        ("name",),
+        {
+            **dict.fromkeys(("gravity", "transformation", "inertia"), ONCE),
+            **dict.fromkeys(("visualization_shape", "collision_shape"), OFTEN),
+        },
+    ),
+    "inertia": ((), dict.fromkeys(("mass", "moment_of_inertia", "offset"), ONCE)),
+    "moment_of_inertia": ((), dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), ONCE)),
+    "visualization_shape": _SHAPE,
+    "collision_shape": _SHAPE,
+    "geometry": ((), dict.fromkeys(("sphere", "box", "cylinder", "capsule", "ellipsoid", "plane", "mesh"), ONCE)),
+    "sphere": ((), {"radius": ONCE}),
+    "box": ((), {"size": ONCE}),
+    "cylinder": ((), {"radius": ONCE, "height": ONCE}),
+    "capsule": ((), {"radius": ONCE, "height": ONCE}),
+    "ellipsoid": ((), {"size": ONCE}),
+    "plane": ((), {"normal": ONCE, "offset": ONCE}),
+    "mesh": ((), {"file_name": ONCE, "scale": ONCE}),
+    "joint": (
+        ("type", "name"),
+        dict.fromkeys(("transformation", "parent", "child", "axis", "init_pos", "init_vel"), ONCE),
+    ),
+    "axis": ((), dict.fromkeys(("xyz", "limit", "dynamics"), ONCE)),
+    "limit": ((), {"lower": ONCE, "upper": ONCE}),
+    "dynamics": ((), dict.fromkeys(("damping", "friction", "spring_rest_position", "spring_stiffness"), ONCE)),
+    **dict.fromkeys(_LEAVES, ((), {})),
+}
+"""The language, as far as it is known here: of each element its attributes, and the elements in it with how many may stand
+there."""
+
+
+@dataclass(frozen=True, slots=True)
+class SkelItem:
+    """An element of the file."""
+
+    file: str
+    element: Element
+
+    def refused(self, why: str) -> ValueError:
+        """The error of something that is wrong with it, with file, line and name."""
+        name = self.element.attributes.get("name")
+        called = f"<{self.element.tag}>" if name is None else f"<{self.element.tag}> {name[:200]!r}"
+        return ValueError(f"{self.file}:{self.element.line}: {called}: {why}")
+
+    def all(self, tag: str) -> tuple[SkelItem, ...]:
+        """The elements of this tag in it."""
+        return tuple(SkelItem(self.file, child) for child in self.element.children if child.tag == tag)
+
+    def find(self, tag: str) -> SkelItem | None:
+        """The one element of this tag in it; None without one. Raises ValueError where there are several."""
+        elements = self.all(tag)
+        if len(elements) > 1:
+            raise self.refused(f"has {len(elements)} <{tag}>, should have one")
+        return elements[0] if elements else None
+
+    def attribute(self, name: str) -> str:
+        """An attribute. Raises ValueError where it is missing."""
+        if name not in self.element.attributes:
+            raise self.refused(f"no attribute {name!r}")
+        return self.element.attributes[name]
+
+    def text(self, tag: str) -> str | None:
+        """The text of an element in it; None without one."""
+        item = self.find(tag)
+        return None if item is None else item.element.text
+
+    def numbers(self, tag: str, count: int | None = None) -> tuple[float, ...] | None:
+        """The numbers of an element in it; None without one. Raises ValueError where they are none, not finite, or not
+        ``count``."""
+        item = self.find(tag)
+        if item is None:
+            return None
+        try:
+            return finite_numbers(item.element.text, count)
+        except ValueError as error:
+            raise item.refused(str(error)) from None
+
+    def number(self, tag: str) -> float | None:
+        """The one number of an element in it; None without one."""
+        values = self.numbers(tag, 1)
+        return None if values is None else values[0]
+
+    def flag(self, tag: str) -> bool | None:
+        """Whether an element in it says true; None without one. Raises ValueError for other words than true and false."""
+        text = self.text(tag)
+        if text not in ("true", "false", None):
+            raise self.refused(f"<{tag}> is {text[:60]!r}, should be true or false")
+        return None if text is None else text == "true"
+
+
+@dataclass(frozen=True, slots=True)
+class SkelShapeItem:
+    """A shape with its pose in the body; ``kind`` is the tag of its geometry, ``values`` the numbers in that by their tags,
+    ``file`` the name of a mesh's file, None of others."""
+
+    item: SkelItem
+    kind: str
+    values: Mapping[str, tuple[float, ...]]
+    pose: Pose | None
+    colour: tuple[float, ...] | None
+    file: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SkelBodyItem:
+    """A body with its pose in the world at zero configuration."""
+
+    item: SkelItem
+    name: str
+    pose: Pose | None
+    inertial: Inertial | None
+    gravity: bool | None
+    visual: tuple[SkelShapeItem, ...]
+    collision: tuple[SkelShapeItem, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SkelAxisItem:
+    """An axis of a joint, with its limits and its losses."""
+
+    item: SkelItem
+    xyz: Vector3 | None
+    lower: float | None
+    upper: float | None
+    damping: float | None
+    friction: float | None
+    spring_rest_position: float | None
+    spring_stiffness: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class SkelJointItem:
+    """A joint of the file's ``type``; ``pose`` in its child. ``position`` and ``velocity`` are the file's coordinates."""
+
+    item: SkelItem
+    name: str
+    type: str
+    parent: str | None
+    child: str
+    pose: Pose | None
+    axis: SkelAxisItem | None
+    position: tuple[float, ...] | None
+    velocity: tuple[float, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class SkeletonItem:
+    """One tree of bodies."""
+
+    item: SkelItem
+    name: str
+    mobile: bool | None
+    bodies: tuple[SkelBodyItem, ...]
+    joints: tuple[SkelJointItem, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SkelDocument:
+    """A whole file."""
+
+    item: SkelItem
+    """Its root element."""
+    timestep: float | None
+    gravity: Vector3 | None
+    collision_detector: str | None
+    skeletons: tuple[SkeletonItem, ...]
+    meshes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """The vertices (flat, m) of the files of convex hulls in the folder, by relative path."""
+
+
+def strangers(document: SkelDocument) -> Iterator[str]:
+    """What the file has beyond ``LANGUAGE``: elements and attributes that no typed part holds, each with file and line."""
+    for element in document.item.element.walk():
+        attributes, children = LANGUAGE.get(element.tag, ((), {}))
+        for name in element.attributes:
+            if name not in attributes:
+                yield str(SkelItem(document.item.file, element).refused(f"the attribute {name!r} is not known here"))
+        if element.tag in LANGUAGE:
+            for child in element.children:
+                if child.tag not in children:
+                    yield str(SkelItem(document.item.file, child).refused(f"is not known here in <{element.tag}>"))
+
 
 FILE_NAME = "file_name"
 MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
-def read_document(path: Path) -> Document:
+def read_document(path: Path) -> SkelDocument:
     """The document of a .skel file. Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file
     and line, where it is no .skel."""
     return document_of(read_xml(path), path.name)
 
 
-def document_of(root: Element, file: str) -> Document:
+def document_of(root: Element, file: str) -> SkelDocument:
     """The document of a parsed file, called ``file`` in errors. Raises ValueError as :func:`read_document`."""
-    item = Item(file, root)
+    item = SkelItem(file, root)
     if root.tag != "skel":
         raise item.refused("the root should be <skel>")
     world = item.find("world")
@@ -37,7 +246,7 @@ def document_of(root: Element, file: str) -> Document:
     if physics is not None:
         timestep, gravity = physics.number("time_step"), _vector(physics, "gravity")
         detector = physics.text("collision_detector")
-    return Document(item, timestep, gravity, detector, tuple(map(_skeleton, world.all("skeleton"))))
+    return SkelDocument(item, timestep, gravity, detector, tuple(map(_skeleton, world.all("skeleton"))))
 
 
 def without_visual_shapes(text: str) -> tuple[str, bool]:
@@ -53,8 +262,8 @@ def without_visual_shapes(text: str) -> tuple[str, bool]:
     return (ElementTree.tostring(tree, encoding="unicode"), True) if visual else (text, False)
 
 
-def _skeleton(item: Item) -> Skeleton:
-    return Skeleton(
+def _skeleton(item: SkelItem) -> SkeletonItem:
+    return SkeletonItem(
         item,
         item.attribute("name"),
         item.flag("mobile"),
@@ -63,8 +272,8 @@ def _skeleton(item: Item) -> Skeleton:
     )
 
 
-def _body(item: Item) -> Body:
-    return Body(
+def _body(item: SkelItem) -> SkelBodyItem:
+    return SkelBodyItem(
         item,
         item.attribute("name"),
         _pose(item),
@@ -75,7 +284,7 @@ def _body(item: Item) -> Body:
     )
 
 
-def _inertial(item: Item | None) -> Inertial | None:
+def _inertial(item: SkelItem | None) -> Inertial | None:
     """Mass properties. Raises ValueError where some of them are missing: a program would invent them."""
     if item is None:
         return None
@@ -92,22 +301,22 @@ def _inertial(item: Item | None) -> Inertial | None:
     return Inertial(mass, centre, (xx, yy, zz, xy, xz, yz))
 
 
-def _shape(item: Item) -> Shape:
+def _shape(item: SkelItem) -> SkelShapeItem:
     geometry = item.find("geometry")
     if geometry is None or len(geometry.element.children) != 1:
         raise item.refused("has no single geometry")
-    kind = Item(item.file, geometry.element.children[0])
+    kind = SkelItem(item.file, geometry.element.children[0])
     file = kind.text(FILE_NAME) if kind.element.tag == "mesh" else None
     tags = (child.tag for child in kind.element.children if file is None or child.tag != FILE_NAME)
     values = {tag: kind.numbers(tag) or () for tag in tags}
-    return Shape(item, kind.element.tag, values, _pose(item), item.numbers("color"), file)
+    return SkelShapeItem(item, kind.element.tag, values, _pose(item), item.numbers("color"), file)
 
 
-def _joint(item: Item) -> Joint:
+def _joint(item: SkelItem) -> SkelJointItem:
     parent, child, axis = item.text("parent"), item.text("child"), item.find("axis")
     if not child:
         raise item.refused("has no <child>")
-    return Joint(
+    return SkelJointItem(
         item,
         item.attribute("name"),
         item.attribute("type"),
@@ -120,11 +329,11 @@ def _joint(item: Item) -> Joint:
     )
 
 
-def _axis(item: Item) -> Axis:
+def _axis(item: SkelItem) -> SkelAxisItem:
     limit, dynamics = item.find("limit"), item.find("dynamics")
     names = ("damping", "friction", "spring_rest_position", "spring_stiffness")
     lower, upper = (None, None) if limit is None else (limit.number("lower"), limit.number("upper"))
-    return Axis(
+    return SkelAxisItem(
         item,
         _vector(item, "xyz"),
         lower,
@@ -133,12 +342,12 @@ def _axis(item: Item) -> Axis:
     )
 
 
-def _vector(item: Item, tag: str) -> Vector3 | None:
+def _vector(item: SkelItem, tag: str) -> Vector3 | None:
     values = item.numbers(tag, 3)
     return None if values is None else (values[0], values[1], values[2])
 
 
-def _pose(item: Item) -> Pose | None:
+def _pose(item: SkelItem) -> Pose | None:
     """The <transformation> of an element: a position, then rotations about the x, the new y and the new z axis."""
     values = item.numbers("transformation", 6)
     if values is None:

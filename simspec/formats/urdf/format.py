@@ -1,4 +1,4 @@
-"""The format ``urdf``: the Unified Robot Description Format, one tree of links a file."""
+"""The format ``urdf``: one tree of links a file; where the trees stand is in ``placement.json``."""
 
 from __future__ import annotations
 
@@ -6,22 +6,237 @@ import dataclasses
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import Format
+from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
 from simspec.formats.kit.mesh_reading import read_meshes
-from simspec.formats.kit.meshes import FIELDS, field_files, mesh_files
-from simspec.formats.kit.plain import Plain, losses
-from simspec.formats.kit.text import environment
-from simspec.formats.urdf.document import Document
-from simspec.formats.urdf.plain import PLACEMENT, PROFILES, SUPPORT, placeholders, robots_and_placement
-from simspec.formats.urdf.tree import Geometry, Robots
-from simspec.support.declarations import Table
+from simspec.formats.kit.text import FIELDS, environment, field_files, json_text, mesh_files
+from simspec.formats.urdf.reading import UrdfDocument
+from simspec.formats.urdf.robots import (
+    KINDS,
+    UNLIMITED,
+    WORLD_LINK,
+    RobotFiles,
+    Robots,
+    UrdfExtension,
+    UrdfGeometry,
+    UrdfInertial,
+    UrdfJoint,
+    UrdfLink,
+    UrdfOrigin,
+    UrdfRobot,
+    standard_robot,
+    unlike,
+)
+from simspec.language.vocabulary import TREE_JOINTS
+from simspec.support.declarations import (
+    Level,
+    Refinement,
+    Support,
+    Table,
+    approximate,
+    exactly,
+    for_each,
+    never,
+    shape_kinds,
+    unsupported_if,
+    via_api,
+)
+from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import types
-from simspec.world.types import World
+from simspec.world.kinematics import trees
+from simspec.world.types import Body, Follow, World
+
+PLACEMENT: Final = "placement.json"
+PLACEMENT_SCHEMA: Final = 1
+
+PROFILES: Final = ("fixed-base", "floating")
+"""fixed-base: the root link of a free tree has no joint, as in nearly every file; readers choose whether it is free. floating:
+a joint of type ``floating`` from a link ``world`` says that it is."""
+NOTHING: Final = UrdfInertial(UrdfOrigin(), 0.0, (0.0,) * 6)
+"""The inertia of a link without mass: readers give one that says none 1 kg, or that of its shapes as water."""
+COMPILER: Final[tuple[tuple[str, str], ...]] = (
+    ("fusestatic", "false"),
+    ("discardvisual", "false"),
+    ("strippath", "false"),
+    ("inertiafromgeom", "false"),
+)
+"""Attributes of the extension ``<compiler>`` (:func:`_complete`), without which its reader merges links on fixed joints, drops
+visual shapes, drops folders of meshes, and takes inertias of shapes. Other readers skip the element."""
+LEAST: Final[tuple[tuple[str, str], ...]] = (("boundmass", "1e-9"), ("boundinertia", "1e-12"))
+"""The same where a link without mass moves, which that reader refuses."""
+
+_NO_CONTACT = "URDF has no numbers of contact"
+_IN_PLACEMENT = f"in {PLACEMENT}"
+
+
+def within_trees(world: World) -> Refinement | None:
+    """Not supported where a joint follows one of another tree, which stands in another file."""
+    root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
+    across = [held.name for held in _follows(world) if root[held.joint] != root[held.leader]]
+    return unsupported_if(f"{across[0]!r} couples joints of two trees, which are two files") if across else None
+
+
+def _follows(world: World) -> Iterator[Follow]:
+    return (held for held in world.constraints if isinstance(held, Follow))
+
+
+SUPPORT: Final[Table] = {
+    **exactly(
+        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.DAMPING),
+        Feature.JOINT_SEVERAL,
+        *(Feature.DRY_FRICTION, Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
+        *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
+        *(Feature.TREE_SIZE, Feature.TREE_DEPTH, Feature.SHAPE_VISUAL),
+        Feature.SHAPES_PER_BODY,
+    ),
+    Feature.JOINT_FREE: via_api(f"a tree without a joint to the world; where it stands is {_IN_PLACEMENT}"),
+    Feature.INITIAL_POSITION: via_api(_IN_PLACEMENT),
+    Feature.INITIAL_VELOCITY: via_api(_IN_PLACEMENT),
+    Feature.JOINT_BALL: approximate(
+        "three hinges about x, y, z through two links without mass; they have no inverse where the second is at 90°"
+    ),
+    Feature.BALL_DAMPING: approximate("the same damping at each of three hinges"),
+    **shape_kinds("URDF", KINDS),
+    Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid"),
+    Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
+    Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
+    Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
+    Feature.BALL_LIMIT: never("URDF has no ball joints"),
+    Feature.FRAME: Support(Level.EXACT, "a link without mass on a fixed joint, NAME_joint"),
+    **for_each(
+        never("URDF has nothing along sums of joint positions"),
+        Feature.SUM,
+        Feature.SUM_LIMITS,
+        Feature.SUM_DRY_FRICTION,
+    ),
+    Feature.BALL_ARMATURE: never("URDF has no armature"),
+    Feature.MARGIN_PAIRS: never("URDF has no margins"),
+    Feature.SURFACE_VELOCITY: never("URDF has no surfaces that move by themselves"),
+    Feature.FLUID: never("URDF has nothing around a robot"),
+    Feature.GRAVITY_SCALE: never("URDF has no weights of single bodies"),
+    Feature.FREE_DAMPING: never("URDF has no damping of free bodies"),
+    Feature.FREE_ARMATURE: never("URDF has no armature of free bodies"),
+    Feature.SHAPE_MARGIN: never("URDF has no margins"),
+    Feature.ARMATURE: never("URDF has no armature"),
+    Feature.SPRING: never("URDF has no springs"),
+    Feature.BALL_SPRING: never("URDF has no springs"),
+    **for_each(
+        never(_NO_CONTACT),
+        *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION),
+        *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+        *COUPLED_CONTACT,
+        *(Feature.RESTITUTION_THRESHOLD, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
+        *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS, Feature.CONE_ELLIPTIC),
+        *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
+    ),
+    **for_each(
+        never("URDF does not say what touches what"),
+        *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+        Feature.TOUCHING_PAIRS,
+    ),
+    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
+    Feature.FORCES: never("URDF has no forces on bodies"),
+    Feature.CONTROL: never("URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"),
+    Feature.CONTROL_NATIVE: never(
+        "URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"
+    ),
+    Feature.GRAVITY: never("URDF has no gravity"),
+    Feature.TIMESTEP: never("URDF has no timestep"),
+}
+"""What plain URDF carries of each feature."""
+
+
+def robots_and_placement(world: World, profile: str = PROFILES[0]) -> tuple[Robots, str]:
+    """The robots by file, in one of ``PROFILES``, and the text of ``placement.json``: of each tree the file, whether its root
+    is free, how it begins, and its own names of links and joints beside those in the file, which equal trees share."""
+    files = RobotFiles({PLACEMENT})
+    first: dict[str, tuple[Body, ...]] = {}
+    placed = []
+    for bodies in trees(world).values():
+        joints = {body.joint.name for body in bodies}
+        within = [held for held in _follows(world) if {held.joint, held.leader} <= joints]
+        own = {body.name for body in bodies}
+        named = [frame for frame in world.frames if frame.body in own]
+        robot = standard_robot(bodies, follows=within, named=named)
+        if profile == "floating" and bodies[0].joint.kind == "free":
+            robot = _floating(robot, bodies[0])
+        file = files.add(_complete(robot))
+        placed.append(_placed(file, first.setdefault(file, bodies), bodies))
+    return files.robots, json_text({"schema": PLACEMENT_SCHEMA, "trees": placed})
+
+
+def _complete(robot: UrdfRobot) -> UrdfRobot:
+    """The robot with all that readers would fill in for themselves."""
+    links = tuple(
+        dataclasses.replace(link, inertial=NOTHING) if link.inertial is None and link.name != WORLD_LINK else link
+        for link in robot.links
+    )
+    massless = {link.name for link in links if link.inertial is NOTHING}
+    moving = any(joint.child in massless and joint.type != "fixed" for joint in robot.joints)
+    compiler = UrdfExtension("compiler", (*COMPILER, *(LEAST if moving else ())))
+    return dataclasses.replace(robot, links=links, extensions=(UrdfExtension("mujoco", children=(compiler,)),))
+
+
+def _floating(robot: UrdfRobot, root: Body) -> UrdfRobot:
+    """The robot with a joint of six freedoms between the world and its root."""
+    world = unlike(WORLD_LINK, {link.name for link in robot.links})
+    joint = UrdfJoint(root.joint.name, "floating", world, root.name, UrdfOrigin())
+    return dataclasses.replace(robot, links=(UrdfLink(world), *robot.links), joints=(joint, *robot.joints))
+
+
+def _placed(file: str, first: tuple[Body, ...], bodies: tuple[Body, ...]) -> dict[str, Any]:
+    """``first``: the bodies whose names the file has. Positions and velocities are those of ``world/types.py``."""
+    root = bodies[0].joint
+    joints = [
+        {
+            "name": body.joint.name,
+            "in_file": in_file.joint.name,
+            "kind": body.joint.kind,
+            "position": body.joint.position,
+            "velocity": body.joint.velocity,
+        }
+        for in_file, body in zip(first, bodies, strict=True)
+        if body.joint.kind in TREE_JOINTS
+    ]
+    start = {
+        "position": root.position[:3],
+        "quaternion": root.position[3:7],
+        "linear_velocity": root.velocity[:3],
+        "angular_velocity": root.velocity[3:],
+    }
+    return {
+        "file": file,
+        "name": bodies[0].model,
+        "free": root.kind == "free",
+        "links": [{"name": body.name, "in_file": in_file.name} for in_file, body in zip(first, bodies, strict=True)],
+        "joints": joints,
+        **(start if root.kind == "free" else {}),
+    }
+
+
+def placeholders(world: World) -> Iterator[Loss]:
+    """The limits that URDF demands and the world does not have."""
+    without: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
+    for body in world.bodies:
+        joint = body.joint
+        limited = joint.kind == "slide" or (joint.kind == "hinge" and joint.position_limits is not None)
+        rated = joint.kind == "hinge" and (joint.velocity_limit is not None or joint.effort_limit is not None)
+        if joint.kind == "slide" and joint.position_limits is None:
+            without["position"].append(body.name)
+        if limited or rated:
+            for name, value in (("velocity", joint.velocity_limit), ("effort", joint.effort_limit)):
+                if value is None:
+                    without[name].append(body.name)
+    for name, bodies in without.items():
+        if bodies:
+            feature = Feature(f"joint.limits.{name}").value
+            how = f"none in the spec, and URDF demands one: {UNLIMITED:g} stands for none"
+            yield Loss(feature, LossFate.PLACEHOLDER, how, tuple(f"bodies.{body}.joint" for body in bodies))
+
 
 INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-"""The attributes of an ``inertia``, in the order of :class:`simspec.formats.urdf.tree.Inertial`."""
+"""The attributes of an ``inertia``, in the order of :class:`simspec.formats.urdf.robots.UrdfInertial`."""
 
 
 class Urdf(Format):
@@ -60,14 +275,14 @@ class Urdf(Format):
             found.setdefault(tree["file"], tuple(bodies[link["name"]] for link in tree["links"]))
         return found
 
-    def read(self, folder: Path) -> Document:
+    def read(self, folder: Path) -> UrdfDocument:
         """All robots of a folder, with the files of meshes below it. Raises ValueError, which names the place."""
         from simspec.formats.urdf.reading import read_folder
 
         return dataclasses.replace(read_folder(folder), meshes=read_meshes(folder, FIELDS))
 
 
-def _geometries(robots: Robots) -> Iterator[Geometry]:
+def _geometries(robots: Robots) -> Iterator[UrdfGeometry]:
     for robot in robots.values():
         for link in robot.links:
             yield from (visual.geometry for visual in link.visuals)

@@ -1,32 +1,268 @@
-"""From URDF files to a :class:`Document`, with lxml: it shares nothing with the templates that write, nor with an engine.
+"""URDF files as documents, each part with its element and line. What a file does not state is None, not a default.
 
-What comes may be a stranger's: no entities, no document type, no network, no other encoding than UTF-8, and bounded in size,
-depth and number of elements.
+It shares no code with the templates that write, nor with an engine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+from simspec import numerals
 from simspec.errors import SpecError
-from simspec.formats.urdf.document import (
-    Document,
-    Dynamics,
-    Inertial,
-    Joint,
-    Limit,
-    Link,
-    Material,
-    Node,
-    Origin,
-    Place,
-    Robot,
-    Shape,
-)
 from simspec.outputs.reading import files_below, read_bytes
 from simspec.world.types import Vector3
+
+SINGLE: Final = "single"
+"""An element that may stand there once."""
+SEVERAL: Final = "several"
+Language = Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]]
+LANGUAGE: Final[Language] = {
+    "robot": (("name", "version"), {"link": SEVERAL, "joint": SEVERAL, "material": SEVERAL}),
+    "link": (("name",), {"inertial": SINGLE, "visual": SEVERAL, "collision": SEVERAL}),
+    "inertial": ((), {"origin": SINGLE, "mass": SINGLE, "inertia": SINGLE}),
+    "mass": (("value",), {}),
+    "inertia": (("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), {}),
+    "visual": (("name",), {"origin": SINGLE, "geometry": SINGLE, "material": SINGLE}),
+    "collision": (("name",), {"origin": SINGLE, "geometry": SINGLE}),
+    "origin": (("xyz", "rpy"), {}),
+    "geometry": ((), {"box": SINGLE, "cylinder": SINGLE, "sphere": SINGLE, "mesh": SINGLE}),
+    "box": (("size",), {}),
+    "cylinder": (("radius", "length"), {}),
+    "sphere": (("radius",), {}),
+    "mesh": (("filename", "scale"), {}),
+    "material": (("name",), {"color": SINGLE, "texture": SINGLE}),
+    "color": (("rgba",), {}),
+    "texture": (("filename",), {}),
+    "joint": (
+        ("name", "type"),
+        dict.fromkeys(
+            ("origin", "parent", "child", "axis", "calibration", "dynamics", "limit", "mimic", "safety_controller"),
+            SINGLE,
+        ),
+    ),
+    "parent": (("link",), {}),
+    "child": (("link",), {}),
+    "axis": (("xyz",), {}),
+    "calibration": (("rising", "falling"), {}),
+    "dynamics": (("damping", "friction"), {}),
+    "limit": (("lower", "upper", "effort", "velocity"), {}),
+    "mimic": (("joint", "multiplier", "offset"), {}),
+    "safety_controller": (("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"), {}),
+}
+"""The language: of each element its attributes, and the elements in it with how many there may be."""
+UNWRITTEN: Final = ("robot/material", "material/texture", "joint/calibration", "joint/mimic", "joint/safety_controller")
+WRITTEN: Final[Language] = {
+    tag: (attributes, {name: how for name, how in elements.items() if f"{tag}/{name}" not in UNWRITTEN})
+    for tag, (attributes, elements) in LANGUAGE.items()
+}
+"""The part of the language that simspec writes; what else stands in a file of simspec's, somebody has added."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The line of a file that an element begins in, or ends in where it is longer than one."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """An element as it stands in the file; comments are left out."""
+
+    tag: str
+    place: Place
+    attributes: Mapping[str, str]
+    children: tuple[Node, ...] = ()
+    text: str = ""
+
+    def child(self, tag: str) -> Node | None:
+        """The first element of this tag; None where there is none."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def all(self, tag: str) -> tuple[Node, ...]:
+        """All elements of this tag."""
+        return tuple(child for child in self.children if child.tag == tag)
+
+    def need(self, tag: str) -> Node:
+        """The first element of this tag. Raises ValueError where there is none."""
+        found = self.child(tag)
+        if found is None:
+            raise self.error(f"<{self.tag}> has no <{tag}>")
+        return found
+
+    def word(self, name: str) -> str:
+        """The text of an attribute. Raises ValueError where there is none."""
+        if name not in self.attributes:
+            raise self.error(f"<{self.tag}> has no attribute {name!r}")
+        return self.attributes[name]
+
+    def numbers(self, name: str, count: int) -> tuple[float, ...] | None:
+        """``count`` finite numbers of an attribute; None where there is no such attribute. Raises ValueError for others."""
+        text = self.attributes.get(name)
+        if text is None:
+            return None
+        try:
+            return numerals.numbers(text, count)
+        except numerals.NumeralError:
+            what = "a finite number" if count == 1 else f"{count} finite numbers"
+            raise self.error(f"{name}={text[:60]!r} of <{self.tag}>, should be {what}") from None
+
+    def number(self, name: str) -> float | None:
+        """One finite number of an attribute; None where there is no such attribute. Raises ValueError for others."""
+        values = self.numbers(name, 1)
+        return None if values is None else values[0]
+
+    def need_number(self, name: str) -> float:
+        """One finite number of an attribute. Raises ValueError where there is none."""
+        self.word(name)
+        value = self.number(name)
+        assert value is not None
+        return value
+
+    def error(self, why: str) -> ValueError:
+        """The error of this element."""
+        return ValueError(f"{self.place}: {why}")
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfOriginNode:
+    """Position (m) and fixed-axis angles (rad); each None where the file does not say it."""
+
+    node: Node
+    xyz: Vector3 | None
+    rpy: Vector3 | None
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfInertialNode:
+    """Mass (kg) and inertia (ixx, iyy, izz, ixy, ixz, iyz; kg m²) about ``origin``, in its axes."""
+
+    node: Node
+    origin: UrdfOriginNode | None
+    mass: float
+    inertia: tuple[float | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfMaterialNode:
+    """The material of a visual: its name, and its colour where it stands there."""
+
+    node: Node
+    name: str | None
+    rgba: tuple[float, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfShapeNode:
+    """A ``visual`` or a ``collision``; ``geometry`` is the one element in its ``geometry``, of the language or not."""
+
+    node: Node
+    name: str | None
+    origin: UrdfOriginNode | None
+    geometry: Node
+    material: UrdfMaterialNode | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfLinkNode:
+    """A link, with its shapes in the order of the file."""
+
+    node: Node
+    name: str
+    inertial: UrdfInertialNode | None
+    visuals: tuple[UrdfShapeNode, ...]
+    collisions: tuple[UrdfShapeNode, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfLimitNode:
+    """A joint's ``limit``: position (rad, m), effort (N m, N), velocity (rad/s, m/s)."""
+
+    node: Node
+    lower: float | None
+    upper: float | None
+    effort: float | None
+    velocity: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfDynamicsNode:
+    """A joint's damping (N m s/rad, N s/m) and dry friction (N m, N)."""
+
+    node: Node
+    damping: float | None
+    friction: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfJointNode:
+    """A joint; its ``type`` may be one that the language does not have."""
+
+    node: Node
+    name: str
+    type: str
+    parent: str
+    child: str
+    origin: UrdfOriginNode | None
+    axis: Vector3 | None
+    dynamics: UrdfDynamicsNode | None
+    limit: UrdfLimitNode | None
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfRobotNode:
+    """One file: links and joints in its order; ``root``: the link that is no joint's child."""
+
+    node: Node
+    name: str
+    links: tuple[UrdfLinkNode, ...]
+    joints: tuple[UrdfJointNode, ...]
+    root: str
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfDocument:
+    """All URDF files of a folder, by name; ``meshes``: the vertices (flat, m) of the files of convex hulls, by path."""
+
+    robots: Mapping[str, UrdfRobotNode]
+    meshes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownPart:
+    """What is not of the language: an element, or an attribute (``name``) of one; ``path``: the tags from the root to it."""
+
+    node: Node
+    path: str
+    name: str | None = None
+
+
+def strangers(robot: UrdfRobotNode, language: Language = LANGUAGE) -> Iterator[UnknownPart]:
+    """All elements and attributes of a file that the language does not have, and elements that stand there once too often.
+    What is inside a strange element is not looked at."""
+    yield from _strangers(robot.node, robot.node.tag, language)
+
+
+def _strangers(node: Node, path: str, language: Language) -> Iterator[UnknownPart]:
+    attributes, elements = language[node.tag]
+    yield from (UnknownPart(node, path, name) for name in node.attributes if name not in attributes)
+    seen: set[str] = set()
+    for child in node.children:
+        below = f"{path}/{child.tag}"
+        how = elements.get(child.tag)
+        if how is None or (how == SINGLE and child.tag in seen):
+            yield UnknownPart(child, below)
+        else:
+            yield from _strangers(child, below, language)
+        seen.add(child.tag)
+
 
 LARGEST_FILE: Final = 64 * 2**20
 """Bytes of one file; that of a tree of 10,000 links has 10 million."""
@@ -38,23 +274,23 @@ DEEPEST: Final = 64
 Part = TypeVar("Part")
 
 
-def read_folder(folder: Path) -> Document:
+def read_folder(folder: Path) -> UrdfDocument:
     """All files of a folder, and of those below it, whose names end in ``.urdf``. Raises ValueError with the place."""
     try:
         names = [name for name in files_below(folder) if name.endswith(".urdf")]
-        return Document({name: read_robot(read_bytes(folder / name, LARGEST_FILE, folder), name) for name in names})
+        return UrdfDocument({name: read_robot(read_bytes(folder / name, LARGEST_FILE, folder), name) for name in names})
     except SpecError as error:
         raise ValueError(str(error)) from None
 
 
-def read_robot(content: bytes, file: str) -> Robot:
+def read_robot(content: bytes, file: str) -> UrdfRobotNode:
     """One file; ``file`` is its name in errors and places. Raises ValueError with the place."""
     node = parse(content, file)
     if node.tag != "robot":
         raise node.error(f"<{node.tag[:60]}> is the outermost element, should be <robot>")
     links = _distinct([_link(child) for child in node.all("link")], "links")
     joints = _distinct([_joint(child) for child in node.all("joint")], "joints")
-    return Robot(node, node.word("name"), links, joints, _root(node, links, joints))
+    return UrdfRobotNode(node, node.word("name"), links, joints, _root(node, links, joints))
 
 
 def parse(content: bytes, file: str) -> Node:
@@ -107,7 +343,7 @@ def _distinct(parts: Sequence[Part], what: str) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _root(node: Node, links: Sequence[Link], joints: Sequence[Joint]) -> str:
+def _root(node: Node, links: Sequence[UrdfLinkNode], joints: Sequence[UrdfJointNode]) -> str:
     """The one link from which joints lead to all others. Raises ValueError where there is none."""
     names = {link.name for link in links}
     below: dict[str, list[str]] = {}
@@ -146,27 +382,27 @@ def _vector(node: Node, name: str) -> Vector3 | None:
     return None if values is None else (values[0], values[1], values[2])
 
 
-def _origin(node: Node) -> Origin:
-    return Origin(node, _vector(node, "xyz"), _vector(node, "rpy"))
+def _origin(node: Node) -> UrdfOriginNode:
+    return UrdfOriginNode(node, _vector(node, "xyz"), _vector(node, "rpy"))
 
 
-def _inertial(node: Node) -> Inertial:
+def _inertial(node: Node) -> UrdfInertialNode:
     inertia = node.need("inertia")
     values = tuple(inertia.number(name) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
-    return Inertial(node, _of(node, "origin", _origin), node.need("mass").need_number("value"), values)
+    return UrdfInertialNode(node, _of(node, "origin", _origin), node.need("mass").need_number("value"), values)
 
 
-def _material(node: Node) -> Material:
+def _material(node: Node) -> UrdfMaterialNode:
     colour = node.child("color")
     rgba = None if colour is None else colour.numbers("rgba", 4)
-    return Material(node, node.attributes.get("name"), rgba)
+    return UrdfMaterialNode(node, node.attributes.get("name"), rgba)
 
 
-def _shape(node: Node) -> Shape:
+def _shape(node: Node) -> UrdfShapeNode:
     geometry = node.need("geometry")
     if len(geometry.children) != 1:
         raise geometry.error(f"<geometry> has {len(geometry.children)} elements, should have one")
-    return Shape(
+    return UrdfShapeNode(
         node,
         node.attributes.get("name"),
         _of(node, "origin", _origin),
@@ -175,8 +411,8 @@ def _shape(node: Node) -> Shape:
     )
 
 
-def _link(node: Node) -> Link:
-    return Link(
+def _link(node: Node) -> UrdfLinkNode:
+    return UrdfLinkNode(
         node,
         node.word("name"),
         _of(node, "inertial", _inertial),
@@ -185,9 +421,9 @@ def _link(node: Node) -> Link:
     )
 
 
-def _joint(node: Node) -> Joint:
+def _joint(node: Node) -> UrdfJointNode:
     axis = node.child("axis")
-    return Joint(
+    return UrdfJointNode(
         node,
         node.word("name"),
         node.word("type"),
@@ -195,10 +431,12 @@ def _joint(node: Node) -> Joint:
         node.need("child").word("link"),
         _of(node, "origin", _origin),
         None if axis is None else _vector(axis, "xyz"),
-        _of(node, "dynamics", lambda child: Dynamics(child, child.number("damping"), child.number("friction"))),
+        _of(node, "dynamics", lambda child: UrdfDynamicsNode(child, child.number("damping"), child.number("friction"))),
         _of(
             node,
             "limit",
-            lambda child: Limit(child, *(child.number(name) for name in ("lower", "upper", "effort", "velocity"))),
+            lambda child: UrdfLimitNode(
+                child, *(child.number(name) for name in ("lower", "upper", "effort", "velocity"))
+            ),
         ),
     )

@@ -9,8 +9,15 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from simspec.formats.kit.meshes import FIELDS
-from simspec.formats.urdf.document import Document, Inertial, Link, Node, Origin, Shape
+from simspec.formats.kit.text import FIELDS
+from simspec.formats.urdf.reading import (
+    Node,
+    UrdfDocument,
+    UrdfInertialNode,
+    UrdfLinkNode,
+    UrdfOriginNode,
+    UrdfShapeNode,
+)
 from simspec.world import frames
 from simspec.world.types import Inertial as WorldInertial
 from simspec.world.types import Pose, Vector3
@@ -22,14 +29,14 @@ Size = tuple[str, tuple[float, ...]]
 DEFAULT_AXIS: Vector3 = (1.0, 0.0, 0.0)
 
 
-def pose_of(origin: Origin | None) -> Pose:
+def pose_of(origin: UrdfOriginNode | None) -> Pose:
     """An origin as a pose."""
     if origin is None:
         return Pose()
     return Pose(origin.xyz or (0.0, 0.0, 0.0), frames.from_rpy(*(origin.rpy or (0.0, 0.0, 0.0))))
 
 
-def inertial_of(inertial: Inertial | None) -> WorldInertial:
+def inertial_of(inertial: UrdfInertialNode | None) -> WorldInertial:
     """Mass, centre of mass, and the tensor turned into the link's axes. A link without one has no mass."""
     if inertial is None:
         return WorldInertial(0.0)
@@ -38,7 +45,7 @@ def inertial_of(inertial: Inertial | None) -> WorldInertial:
     return WorldInertial(inertial.mass, pose.position, frames.rotate_inertia(pose.quaternion, tensor))
 
 
-def check_empty(link: Link) -> None:
+def check_empty(link: UrdfLinkNode) -> None:
     """Raise ValueError where a link that only stands for the world has a mass or shapes."""
     if inertial_of(link.inertial).mass or link.visuals or link.collisions:
         raise link.node.error(f"link {link.name!r} stands for the world, and has a mass or shapes")
@@ -62,7 +69,7 @@ def size_of(geometry: Node, meshes: Mapping[str, tuple[float, ...]] = MappingPro
     raise geometry.error(f"a <{geometry.tag[:60]}> is not read here")
 
 
-def check_meshes(document: Document) -> None:
+def check_meshes(document: UrdfDocument) -> None:
     """Raise ValueError where no shape names a mesh that is there."""
     shapes = (
         shape
@@ -76,7 +83,7 @@ def check_meshes(document: Document) -> None:
 
 
 def shapes_of(
-    link: Link, size: Callable[[Node], Size] = size_of, unseen: Callable[[Size], bool] | None = None
+    link: UrdfLinkNode, size: Callable[[Node], Size] = size_of, unseen: Callable[[Size], bool] | None = None
 ) -> dict[str, WorldShape]:
     """The shapes of a link by name; a ``visual`` and a ``collision`` of one name are one shape.
 
@@ -103,7 +110,7 @@ def shapes_of(
     return shapes
 
 
-def _colour(visual: Shape) -> tuple[float, float, float, float]:
+def _colour(visual: UrdfShapeNode) -> tuple[float, float, float, float]:
     rgba = visual.material.rgba if visual.material is not None else None
     if rgba is None:
         raise visual.node.error(f"the visual {visual.name!r} has no colour")

@@ -1,5 +1,6 @@
 """From a .wbt file to a document: VRML97 as far as worlds without PROTO use it, by a reader that follows nothing out of a file
-and ends in bounded time, memory and nesting. It knows no node and no field: what these mean is for others to say."""
+and ends in bounded time, memory and nesting. It knows no node and no field: what these mean is for others to say.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +9,121 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, Union
 
-from simspec.formats.wbt.document import Document, Field, Node, Value
 from simspec.outputs.reading import read_bytes
+
+Value = Union[bool, float, str, None, "WbtNode"]
+"""NULL is None."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WbtField:
+    """A field of a node; ``listed`` whether its values stand in brackets."""
+
+    name: str
+    line: int
+    values: tuple[Value, ...]
+    listed: bool
+
+    def __repr__(self) -> str:
+        return f"<{self.name} in line {self.line}>"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WbtNode:
+    """A node, compared by identity; ``kind`` is its type, ``label`` its name after DEF, "" without one."""
+
+    file: str
+    kind: str
+    label: str
+    line: int
+    fields: tuple[WbtField, ...]
+
+    def __repr__(self) -> str:
+        return f"<{self.kind} {self.label} in line {self.line}>"
+
+    def refused(self, why: str, line: int | None = None) -> ValueError:
+        """The error of something that is wrong with it, with file, line, type and label."""
+        named = f"{self.kind} {self.label}".strip()
+        return ValueError(f"{self.file}:{self.line if line is None else line}: {named[:200]}: {why}")
+
+    def field(self, name: str) -> WbtField:
+        """A field. Raises ValueError where it is missing: what the file does not say, a program would choose."""
+        for item in self.fields:
+            if item.name == name:
+                return item
+        raise self.refused(f"has no {name}")
+
+    def _single(self, name: str, allowed: type | tuple[type, ...], told: str) -> Value:
+        field = self.field(name)
+        if field.listed or len(field.values) != 1 or not isinstance(field.values[0], allowed):
+            raise self.refused(f"{name} should be {told}", field.line)
+        return field.values[0]
+
+    def number(self, name: str) -> float:
+        """The one number of a field. Raises ValueError, as all that follow, where it is something else."""
+        return self._single(name, float, "a number")  # type: ignore[return-value]
+
+    def text(self, name: str) -> str:
+        """The text of a field."""
+        return self._single(name, str, "a text")  # type: ignore[return-value]
+
+    def flag(self, name: str) -> bool:
+        """The flag of a field."""
+        return self._single(name, bool, "TRUE or FALSE")  # type: ignore[return-value]
+
+    def node(self, name: str) -> WbtNode | None:
+        """The node of a field; None where it is NULL."""
+        return self._single(name, (WbtNode, type(None)), "a node or NULL")  # type: ignore[return-value]
+
+    def numbers(self, name: str, count: int) -> tuple[float, ...]:
+        """The numbers of a vector or a list."""
+        field = self.field(name)
+        values = tuple(value for value in field.values if isinstance(value, float))
+        if len(values) != len(field.values) or len(values) != count:
+            found = len(values) if len(values) == len(field.values) else "other values than"
+            raise self.refused(f"{name} has {found} numbers, should have {count}", field.line)
+        return values
+
+    def nodes(self, name: str) -> tuple[WbtNode, ...]:
+        """The nodes of a list."""
+        field = self.field(name)
+        nodes = tuple(value for value in field.values if isinstance(value, WbtNode))
+        if len(nodes) != len(field.values) or not field.listed:
+            raise self.refused(f"{name} should be a list of nodes", field.line)
+        return nodes
+
+    def walk(self) -> Iterator[WbtNode]:
+        """This node and all below it, in the order of the file, however deep."""
+        waiting = [self]
+        while waiting:
+            node = waiting.pop()
+            yield node
+            inner = [value for field in node.fields for value in field.values if isinstance(value, WbtNode)]
+            waiting.extend(reversed(inner))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WbtDocument:
+    """A whole file: ``version`` the second word of it, ``nodes`` those that stand in no other."""
+
+    file: str
+    version: str
+    nodes: tuple[WbtNode, ...]
+
+    def walk(self) -> Iterator[WbtNode]:
+        """Every node, in the order of the file."""
+        for node in self.nodes:
+            yield from node.walk()
+
+    def only(self, kind: str) -> WbtNode:
+        """The one node of a type that stands in no other. Raises ValueError where there is none, or more."""
+        found = [node for node in self.nodes if node.kind == kind]
+        if len(found) != 1:
+            raise ValueError(f"{self.file}: has {len(found)} {kind} nodes, should have one")
+        return found[0]
+
 
 LARGEST_FILE: Final = 64 * 2**20
 """Bytes; a world of 2,000 bodies has 12 MB, with every field written."""
@@ -38,7 +150,7 @@ NOT_READ: Final = {
 """Words of the language that this reader refuses, each with what it does."""
 
 
-def read_document(path: Path) -> Document:
+def read_document(path: Path) -> WbtDocument:
     """The document of a .wbt file. Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file
     and line, where it is no .wbt, or beyond a bound."""
     content = read_bytes(path, LARGEST_FILE)
@@ -50,12 +162,12 @@ def read_document(path: Path) -> Document:
     return parse(text, path.name)
 
 
-def parse(text: str, name: str) -> Document:
+def parse(text: str, name: str) -> WbtDocument:
     """The document of a text called ``name`` in errors; as :func:`read_document`."""
     header = HEADER.match(text)
     if header is None:
         raise ValueError(f"{name}:1: should begin with '#VRML_SIM R2023b utf8'")
-    return Document(name, header[1], _Parser(name).nodes(_tokens(text, name, header.end())))
+    return WbtDocument(name, header[1], _Parser(name).nodes(_tokens(text, name, header.end())))
 
 
 @dataclass(slots=True)
@@ -86,7 +198,7 @@ class _Open:
     type: str
     label: str
     line: int
-    fields: dict[str, Field] = field(default_factory=dict)
+    fields: dict[str, WbtField] = field(default_factory=dict)
     name: str = ""
     at: int = 0
     values: list[Value] = field(default_factory=list)
@@ -97,13 +209,13 @@ class _Parser:
     def __init__(self, name: str):
         self._name = name
         self._stack: list[_Open] = []
-        self._found: list[Node] = []
+        self._found: list[WbtNode] = []
         self._count = self._values = 0
 
     def refused(self, line: int, why: str) -> ValueError:
         return ValueError(f"{self._name}:{line}: {why}")
 
-    def nodes(self, tokens: Iterator[Token]) -> tuple[Node, ...]:
+    def nodes(self, tokens: Iterator[Token]) -> tuple[WbtNode, ...]:
         """All nodes that stand in no other."""
         last = 1
         for token in tokens:
@@ -169,7 +281,7 @@ class _Parser:
             raise self.refused(token.line, f"more than {MOST_VALUES:,} values")
 
     def _end_field(self, top: _Open) -> None:
-        top.fields[top.name] = Field(top.name, top.at, tuple(top.values), top.listed)
+        top.fields[top.name] = WbtField(top.name, top.at, tuple(top.values), top.listed)
         top.name, top.values, top.listed = "", [], False
 
     def _begin(self, token: Token, tokens: Iterator[Token]) -> None:
@@ -200,7 +312,7 @@ class _Parser:
         return self.refused(token.line, f"{token.text} {NOT_READ[token.text]}, which is not read here")
 
     def _close(self, top: _Open) -> None:
-        node = Node(self._name, top.type, top.label, top.line, tuple(top.fields.values()))
+        node = WbtNode(self._name, top.type, top.label, top.line, tuple(top.fields.values()))
         self._stack.pop()
         if not self._stack:
             self._found.append(node)

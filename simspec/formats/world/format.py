@@ -6,19 +6,18 @@ from pathlib import Path
 from typing import ClassVar
 
 from simspec.errors import SpecError
-from simspec.formats.kit.contract import Format
+from simspec.formats.kit.contract import Format, Plain
 from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
-from simspec.formats.kit.plain import Plain
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.tree import (
     SCHEMA,
     BallJoint,
-    Document,
     FixedJoint,
     FreeJoint,
     Joint,
-    Servo,
-    Shape,
+    JsonServo,
+    JsonShape,
+    JsonWorld,
     parent_of,
 )
 from simspec.language.vocabulary import FRICTION_CONES
@@ -36,7 +35,7 @@ UNIT = 1e-12
 
 
 class WorldJson(Format):
-    """One file, ``world.json``: a :class:`simspec.formats.world.tree.Document`."""
+    """One file, ``world.json``: a :class:`simspec.formats.world.tree.JsonWorld`."""
 
     NAME: ClassVar[str] = "world"
     SUPPORT: ClassVar[Table] = {
@@ -82,7 +81,7 @@ class WorldJson(Format):
     }
     """What the language can say; an engine's dialect may have less of it, or more in its sidecar."""
 
-    def write(self, tree: Document) -> dict[str, str]:
+    def write(self, tree: JsonWorld) -> dict[str, str]:
         """``world.json``."""
         return {WORLD: json_text(plain(tree))}
 
@@ -90,7 +89,7 @@ class WorldJson(Format):
         """The resolved world itself, as canonical JSON; nothing of it is lost."""
         return Plain({WORLD: canonical_json(world) + "\n"}, ())
 
-    def read(self, folder: Path) -> Document:
+    def read(self, folder: Path) -> JsonWorld:
         """The document in ``folder``, checked: its form, and that its names fit together, so that an engine need not.
 
         Raises ValueError, which names the place, and FileNotFoundError where there is no ``world.json``.
@@ -99,13 +98,13 @@ class WorldJson(Format):
             content = parse_json(read_text(folder / WORLD))
         except (SpecError, NotReadableError) as error:
             raise ValueError(f"{WORLD}: {error}") from None
-        check_fields(content, form_of(Document), WORLD)
-        document: Document = typed(Document, content)
+        check_fields(content, form_of(JsonWorld), WORLD)
+        document: JsonWorld = typed(JsonWorld, content)
         check(document)
         return document
 
 
-def check(document: Document) -> None:
+def check(document: JsonWorld) -> None:
     """Raise ValueError, which names the place, where the parts of a document do not fit together."""
     if document.schema != SCHEMA:
         raise ValueError(f"{WORLD}: schema {document.schema!r}, this simspec reads {SCHEMA}")
@@ -134,7 +133,7 @@ def check(document: Document) -> None:
     _check_meetings(document)
 
 
-def _check_meetings(document: Document) -> None:
+def _check_meetings(document: JsonWorld) -> None:
     """Two materials meet in one layer, in which both have copies."""
     at = f"{WORLD}.meets"
     layers = {
@@ -156,7 +155,7 @@ def _check_joint(joint: Joint, at: str) -> None:
         _check_servo(joint.servo, f"{at}.servo")
 
 
-def _check_servo(servo: Servo | None, at: str) -> None:
+def _check_servo(servo: JsonServo | None, at: str) -> None:
     if servo is None:
         return
     for name, value in (("kp", servo.kp), ("kd", servo.kd), ("effort_limit", servo.effort_limit)):
@@ -164,7 +163,7 @@ def _check_servo(servo: Servo | None, at: str) -> None:
             raise ValueError(f"{at}.{name} is {value}, should not be negative")
 
 
-def _check_shape(shape: Shape, at: str) -> None:
+def _check_shape(shape: JsonShape, at: str) -> None:
     check_known((shape.kind,), SHAPES, f"{at}.kind")
     wrong = SHAPES[shape.kind].wrong_size(shape.size)
     if wrong is not None:

@@ -21,7 +21,7 @@ SCHEMA = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Copy:
+class ShapeCopy:
     """One copy of a collision shape and the numbers it holds in its layer; their meaning depends on how the engine combines
     those of two shapes. Sliding friction and restitution are ratios, torsional and rolling friction lengths (m)."""
 
@@ -34,7 +34,7 @@ class Copy:
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class JsonShape:
     """A shape as :class:`simspec.world.types.Shape` has it. Without copies it is no collision shape and its material is "";
     without a colour it is not visual."""
 
@@ -44,7 +44,7 @@ class Shape:
     pose: Pose
     material: str
     colour: tuple[float, float, float, float] | None
-    copies: tuple[Copy, ...]
+    copies: tuple[ShapeCopy, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +58,7 @@ class FixedJoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Servo:
+class JsonServo:
     """The engine's own controller of a joint: gains as in :class:`simspec.world.actions.Controller`, and the largest effort."""
 
     kp: float
@@ -86,7 +86,7 @@ class AxisJoint:
     armature: float
     position: tuple[float]
     velocity: tuple[float]
-    servo: Servo | None = None
+    servo: JsonServo | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,7 +117,7 @@ Joint = FixedJoint | AxisJoint | BallJoint | FreeJoint
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class JsonBody:
     """A rigid body; inertia about the centre of mass as (Ixx, Iyy, Izz, Ixy, Ixz, Iyz)."""
 
     name: str
@@ -127,7 +127,7 @@ class Body:
     centre_of_mass: Vector3
     inertia: tuple[float, float, float, float, float, float]
     joint: Joint
-    shapes: tuple[Shape, ...]
+    shapes: tuple[JsonShape, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,14 +139,14 @@ class Apart:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Document:
+class JsonWorld:
     """A whole ``world.json``."""
 
     schema: int = SCHEMA
     gravity: Vector3
     timestep: float
     friction_cone: str
-    bodies: tuple[Body, ...]
+    bodies: tuple[JsonBody, ...]
     """Every parent before its children."""
     meets: tuple[tuple[str, str, int], ...]
     """Two materials, and the one layer in which copies of both touch."""
@@ -159,7 +159,7 @@ def parent_of(joint: Joint) -> str | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class BodyRows:
     """How bodies hang together, by their rows. ``parents``: -1 is the world; ``roots``: of the tree that a body is in;
     ``groups``: the body by whose joint a rigid group moves, -1 of what cannot move."""
 
@@ -168,7 +168,7 @@ class Rows:
     groups: tuple[int, ...]
 
 
-def rows_of(bodies: Sequence[Body]) -> Rows:
+def rows_of(bodies: Sequence[JsonBody]) -> BodyRows:
     """How ``bodies`` hang together, every parent before its children."""
     number = {body.name: row for row, body in enumerate(bodies)}
     parents = tuple(-1 if (above := parent_of(body.joint)) is None else number[above] for body in bodies)
@@ -178,7 +178,7 @@ def rows_of(bodies: Sequence[Body]) -> Rows:
         roots.append(row if parent < 0 else roots[parent])
         still = -1 if parent < 0 else groups[parent]
         groups.append(still if isinstance(body.joint, FixedJoint) else row)
-    return Rows(parents, tuple(roots), tuple(groups))
+    return BodyRows(parents, tuple(roots), tuple(groups))
 
 
 def state_of(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -186,7 +186,7 @@ def state_of(joint: Joint) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return ((), ()) if isinstance(joint, FixedJoint) else (joint.position, joint.velocity)
 
 
-def initial_coordinates(document: Document) -> tuple[list[float], list[float]]:
+def initial_coordinates(document: JsonWorld) -> tuple[list[float], list[float]]:
     """The initial state (q (nq,), v (nv,)) in the coordinates of ``world/kinematics.py``."""
     q: list[float] = []
     v: list[float] = []

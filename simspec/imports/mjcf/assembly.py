@@ -1,5 +1,6 @@
 """The files of one MJCF model put together as texts for its compiler: includes in place, every named file read and given a name
-of its own, so that the compiler opens none; each element begins on a line of its own, by which it is found again."""
+of its own, so that the compiler opens none; each element begins on a line of its own, by which it is found again.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ class _Folders:
 
 
 @dataclass
-class Assembly:
+class MjcfAssembly:
     """A model as its compiler gets it."""
 
     root: Element
@@ -95,7 +96,7 @@ class Assembly:
             waiting.extend(reversed(list(self.below(element))))
 
 
-def assemble(files: Files) -> Assembly:
+def assemble(files: Files) -> MjcfAssembly:
     """Read a model and all files that it names. Raises SpecError at the element that names one which may not be read, and
     for what is too much."""
     root = parse(files.content(), files.shown)
@@ -124,8 +125,8 @@ class _Builder:
         self._elements = self._bodies = 0
         self._bytes = 0
 
-    def assembly(self, root: Element) -> Assembly:
-        return Assembly(root, self.texts, self.lines, self.named, self.included, self.models, self.meshes)
+    def assembly(self, root: Element) -> MjcfAssembly:
+        return MjcfAssembly(root, self.texts, self.lines, self.named, self.included, self.models, self.meshes)
 
     # --- texts --------------------------------------------------------------------------------------------------
 

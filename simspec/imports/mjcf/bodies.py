@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from simspec.errors import Location
 from simspec.imports.elements import Element
-from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, Compiled
-from simspec.imports.mjcf.features import Features
+from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf, MjcfFeatures
+from simspec.language.amounts import MOST_FRAMES
 from simspec.language.beginning import Start
 from simspec.language.document import Path_
 from simspec.language.vocabulary import SCALAR_JOINTS
@@ -67,7 +67,7 @@ def pose(position: Vector, quaternion: Vector) -> dict[str, Any]:
 
 
 @dataclass
-class Names:
+class MjcfNames:
     """Names of a spec for those of a file, each given once."""
 
     taken: set[str] = field(default_factory=set)
@@ -92,11 +92,11 @@ class Names:
 
 
 @dataclass
-class Bodies:
+class MjcfBodies:
     """Bodies of the spec as they are made: plain data by name, and where each value comes from."""
 
-    model: Compiled
-    features: Features
+    model: CompiledMjcf
+    features: MjcfFeatures
     data: dict[str, dict[str, Any]] = field(default_factory=dict)
     places: dict[Path_, Location] = field(default_factory=dict)
     names: dict[int, str] = field(default_factory=dict)
@@ -107,14 +107,14 @@ class Bodies:
     """Names of joints by their number."""
     shifts: dict[int, Vector] = field(default_factory=dict)
     """Origins of the spec's frames in those of the file, by the number of the body."""
-    renamed: Names = field(default_factory=Names)
-    joint_names: Names = field(default_factory=Names)
+    renamed: MjcfNames = field(default_factory=MjcfNames)
+    joint_names: MjcfNames = field(default_factory=MjcfNames)
 
     folder: Path = field(default_factory=Path)
     """That of the file, from which the spec names others."""
     files: dict[str, Path] = field(default_factory=dict)
     """Files that the spec names, by the texts that name them."""
-    constraint_names: Names = field(default_factory=Names)
+    constraint_names: MjcfNames = field(default_factory=MjcfNames)
     constraint_places: dict[str, Location] = field(default_factory=dict)
     begun: dict[int, float] = field(default_factory=dict)
     """Where joints begin whose reference is beyond their limits, by their numbers (rad or m)."""
@@ -384,3 +384,25 @@ class Bodies:
         yields = model.get("jnt_springyield")
         if yields is not None and np.any(yields[number]):
             self.features.add("joint.plastic", element)
+
+
+# --- sites as named frames ---
+
+
+def add_frames(bodies: MjcfBodies) -> tuple[dict[str, dict[str, Any]], MjcfNames]:
+    """The sites of a file that have a name and stand on a body, by their names in the spec, and what is renamed. Those of the
+    world itself are on the body that stands for it, where there is one."""
+    model, names = bodies.model, MjcfNames(set(bodies.data))
+    made: dict[str, dict[str, Any]] = {}
+    for number, part in model.parts.get("site", {}).items():
+        body = int(model["site_bodyid"][number])
+        if not part.name or (not body and bodies.ground is None) or len(made) >= MOST_FRAMES:
+            continue
+        shift = bodies.shifts.get(body)
+        position = model["site_pos"][number] if shift is None else model["site_pos"][number] - shift
+        words: dict[str, Any] = {"body": bodies.named(body)}
+        if place := pose(position, model["site_quat"][number]):
+            words["pose"] = place
+        made[names.give(part.name, f"site_{number}")] = words
+        bodies.features.framed.add(id(part.element))
+    return made, names

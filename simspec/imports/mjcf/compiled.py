@@ -11,19 +11,231 @@ import json
 import re
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Final, Protocol, runtime_checkable
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simspec.errors import Problem, SpecError
 from simspec.imports.child import ChildError, Policy, run
-from simspec.imports.elements import Element
-from simspec.imports.mjcf.assembly import Assembly
+from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, Element
+from simspec.imports.mjcf.assembly import MjcfAssembly
+from simspec.language.foreign import Severity
 from simspec.plugins import Offered, offered
 from simspec.reading import NotReadableError, parse_json
+
+# --- features of a model that a spec does not have ---
+# They are found in the compiled numbers: what a class of defaults gives counts like an attribute, and what has no effect is no
+# loss.
+
+_LISTED: Final = "a distance at which contact is listed, without a force: nothing is felt of it"
+_AT_CENTRE: Final = (
+    "of a free body the language has it at the centre of mass, and the file at another point, the origin of its frame"
+)
+_PHYSICS, _INFORMATION = Severity.PHYSICS, Severity.INFORMATION
+
+
+class MjcfFeature(NamedTuple):
+    """``attributes``: where files say it, as ``tag/attribute``; ``*`` for an element itself."""
+
+    attributes: str
+    severity: Severity
+    reason: str
+    hint: str = ""
+
+
+FEATURES: Final = {
+    "body.mocap": MjcfFeature(
+        "body/mocap",
+        _INFORMATION,
+        "a body that a program moves: here it stands where it is",
+    ),
+    "body.mocap_start": MjcfFeature(
+        "body/pos body/quat",
+        _INFORMATION,
+        "a body that a program moves begins where the loop that holds it is closed: joints of the other body begin at their "
+        "limits, since the reference is beyond them",
+    ),
+    "body.gravcomp": MjcfFeature(
+        "body/gravcomp joint/actuatorgravcomp",
+        _PHYSICS,
+        "actuators with a largest effort take the weight away: in the language it is away, whatever they do",
+    ),
+    "joint.start": MjcfFeature(
+        "joint/range joint/ref",
+        _INFORMATION,
+        "the reference position is beyond the limits: a run begins at the nearest limit",
+        "position: of the joint, in the spec, or positions: where the model is placed",
+    ),
+    "joint.margin": MjcfFeature(
+        "joint/margin",
+        _INFORMATION,
+        "the distance at which a limit begins to act is not in the language: limits are hard",
+    ),
+    "joint.effort_range": MjcfFeature(
+        "joint/actuatorfrcrange joint/actuatorfrclimited", _PHYSICS, "limits of effort are symmetric in the language"
+    ),
+    "joint.free_damping": MjcfFeature("joint/damping freejoint/*", _PHYSICS, _AT_CENTRE),
+    "joint.free_spring": MjcfFeature("joint/stiffness freejoint/*", _PHYSICS, "free bodies have no springs"),
+    "joint.dry_friction": MjcfFeature("joint/frictionloss", _PHYSICS, "only hinges and slides have dry friction"),
+    "joint.armature": MjcfFeature("joint/armature freejoint/*", _PHYSICS, _AT_CENTRE),
+    "joint.ball_limit": MjcfFeature("joint/range joint/limited", _PHYSICS, "a ball whose largest angle is 0 is fixed"),
+    "joint.polynomial": MjcfFeature(
+        "joint/stiffness joint/damping", _PHYSICS, "springs and dampers are linear in the language"
+    ),
+    "joint.plastic": MjcfFeature("joint/springyield", _PHYSICS, "springs that yield are not in the language"),
+    "geom.kind": MjcfFeature(
+        "geom/type geom/mesh geom/hfield",
+        _PHYSICS,
+        "a collision shape of a kind that the language does not have yet; a height field that may move, or is too large",
+    ),
+    "geom.appearance": MjcfFeature(
+        "geom/type geom/mesh geom/hfield",
+        Severity.APPEARANCE,
+        "a visual shape of a kind that the language does not have yet",
+    ),
+    "geom.hull": MjcfFeature(
+        "geom/mesh",
+        _PHYSICS,
+        "a hull of more vertices than the language has: it is the hull of those that change it most",
+    ),
+    "geom.drawn_hull": MjcfFeature(
+        "geom/mesh", Severity.APPEARANCE, "a drawn mesh of more vertices than the language has"
+    ),
+    "option.timestep": MjcfFeature(
+        "option/timestep",
+        _INFORMATION,
+        "dampers and springs are explicit in time in the spec, and would diverge at the file's timestep: it has a shorter one",
+        "less damping or stiffness, or more armature, allows a longer one",
+    ),
+    "geom.margin": MjcfFeature(
+        "geom/margin geom/gap", _PHYSICS, "a gap beyond the margin: in the language no margin is negative"
+    ),
+    "pair.margin": MjcfFeature(
+        "pair/margin pair/gap", _PHYSICS, "a gap beyond the margin: in the language no margin is negative"
+    ),
+    "geom.gap": MjcfFeature("geom/gap", _INFORMATION, _LISTED),
+    "pair.gap": MjcfFeature("pair/gap", _INFORMATION, _LISTED),
+    "geom.fluid": MjcfFeature(
+        "geom/fluidshape geom/fluidcoef",
+        _PHYSICS,
+        "forces of a fluid on single shapes, with added mass and lift: the language has those on boxes of the bodies' inertia",
+    ),
+    "geom.adhesion": MjcfFeature("geom/adhesion pair/adhesion", _PHYSICS, "adhesion is not in the language"),
+    "contact.softness": MjcfFeature(
+        "geom/solref geom/solimp geom/solmix pair/solref pair/solimp pair/solreffriction",
+        _INFORMATION,
+        HOW_HARD,
+        HARDNESS_HINT,
+    ),
+    "contact.pair": MjcfFeature(
+        "pair/*", _PHYSICS, "the file lets two shapes touch whose bodies are joined rigidly; the language does not"
+    ),
+    "contact.uneven": MjcfFeature(
+        "pair/*", _PHYSICS, "friction of a pair is the same in every direction in the language"
+    ),
+    "contact.materials": MjcfFeature(
+        "geom/friction geom/condim geom/priority geom/contype geom/conaffinity",
+        _PHYSICS,
+        "more kinds of surfaces than a spec may have materials",
+    ),
+    "contact.scenario": MjcfFeature(
+        "option/cone geom/condim geom/priority",
+        _INFORMATION,
+        "how different surfaces combine, and the friction cone, are said by the scenario that places a model",
+        "contact: {combine: max} in the scenario",
+    ),
+    "contact.override": MjcfFeature(
+        "option/o_margin option/o_solref option/o_solimp option/o_friction flag/override",
+        _PHYSICS,
+        "one law for all contacts, instead of their own",
+    ),
+    "option.fluid": MjcfFeature(
+        "option/density option/viscosity option/wind",
+        _PHYSICS,
+        "of bodies that are welded, one of them without inertia of its own, the fluid acts on the box of all together",
+    ),
+    "equality": MjcfFeature(
+        "equality/*",
+        _PHYSICS,
+        "the language has joints that follow one other linearly, and loops that the reference configuration closes",
+    ),
+    "equality.softness": MjcfFeature(
+        "equality/solref equality/solimp", _INFORMATION, "how hard constraints are: those of the spec are rigid"
+    ),
+    "equality.inactive": MjcfFeature("equality/*", _INFORMATION, "a constraint that is switched off is left out"),
+    "tendon": MjcfFeature(
+        "tendon/*",
+        _PHYSICS,
+        "the language has springs, dampers and limits along sums of joint positions; not along ways through space, nor "
+        "friction, inertia, springs with a slack range and limits that the sum begins beyond",
+    ),
+    "tendon.passive": MjcfFeature("tendon/*", _INFORMATION, "a tendon that exerts no force by itself"),
+    "actuator": MjcfFeature(
+        "actuator/*",
+        _INFORMATION,
+        "an actuator of no single hinge or slide, with a state, or with limits of its force that are not symmetric",
+        "control: {robot: {joints: [JOINT], kp: KP, kd: KD, effort_limit: LIMIT}}",
+    ),
+    "actuator.inertia": MjcfFeature("actuator/*", _PHYSICS, "inertia and damping of actuators are not carried"),
+    "key": MjcfFeature(
+        "key/*",
+        _INFORMATION,
+        "a named state is carried where the file has one tree; joints beyond a limit are at the limit",
+        "positions: where the model is placed",
+    ),
+    "key.driven": MjcfFeature(
+        "key/time key/ctrl key/act key/mpos key/mquat",
+        _INFORMATION,
+        "states of actuators, inputs of those that a spec has not, and what a program moves are no part of a named state",
+    ),
+    "plugin": MjcfFeature("plugin/*", _PHYSICS, "plugins are programs: what they do is not known"),
+}
+"""Every feature. An attribute of one that the model does not have is carried: it says what holds anyway."""
+
+
+@dataclass
+class MjcfFeatures:
+    """Those that a model has, each with the elements that have it."""
+
+    having: dict[str, list[Element]] = field(default_factory=dict)
+
+    carried: list[Element] = field(default_factory=list)
+    """Elements of sections (constraints) that the spec says."""
+    states: set[str] = field(default_factory=set)
+    """Names of the keys that the spec has as states."""
+    commanded: set[str] = field(default_factory=set)
+    """Names of those of them whose inputs are commands of the spec's."""
+    actuators: set[int] = field(default_factory=set)
+    """Numbers of the actuators that the spec has."""
+    framed: set[int] = field(default_factory=set)
+    """The ``id`` of the elements of sites that the spec has as frames."""
+    hints: dict[tuple[str, int], str] = field(default_factory=dict)
+    """Ways out for single elements, by the feature and the ``id`` of the element."""
+    _known: set[tuple[str, int]] = field(default_factory=set)
+    """What :attr:`having` holds, by the ``id`` of the element: it is asked for each attribute of each element."""
+
+    def add(self, name: str, element: Element, hint: str = "") -> None:
+        """Say that an element has a feature; ``hint``: the way out for this one."""
+        if hint:
+            self.hints[name, id(element)] = hint
+        if name not in FEATURES:
+            raise KeyError(name)
+        elements = self.having.setdefault(name, [])
+        if not self.has(name, element):
+            self._known.add((name, id(element)))
+            elements.append(element)
+
+    def carry(self, element: Element) -> None:
+        """Say that an element of a section is carried, but for what its features say of attributes."""
+        self.carried.append(element)
+
+    def has(self, name: str, element: Element) -> bool:
+        """Whether an element has a feature."""
+        return (name, id(element)) in self._known
+
 
 GROUP: Final = "simspec.mjcf_compilers"
 """The entry points of compilers."""
@@ -54,7 +266,7 @@ class Compiler(Protocol):
 
 
 @dataclass(frozen=True)
-class Part:
+class CompiledElement:
     """An element of the compiled model: its name (empty: none) and the element of the file that it comes from."""
 
     name: str
@@ -62,7 +274,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class MeshFile:
+class CompiledMesh:
     """A mesh: its file (None: it has none), what is done to the file's vertices v, ``scale (R(turn)ᵀ (v − origin))``, the
     number of faces, of vertices of its hull (at most), and the extent along its own axes (m)."""
 
@@ -75,16 +287,16 @@ class MeshFile:
     extent: tuple[float, ...]
 
 
-def _mesh_file(mesh: Mapping[str, Any], assembly: Assembly) -> MeshFile:
+def _mesh_file(mesh: Mapping[str, Any], assembly: MjcfAssembly) -> CompiledMesh:
     scale, origin, turn, extent = (tuple(mesh[word]) for word in ("scale", "refpos", "refquat", "extent"))
     path = assembly.mesh_files.get(mesh["file"])
-    return MeshFile(path, scale, origin, turn, mesh["faces"], mesh["hull"], extent)
+    return CompiledMesh(path, scale, origin, turn, mesh["faces"], mesh["hull"], extent)
 
 
-class Compiled:
+class CompiledMjcf:
     """The compiled model: ``self["body_pos"]`` is an array as the compiler calls it; ``parts`` by kind and number."""
 
-    def __init__(self, answer: Mapping[str, Any], assembly: Assembly):
+    def __init__(self, answer: Mapping[str, Any], assembly: MjcfAssembly):
         model = answer["model"]
         self.version = str(answer["version"])
         self.major = int(self.version.partition(".")[0])
@@ -92,12 +304,12 @@ class Compiled:
         self.options: dict[str, Any] = model["options"]
         self._arrays: dict[str, NDArray[Any]] = {name: np.asarray(value) for name, value in model["arrays"].items()}
         self.root = assembly.root
-        self.parts: dict[str, dict[int, Part]] = {}
+        self.parts: dict[str, dict[int, CompiledElement]] = {}
         for kind, rows in model["elements"].items():
             parts = self.parts.setdefault(kind, {})
             for name, line, number in rows:
-                parts[number] = Part(name, assembly.lines.get(line, assembly.root))
-        self.meshes: dict[int, MeshFile] = {
+                parts[number] = CompiledElement(name, assembly.lines.get(line, assembly.root))
+        self.meshes: dict[int, CompiledMesh] = {
             int(number): _mesh_file(mesh, assembly) for number, mesh in model["meshes"].items()
         }
         self.field_files: dict[int, Path] = {
@@ -115,9 +327,9 @@ class Compiled:
         """An array that some versions do not have."""
         return self._arrays.get(name)
 
-    def part(self, kind: str, number: int) -> Part:
+    def part(self, kind: str, number: int) -> CompiledElement:
         """An element by its number; where the compiler made it by itself, nameless and of the outermost element."""
-        return self.parts[kind].get(number) or Part("", self.root)
+        return self.parts[kind].get(number) or CompiledElement("", self.root)
 
     def disabled(self, *names: str) -> bool:
         """Whether one of these flags is switched off."""
@@ -166,7 +378,7 @@ def _compiler(root: Element) -> Compiler:
     raise root.error("MJCF is imported by way of its own compiler, which is not installed", hint=hint)
 
 
-def compile_model(assembly: Assembly, states: Random | None = None) -> Compiled:
+def compile_model(assembly: MjcfAssembly, states: Random | None = None) -> CompiledMjcf:
     """The compiled model; with ``states``, also its dynamics in some. Raises SpecError where the compiler refuses it, is not
     installed, or takes more time or memory than is allowed."""
     root = assembly.root
@@ -183,13 +395,13 @@ def compile_model(assembly: Assembly, states: Random | None = None) -> Compiled:
         raise root.error(f"the compiler of this model gave no answer: {error}") from None
     if "error" in answer:
         raise SpecError([_refused(str(answer["error"]), assembly)])
-    return Compiled(answer, assembly)
+    return CompiledMjcf(answer, assembly)
 
 
 _LINE = re.compile(r",?\s*\bline (\d+)(, column \d+)?")
 
 
-def _refused(error: str, assembly: Assembly) -> Problem:
+def _refused(error: str, assembly: MjcfAssembly) -> Problem:
     """What the compiler says, at the element that it means; its own lines are not the file's."""
     element = assembly.root
     match = _LINE.search(error)

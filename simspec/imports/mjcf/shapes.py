@@ -1,17 +1,75 @@
-"""Geoms of a compiled model as shapes of a spec."""
+"""Geoms and height fields of a compiled model as shapes of a spec."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simspec.imports.mjcf.bodies import Bodies, Names, Vector, inverse, numbers, pose, product, rotated
-from simspec.imports.mjcf.heightfields import height_field
-from simspec.imports.mjcf.surfaces import Surfaces
+from simspec.imports.mjcf.bodies import MjcfBodies, MjcfNames, Vector, inverse, numbers, pose, product, rotated
+from simspec.imports.mjcf.contact import MjcfSurfaces
 from simspec.language.mesh import MOST_VERTICES
+from simspec.meshes.files import MeshError
+from simspec.meshes.grids import read_grid
+
+# --- height fields ---
+
+MOST_ROWS: Final = 2**16
+"""Heights that are written into a spec; of more, a picture that says the same is named."""
+SAME: Final = 1e-6
+"""Share of the range by which a picture may be off: the compiler has single precision."""
+
+
+def height_field(bodies: MjcfBodies, number: int) -> dict[str, Any] | None:
+    """The shape of a geom; None for what the language does not have: one on a body that may move, and one of more heights than
+    are read."""
+    model = bodies.model
+    data, shares = int(model["geom_dataid"][number]), model.get("hfield_data")
+    if shares is None or not _still(bodies, int(model["geom_bodyid"][number])):
+        return None
+    rows, columns = int(model["hfield_nrow"][data]), int(model["hfield_ncol"][data])
+    half_x, half_y, top, base = model["hfield_size"][data].tolist()
+    first = int(model["hfield_adr"][data])
+    grid = shares[first : first + rows * columns].reshape(rows, columns)[::-1]  # as on a map: the greatest y first
+    said = {"size": numbers([2.0 * half_x, 2.0 * half_y]), "heights": [0.0, float(top)], "base": float(base)}
+    path = model.field_files.get(data)
+    if path is not None and _says(path, grid):
+        text = os.path.relpath(path, bodies.folder).replace(os.sep, "/")
+        bodies.files[text] = path
+        return {"heightfield": {"file": text, **said}}
+    if rows * columns > MOST_ROWS:
+        return None
+    if not grid.any():  # all at the lowest, as in the compiled model
+        said["heights"] = [0.0, 0.0]
+    return {"heightfield": {"rows": [numbers(row) for row in grid], **said}}
+
+
+def _still(bodies: MjcfBodies, body: int) -> bool:
+    """Whether a body is fixed to the world, and none above it is moved as it is told."""
+    if int(bodies.model["body_weldid"][body]) != 0:
+        return False
+    while body:
+        if int(bodies.model["body_mocapid"][body]) >= 0:
+            return False
+        body = int(bodies.model["body_parentid"][body])
+    return True
+
+
+def _says(path: Path, grid: NDArray[Any]) -> bool:
+    """Whether a file is a picture that the language reads, with these shares of its range."""
+    if path.suffix.lower() != ".png":
+        return False
+    try:
+        shades = read_grid(path)
+    except MeshError:
+        return False
+    span = shades.max() - shades.min()
+    return shades.shape == grid.shape and bool(np.abs((shades - shades.min()) / (span or 1.0) - grid).max() <= SAME)
+
 
 PLANE, HEIGHT_FIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = range(8)
 """Types of geoms."""
@@ -34,10 +92,10 @@ HIDDEN: Final = 3
 """Groups from this one on are not drawn by default."""
 
 
-def add_shapes(bodies: Bodies, surfaces: Surfaces) -> None:
+def add_shapes(bodies: MjcfBodies, surfaces: MjcfSurfaces) -> None:
     """Give each body its shapes; those of the world are a body of their own, which is fixed."""
     model = bodies.model
-    names = Names()
+    names = MjcfNames()
     for number in range(model.numbers["ngeom"]):
         part = model.part("geom", number)
         shape = _shape(bodies, surfaces, number)
@@ -56,7 +114,7 @@ def add_shapes(bodies: Bodies, surfaces: Surfaces) -> None:
         shapes.append(shape)
 
 
-def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | None:
+def _shape(bodies: MjcfBodies, surfaces: MjcfSurfaces, number: int) -> dict[str, Any] | None:
     model = bodies.model
     element = model.part("geom", number).element
     kind, body = int(model["geom_type"][number]), int(model["geom_bodyid"][number])
@@ -90,7 +148,7 @@ def _shape(bodies: Bodies, surfaces: Surfaces, number: int) -> dict[str, Any] | 
     return shape
 
 
-def _moving(bodies: Bodies, number: int, place: Vector, turn: Vector) -> dict[str, Any]:
+def _moving(bodies: MjcfBodies, number: int, place: Vector, turn: Vector) -> dict[str, Any]:
     """The velocity of a geom's surface, in the frame of the shape, which of a mesh is not the geom's; ``place``, ``turn``: of
     the shape in the file's frame of the body."""
     field = bodies.model.get("geom_surfacevel")
@@ -105,7 +163,7 @@ def _moving(bodies: Bodies, number: int, place: Vector, turn: Vector) -> dict[st
     return {name: numbers(value) for name, value in (("linear", linear), ("angular", angular)) if value.any()}
 
 
-def _mesh(bodies: Bodies, number: int, solid: bool) -> tuple[dict[str, Any], Vector, Vector] | None:
+def _mesh(bodies: MjcfBodies, number: int, solid: bool) -> tuple[dict[str, Any], Vector, Vector] | None:
     """The shape of a mesh, and where the frame of its file is in the body's: the compiler moves meshes to their centre.
     None for what the language does not have."""
     model, data = bodies.model, int(bodies.model["geom_dataid"][number])
@@ -132,7 +190,7 @@ def _mesh(bodies: Bodies, number: int, solid: bool) -> tuple[dict[str, Any], Vec
     return {"mesh": said}, place, product(turn, inverse(own))
 
 
-def _colour(bodies: Bodies, number: int) -> list[float]:
+def _colour(bodies: MjcfBodies, number: int) -> list[float]:
     """Red, green, blue and opacity: the geom's own, else its material's."""
     model = bodies.model
     colour, material = model["geom_rgba"][number], int(model["geom_matid"][number])

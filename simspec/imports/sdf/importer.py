@@ -9,34 +9,33 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports import moments
-from simspec.imports.draft import plain
+from simspec.imports import draft
+from simspec.imports.draft import Materials, plain
 from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
-from simspec.imports.sdf.aside import IN_WORLD, PHYSICS, set_aside
-from simspec.imports.sdf.contact import excluded, silent
-from simspec.imports.sdf.graph import Graph
+from simspec.imports.sdf.joints import FrameGraph
 from simspec.imports.sdf.masses import RULES as RULES_OF_MASSES
-from simspec.imports.sdf.masses import give_masses
-from simspec.imports.sdf.meshes import RULES as RULES_OF_MESHES
-from simspec.imports.sdf.meshes import Meshes
-from simspec.imports.sdf.models import Reader, Scope
+from simspec.imports.sdf.masses import excluded, give_masses, silent
+from simspec.imports.sdf.models import RULES as RULES_OF_MESHES
+from simspec.imports.sdf.models import ModelReader, Scope, SdfMeshes
 from simspec.imports.sdf.shapes import ShapeRead, judge_meshes
-from simspec.imports.sdf.trees import (
-    MASSLESS,
-    BodyRead,
-    ModelRead,
-    Names,
-    body_data,
-    constraints,
-    named_frames,
-    read_model,
-)
+from simspec.imports.sdf.trees import MASSLESS, BodyRead, ModelRead, body_data, constraints, named_frames, read_model
 from simspec.imports.sdf.trees import RULES as RULES_OF_TREES
-from simspec.imports.sdf.values import Placement, finite_of, lost, unused, vector_of
-from simspec.imports.sdf.versions import OLD_OUTERMOST, OUTERMOST, version_of
-from simspec.imports.surfaces import Materials
-from simspec.imports.timestep import add_timestep
+from simspec.imports.sdf.values import (
+    IN_WORLD,
+    OLD_OUTERMOST,
+    OUTERMOST,
+    PHYSICS,
+    Placement,
+    SdfNames,
+    finite_of,
+    lost,
+    set_aside,
+    unused,
+    vector_of,
+    version_of,
+)
+from simspec.imports.writing import add_timestep
 from simspec.language.document import Path_
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Repair, Severity
 
@@ -45,7 +44,7 @@ GRAVITY: Final = (0.0, 0.0, -9.8)
 ONLY_LINK: Final = "link"
 """What the only link of a model is called that has no name of its own."""
 STEP: Final = 0.001
-RULES: Final = {**RULES_OF_MASSES, **RULES_OF_TREES, **RULES_OF_MESHES, moments.RULE: moments.MEANING}
+RULES: Final = {**RULES_OF_MASSES, **RULES_OF_TREES, **RULES_OF_MESHES, draft.RULE: draft.MEANING}
 """Rules of repair, with what they do."""
 TOO_LARGE: Final = "what follows from these numbers is beyond the largest double"
 MOST_PAIRS: Final = 20_000
@@ -70,11 +69,11 @@ class Sdf:
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
         """A file as a spec. Raises SpecError with the places of what it does not support."""
         files = Files(path, shown, options)
-        reader = Reader(files)
+        reader = ModelReader(files)
         root = reader.root(path.resolve(), files.content(), shown)
         scopes, world = _outermost(reader, root, path)
-        graph, meshes = Graph(), Meshes(files, options.repairs)
-        problems = options.repairs.problems(shown, RULES, (moments.FROM_SHAPES,))
+        graph, meshes = FrameGraph(), SdfMeshes(files, options.repairs)
+        problems = options.repairs.problems(shown, RULES, (draft.FROM_SHAPES,))
         models: list[ModelRead] = []
         for scope in scopes:
             try:
@@ -85,7 +84,7 @@ class Sdf:
             judge_meshes((body.content.shapes for read in models for body in read.bodies), meshes)
         except SpecError as error:
             problems.extend(error.problems)
-        density, wrong = moments.density_of(options.repairs, shown)
+        density, wrong = draft.density_of(options.repairs, shown)
         problems += wrong
         if not problems:
             problems += give_masses(models, options.repairs, density)
@@ -109,7 +108,7 @@ class Sdf:
         return imported
 
 
-def _outermost(reader: Reader, root: Element, path: Path) -> tuple[list[Scope], Scope | None]:
+def _outermost(reader: ModelReader, root: Element, path: Path) -> tuple[list[Scope], Scope | None]:
     """The models of a file, and its world where it has one. Raises SpecError where there is nothing to import."""
     version, folder, chain = version_of(root), path.resolve().parent, (path.resolve(),)
     worlds = root.look("world")
@@ -150,7 +149,7 @@ class _Spec:
     """The spec that is made."""
 
     path: Path
-    graph: Graph
+    graph: FrameGraph
     world: Scope | None
     models: list[ModelRead]
     data: dict[str, Any] = field(default_factory=dict)
@@ -177,7 +176,7 @@ class _Spec:
         name = model.scope.name if len(self.models) == 1 else self.path.name.partition(".")[0]
         if self.world is not None and self.world.name not in ("default", "world"):
             name = self.world.name
-        self.data.update({"simspec": 1, "name": Names().give(name)})
+        self.data.update({"simspec": 1, "name": SdfNames().give(name)})
         if self.world is not None:
             self.data["physics"] = _physics(self.world)
         contact: dict[str, Any] = {}
@@ -221,7 +220,7 @@ class _Spec:
 
     def _scenario(self) -> None:
         """Models of one tree under ``models``; single links, and models of several trees, under ``bodies``."""
-        names = Names()
+        names = SdfNames()
         for model in self.models:
             roots = model.roots
             if _is_placed(model):
@@ -253,13 +252,13 @@ class _Spec:
     def _constrain(self, model: ModelRead, around: dict[str, Any], path: Path_) -> None:
         """The named frames of a model, and what holds its bodies together outside its trees."""
         if said := named_frames(model):
-            taken = Names([*around.get("frames", ()), *around.get("bodies", ())])
+            taken = SdfNames([*around.get("frames", ()), *around.get("bodies", ())])
             given = {taken.give(name): frame for name, frame in said.items()}
             around.setdefault("frames", {}).update(given)
         said = constraints(model)
         if not said:
             return
-        names = Names(around.get("constraints", ()))
+        names = SdfNames(around.get("constraints", ()))
         held = {names.give(name): constraint for name, constraint in said.items()}
         around.setdefault("constraints", {}).update(held)
         for name in held:
@@ -285,7 +284,7 @@ class _Spec:
             if body.content.repaired:
                 element = body.content.inertial or body.element
                 place = ".".join((*own, "inertia"))
-                self.repairs.append(Repair(moments.RULE, element.location, body.content.repaired, place))
+                self.repairs.append(Repair(draft.RULE, element.location, body.content.repaired, place))
             for rule, what, word in body.content.given:
                 element = body.content.inertial or body.element
                 self.repairs.append(Repair(rule, element.location, what, ".".join((*own, word))))
@@ -347,7 +346,7 @@ def _is_placed(model: ModelRead) -> bool:
 
 def _give_names(shapes: list[ShapeRead]) -> None:
     often = Counter(shape.name for shape in shapes)
-    names = Names()
+    names = SdfNames()
     for shape in shapes:
         if shape.name and often[shape.name] == 1:
             shape.name = names.give(shape.name, shape.element)

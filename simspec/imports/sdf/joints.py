@@ -1,23 +1,216 @@
-"""Joints of SDF as joints of the language."""
+"""Frames and joints of SDF."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import angle
 from simspec.imports.elements import NO_RATING, SOLVER, Element
-from simspec.imports.sdf.aside import IN_JOINT, set_aside
-from simspec.imports.sdf.graph import MODEL, WORLD, Graph, Link
-from simspec.imports.sdf.models import Scope
-from simspec.imports.sdf.values import Placement, finite_of, flag_of, lost, number, number_of, unused, vector
-from simspec.imports.sdf.versions import EXPRESSED_SINCE, JOINT_FRAME_SINCE
+from simspec.imports.sdf.models import SEPARATOR, Scope
+from simspec.imports.sdf.values import (
+    EXPRESSED_SINCE,
+    IN_JOINT,
+    JOINT_FRAME_SINCE,
+    Placement,
+    SdfPose,
+    finite_of,
+    flag_of,
+    lost,
+    number,
+    number_of,
+    pose_of,
+    set_aside,
+    text_of,
+    unused,
+    vector,
+)
 from simspec.language.foreign import Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Vector3
+
+# --- frames: poses relative to names, links that frames are attached to ---
+
+MODEL: Final = "__model__"
+WORLD: Final = "world"
+
+Link = tuple[Scope, str]
+MOST_PARTS: Final = 100
+"""Names of models that one name has before its own."""
+
+
+def split(scope: Scope, name: str) -> tuple[str, str]:
+    """The name of the model that a name begins with, and the rest, which is a name in that model; "" and the name itself where
+    it is one of the scope's, also one with `::` in it."""
+    if SEPARATOR not in name or scope.owner(name) is not None:
+        return "", name
+    parts = name.split(SEPARATOR, MOST_PARTS)
+    for count in range(1, len(parts)):
+        first = SEPARATOR.join(parts[:count])
+        around = scope.owner(first)
+        if around is not None and first in around.models:
+            return first, SEPARATOR.join(parts[count:])
+    return parts[0], SEPARATOR.join(parts[1:])
+
+
+@dataclass
+class FrameGraph:
+    """Answers where things are. All poses are of the file's own configuration, in which every joint is at zero."""
+
+    _poses: dict[tuple[int, str], Placement] = field(default_factory=dict)
+    _placed: dict[tuple[int, str], SdfPose] = field(default_factory=dict)
+    _open: list[tuple[int, str]] = field(default_factory=list)
+    _attached: dict[tuple[int, str], Link | None] = field(default_factory=dict)
+
+    # --- names ------------------------------------------------------------------------------------------------
+
+    def home(self, scope: Scope, name: str, asking: Element) -> tuple[Scope, str]:
+        """The scope and the own name of what ``name`` means in ``scope``. Raises SpecError at the element that asks."""
+        last = name
+        while True:
+            part, last = split(scope, last)
+            if not part:
+                break
+            around = scope.owner(part)
+            if around is None or part not in around.models:
+                raise asking.error(f"no model is called {part[:80]!r} here", found=name[:200])
+            scope = around.models[part]
+        owner = scope.owner(last)
+        if owner is None and last not in (MODEL, WORLD):
+            known = ", ".join(sorted(scope.names())[:20])
+            raise asking.error(f"nothing is called {last[:80]!r} here", found=name[:200], allowed=known or None)
+        return owner or scope, last
+
+    def link(self, scope: Scope, name: str, asking: Element) -> Link | None:
+        """The link that a frame is fixed to; None: the world. Raises SpecError at the element that asks."""
+        scope, name = self.home(scope, name, asking)
+        known: set[str] = set()
+        walked: list[tuple[int, str]] = []
+        # a chain may be longer than Python's calls within each other
+        while name in scope.frames and name not in known and (id(scope), name) not in self._attached:
+            further = scope.frames[name].word("attached_to") or MODEL
+            if split(scope, further)[0] or further == MODEL:
+                break
+            known.add(name)
+            walked.append((id(scope), name))
+            scope, name = self.home(scope, further, scope.frames[name])
+        key = (id(scope), name)
+        if key in self._open or name in known:
+            raise asking.error("frames that are attached to each other", found=name[:80])
+        if key not in self._attached:
+            self._open.append(key)
+            self._attached[key] = self._link(scope, name, asking)
+            self._open.pop()
+        for one in walked:  # each frame of a chain asks
+            self._attached[one] = self._attached[key]
+        return self._attached[key]
+
+    def _link(self, scope: Scope, name: str, asking: Element) -> Link | None:
+        if name in scope.links:
+            return scope, name
+        if name == WORLD or (name == MODEL and scope.is_world):
+            return None
+        if name in scope.joints:
+            return self.link(scope, text_of(scope.joints[name], "child", ""), scope.joints[name])
+        if name in scope.frames:
+            frame = scope.frames[name]
+            return self.link(scope, frame.word("attached_to") or MODEL, frame)
+        if name in scope.models:
+            return self.canonical(scope.models[name], asking)
+        return self.canonical(scope, asking)
+
+    def canonical(self, scope: Scope, asking: Element) -> Link | None:
+        """The link that a model's own frame is fixed to. Raises SpecError where it has none."""
+        if scope.canonical:
+            return self.link(scope, scope.canonical, scope.element)
+        if scope.links:
+            return scope, next(iter(scope.links))
+        for inner in scope.models.values():
+            return self.canonical(inner, asking)
+        raise asking.error(f"the model {scope.name[:80]!r} has no link")
+
+    # --- poses ------------------------------------------------------------------------------------------------
+
+    def pose(self, scope: Scope, name: str, asking: Element) -> Placement:
+        """The pose of a frame in that of the scope itself. Raises SpecError at the element that asks."""
+        first, rest = split(scope, name)
+        if first:
+            self.home(scope, name, asking)
+            around = scope.owner(first) or scope
+            inner = self.pose(around, first, asking).then(self.pose(around.models[first], rest, asking))
+            return self.in_scope(scope, around).then(inner)
+        owner, name = self.home(scope, name, asking)
+        if owner is not scope:  # one of a model that is merged into this one
+            return self.in_scope(scope, owner).then(self.pose(owner, name, asking))
+        if name == MODEL or (name == WORLD and scope.is_world):
+            return Placement()
+        if name == WORLD and name not in scope.links:
+            raise asking.error("nothing in a model is relative to the world", found=name)
+        for below in reversed(self._chain(scope, name, asking)):
+            self._poses[id(scope), below] = self._pose(scope, below)
+        return self._poses[id(scope), name]
+
+    def _chain(self, scope: Scope, name: str, asking: Element) -> list[str]:
+        """The frame, and those of its own scope that its pose follows from, as far as they are not known; the first one last. A
+        chain may be longer than Python's calls within each other."""
+        chain: list[str] = []
+        known: set[str] = set()
+        while (id(scope), name) not in self._poses:
+            if name in known or (id(scope), name) in self._open:
+                raise asking.error("poses that are relative to each other", found=name[:80])
+            known.add(name)
+            chain.append(name)
+            placed, element = self.placed(scope, name)
+            name = placed.relative_to or MODEL
+            if name in (MODEL, WORLD) or split(scope, name)[0]:
+                break
+            owner, _ = self.home(scope, name, placed.element or element)
+            if owner is not scope:
+                break
+        return chain
+
+    def _pose(self, scope: Scope, name: str) -> Placement:
+        self._open.append((id(scope), name))
+        placed, element = self.placed(scope, name)
+        pose = self.pose(scope, placed.relative_to or MODEL, placed.element or element).then(placed.placement)
+        if name in scope.models and scope.models[name].placement_frame:
+            inner = scope.models[name]
+            pose = pose.then(self.pose(inner, inner.placement_frame, inner.element).inverse())
+        self._open.pop()
+        return pose
+
+    def placed(self, scope: Scope, name: str) -> tuple[SdfPose, Element]:
+        """The ``<pose>`` of a link, joint, frame or model, against the frame that it is relative to by default where the file
+        does not say it."""
+        if name in scope.models:
+            return scope.models[name].placed, scope.models[name].element
+        table, default = scope.links, MODEL
+        if name in scope.joints:
+            table, default = scope.joints, text_of(scope.joints[name], "child", "")
+        elif name in scope.frames:
+            table, default = scope.frames, scope.frames[name].word("attached_to") or MODEL
+        key = (id(scope), name)
+        if key not in self._placed:
+            own = pose_of(table[name])
+            self._placed[key] = SdfPose(own.placement, own.relative_to or default, own.element)
+        return self._placed[key], table[name]
+
+    def in_scope(self, outer: Scope, inner: Scope) -> Placement:
+        """The pose of a model's frame in that of a scope around it."""
+        path: list[Scope] = []
+        around: Scope | None = inner
+        while around is not None and around is not outer:
+            path.append(around)
+            around = around.parent
+        pose = Placement()
+        for model in reversed(path):
+            assert model.parent is not None
+            pose = pose.then(self.pose(model.parent, model.name, model.element))
+        return pose
+
 
 KINDS: Final[Mapping[str, str]] = {
     "revolute": "hinge",
@@ -45,7 +238,7 @@ ACTING: Final[Mapping[str, str]] = {
 
 
 @dataclass(frozen=True)
-class Mimic:
+class MimicRead:
     """That a joint follows another: ``axis`` is which of the leader's axes."""
 
     element: Element
@@ -71,17 +264,17 @@ class JointRead:
     """Limits, damping, and the like; the axis in the child link's axes."""
     second: dict[str, Any] | None = None
     """The same of the second axis of a universal joint."""
-    mimic: Mimic | None = None
-    second_mimic: Mimic | None = None
+    mimic: MimicRead | None = None
+    second_mimic: MimicRead | None = None
 
     @property
-    def mimics(self) -> list[tuple[Mimic, str]]:
+    def mimics(self) -> list[tuple[MimicRead, str]]:
         """What its axes follow, each with the word of the axis."""
         both = ((self.mimic, FIRST_AXIS), (self.second_mimic, SECOND_AXIS))
         return [(mimic, word) for mimic, word in both if mimic is not None]
 
 
-def read_joint(graph: Graph, scope: Scope, name: str) -> JointRead:
+def read_joint(graph: FrameGraph, scope: Scope, name: str) -> JointRead:
     """A joint of a model. Raises SpecError for kinds that the language does not have."""
     element = scope.joints[name]
     word = element.need("type")
@@ -113,7 +306,7 @@ def read_joint(graph: Graph, scope: Scope, name: str) -> JointRead:
     return read
 
 
-def side_of(graph: Graph, scope: Scope, element: Element, tag: str) -> Link | None:
+def side_of(graph: FrameGraph, scope: Scope, element: Element, tag: str) -> Link | None:
     """The link on one side of a joint (``parent`` or ``child``); None: the world. Raises SpecError where there is none."""
     side = element.child(tag)
     if side is None or not side.text:
@@ -123,7 +316,7 @@ def side_of(graph: Graph, scope: Scope, element: Element, tag: str) -> Link | No
     return graph.link(scope, side.text, side)
 
 
-def _between(graph: Graph, scope: Scope, element: Element, name: str, child: Link) -> Placement:
+def _between(graph: FrameGraph, scope: Scope, element: Element, name: str, child: Link) -> Placement:
     """The joint's frame in that of its child link."""
     placed, _ = graph.placed(scope, name)
     if not placed.relative_to or graph.home(scope, placed.relative_to, element) == child:
@@ -133,8 +326,8 @@ def _between(graph: Graph, scope: Scope, element: Element, name: str, child: Lin
 
 
 def _axis(
-    graph: Graph, joint: JointRead, word: str, *, limited: bool, turns: bool
-) -> tuple[dict[str, Any], Mimic | None]:
+    graph: FrameGraph, joint: JointRead, word: str, *, limited: bool, turns: bool
+) -> tuple[dict[str, Any], MimicRead | None]:
     """What the language says of an axis, its limits and efforts; and what it follows."""
     element = joint.element
     axis = element.child(word)
@@ -168,7 +361,7 @@ def _axis(
     return data, _mimic(graph, joint.scope, mimics[0].take()) if mimics else None
 
 
-def _mimic(graph: Graph, scope: Scope, element: Element) -> Mimic | None:
+def _mimic(graph: FrameGraph, scope: Scope, element: Element) -> MimicRead | None:
     """What an axis follows: q = multiplier × (q of the leader − reference) + offset. None where it follows nothing."""
     leader = graph.home(scope, element.need("joint"), element)
     axis = element.word("axis") or FIRST_AXIS
@@ -182,10 +375,10 @@ def _mimic(graph: Graph, scope: Scope, element: Element) -> Mimic | None:
         reason = "with a multiplier of 0 the joint follows nothing: it moves on its own"
         lost(element, reason, hint="make the joint fixed")
         return None
-    return Mimic(element, leader, axis, ratio, offset - ratio * reference)
+    return MimicRead(element, leader, axis, ratio, offset - ratio * reference)
 
 
-def direction_of(graph: Graph, scope: Scope, name: str, child: Link, axis: Element) -> Vector3:
+def direction_of(graph: FrameGraph, scope: Scope, name: str, child: Link, axis: Element) -> Vector3:
     """An axis of a joint in the axes of its child link. Raises SpecError for one without length."""
     element = scope.joints[name]
     xyz = axis.child("xyz")

@@ -6,11 +6,11 @@ A link without `<inertial>` has 1 kg and a unit inertia in SDF, so that only mas
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import Any, Final
 
 from simspec.errors import Problem
-from simspec.imports.draft import plain
-from simspec.imports.moments import (
+from simspec.imports.draft import (
     DENSITY,
     FROM_SHAPES,
     NOT_POSITIVE,
@@ -18,6 +18,7 @@ from simspec.imports.moments import (
     OF_SHAPES_OR_BALL,
     ball,
     given,
+    plain,
     shown,
     solids_of,
 )
@@ -134,3 +135,29 @@ def _fill(shape: ShapeRead) -> None:
 def _open(solids: Sequence[ShapeRead]) -> str:
     count = sum(shape.is_open for shape in solids)
     return f" ({count} not closed: the hull is filled)" if count else ""
+
+
+# --- bodies of a model that do not collide ---
+
+
+def silent(model: ModelRead) -> list[BodyRead]:
+    """Bodies of a model that do not touch each other: colliding ones without ``self_collide``. [] where the joints between them
+    say as much."""
+    bodies = [
+        body
+        for body in model.bodies
+        if not body.self_collide and any(shape.surface is not None for shape in body.content.shapes)
+    ]
+    apart = [
+        pair for pair in combinations(bodies, 2) if pair[0].parent is not pair[1] and pair[1].parent is not pair[0]
+    ]
+    return bodies if apart else []
+
+
+def excluded(bodies: list[BodyRead]) -> list[list[str]]:
+    """Every pair of bodies that do not touch, but those that a joint connects."""
+    return [
+        [first.name, second.name]
+        for first, second in combinations(bodies, 2)
+        if first.parent is not second and second.parent is not first
+    ]

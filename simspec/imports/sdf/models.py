@@ -1,19 +1,225 @@
-"""Models of SDF as scopes of names: links, joints, frames and models within them, with includes read."""
+"""Models of SDF as scopes of names, with the files of models and meshes that they name."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
+from urllib.parse import unquote
 
+from simspec.errors import Location, Problem, SpecError
+from simspec.imports.draft import BEGINNING, NamedMesh, find_mesh, made_file
 from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse, plugin_loss
-from simspec.imports.files import Files
-from simspec.imports.sdf.aside import NO_ACTOR
-from simspec.imports.sdf.library import GROUND_NOTE, KNOWN, MODELS, SUN_NOTE, called, find_model
-from simspec.imports.sdf.values import Placed, flag, flag_of, lost, pose_of, text_of, unused
-from simspec.imports.sdf.versions import FLAT_BEFORE, UNIQUE_SINCE, Version, check_outermost, modernise, version_of
-from simspec.language.foreign import Fate, Severity
+from simspec.imports.files import LIBRARY, PACKAGE, SCHEME, Files
+from simspec.imports.packages import CONFIGURATIONS, MissingFileError
+from simspec.imports.sdf.values import (
+    FLAT_BEFORE,
+    NEWEST,
+    NO_ACTOR,
+    OLDEST,
+    UNIQUE_SINCE,
+    SdfPose,
+    Version,
+    check_outermost,
+    flag,
+    flag_of,
+    lost,
+    modernise,
+    parsed,
+    pose_of,
+    text_of,
+    unused,
+    vector_of,
+    version_of,
+)
+from simspec.language.foreign import Fate, Repair, RequestedRepairs, Severity, suffixes
+from simspec.language.mesh import PIECES
+from simspec.language.mesh import SUFFIXES as MESHES
+from simspec.world.types import Vector3
+
+# --- files of models that an <include> names, and two models that are known without a file ---
+
+ENDS: Final = (".sdf", ".world", ".xml")
+"""Ends of names of files, where others are folders of models."""
+MODELS: Final = "model://"
+SUN: Final = "sun"
+GROUND: Final = "ground_plane"
+WITHOUT_FILES: Final = (SUN, GROUND)
+"""Models of the public database that nearly every world includes, and that are known without it."""
+GROUND_FRICTION: Final = 100.0
+"""Of the database's model `ground_plane` (osrf/gazebo_models, `ground_plane/model.sdf`: `mu` 100 and `mu2` 50)."""
+GROUND_TEXT: Final = f"""<sdf version="1.5"><model name="{GROUND}"><static>true</static><link name="link">
+<collision name="collision"><geometry><plane><normal>0 0 1</normal></plane></geometry>
+<surface><friction><ode><mu>{GROUND_FRICTION:g}</mu><mu2>{GROUND_FRICTION:g}</mu2></ode></friction></surface></collision>
+<visual name="visual"><geometry><plane><normal>0 0 1</normal></plane></geometry></visual>
+</link></model></sdf>"""
+GROUND_NOTE: Final = (
+    f"{MODELS}{GROUND} is not among the files: a fixed plane without an end, of friction {GROUND_FRICTION:g}, as the "
+    "database has it in one direction; the 50 of the other exceed what nearly every surface has, and the smaller of two counts"
+)
+SUN_NOTE: Final = "simspec has no lights, and this model is one"
+KNOWN: Final[Mapping[str, str]] = {GROUND: GROUND_TEXT}
+
+
+def find_model(files: Files, uri: Element, folder: Path) -> Path | None:
+    """The file of a URI: a file, or the folder of a model whose configuration names it; None for a model that is known without
+    files and is not there. A path without a scheme starts from ``folder``, else is one in a package. Raises SpecError."""
+    text = uri.text
+    if text.lower().endswith(suffixes()) and not text.lower().endswith(ENDS):
+        hint = f"use: {text} in a scenario, which places the robot"
+        raise uri.error("only models in SDF can be included", found=text[:200], hint=hint)
+    bare = text.removeprefix("./")
+    by_path = SCHEME.fullmatch(text) is not None or text.startswith("/")
+    is_file = "/" not in bare and text.lower().endswith(ENDS)
+    wordings = [text] if by_path or is_file else [text, f"{MODELS}{bare}"]
+    missing: list[SpecError] = []
+    for wording in wordings:
+        try:
+            return _file(files, wording, uri, folder)
+        except MissingFileError as error:
+            missing.append(error)
+    if called(text) in WITHOUT_FILES:
+        return None
+    raise missing[0 if "/" in bare else -1]
+
+
+def called(text: str) -> str:
+    """The name of the model that a URI means, in small letters."""
+    match = LIBRARY.fullmatch(text)
+    name = match[1] if match is not None else text.removeprefix(MODELS).strip("/")
+    return re.sub(r"\s+", "_", unquote(name)).lower()
+
+
+def _file(files: Files, text: str, uri: Element, folder: Path) -> Path:
+    if text.lower().endswith(ENDS):
+        return files.find(text, uri, folder)
+    place = text.rstrip("/")
+    try:
+        configuration = files.find(f"{place}/{CONFIGURATIONS[0]}", uri, folder)
+    except MissingFileError:
+        if PACKAGE.fullmatch(place) is None and SCHEME.fullmatch(place) is not None:
+            raise
+        configuration = _older(files, place, uri, folder)
+    shown = files.options.shown(configuration)
+    choices: list[tuple[Version, str]] = []
+    for child in parse(files.bytes_of(configuration, uri), shown).look("sdf"):
+        version = parsed(child.attributes.get("version", "1.4"))
+        if version is not None and OLDEST <= version <= NEWEST and child.text:
+            choices.append((version, child.text))
+    if not choices:
+        raise SpecError([Problem("names no SDF file that simspec reads", location=Location(shown, 1, 1))])
+    return files.find(f"{place}/{max(choices)[1]}", uri, folder)
+
+
+def _older(files: Files, place: str, uri: Element, folder: Path) -> Path:
+    """The configuration of a model under the name that it had before. Raises the error of the name that it has."""
+    try:
+        return files.find(f"{place}/{CONFIGURATIONS[1]}", uri, folder)
+    except MissingFileError as error:
+        problem = error.problems[0]
+    hint = (problem.hint or "").replace(CONFIGURATIONS[1], CONFIGURATIONS[0])
+    raise MissingFileError([uri.problem(problem.message, problem.found, hint=hint)])
+
+
+# --- meshes ---
+
+MISSING: Final = "missing-meshes"
+RULES: Final[Mapping[str, str]] = {
+    MISSING: "collision meshes that are not there, or cannot be read, are left out",
+}
+NO_PART: Final = "a part of a file is not supported: all that is in it is one mesh"
+DECOMPOSED: Final = "convex_decomposition"
+OPTIMIZATIONS: Final = ("", "convex_hull", DECOMPOSED)
+
+
+@dataclass
+class SdfMeshes:
+    """The meshes of one import. ``repair``: the rules that may be applied."""
+
+    files: Files
+    repair: RequestedRepairs
+    named: dict[str, Path] = field(default_factory=dict)
+    """Every file, by the text that the spec names it by."""
+    made: set[str] = field(default_factory=set)
+    """Those of them that the file has within itself."""
+    repairs: list[Repair] = field(default_factory=list)
+
+    def write(self, corners: Sequence[Vector3], faces: Sequence[Sequence[int]], called: str) -> NamedMesh:
+        """The mesh of a solid that the file says by its corners (m) and faces, which are counted from 0. Raises SpecError."""
+        lines = [BEGINNING.decode(), *(f"v {x!r} {y!r} {z!r}" for x, y, z in corners)]
+        lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
+        text, path = made_file(("\n".join(lines) + "\n").encode(), called)
+        self.named[text] = path
+        self.made.add(text)
+        return NamedMesh(text, path)
+
+    def read(self, shape: Element, kind: Element, folder: Path) -> tuple[dict[str, Any], NamedMesh] | None:
+        """The word of a mesh; None for one that is left out, which is said. ``folder``: of the file that names it. Raises
+        SpecError."""
+        uri = kind.child("uri")
+        if uri is None or not uri.text:
+            raise kind.error("<mesh> has no <uri>")
+        scale = vector_of(kind, "scale", (1.0, 1.0, 1.0))
+        as_pieces = self._pieces(shape, kind)
+        try:
+            for part in kind.look("submesh"):
+                raise part.error(NO_PART, hint="save the part as a file of its own")
+            mesh = self._find(uri, scale, folder)
+        except SpecError as error:
+            known = isinstance(error, MissingFileError) or shape.tag == "visual"
+            if not known and uri.text.lower().endswith(MESHES):
+                raise
+            self.without(shape, error.problems[0])
+            return None
+        mesh = replace(mesh, text=self._called(mesh))
+        return ({"mesh": {**mesh.data(), "as": PIECES} if as_pieces else mesh.data()}, mesh)
+
+    def _find(self, uri: Element, scale: Vector3, folder: Path) -> NamedMesh:
+        """The mesh of a URI. A path from the root of all files that leads nowhere is one from the file's folder, as readers
+        have it. Raises SpecError."""
+        try:
+            return find_mesh(uri.text, scale, uri, self.files, folder)
+        except SpecError:
+            beside = uri.text.lstrip("/")
+            if beside == uri.text or not (folder / beside).is_file():
+                raise
+        mesh = find_mesh(beside, scale, uri, self.files, folder)
+        uri.set_aside(None, Fate.CARRIED, "beside the file: there is no such path from the root", Severity.INFORMATION)
+        return mesh
+
+    def _pieces(self, shape: Element, kind: Element) -> bool:
+        """Whether a collision is to be decomposed into convex pieces."""
+        how = kind.word("optimization", "") or ""
+        if how not in OPTIMIZATIONS:
+            raise kind.error("not a way to simplify a mesh", found=how[:80], allowed=", ".join(OPTIMIZATIONS[1:]))
+        for child in kind.look(DECOMPOSED):
+            reason = "how many pieces there are, and how they are found, is not in the language"
+            lost(child, reason, Severity.INFORMATION)
+        return how == DECOMPOSED and shape.tag == "collision"
+
+    def _called(self, mesh: NamedMesh) -> str:
+        """What the spec calls a file: the file's own text, unless another file of this import has that."""
+        if self.named.get(mesh.text, mesh.path) != mesh.path:
+            mesh = replace(mesh, text=Path(os.path.relpath(mesh.path, self.files.path.resolve().parent)).as_posix())
+        self.named[mesh.text] = mesh.path
+        return mesh.text
+
+    def without(self, shape: Element, why: Problem) -> None:
+        """Leave a mesh out: one that is only seen, or by the rule. Raises SpecError for another."""
+        found = f": {why.found}" if why.found else ""
+        if shape.tag == "visual":
+            lost(shape, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
+            return
+        if MISSING not in self.repair:
+            rule = f"simspec import --repair {MISSING}: {RULES[MISSING]}"
+            raise SpecError([replace(why, hint="; ".join(filter(None, [why.hint, rule])))])
+        lost(shape, f"left out by the rule {MISSING}: {why.message}{found}")
+        self.repairs.append(Repair(MISSING, shape.location, f"a mesh is left out: {why.message}{found}"))
+
 
 MOST_INCLUDES: Final = 1_000
 """Includes of one file, those of included files counted: each is a copy of a model."""
@@ -32,7 +238,7 @@ class Scope:
     element: Element
     version: Version
     parent: Scope | None = None
-    placed: Placed = field(default_factory=Placed)
+    placed: SdfPose = field(default_factory=SdfPose)
     """Its pose, against the frame around it."""
     placement_frame: str = ""
     canonical: str = ""
@@ -73,7 +279,7 @@ class Scope:
 
 
 @dataclass
-class Reader:
+class ModelReader:
     """Reads the models of a file, and of those that it includes."""
 
     files: Files

@@ -1,27 +1,152 @@
-"""Collisions and visuals of SDF as shapes of the language."""
+"""Collisions and visuals of SDF as shapes of the language, with their surfaces."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Problem, SpecError
-from simspec.imports.elements import Element
-from simspec.imports.meshes import NamedMesh, read_meshes
-from simspec.imports.sdf.aside import IN_COLLISION, IN_VISUAL, set_aside
-from simspec.imports.sdf.meshes import Meshes
-from simspec.imports.sdf.surfaces import read_surface
-from simspec.imports.sdf.values import SAME, Placement, finite_of, lost, pose_of, unused, vector_of
-from simspec.imports.surfaces import Surface
+from simspec.imports.draft import CONTACT_OF_LINK, NamedMesh, Surface, read_meshes
+from simspec.imports.elements import HOW_HARD, Element
+from simspec.imports.sdf.models import SdfMeshes
+from simspec.imports.sdf.values import (
+    IN_COLLISION,
+    IN_CONTACT,
+    IN_CONTACT_OF_LINK,
+    IN_FRICTION,
+    IN_SURFACE,
+    IN_VISUAL,
+    SAME,
+    Placement,
+    finite_of,
+    flag_of,
+    lost,
+    pose_of,
+    set_aside,
+    unused,
+    vector_of,
+)
 from simspec.language.foreign import Fate, Severity
 from simspec.language.strict import required
 from simspec.meshes.files import MeshError
 from simspec.world import frames
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose
+
+# --- surfaces ---
+
+NO_BOUNCE: Final = 100_000.0
+"""The default of ``bounce/threshold`` (m/s): nothing is as fast."""
+FILTERS: Final[Mapping[str, tuple[str, ...]]] = {
+    "collide_bitmask": ("65535", "0xffff"),
+    "category_bitmask": ("65535", "0xffff"),
+    "collide_without_contact": ("0", "false"),
+    "collide_without_contact_bitmask": ("1",),
+}
+"""Defaults of what says who touches whom."""
+MASKS: Final = ("collide_bitmask", "category_bitmask")
+
+
+def read_surface(shape: Element, of_link: Surface) -> Surface:
+    """The surface of a collision; ``of_link``: what its link says of all its collisions, which holds where they say nothing."""
+    surface = shape.child("surface")
+    if surface is None:
+        return of_link
+    set_aside(surface, IN_SURFACE)
+    for contact in surface.look("contact"):
+        _contact(contact)
+    read = of_link
+    friction = surface.child("friction")
+    if friction is not None:
+        mu, torsional = _friction(friction)
+        read = replace(read, friction=mu, torsional=torsional, rolling=0.0)
+    bounce = surface.child("bounce")
+    if bounce is not None:
+        restitution = finite_of(bounce, "restitution_coefficient", 0.0)
+        threshold = finite_of(bounce, "threshold", NO_BOUNCE)
+        if not restitution:
+            threshold = 0.0
+            unused(next(iter(bounce.look("threshold")), None), "nothing bounces")
+        read = replace(read, restitution=restitution, threshold=threshold)
+    return read
+
+
+def surface_of_link(link: Element) -> Surface:
+    """The surface of all collisions of a link, in words of one reader: lengths in m; what it does not say is SDF's default,
+    friction 1."""
+    numbers: dict[str, float] = {}
+    for contact in link.look("contact"):
+        contact.take()
+        set_aside(contact, IN_CONTACT_OF_LINK)
+        for tag, name in CONTACT_OF_LINK.items():
+            for child in contact.look(tag):
+                child.take()
+                numbers[name] = (child.number("value") or 0.0) if child.has("value") else child.content(1)[0]
+    return Surface(**numbers)
+
+
+def _friction(friction: Element) -> tuple[float, float]:
+    ode = friction.child("ode")
+    mu = 1.0
+    if ode is not None:
+        mu = finite_of(ode, "mu", 1.0)
+        other = finite_of(ode, "mu2", 1.0)
+        if other != mu:
+            lost(next(iter(ode.look("mu2")), None), "friction is the same in every direction; `mu` is carried")
+        set_aside(ode, IN_FRICTION)
+        if other == mu:
+            unused(next(iter(ode.look("fdir1")), None), "friction is the same in every direction")
+    for child in friction.look():
+        if child.tag not in ("ode", "torsional"):
+            lost(child, "numbers of another engine; those of `ode` are carried")
+    torsion = friction.child("torsional")
+    return mu, 0.0 if torsion is None else _torsional(torsion)
+
+
+def _torsional(torsion: Element) -> float:
+    """Torsional friction as a length: coefficient × 3π/16 × radius of the patch."""
+    coefficient = finite_of(torsion, "coefficient", 1.0)
+    use_patch = flag_of(torsion, "use_patch_radius", True)
+    patch = finite_of(torsion, "patch_radius", 0.0)
+    for child in torsion.look("ode"):
+        if finite_of(child, "slip", 0.0):
+            lost(child, "friction does not depend on the force")
+        else:
+            child.take()
+    if use_patch:
+        unused(next(iter(torsion.look("surface_radius")), None), "the file gives the radius of the patch")
+    else:
+        for child in torsion.look("surface_radius", "coefficient"):
+            lost(child, "a torsional friction that grows with the depth of contact")
+        return 0.0
+    return coefficient * 3.0 * math.pi / 16.0 * patch
+
+
+def _contact(contact: Element) -> None:
+    """Who touches whom, and how hard: of one the defaults change nothing, and so do masks with the bit that all defaults
+    have; the other is each solver's."""
+    contact.take()
+    set_aside(contact, IN_CONTACT)
+    for solver in contact.look():
+        if solver.look():
+            lost(solver, HOW_HARD, Severity.INFORMATION)
+    for child in contact.look(*FILTERS):
+        text = child.text.strip().lower()
+        if text in FILTERS[child.tag] or (child.tag in MASKS and _has_first_bit(text)):
+            unused(child, "every collision has this bit, by default too" if child.tag in MASKS else "the default")
+        else:
+            lost(child, "who touches whom is said by groups of bodies", hint="`contact.groups`")
+
+
+def _has_first_bit(text: str) -> bool:
+    try:
+        return text.isascii() and "_" not in text and int(text, 0) % 2 == 1
+    except ValueError:
+        return False
+
 
 DENSITY: Final = 1000.0
 """Of a collision that says none, where a link's inertia is to be computed."""
@@ -51,11 +176,11 @@ class ShapeRead:
 
 
 @dataclass(frozen=True)
-class Around:
+class LinkContext:
     """What a shape's element does not say itself: the meshes of the import, the folder of its file, and its link's frame in the
     body's. ``density``: of collisions that say none, where the inertia is to be computed."""
 
-    meshes: Meshes
+    meshes: SdfMeshes
     folder: Path
     move: Placement
     density: float | None
@@ -65,7 +190,7 @@ class Around:
     """Whether the link is fixed to the world."""
 
 
-def read_shapes(link: Element, around: Around) -> list[ShapeRead]:
+def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
     """All shapes of a link, moved; a visual that is the same as a collision is one with it. Raises SpecError with every
     problem."""
     shapes: list[ShapeRead] = []
@@ -152,7 +277,7 @@ class _Geometry:
     mesh: NamedMesh | None = None
 
 
-def _geometry(shape: Element, around: Around) -> _Geometry | None:
+def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
     """What is in ``<geometry>``; None for what is not carried, which is then
     said. Raises SpecError for geometries that SDF does not have."""
     geometry = shape.child("geometry")
@@ -186,7 +311,7 @@ def _geometry(shape: Element, around: Around) -> _Geometry | None:
     return None
 
 
-def _extruded(kind: Element, shape: Element, around: Around) -> _Geometry:
+def _extruded(kind: Element, shape: Element, around: LinkContext) -> _Geometry:
     """A convex polygon of the x-y plane, from z = 0 to its height, as a mesh: exactly its hull. Raises SpecError for others."""
     height = finite_of(kind, "height", 1.0)
     points = [point.content(2) for point in kind.look("point")]
@@ -243,7 +368,7 @@ def _upright(plane: Element) -> Placement:
     return Placement(Pose((0.0, 0.0, 0.0), frames.normalise(half)))
 
 
-def _posed(shape: Element, around: Around) -> _Geometry | None:
+def _posed(shape: Element, around: LinkContext) -> _Geometry | None:
     read = _geometry(shape, around)
     pose = pose_of(shape)
     if pose.relative_to:
@@ -255,7 +380,7 @@ def _posed(shape: Element, around: Around) -> _Geometry | None:
     return _Geometry(data, place, read.mesh)
 
 
-def _collision(shape: Element, around: Around) -> ShapeRead | None:
+def _collision(shape: Element, around: LinkContext) -> ShapeRead | None:
     read = _posed(shape, around)
     name = shape.word("name") or ""
     set_aside(shape, IN_COLLISION)
@@ -283,7 +408,7 @@ def _concave(shape: Element, read: _Geometry | None) -> None:
         shape.set_aside("concave", Fate.LOST, reason, hint="`as: pieces` of the mesh, in the spec")
 
 
-def _visual(shape: Element, around: Around) -> ShapeRead | None:
+def _visual(shape: Element, around: LinkContext) -> ShapeRead | None:
     read = _posed(shape, around)
     name = shape.word("name") or ""
     set_aside(shape, IN_VISUAL)
@@ -339,7 +464,7 @@ def _merge(twin: ShapeRead, shape: ShapeRead) -> None:
     shape.element.set_aside("name", Fate.UNUSED, "one shape with its collision", Severity.INFORMATION)
 
 
-def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: Meshes) -> None:
+def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: SdfMeshes) -> None:
     """Take out of each list of shapes the meshes that cannot be read. Raises SpecError with every one that no rule leaves
     out."""
     lists = list(bodies)

@@ -6,27 +6,150 @@ at their joints.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Problem, SpecError
+from simspec.imports import draft
 from simspec.imports.elements import Element
-from simspec.imports.sdf.aside import IN_MODEL, set_aside
-from simspec.imports.sdf.gearboxes import GEARBOX, couple
-from simspec.imports.sdf.graph import Graph, Link
-from simspec.imports.sdf.joints import SECOND_AXIS, JointRead, read_joint
-from simspec.imports.sdf.links import LinkRead, read_link
-from simspec.imports.sdf.loops import closed, refused, spanning
-from simspec.imports.sdf.meshes import Meshes
-from simspec.imports.sdf.models import Scope
-from simspec.imports.sdf.values import Placement, at, flag_of
-from simspec.language.foreign import Fate, RequestedRepairs, Severity
+from simspec.imports.sdf.joints import SECOND_AXIS, FrameGraph, JointRead, Link, read_joint
+from simspec.imports.sdf.loops import GEARBOX, closed, couple, refused, spanning
+from simspec.imports.sdf.models import Scope, SdfMeshes
+from simspec.imports.sdf.shapes import DENSITY, LinkContext, ShapeRead, read_shapes, surface_of_link
+from simspec.imports.sdf.values import (
+    IN_LINK,
+    IN_MODEL,
+    Placement,
+    SdfNames,
+    at,
+    finite_of,
+    flag,
+    flag_of,
+    lost,
+    pose_of,
+    set_aside,
+    unused,
+)
+from simspec.language.foreign import RequestedRepairs
+from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
 from simspec.world.types import Vector3
 
-LONGEST_NAME: Final = 200
+# --- links: mass properties ---
+
+NO_INERTIAL: Final = "the file has no <inertial>; SDF then means 1 kg and a unit inertia"
+UNIT_INERTIA: Final = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}
+
+
+@dataclass
+class LinkRead:
+    """What a link says of its body, in the body's frame."""
+
+    mass: dict[str, Any]
+    shapes: list[ShapeRead]
+    comment: str = ""
+    inertial: Element | None = None
+    repaired: str = ""
+    """What the rule of :mod:`simspec.imports.draft` changed."""
+    given: list[tuple[str, str, str]] = field(default_factory=list)
+    """What rules gave the body: the rule, what it changed, and the word of the body where it is seen."""
+
+    @property
+    def is_massless(self) -> bool:
+        """Whether the file says that it has no mass."""
+        return (
+            self.inertial is not None
+            and not self.mass.get("mass", 0.0)
+            and not any("density" in one.data for one in self.shapes)
+        )
+
+
+def read_link(link: Element, offset: Vector3, meshes: SdfMeshes, folder: Path, *, static: bool) -> LinkRead:
+    """A link, for a body whose frame is at ``offset`` in the link's; ``folder``: of its file. Where it is ``static``, a mass
+    that is not in the file has no effect. Raises SpecError."""
+    move = at((-offset[0], -offset[1], -offset[2]))
+    density = _computed(link)
+    shapes = read_shapes(link, LinkContext(meshes, folder, move, density, surface_of_link(link), static))
+    set_aside(link, IN_LINK)
+    weight: dict[str, Any] = {} if flag_of(link, "gravity", True) or static else {"gravity_scale": 0.0}
+    inertial = link.look("inertial")
+    if density is not None:
+        return LinkRead(weight, shapes, inertial=inertial[0])
+    if inertial:
+        mass, repaired = _inertial(inertial[0].take(), move, draft.RULE in meshes.repair)
+        return LinkRead({**mass, **weight}, shapes, inertial=inertial[0], repaired=repaired)
+    if static:
+        return LinkRead({}, shapes)
+    return LinkRead(
+        {**weight, "mass": 1.0, **_centre(move), "inertia": {"principal": [1.0, 1.0, 1.0]}}, shapes, NO_INERTIAL
+    )
+
+
+def _computed(link: Element) -> float | None:
+    """The density by which the link's inertia is to be computed from its collisions; None where the file gives the inertia."""
+    for inertial in link.look("inertial"):
+        if flag(inertial, inertial.word("auto") or "false"):
+            inertial.take()
+            if inertial.look("mass", "inertia", "pose"):
+                raise inertial.error("an inertial that is computed and has numbers of its own is not supported")
+            return finite_of(inertial, "density", DENSITY)
+    return None
+
+
+def _inertial(inertial: Element, move: Placement, repairing: bool) -> tuple[dict[str, Any], str]:
+    """The words of the body, and what was repaired of them."""
+    mass = finite_of(inertial, "mass", 1.0)
+    pose = pose_of(inertial)
+    if pose.relative_to:
+        raise inertial.error("the pose of an inertial is relative to its link", found=pose.relative_to[:80])
+    place = move.then(pose.placement)
+    tensor = inertial.child("inertia")
+    values = {
+        key: UNIT_INERTIA[key] if tensor is None else finite_of(tensor, key, UNIT_INERTIA[key]) for key in UNIT_INERTIA
+    }
+    lost(
+        next(iter(inertial.look("fluid_added_mass")), None),
+        "simspec has no added mass: physics.fluid is drag and viscous resistance",
+    )
+    unused(next(iter(inertial.look("density")), None), "the file gives the mass")
+    if not mass and not any(values.values()):
+        return {}, ""
+    six, repaired = _possible(inertial, tuple(values.values()), repairing)
+    return {"mass": mass, **_centre(place), "inertia": inertia_data(six, place)}, repaired
+
+
+def _possible(inertial: Element, tensor: tuple[float, ...], repairing: bool) -> tuple[tuple[float, ...], str]:
+    """A tensor that breaks the triangle inequality as the nearest one that a body can have, and what that changed. Raises
+    SpecError where the rule is not asked for; a tensor that is not positive is the language's to refuse."""
+    before = principal_moments(tensor)
+    why = impossible(before)
+    if why is None or min(before) < 0.0:
+        return tensor, ""
+    if not repairing:
+        raise inertial.error(why, hint=f"simspec import --repair {draft.RULE}: {draft.MEANING}")
+    after = draft.nearest(tensor)
+    return after, draft.became(before, principal_moments(after))
+
+
+def _centre(place: Placement) -> dict[str, Any]:
+    return {"centre_of_mass": list(place.pose.position)} if any(place.pose.position) else {}
+
+
+def inertia_data(values: tuple[float, ...], place: Placement) -> dict[str, Any]:
+    """An inertia (xx, yy, zz, xy, xz, yz) in axes turned by ``place``, as the language has it in the body's axes."""
+    turned = place.pose.quaternion != frames.IDENTITY
+    if not any(values[3:]):
+        data: dict[str, Any] = {"principal": list(values[:3])}
+        if turned:
+            data.update({key: value for key, value in place.data().items() if key != "xyz"})
+        return data
+    if turned:
+        values = frames.rotate_inertia(place.pose.quaternion, values)
+    names = ("xx", "yy", "zz", "xy", "xz", "yz")
+    return {"tensor": {name: value for name, value in zip(names, values, strict=True) if value or name[0] == name[1]}}
+
+
 MASSLESS: Final = "massless"
 RULES: Final = {MASSLESS: "a root without mass is fixed to the world"}
 """Rules of repair, with what they do."""
@@ -68,7 +191,7 @@ class ModelRead:
 
     scope: Scope
     bodies: list[BodyRead]
-    graph: Graph
+    graph: FrameGraph
     repairs: list[tuple[BodyRead, str]] = field(default_factory=list)
     closing: list[Closing] = field(default_factory=list)
     """Joints that close loops."""
@@ -79,30 +202,7 @@ class ModelRead:
         return [body for body in self.bodies if body.parent is None]
 
 
-class Names:
-    """Names that the language allows, each once."""
-
-    def __init__(self, taken: Iterable[str] = ()):
-        self._taken = {"world", *taken}
-        self._often: dict[str, int] = {}
-        """The next number for each name that is wanted more than once."""
-
-    def give(self, text: str, element: Element | None = None) -> str:
-        """A name made of a text; an element whose name changes is told so."""
-        plain = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:LONGEST_NAME]
-        if not re.match(r"[A-Za-z_]", plain):
-            plain = f"_{plain}"
-        name, count = plain, self._often.get(plain, 2)
-        while name in self._taken:
-            name, count = f"{plain}_{count}", count + 1
-        self._often[plain] = count
-        self._taken.add(name)
-        if element is not None and name != element.attributes.get("name", "").strip():
-            element.set_aside("name", Fate.CARRIED, f"called {name} in the spec", Severity.INFORMATION)
-        return name
-
-
-def read_model(graph: Graph, model: Scope, meshes: Meshes) -> ModelRead:
+def read_model(graph: FrameGraph, model: Scope, meshes: SdfMeshes) -> ModelRead:
     """The bodies of a model with all that are within it. Raises SpecError with all problems."""
     problems: list[Problem] = []
     joints: list[JointRead] = []
@@ -147,11 +247,13 @@ def _massless(read: ModelRead, root: BodyRead, repair: RequestedRepairs, problem
     read.repairs.append((root, "it has no mass, and nothing holds it: fixed to the world"))
 
 
-def _bodies(graph: Graph, model: Scope, joints: list[JointRead], meshes: Meshes, problems: list[Problem]) -> ModelRead:
+def _bodies(
+    graph: FrameGraph, model: Scope, joints: list[JointRead], meshes: SdfMeshes, problems: list[Problem]
+) -> ModelRead:
     of_child, closed_by = spanning(joints)
     closing = {id(joint) for joint in closed_by}
     held = _held(of_child)
-    names, joint_names = Names(), Names()
+    names, joint_names = SdfNames(), SdfNames()
     bodies: dict[tuple[int, str], BodyRead] = {}
     for scope in model.within():
         for name, element in scope.links.items():
@@ -271,7 +373,7 @@ def _parents_first(bodies: list[BodyRead]) -> list[BodyRead]:
 
 def named_frames(read: ModelRead) -> dict[str, dict[str, Any]]:
     """The frames of a model that are attached to its links, as the language has them, by name; bodies have theirs already."""
-    names = Names(body.name for body in read.bodies)
+    names = SdfNames(body.name for body in read.bodies)
     of_link = {(id(body.link[0]), body.link[1]): body for body in read.bodies}
     made: dict[str, dict[str, Any]] = {}
     for scope in read.scope.within():
@@ -307,7 +409,7 @@ def body_data(model: ModelRead, body: BodyRead, around: Placement) -> dict[str, 
     return data
 
 
-def _origin(graph: Graph, body: BodyRead) -> Placement:
+def _origin(graph: FrameGraph, body: BodyRead) -> Placement:
     """The pose of a body in its parent's; of a link that the file places against its parent, by the file's own numbers."""
     assert body.parent is not None
     scope, name = body.link
@@ -337,7 +439,7 @@ def _joint_data(body: BodyRead, kind: str, origin: Placement) -> dict[str, Any]:
 def constraints(read: ModelRead) -> dict[str, dict[str, Any]]:
     """What joints that follow others, and joints that close loops, are in the language, by name. Raises SpecError for joints
     that follow what has no position."""
-    names = Names()
+    names = SdfNames()
     said: dict[str, dict[str, Any]] = {}
     by_joint = {(id(body.joint.scope), body.joint.name): body for body in read.bodies if body.joint is not None}
     problems: list[Problem] = []

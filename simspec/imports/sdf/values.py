@@ -1,14 +1,16 @@
-"""Values of SDF: texts of child elements, with the defaults that the language gives them."""
+"""Values of SDF with the defaults of the language, the versions of the language, and losses by element."""
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from simspec import numerals
 from simspec.imports.draft import angle
-from simspec.imports.elements import Element
+from simspec.imports.elements import HOW_HARD, Element, plugin_loss
 from simspec.language.foreign import Fate, Severity
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
@@ -122,7 +124,7 @@ SAME: Final = Placement()
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class SdfPose:
     """A ``<pose>`` of the file: where it is, and against which frame ("": the default of its element)."""
 
     placement: Placement = SAME
@@ -130,27 +132,27 @@ class Placed:
     element: Element | None = None
 
 
-def pose_of(parent: Element) -> Placed:
+def pose_of(parent: Element) -> SdfPose:
     """The ``<pose>`` of an element, taken. Raises SpecError for what is none."""
     child = parent.child("pose")
     if child is None:
-        return Placed()
+        return SdfPose()
     relative = child.word("relative_to") or child.word("frame") or ""
     wording = child.word("rotation_format", EULER)
     degrees = flag(child, child.word("degrees") or "false")
     if wording not in (EULER, QUATERNION):
         raise child.error("not a format of rotations", found=wording, allowed=f"{EULER}, {QUATERNION}")
     if not child.text:
-        return Placed(Placement(), relative, child)
+        return SdfPose(Placement(), relative, child)
     values = child.content(7 if wording == QUATERNION else 6)
     position: Vector3 = (values[0], values[1], values[2])
     if wording == QUATERNION:
-        return Placed(Placement(Pose(position, _quaternion(child, values[3:]))), relative, child)
+        return SdfPose(Placement(Pose(position, _quaternion(child, values[3:]))), relative, child)
     turn = (math.pi / 180.0) if degrees else 1.0
     rpy: Vector3 = (values[3] * turn, values[4] * turn, values[5] * turn)
     if any(abs(angle) > 1e6 for angle in rpy):
         raise child.error("angles of more than 1e6 rad", found=child.text[:80])
-    return Placed(Placement(Pose(position, frames.from_rpy(*rpy)), rpy), relative, child)
+    return SdfPose(Placement(Pose(position, frames.from_rpy(*rpy)), rpy), relative, child)
 
 
 def _quaternion(element: Element, values: tuple[float, ...]) -> Quaternion:
@@ -171,3 +173,266 @@ def unused(element: Element | None, reason: str, severity: Severity = Severity.I
     """Say that an element has no effect in the spec, and need not have."""
     if element is not None:
         element.set_aside(None, Fate.UNUSED, reason, severity)
+
+
+LONGEST_NAME: Final = 200
+
+
+class SdfNames:
+    """Names that the language allows, each once."""
+
+    def __init__(self, taken: Iterable[str] = ()):
+        self._taken = {"world", *taken}
+        self._often: dict[str, int] = {}
+        """The next number for each name that is wanted more than once."""
+
+    def give(self, text: str, element: Element | None = None) -> str:
+        """A name made of a text; an element whose name changes is told so."""
+        plain = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:LONGEST_NAME]
+        if not re.match(r"[A-Za-z_]", plain):
+            plain = f"_{plain}"
+        name, count = plain, self._often.get(plain, 2)
+        while name in self._taken:
+            name, count = f"{plain}_{count}", count + 1
+        self._often[plain] = count
+        self._taken.add(name)
+        if element is not None and name != element.attributes.get("name", "").strip():
+            element.set_aside("name", Fate.CARRIED, f"called {name} in the spec", Severity.INFORMATION)
+        return name
+
+
+# --- versions ---
+
+Version = tuple[int, int]
+
+OLDEST: Final[Version] = (1, 0)
+NEWEST: Final[Version] = (1, 12)
+UNIQUE_SINCE: Final[Version] = (1, 7)
+"""Names are unique in a model since this version."""
+FLAT_BEFORE: Final[Version] = (1, 8)
+"""Before this version a name may contain `::`: models within others were written flat, as links and joints of one model."""
+JOINT_FRAME_SINCE: Final[Version] = (1, 5)
+"""Axes are in the joint's frame since this version; before, in the model's."""
+EXPRESSED_SINCE: Final[Version] = (1, 7)
+"""Since this version `expressed_in` says in which frame an axis is; before, `use_parent_model_frame`."""
+STEP_SINCE: Final[Version] = (1, 4)
+"""Before this version the timestep is that of the solver: `ode/solver/dt`, or `bullet/dt`."""
+ELEMENTS_SINCE: Final[Version] = (1, 2)
+"""Before this version values are attributes, and poses stand in `<origin pose=...>`."""
+OUTERMOST_SINCE: Final[Version] = (1, 3)
+"""Before this version the outermost element was called `gazebo`, too."""
+OUTERMOST: Final = "sdf"
+OLD_OUTERMOST: Final = "gazebo"
+KEPT: Final = ("name", "type", "version", "default")
+"""Attributes that version 1.2 has as well."""
+INNER: Final = {
+    "origin": ("pose", "pose"),
+    "parent": ("link", "parent"),
+    "child": ("link", "child"),
+    "gravity": ("xyz", "gravity"),
+    "ambient": ("rgba", "ambient"),
+    "diffuse": ("rgba", "diffuse"),
+    "specular": ("rgba", "specular"),
+    "emissive": ("rgba", "emissive"),
+}
+"""Elements of version 1.0 of which one attribute is all that they say: which, and what the element is called since."""
+STEPS: Final = (("ode", "solver", "dt"), ("bullet", "dt"))
+STEP: Final = "max_step_size"
+
+
+def version_of(root: Element) -> Version:
+    """The version of a file. Raises SpecError where simspec does not read it."""
+    text = root.need("version")
+    version = parsed(text)
+    if version is None or not OLDEST <= version <= NEWEST:
+        allowed = f"{OLDEST[0]}.{OLDEST[1]} to {NEWEST[0]}.{NEWEST[1]}"
+        raise root.error("this version of SDF is not read", found=text[:20], allowed=allowed)
+    return version
+
+
+def parsed(text: str) -> Version | None:
+    """The two numbers of a version; None where there are none."""
+    match = re.fullmatch(r"\s*([0-9]{1,3})\.([0-9]{1,3})(\.[0-9]{1,3})?\s*", text)
+    return None if match is None else (int(match.group(1)), int(match.group(2)))
+
+
+def check_outermost(root: Element) -> None:
+    """Raise SpecError where an element is not the outermost one of SDF."""
+    is_old = root.tag == OLD_OUTERMOST and (parsed(root.attributes.get("version", "")) or NEWEST) < OUTERMOST_SINCE
+    if root.tag != OUTERMOST and not is_old:
+        raise root.error(f"the outermost element is <{root.tag[:60]}>", allowed="<sdf version=...>")
+
+
+def modernise(root: Element) -> None:
+    """Give a file of an older version the elements that version 1.4 has for what it says, each at the place of the old one."""
+    version = version_of(root)
+    if version >= STEP_SINCE:
+        return
+    if version < ELEMENTS_SINCE:
+        for element in list(root.within()):
+            _attributes_as_elements(element)
+    for element in list(root.within()):
+        if element.tag == "filename" and element.parent is not None and element.parent.tag == "mesh":
+            element.tag = "uri"
+        if element.tag == "physics" and not element.look(STEP):
+            _move_step(element)
+
+
+def _attributes_as_elements(element: Element) -> None:
+    if element.tag == "plugin":
+        return
+    if element.tag in INNER and INNER[element.tag][0] in element.attributes:
+        attribute, element.tag = INNER[element.tag]
+        element.text = element.attributes.pop(attribute)
+    if element.tag == "damping" and element.parent is not None and element.parent.tag == "link":
+        element.tag = "velocity_decay"
+    for name in [name for name in element.attributes if name not in KEPT]:
+        element.grow("uri" if (element.tag, name) == ("mesh", "filename") else name, element.attributes.pop(name))
+
+
+def _move_step(physics: Element) -> None:
+    """The timestep of the solver as that of the world."""
+    for path in STEPS:
+        place: Element | None = physics
+        for tag in path:
+            place = next(iter(place.look(tag)), None) if place is not None else None
+        if place is not None and place.text:
+            physics.grow(STEP, place.text)
+            return
+
+
+# --- losses by element ---
+
+Said = tuple[Fate, Severity, str]
+
+_NO_SENSOR: Final[Said] = (Fate.LOST, Severity.INFORMATION, "simspec has no sensors")
+_PLUGIN: Final[Said] = (
+    Fate.LOST,
+    Severity.PHYSICS,
+    "a plugin is a program of another simulator, which may do anything",
+)
+_SCENERY: Final[Said] = (Fate.LOST, Severity.APPEARANCE, "simspec has no scenery")
+_NO_LIGHT: Final[Said] = (Fate.LOST, Severity.APPEARANCE, "simspec has no lights")
+NO_ACTOR: Final = "simspec has no actors"
+_NO_SOUND: Final[Said] = (Fate.LOST, Severity.INFORMATION, "simspec has no sound")
+_NO_AIR: Final[Said] = (
+    Fate.LOST,
+    Severity.PHYSICS,
+    "what a wind does is left to plugins; physics.fluid of a spec has a law of its own",
+)
+
+IN_LINK: Final[Mapping[str, Said]] = {
+    "sensor": _NO_SENSOR,
+    "light": _NO_LIGHT,
+    "projector": _SCENERY,
+    "particle_emitter": _SCENERY,
+    "audio_sink": _NO_SOUND,
+    "audio_source": _NO_SOUND,
+    "battery": (Fate.LOST, Severity.INFORMATION, "simspec has no batteries"),
+    "velocity_decay": (Fate.LOST, Severity.PHYSICS, "simspec has no damping of free bodies"),
+    "kinematic": (Fate.LOST, Severity.PHYSICS, "simspec has no links that nothing moves"),
+    "enable_wind": _NO_AIR,
+    "must_be_base_link": (Fate.LOST, Severity.INFORMATION, "the tree follows from the joints"),
+    "plugin": _PLUGIN,
+}
+IN_COLLISION: Final[Mapping[str, Said]] = {
+    "laser_retro": (Fate.LOST, Severity.INFORMATION, "simspec has no lasers"),
+    "material": (Fate.UNUSED, Severity.APPEARANCE, "a collision shape is not drawn"),
+    "max_contacts": (Fate.LOST, Severity.INFORMATION, "how many contacts are kept is each engine's setting"),
+}
+IN_VISUAL: Final[Mapping[str, Said]] = {
+    "cast_shadows": _SCENERY,
+    "laser_retro": (Fate.LOST, Severity.INFORMATION, "simspec has no lasers"),
+    "transparency": (Fate.LOST, Severity.APPEARANCE, "the colour has its own opacity"),
+    "visibility_flags": _SCENERY,
+    "meta": (Fate.LOST, Severity.INFORMATION, "simspec has no layers"),
+    "plugin": (Fate.LOST, Severity.APPEARANCE, "a plugin is a program of another simulator"),
+}
+IN_SURFACE: Final[Mapping[str, Said]] = {
+    "soft_contact": (Fate.LOST, Severity.PHYSICS, "simspec has no soft bodies"),
+}
+IN_FRICTION: Final[Mapping[str, Said]] = {
+    "fdir1": (Fate.LOST, Severity.PHYSICS, "friction is the same in every direction"),
+    "slip1": (Fate.LOST, Severity.PHYSICS, "friction does not depend on the force"),
+    "slip2": (Fate.LOST, Severity.PHYSICS, "friction does not depend on the force"),
+}
+IN_JOINT: Final[Mapping[str, Said]] = {
+    "sensor": _NO_SENSOR,
+    "plugin": _PLUGIN,
+}
+IN_CONTACT: Final[Mapping[str, Said]] = dict.fromkeys(
+    ("poissons_ratio", "elastic_modulus"),
+    (Fate.LOST, Severity.INFORMATION, HOW_HARD),
+)
+IN_CONTACT_OF_LINK: Final[Mapping[str, Said]] = dict.fromkeys(
+    ("stiffness", "damping", "contact_cfm", "contact_erp"), (Fate.LOST, Severity.INFORMATION, HOW_HARD)
+)
+IN_MODEL: Final[Mapping[str, Said]] = {
+    "plugin": _PLUGIN,
+    "enable_wind": _NO_AIR,
+    "allow_auto_disable": (Fate.LOST, Severity.INFORMATION, "whether bodies sleep is each engine's setting"),
+    "gripper": (Fate.LOST, Severity.PHYSICS, "simspec holds no object but by contact"),
+    "static": (Fate.UNUSED, Severity.INFORMATION, "the model around it says it"),
+}
+IN_WORLD: Final[Mapping[str, Said]] = {
+    "plugin": _PLUGIN,
+    "scene": _SCENERY,
+    "light": _NO_LIGHT,
+    "gui": (Fate.LOST, Severity.INFORMATION, "simspec has no windows"),
+    "road": _SCENERY,
+    "actor": (Fate.LOST, Severity.PHYSICS, NO_ACTOR),
+    "population": (Fate.LOST, Severity.PHYSICS, "simspec has arrays of bodies, and no populations at random"),
+    "state": (
+        Fate.LOST,
+        Severity.PHYSICS,
+        "the state of a run that was saved; simspec begins at the poses of the models",
+    ),
+    "wind": _NO_AIR,
+    "atmosphere": _NO_AIR,
+    "audio": _NO_SOUND,
+    "magnetic_field": (Fate.LOST, Severity.INFORMATION, "simspec has no magnetic field"),
+    "spherical_coordinates": (Fate.LOST, Severity.INFORMATION, "simspec has no place on the Earth"),
+}
+PHYSICS: Final[Said] = (Fate.LOST, Severity.INFORMATION, "settings of one engine; simspec has them under `engines`")
+
+
+DEFAULTS: Final[Mapping[str, bool | float]] = {
+    "kinematic": False,
+    "enable_wind": False,
+    "must_be_base_link": False,
+    "allow_auto_disable": True,
+    "cast_shadows": True,
+    "laser_retro": 0.0,
+    "transparency": 0.0,
+    "slip1": 0.0,
+    "slip2": 0.0,
+    "linear": 0.0,
+    "angular": 0.0,
+}
+"""Values that change nothing."""
+EMPTY: Final = ("velocity_decay", "contact")
+"""Elements that say nothing where nothing is in them."""
+
+
+def set_aside(parent: Element, table: Mapping[str, Said]) -> None:
+    """Say of each child of these tags what becomes of it."""
+    for child in parent.look(*table):
+        fate, severity, reason = table[child.tag]
+        if table[child.tag] is _PLUGIN:
+            severity, reason = plugin_loss(child)
+        if is_default(child):
+            fate, severity, reason = Fate.UNUSED, Severity.INFORMATION, "the default"
+        child.set_aside(None, fate, reason, severity)
+
+
+def is_default(element: Element) -> bool:
+    """Whether an element says only what holds without it. Raises SpecError for values that it may not have."""
+    inner = element.look()
+    if element.tag in EMPTY and not inner and not element.text:
+        return True
+    if inner:
+        return all(child.tag in DEFAULTS and is_default(child) for child in inner)
+    if not element.text or element.tag not in DEFAULTS:
+        return False
+    default = DEFAULTS[element.tag]
+    return flag(element, element.text) is default if isinstance(default, bool) else number(element) == default

@@ -2,17 +2,66 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from simspec.imports.draft import Draft, angle, numbers, plain, pose, renamed
-from simspec.imports.elements import NO_RATING, Element
-from simspec.imports.urdf import planar
-from simspec.imports.urdf.table import INFORMATION, LOST, UNUSED, attributes_unused
+from simspec.imports.draft import Draft, angle, names, numbers, plain, pose, renamed
+from simspec.imports.elements import LOCKED, NO_RATING, Element
+from simspec.imports.urdf.elements import CARRIED, INFORMATION, LOST, PHYSICS, UNUSED, attributes_unused
+from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import Pose
+from simspec.world.types import Pose, Vector3
+
+# --- planar joints: two slides across the axis, and a hinge about it ---
+
+PARTS: Final = ("x", "y", "yaw")
+"""What follows the joint's name, and ``_``, in the names of the three."""
+SENSELESS: Final = "URDF does not say which of the three motions of a planar joint is meant"
+
+
+def across(axis: Vector3) -> tuple[Vector3, Vector3]:
+    """Two directions that are right-handed with ``axis``: x and y, turned as little as turns z into the axis."""
+    length = math.hypot(*axis)
+    x, y, z = (value / length for value in axis)
+    if z < 0.0:  # the least turn from -z, after half a turn about x; no division by nearly 0
+        first, second = across((x, y, -z))
+        return (first[0], first[1], -first[2]), (-second[0], -second[1], second[2])
+    share = 1.0 / (1.0 + z)
+    return (1.0 - x * x * share, -x * y * share, -x), (-x * y * share, 1.0 - y * y * share, -y)
+
+
+def planar_joints(names: Sequence[str], data: dict[str, Any]) -> list[dict[str, Any]]:
+    """The three joints of a body, of these names; ``data`` has the `axis` and the `origin` of the planar joint."""
+    axis = data["axis"]
+    x, y = across((axis[0], axis[1], axis[2]))
+    kinds = (("slide", x), ("slide", y), ("hinge", axis))
+    joints = [
+        {"name": name, "type": kind, "axis": numbers(along)} for name, (kind, along) in zip(names, kinds, strict=True)
+    ]
+    if "origin" in data:
+        joints[0]["origin"] = data["origin"]
+    return joints
+
+
+def set_aside(element: Element, names: Sequence[str]) -> None:
+    """Say what of a planar joint is not carried: limits and dynamics have no meaning for three motions at once.
+    Raises SpecError for damping or friction that is no number."""
+    element.set_aside("name", CARRIED, f"called {', '.join(names)} in the spec", INFORMATION)
+    for part in element.look("limit"):
+        _aside(part, LOST, INFORMATION)
+    for part in element.look("dynamics"):
+        acts = [part.number(name) for name in ("damping", "friction")]
+        _aside(part, *((LOST, PHYSICS) if any(acts) else (UNUSED, INFORMATION)))
+
+
+def _aside(element: Element, fate: Fate, severity: Severity) -> None:
+    element.set_aside(None, fate, SENSELESS, severity)
+    for name in element.attributes:
+        element.set_aside(name, fate, SENSELESS, severity)
+
 
 TYPES: Final = {
     "fixed": "fixed",
@@ -23,13 +72,13 @@ TYPES: Final = {
     "floating": "free",
     "planar": "planar",
 }
-"""Types of URDF, and of the language; a planar joint is three of its joints (:mod:`simspec.imports.urdf.planar`)."""
+"""Types of URDF, and of the language; a planar joint is three of its joints (:mod:`simspec.imports.urdf.joints`)."""
 AXIS: Final = (1.0, 0.0, 0.0)
 """The axis where the file says none."""
 
 
 @dataclass
-class Joint:
+class UrdfJointRead:
     """A joint of the file. ``data`` has the words of the language but ``name`` and ``type``."""
 
     element: Element
@@ -51,7 +100,7 @@ class Joint:
     def listed(self) -> list[dict[str, Any]]:
         """The joint as items of the word `joints`."""
         if self.parts:
-            return planar.written(self.parts, self.data)
+            return planar_joints(self.parts, self.data)
         return [{"name": self.name, "type": self.kind, **self.data}]
 
     def placed(self, body: str) -> dict[str, Any]:
@@ -64,7 +113,9 @@ class Joint:
         return {**name, "type": self.kind, **self.data}
 
 
-def read_joint(element: Element, given: str, parts: Sequence[str], bodies: Mapping[str, str], draft: Draft) -> Joint:
+def read_joint(
+    element: Element, given: str, parts: Sequence[str], bodies: Mapping[str, str], draft: Draft
+) -> UrdfJointRead:
     """A joint, called ``given`` in the spec, and if it is planar ``parts``; ``bodies``: what the spec calls the links. Raises
     SpecError for what is none; defects that rules repair are collected."""
     element.need("name")
@@ -73,7 +124,7 @@ def read_joint(element: Element, given: str, parts: Sequence[str], bodies: Mappi
     if word not in TYPES:
         raise element.error("not a type of joint", word, ", ".join(TYPES))
     parent, child = _link(element, "parent"), _link(element, "child")
-    joint = Joint(element, given, bodies.get(child, child), TYPES[word], parent, child)
+    joint = UrdfJointRead(element, given, bodies.get(child, child), TYPES[word], parent, child)
     origin = element.child("origin")
     if origin is not None:
         xyz, rpy = origin.vector("xyz"), origin.vector("rpy")
@@ -85,13 +136,31 @@ def read_joint(element: Element, given: str, parts: Sequence[str], bodies: Mappi
     elif joint.kind == "planar":
         joint.parts = parts
         joint.data["axis"] = _axis(element)
-        planar.set_aside(element, parts)
+        set_aside(element, parts)
     else:
         for other in element.look("axis", "limit", "dynamics"):
             attributes_unused(other, f"a {word} joint has none")
         if joint.kind == "ball":
             _dynamics(joint)
     return joint
+
+
+def names_of(elements: Sequence[Element], *reserved: str) -> list[str]:
+    """The names of elements as the spec has them."""
+    return names([element.attributes.get("name", "").strip() for element in elements], reserved)
+
+
+def names_of_joints(elements: Sequence[Element]) -> tuple[list[str], dict[int, list[str]]]:
+    """The names of joints as the spec has them, and of the planar ones, by their places in the file, those of their parts."""
+    wanted = [element.attributes.get("name", "").strip() for element in elements]
+    several = [
+        index for index, element in enumerate(elements) if element.attributes.get("type", "").strip() == "planar"
+    ]
+    more = [f"{wanted[index]}_{part}" for index in several for part in PARTS]
+    given = names([*wanted, *more])
+    count = len(PARTS)
+    starts = range(len(wanted), len(given), count)
+    return given[: len(wanted)], {index: given[at : at + count] for index, at in zip(several, starts, strict=True)}
 
 
 def _link(element: Element, tag: str) -> str:
@@ -101,7 +170,7 @@ def _link(element: Element, tag: str) -> str:
     return part.need("link")
 
 
-def _moving(joint: Joint, word: str, draft: Draft) -> None:
+def _moving(joint: UrdfJointRead, word: str, draft: Draft) -> None:
     joint.data["axis"] = _axis(joint.element)
     limits = _limits(joint, word, draft)
     if limits:
@@ -117,7 +186,7 @@ def _axis(element: Element) -> list[float]:
     return numbers(along)
 
 
-def _limits(joint: Joint, word: str, draft: Draft) -> dict[str, Any]:
+def _limits(joint: UrdfJointRead, word: str, draft: Draft) -> dict[str, Any]:
     element = joint.element
     limit = element.child("limit")
     if limit is None:
@@ -147,7 +216,7 @@ def _limits(joint: Joint, word: str, draft: Draft) -> dict[str, Any]:
     return limits
 
 
-def _without_limits(joint: Joint, word: str, draft: Draft) -> None:
+def _without_limits(joint: UrdfJointRead, word: str, draft: Draft) -> None:
     rule = "missing-limits"
     if not draft.repairing(rule):
         draft.defect(joint.element, f"a {word} joint needs a <limit> with lower and upper", rule, RULES[rule])
@@ -156,7 +225,7 @@ def _without_limits(joint: Joint, word: str, draft: Draft) -> None:
     draft.repaired(rule, joint.element, what, ("model", "bodies", joint.body, "joint"))
 
 
-def _turned(limit: Element, lower: float, upper: float, draft: Draft, joint: Joint) -> tuple[float, float]:
+def _turned(limit: Element, lower: float, upper: float, draft: Draft, joint: UrdfJointRead) -> tuple[float, float]:
     rule = "turned-limits"
     if not draft.repairing(rule):
         draft.defect(limit, "the lower limit is above the upper", rule, RULES[rule], found=f"{lower:g} > {upper:g}")
@@ -166,7 +235,7 @@ def _turned(limit: Element, lower: float, upper: float, draft: Draft, joint: Joi
     return upper, lower
 
 
-def _dynamics(joint: Joint) -> None:
+def _dynamics(joint: UrdfJointRead) -> None:
     dynamics = joint.element.child("dynamics")
     if dynamics is None:
         return
@@ -179,7 +248,7 @@ def _dynamics(joint: Joint) -> None:
             joint.data[word] = plain(value)
 
 
-def reflect(root: Element, joints: Sequence[Joint]) -> None:
+def reflect(root: Element, joints: Sequence[UrdfJointRead]) -> None:
     """Give joints the inertia of their rotors, of Drake's words for actuators: at the joint it is I r², of a rotor of I
     (kg m²) and a gear of ratio r. Raises SpecError for what are no numbers."""
     known = {joint.element.attributes["name"].strip(): joint for joint in joints}
@@ -209,3 +278,109 @@ RULES: Final = {
     "missing-limits": "a revolute or prismatic joint without <limit>, or with neither lower nor upper in it, has no limits",
     "turned-limits": "a lower limit above the upper is the upper, and the upper the lower",
 }
+
+# --- joints whose lower limit is their upper one: fixed joints of the language ---
+# Engines would keep such a joint at a limit by forces, or refuse it. A joint that follows another, or that another follows, is
+# kept.
+
+
+def lock(joints: Sequence[UrdfJointRead]) -> None:
+    """Make joints fixed whose limits leave them one position, at that position."""
+    led = {mimic.attributes.get("joint", "").strip() for joint in joints for mimic in joint.element.look("mimic")}
+    for joint in joints:
+        name = joint.element.attributes["name"].strip()
+        if joint.kind not in SCALAR_JOINTS or name in led or joint.element.look("mimic"):
+            continue
+        for limit in joint.element.look("limit"):
+            at = limit.number("lower", 0.0) or 0.0
+            if "position" in joint.data.get("limits", {}) and at == (limit.number("upper", 0.0) or 0.0):
+                _fix(joint, at)
+
+
+def _fix(joint: UrdfJointRead, at: float) -> None:
+    held = f"the joint is fixed at {at:g}: {LOCKED}"
+    for element in joint.element.look("axis", "limit", "dynamics"):
+        for name in element.attributes:
+            fate = CARRIED if name in ("lower", "upper", "xyz") else UNUSED
+            element.set_aside(name, fate, held, INFORMATION)
+    if at:
+        axis = joint.data["axis"]
+        joint.origin = frames.compose(joint.origin, _moved(joint.kind, (axis[0], axis[1], axis[2]), at))
+    joint.data = _origin(joint, at)
+    joint.kind = "fixed"
+
+
+def _moved(kind: str, axis: Vector3, at: float) -> Pose:
+    length = frames.dot(axis, axis) ** 0.5
+    x, y, z = (value / length for value in axis)
+    if kind == "hinge":
+        return Pose(quaternion=frames.from_axis_angle((x, y, z), at))
+    return Pose((x * at, y * at, z * at))
+
+
+def _origin(joint: UrdfJointRead, at: float) -> dict[str, object]:
+    """The word `origin`: as it was where the joint is held at 0, else where it is held."""
+    if not at:
+        return {"origin": joint.data["origin"]} if "origin" in joint.data else {}
+    said: dict[str, object] = {"quat": [plain(value) for value in joint.origin.quaternion]}
+    if any(joint.origin.position):
+        said["xyz"] = [plain(value) for value in joint.origin.position]
+    return {"origin": said}
+
+
+# --- joints that follow others ---
+
+LEADERS: Final = "missing-leaders"
+MIMIC_RULES: Final = {LEADERS: "a joint that is to follow one that is not there moves on its own"}
+
+
+def constraints(joints: Sequence[UrdfJointRead], draft: Draft) -> dict[str, Any]:
+    """The constraints of all joints that follow others, by the name of the joint that follows."""
+    by_name = {joint.element.attributes["name"].strip(): joint for joint in joints}
+    said: dict[str, Any] = {}
+    for joint in joints:
+        follow = _follow(joint, by_name, draft)
+        if follow is not None:
+            said[joint.name] = {"follow": follow}
+    return said
+
+
+def _follow(joint: UrdfJointRead, by_name: Mapping[str, UrdfJointRead], draft: Draft) -> dict[str, Any] | None:
+    """What a joint follows; None for one that follows none, which says so."""
+    found = joint.element.look("mimic")
+    if not found:
+        return None
+    mimic = found[0]
+    if joint.kind not in SCALAR_JOINTS:
+        attributes_unused(mimic, f"a {joint.kind} joint has no position to follow with")
+        return None
+    with draft.collecting():
+        name = mimic.need("joint")
+        ratio, offset = mimic.number("multiplier", 1.0) or 0.0, mimic.number("offset", 0.0) or 0.0
+        leader = by_name.get(name)
+        why = ""
+        if leader is None and draft.repairing(LEADERS):
+            why = f"there is no joint {name[:80]}: this one moves on its own, by the rule {LEADERS}"
+            draft.repaired(
+                LEADERS, mimic, f"{joint.name} moves on its own: there is no joint {name[:80]}", ("model", "bodies")
+            )
+        elif leader is None:
+            draft.defect(mimic, f"there is no joint {name[:80]!r}", LEADERS, MIMIC_RULES[LEADERS], found=name)
+        elif leader is joint:
+            draft.defect(mimic, "a joint cannot follow itself", found=name)
+        elif leader.kind not in SCALAR_JOINTS:
+            why = f"the joint {leader.name} is {leader.kind}, and has no position to be followed: this one moves on its own"
+        elif ratio == 0.0:
+            why = "with a multiplier of 0 the joint follows nothing: it moves on its own"
+        else:
+            mimic.take()
+            draft.place(("model", "constraints", joint.name), mimic)
+            data: dict[str, Any] = {"joint": joint.name, "leader": leader.name}
+            data.update({"ratio": plain(ratio)} if ratio != 1.0 else {})
+            data.update({"offset": plain(offset)} if offset else {})
+            return data
+        if why:
+            mimic.set_aside(None, LOST, why, PHYSICS, "make the joint fixed" if ratio == 0.0 else "")
+            for attribute in mimic.attributes:
+                mimic.set_aside(attribute, LOST, why, INFORMATION)
+    return None

@@ -1,31 +1,36 @@
-"""Mass properties of links: what the file says, whether a body can have them, and what rules of repair make of them."""
+"""Mass properties of links, their repairs, and units of lengths and moments."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from simspec.imports.draft import Draft, angle, numbers, plain
-from simspec.imports.elements import Element
-from simspec.imports.moments import (
+from simspec import numerals
+from simspec.imports.draft import (
     DENSITY,
     FROM_SHAPES,
     MEANING,
     NOT_POSITIVE,
     OF_SHAPES,
     OF_SHAPES_OR_BALL,
+    Draft,
     Six,
+    angle,
     ball,
     became,
     given,
     nearest,
+    numbers,
+    plain,
     shown,
 )
-from simspec.imports.moments import RULE as TRIANGLE
-from simspec.imports.urdf.shapes import Shape
-from simspec.imports.urdf.table import INFORMATION, LOST, UNUSED
+from simspec.imports.draft import RULE as TRIANGLE
+from simspec.imports.elements import Element
+from simspec.imports.urdf.elements import INFORMATION, LOST, UNUSED
+from simspec.imports.urdf.joints import UrdfJointRead
+from simspec.imports.urdf.shapes import UrdfShapeRead
 from simspec.language.document import Path_
 from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
@@ -39,7 +44,7 @@ COPIES: Final = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
 
 
 @dataclass
-class Mass:
+class UrdfMass:
     """The mass properties of a link as the file says them: the tensor is in the axes of the inertial's own frame."""
 
     element: Element
@@ -86,13 +91,13 @@ class Mass:
         return {"tensor": {name: plain(value) for name, value in pairs if value or name in MOMENTS[:3]}}
 
 
-def read_mass(link: Element) -> Mass | None:
+def read_mass(link: Element) -> UrdfMass | None:
     """What a link says of its mass; None where it says nothing. Raises SpecError for what are no numbers."""
     inertial = link.child("inertial")
     if inertial is None:
         return None
     origin, mass, inertia = inertial.child("origin"), inertial.child("mass"), inertial.child("inertia")
-    read = Mass(inertial, 0.0)
+    read = UrdfMass(inertial, 0.0)
     if origin is not None:
         read.centre, read.rpy = origin.vector("xyz"), origin.vector("rpy")
     missing = []
@@ -122,7 +127,7 @@ def _copies(inertia: Element) -> None:
             inertia.set_aside(copy, LOST, f"another than {own}, which readers take")
 
 
-def check_mass(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None:
+def check_mass(mass: UrdfMass, has_shapes: bool, draft: Draft, path: Path_) -> None:
     """Repair the mass properties of a link that may move, or report what is wrong with them."""
     inertial = mass.element
     if mass.missing:
@@ -149,7 +154,7 @@ def check_mass(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None:
         draft.repaired(TRIANGLE, inertial, became(before, after), (*path, "inertia"))
 
 
-def _moments_of_nothing(mass: Mass, draft: Draft, path: Path_) -> None:
+def _moments_of_nothing(mass: UrdfMass, draft: Draft, path: Path_) -> None:
     """A link without mass has no moments of inertia: no body has these, and readers that add them to what the link is fixed
     to change how it turns."""
     inertial, rule = mass.element, "massless-moments"
@@ -162,7 +167,7 @@ def _moments_of_nothing(mass: Mass, draft: Draft, path: Path_) -> None:
     draft.repaired(rule, inertial, "moments of inertia of a link without mass are left out", path)
 
 
-def _incomplete(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None:
+def _incomplete(mass: UrdfMass, has_shapes: bool, draft: Draft, path: Path_) -> None:
     inertial, rule = mass.element, "incomplete-inertial"
     if not draft.repairing(rule):
         draft.defect(inertial, "an incomplete inertial", rule, RULES[rule], found=f"no {mass.missing}")
@@ -174,7 +179,7 @@ def _incomplete(mass: Mass, has_shapes: bool, draft: Draft, path: Path_) -> None
         draft.repaired(rule, inertial, f"without {mass.missing}: the body has no mass", path)
 
 
-def give_mass(mass: Mass, solids: Sequence[Shape], density: float, draft: Draft, path: Path_) -> None:
+def give_mass(mass: UrdfMass, solids: Sequence[UrdfShapeRead], density: float, draft: Draft, path: Path_) -> None:
     """Let the mass properties of a link follow from ``solids``, shapes of it with a volume, of ``density`` (kg/m³)."""
     element = mass.element
     what = given(path[-1] if isinstance(path[-1], str) else "", mass.mass, solids, density)
@@ -192,12 +197,12 @@ def _left_out(element: Element, fate: Any, reason: str) -> None:
             part.set_aside(name, fate, reason, INFORMATION)
 
 
-def leave_out(mass: Mass) -> None:
+def leave_out_mass(mass: UrdfMass) -> None:
     """Say that the mass properties of a link that is fixed to the world, which no body can have, are left out."""
     _left_out(mass.element, UNUSED, "impossible, and without effect: this link is fixed to the world")
 
 
-def not_positive(mass: Mass, has_shapes: bool, why: str, draft: Draft, path: Path_) -> None:
+def not_positive(mass: UrdfMass, has_shapes: bool, why: str, draft: Draft, path: Path_) -> None:
     """Repair moments of inertia that are not above 0, or report them."""
     rule = NOT_POSITIVE
     if not draft.repairing(rule):
@@ -208,7 +213,7 @@ def not_positive(mass: Mass, has_shapes: bool, why: str, draft: Draft, path: Pat
         _without_moments(mass, has_shapes, rule, draft, path)
 
 
-def _without_moments(mass: Mass, has_shapes: bool, rule: str, draft: Draft, path: Path_) -> None:
+def _without_moments(mass: UrdfMass, has_shapes: bool, rule: str, draft: Draft, path: Path_) -> None:
     """Let the moments follow from the shapes; of a body without shapes, be those of a ball."""
     inertial = mass.element
     for part in inertial.look("origin", "inertia"):
@@ -226,7 +231,7 @@ def _without_moments(mass: Mass, has_shapes: bool, rule: str, draft: Draft, path
     draft.repaired(rule, inertial, what, (*path, "inertia"))
 
 
-def total(members: Iterable[tuple[Mass, Pose]]) -> tuple[float, Six]:
+def total(members: Iterable[tuple[UrdfMass, Pose]]) -> tuple[float, Six]:
     """Mass, and tensor about the common centre of mass, of links that are fixed to each other; each with the pose of its frame
     in a common one."""
     parts = []
@@ -255,3 +260,182 @@ RULES: Final = {
     "massless-moments": "moments of inertia of a link whose mass is 0 are left out",
     "incomplete-inertial": "moments that are missing follow from the shapes; an inertial without mass is left out",
 }
+
+# --- lengths and moments in millimetres: far larger than the robot that they belong to ---
+
+MILLIMETRES: Final = "millimetres"
+UNIT_RULES: Final = {
+    MILLIMETRES: "what is many times larger than its robot is in millimetres: joints and shapes, meshes, moments of inertia"
+}
+FURTHEST_JOINT: Final = 50.0
+"""m between a joint and its parent's: no robot is so large, and one in millimetres has its longest link in it."""
+LARGEST_MESH: Final = 5.0
+"""m from the origin of a mesh's frame, from which on it is compared with the joints."""
+MESH_SHARE: Final = 20.0
+"""Radius of a mesh by the longest distance between joints; that of a link in its right unit is below 3."""
+GYRATION: Final = 2.0
+"""m, radius of gyration from which on it is compared with the link: small links are given large moments on purpose."""
+GYRATION_SHARE: Final = 100.0
+"""Radius of gyration by the size of the link: in kg mm² it is 1,000 times that of the link itself, in g mm² 31,623 times."""
+FINE: Final = 2500.0
+"""Of the same, from which on the unit is g mm²."""
+UNITS: Final = {"kg mm²": 1e-6, "g mm²": 1e-9}
+"""kg m² of moments of inertia in them."""
+THOUSANDTH: Final = 1e-3
+LENGTHS: Final[Mapping[str, Sequence[str]]] = {
+    "origin": ("xyz",),
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "ellipsoid": ("a", "b", "c"),
+}
+"""Attributes of elements that are lengths; those of limits are so for slides only."""
+
+
+@dataclass
+class LinkSize:
+    """What a link's moments of inertia are compared with."""
+
+    path: Path_
+    mass: UrdfMass
+    reach: float
+    """m: the furthest that anything of the link is from its centre of mass."""
+
+
+# --- the whole file ---------------------------------------------------------------------------------------------------
+
+
+def scale_file(root: Element, draft: Draft) -> None:
+    """Where joints are further apart than any robot's, all lengths of the file become metres by the rule, or it is told."""
+    far = [joint for joint in root.look("joint") if _origin(joint) > FURTHEST_JOINT]
+    if not far:
+        return
+    shown = f"{_origin(far[0]):g} m from its parent's frame"
+    if not draft.repairing(MILLIMETRES):
+        draft.suspect(
+            far[0],
+            "a joint is further away than any robot's: lengths in millimetres?",
+            MILLIMETRES,
+            UNIT_RULES[MILLIMETRES],
+            shown,
+        )
+        return
+    for element in root.within():
+        local = element.tag.rpartition(":")[2]
+        for name in LENGTHS.get(local, ()):
+            _scale(element, name)
+        if local == "mesh":
+            element.attributes.setdefault("scale", "1 1 1")
+            _scale(element, "scale")
+        if local == "joint" and element.attributes.get("type", "").strip() == "prismatic":
+            for limit in element.look("limit"):
+                for name in ("lower", "upper", "velocity"):
+                    _scale(limit, name)
+    draft.repaired(MILLIMETRES, root, f"all lengths are millimetres: a joint is {shown}", ())
+
+
+def _origin(joint: Element) -> float:
+    """m between a joint's frame and its parent's; 0 for one that is no number, which is told where it is read."""
+    for origin in joint.look("origin"):
+        values = _numbers(origin.attributes.get("xyz", ""))
+        return math.hypot(*values) if values is not None else 0.0
+    return 0.0
+
+
+def _scale(element: Element, name: str) -> None:
+    values = _numbers(element.attributes.get(name, ""))
+    if values is not None:
+        element.attributes[name] = " ".join(repr(value * THOUSANDTH) for value in values)
+
+
+def _numbers(text: str) -> list[float] | None:
+    try:
+        values = list(numerals.numbers(text))
+    except numerals.NumeralError:
+        return None
+    return values or None
+
+
+# --- meshes -----------------------------------------------------------------------------------------------------------
+
+
+def large_meshes(shapes: Sequence[UrdfShapeRead], joints: Sequence[UrdfJointRead], draft: Draft) -> list[UrdfShapeRead]:
+    """The shapes whose meshes are many times larger than the robot, with others of the same factors: by the rule they are
+    millimetres now, and have to be read again. Without it none, and it is told."""
+    apart = max((math.hypot(*joint.origin.position) for joint in joints), default=0.0)
+    least = max(LARGEST_MESH, MESH_SHARE * apart) if apart > 0.0 else FURTHEST_JOINT
+    far = [shape for shape in shapes if shape.mesh is not None and shape.radius > least]
+    # without joints the rule has to be named, since a ground may be of any size
+    if not far or (apart == 0.0 and not draft.options.repairs.is_named(MILLIMETRES)):
+        return []
+    shown = f"{far[0].radius:.3g} m from its origin"
+    if not draft.repairing(MILLIMETRES):
+        message = _counted("a mesh is many times larger than its robot: in millimetres?", len(far), "meshes")
+        _tell(far[0].element, message, shown, draft)
+        return []
+    factors = {shape.mesh.scale for shape in far if shape.mesh is not None}
+    large = [shape for shape in shapes if shape.mesh is not None and shape.mesh.scale in factors]
+    for shape in large:
+        assert shape.mesh is not None
+        x, y, z = shape.mesh.scale
+        shape.mesh = replace(shape.mesh, scale=(x * THOUSANDTH, y * THOUSANDTH, z * THOUSANDTH))
+        shape.data["mesh"] = shape.mesh.data()
+        draft.repaired(MILLIMETRES, shape.element, "the mesh is in millimetres", ("model", "bodies"))
+    return large
+
+
+# --- moments of inertia -----------------------------------------------------------------------------------------------
+
+
+def reach(shapes: Sequence[UrdfShapeRead], mass: UrdfMass, joints: Sequence[UrdfJointRead]) -> float:
+    """m: how far the shapes of a link, or the joints that lead from it, are from its centre of mass; 0 where it has none."""
+    ends = [shape.radius + math.dist(shape.data.get("pose", {}).get("xyz", (0, 0, 0)), mass.centre) for shape in shapes]
+    ends += [math.dist(joint.origin.position, mass.centre) for joint in joints]
+    return max((end for end in ends if math.isfinite(end)), default=0.0)
+
+
+def scale_moments(links: Sequence[LinkSize], draft: Draft) -> None:
+    """Moments of inertia that are many times those of the links become kg m² by the rule, or it is told."""
+    shares = {id(link): _share(link) for link in links}
+    large = [link for link in links if shares[id(link)] > GYRATION_SHARE]
+    if not large:
+        return
+    fine = sum(shares[id(link)] > FINE for link in large)
+    unit = "g mm²" if 2 * fine > len(large) else "kg mm²"
+    most = len(links) > 1 and 2 * len(large) > len(links)
+    # a single link may have been given large moments on purpose: there the rule has to be named
+    if not (draft.repairing(MILLIMETRES) if most else draft.options.repairs.is_named(MILLIMETRES)):
+        link = large[0]
+        away = f"moments of inertia of mass that is {_gyration(link.mass):.3g} m away: in {unit}?"
+        _tell(link.mass.element, _counted(away, len(large), "links"), f"a link of {link.reach:.3g} m", draft)
+        return
+    whole = [link for link in links if _gyration(link.mass) > 0.0] if 2 * len(large) > len(links) else large
+    for link in whole:
+        six = link.mass.tensor or (0.0,) * 6
+        factor = UNITS[unit]
+        link.mass.tensor = (
+            six[0] * factor, six[1] * factor, six[2] * factor, six[3] * factor, six[4] * factor, six[5] * factor
+        )  # fmt: skip
+        what = f"the moments of inertia are in {unit}"
+        draft.repaired(MILLIMETRES, link.mass.element, what, (*link.path, "inertia"))
+
+
+def _tell(element: Element, message: str, found: str, draft: Draft) -> None:
+    draft.suspect(element, message, MILLIMETRES, UNIT_RULES[MILLIMETRES], found)
+
+
+def _counted(message: str, count: int, what: str) -> str:
+    return message if count == 1 else f"{message} (and {count - 1} more {what})"
+
+
+def _share(link: LinkSize) -> float:
+    """Radius of gyration by the size of the link; 0 where it is no larger than that of what is no robot's part."""
+    gyration = _gyration(link.mass)
+    return gyration / (link.reach or 1.0) if gyration > GYRATION else 0.0
+
+
+def _gyration(mass: UrdfMass) -> float:
+    if mass.mass <= 0.0 or mass.tensor is None:
+        return 0.0
+    return math.sqrt(max(0.0, principal_moments(mass.tensor)[2]) / mass.mass)

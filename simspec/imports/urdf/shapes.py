@@ -9,12 +9,23 @@ from typing import Any, Final
 
 from simspec import numerals
 from simspec.errors import Problem, SpecError
-from simspec.imports.draft import Draft, names, numbers, plain, pose, renamed
+from simspec.imports.draft import (
+    Draft,
+    NamedMesh,
+    find_mesh,
+    kept_vertices,
+    names,
+    numbers,
+    plain,
+    pose,
+    read_meshes,
+    reduced_meshes,
+    renamed,
+)
 from simspec.imports.elements import Element
-from simspec.imports.meshes import NamedMesh, find_mesh, kept_vertices, read_meshes, reduced_meshes
 from simspec.imports.packages import MissingFileError
-from simspec.imports.urdf.planar import across
-from simspec.imports.urdf.table import APPEARANCE, INFORMATION, LOST
+from simspec.imports.urdf.elements import APPEARANCE, INFORMATION, LOST
+from simspec.imports.urdf.joints import across
 from simspec.language.foreign import Fate
 from simspec.language.mesh import SUFFIXES as MESHES
 from simspec.meshes.files import MeshError
@@ -44,7 +55,7 @@ OF_DIALECTS: Final = "a word that some readers add to URDF, carried as they mean
 
 
 @dataclass
-class Shape:
+class UrdfShapeRead:
     """A shape of a body: ``data`` without the words that say whether it is seen or collides."""
 
     element: Element
@@ -83,7 +94,7 @@ class Shape:
             data["colour"] = self.colour
         return data
 
-    def merge(self, seen: Shape) -> bool:
+    def merge(self, seen: UrdfShapeRead) -> bool:
         """Take a visual shape into this one, where both are the same solid in the same place; whether that was so."""
         if (
             self.visual
@@ -124,9 +135,9 @@ def _colour(material: Element) -> list[float] | None:
     return numbers(rgba)
 
 
-def read_shapes(link: Element, known: Mapping[str, list[float] | None], draft: Draft) -> list[Shape]:
+def read_shapes(link: Element, known: Mapping[str, list[float] | None], draft: Draft) -> list[UrdfShapeRead]:
     """All shapes of a link."""
-    shapes: list[Shape] = []
+    shapes: list[UrdfShapeRead] = []
     for element in link.children("collision", "visual"):
         with draft.collecting():
             try:
@@ -152,7 +163,7 @@ def _not_drawn(visual: Element, why: Problem) -> None:
     visual.set_aside(None, LOST, f"{why.message}{found}", APPEARANCE, why.hint or "")
 
 
-def without_planes(shapes: Sequence[Shape]) -> list[Shape]:
+def without_planes(shapes: Sequence[UrdfShapeRead]) -> list[UrdfShapeRead]:
     """The shapes of a body that moves: a plane that is only drawn does not move with one."""
     kept = [shape for shape in shapes if shape.collision or "plane" not in shape.data]
     for shape in shapes:
@@ -162,14 +173,14 @@ def without_planes(shapes: Sequence[Shape]) -> list[Shape]:
     return kept
 
 
-def merged(shapes: Sequence[Shape]) -> list[Shape]:
+def merged(shapes: Sequence[UrdfShapeRead]) -> list[UrdfShapeRead]:
     """The shapes, a visual one that is the same as a collision shape as one with it."""
     solid = [shape for shape in shapes if shape.collision]
     seen = [shape for shape in shapes if not shape.collision]
     return [*solid, *(shape for shape in seen if not any(other.merge(shape) for other in solid))]
 
 
-def name_shapes(shapes: Sequence[Shape]) -> None:
+def name_shapes(shapes: Sequence[UrdfShapeRead]) -> None:
     """Give every shape that has a name one that the language allows, and that no other has."""
     named = [shape for shape in shapes if shape.name]
     for shape, given in zip(named, names([shape.name for shape in named]), strict=True):
@@ -190,7 +201,7 @@ def _of_visual(element: Element, known: Mapping[str, list[float] | None]) -> lis
     return known.get(name)
 
 
-def _shape(element: Element, draft: Draft) -> Shape | None:
+def _shape(element: Element, draft: Draft) -> UrdfShapeRead | None:
     """The shape of a visual or collision element; None where it has none that is carried."""
     collides = element.tag == "collision"
     geometry = element.child("geometry")
@@ -211,14 +222,14 @@ def _shape(element: Element, draft: Draft) -> Shape | None:
     if _word(kind) in DIALECTS:
         kind.set_aside(None, Fate.CARRIED, OF_DIALECTS, INFORMATION)
     if _word(kind) == "plane":
-        return Shape(element, collides, {"plane": {}, **_upright(element, kind)})
+        return UrdfShapeRead(element, collides, {"plane": {}, **_upright(element, kind)})
     sizes = _sizes(kind)
     if min(size for value in sizes.values() for size in _listed(value)) <= 0.0:
         _empty(element, kind, draft)
         return None
     data = {_word(kind): sizes, **_pose(element)}
     volume = SHAPES[_word(kind)].volume([size for value in sizes.values() for size in _listed(value)])
-    return Shape(element, collides, data, radius=_radius_of(data), volume=volume)
+    return UrdfShapeRead(element, collides, data, radius=_radius_of(data), volume=volume)
 
 
 def _listed(value: Any) -> list[float]:
@@ -280,7 +291,7 @@ def _pose(element: Element) -> dict[str, Any]:
     return {"pose": where} if where else {}
 
 
-def _mesh(element: Element, kind: Element, draft: Draft) -> Shape | None:
+def _mesh(element: Element, kind: Element, draft: Draft) -> UrdfShapeRead | None:
     """A mesh; None for one that is not there, or is of another kind of file."""
     text, scale = kind.need("filename"), kind.vector("scale", (1.0, 1.0, 1.0))
     try:
@@ -298,7 +309,7 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> Shape | None:
         kind.set_aside(
             "filename", Fate.CARRIED, f"found from {draft.files.above[text].name}/, above the file", INFORMATION
         )
-    return Shape(element, element.tag == "collision", {"mesh": mesh.data(), **_pose(element)}, mesh=mesh)
+    return UrdfShapeRead(element, element.tag == "collision", {"mesh": mesh.data(), **_pose(element)}, mesh=mesh)
 
 
 def _without(element: Element, draft: Draft, why: Problem, rule: str = MISSING) -> None:
@@ -315,7 +326,7 @@ def _without(element: Element, draft: Draft, why: Problem, rule: str = MISSING) 
         )
 
 
-def judge_meshes(shapes: list[Shape], draft: Draft) -> list[Shape]:
+def judge_meshes(shapes: list[UrdfShapeRead], draft: Draft) -> list[UrdfShapeRead]:
     """The shapes without those meshes that cannot be read; of the others it is noted whether they enclose a volume."""
     named = [shape for shape in shapes if shape.mesh is not None]
     made = read_meshes([shape.mesh for shape in named if shape.mesh is not None])
@@ -341,7 +352,7 @@ def judge_meshes(shapes: list[Shape], draft: Draft) -> list[Shape]:
     return [shape for shape in shapes if id(shape) not in unusable]
 
 
-def _tell_fewer(shape: Shape, mesh: MadeMesh) -> None:
+def _tell_fewer(shape: UrdfShapeRead, mesh: MadeMesh) -> None:
     """Say of a hull of too many vertices that the spec's has fewer, and how far the two are apart."""
     kept = kept_vertices(mesh)
     if kept is None:

@@ -7,20 +7,33 @@ from typing import Any, Final
 
 from simspec.errors import SpecError
 from simspec.imports.draft import Draft, names, numbers, plain
-from simspec.imports.timestep import has_drives, stable_timestep
-from simspec.imports.usd.beyond import follow_words
-from simspec.imports.usd.bodies import Body
-from simspec.imports.usd.contact import Materials, bind
-from simspec.imports.usd.graph import Link, frame_in_body, in_order, origin_of, trees
-from simspec.imports.usd.joints import STACKED, TYPES, Freedom, Joint, JointReader, stacked, start_of, start_words
-from simspec.imports.usd.loops import loop_data
+from simspec.imports.usd.bodies import (
+    UsdBodyRead,
+    UsdLinkRead,
+    add_frames,
+    frame_in_body,
+    in_order,
+    loop_data,
+    origin_of,
+    trees,
+)
+from simspec.imports.usd.contact import UsdMaterials, bind, contact_data, physics_data, tidy
+from simspec.imports.usd.engine_schemas import follow_words
+from simspec.imports.usd.joints import (
+    STACKED,
+    TYPES,
+    Freedom,
+    JointReader,
+    UsdJointRead,
+    stacked,
+    start_of,
+    start_words,
+)
 from simspec.imports.usd.masses import OF_FILLING, MassReader
-from simspec.imports.usd.meshes import name_meshes
-from simspec.imports.usd.named_frames import add_frames
-from simspec.imports.usd.places import UPRIGHT, Places
-from simspec.imports.usd.scene import contact_data, physics_data, tidy
-from simspec.imports.usd.shapes import GEOMETRY, Shape, ShapeReader, pose_data
-from simspec.imports.usd.stage import Prim, Stage, agree
+from simspec.imports.usd.places import UPRIGHT, PrimPlaces
+from simspec.imports.usd.shapes import GEOMETRY, ShapeReader, UsdShapeRead, name_meshes, pose_data
+from simspec.imports.usd.stage import PrimRead, StageRead, agree
+from simspec.imports.writing import has_drives, stable_timestep
 from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
@@ -38,15 +51,15 @@ APART: Final = 1e-3
 MASSLESS: Final = "massless"
 
 
-class Assembly:
+class UsdAssembly:
     """What is made of a stage."""
 
-    def __init__(self, stage: Stage, draft: Draft):
+    def __init__(self, stage: StageRead, draft: Draft):
         self.stage, self.draft = stage, draft
-        self.places = Places(stage.metres, stage.up == "Z")
+        self.places = PrimPlaces(stage.metres, stage.up == "Z")
         self.data: dict[str, Any] = {}
-        self.body_of: dict[str, Prim] = {}
-        self.bodies: dict[int, Body] = {}
+        self.body_of: dict[str, PrimRead] = {}
+        self.bodies: dict[int, UsdBodyRead] = {}
         self.shapes = ShapeReader(self.places, draft)
         self.masses = MassReader(stage, self.places, draft)
 
@@ -63,7 +76,7 @@ class Assembly:
         if self.draft.problems:
             self.draft.finish()
         tops, loops = trees(prims, joints, roots)
-        order: list[Body] = []
+        order: list[UsdBodyRead] = []
         for top in tops:
             for link in in_order(top):
                 order.append(self._body(link, shapes.pop(link.prim.where, [])))
@@ -75,8 +88,8 @@ class Assembly:
 
     # --- reading ------------------------------------------------------------------------------------------------
 
-    def _rigid(self) -> list[Prim]:
-        bodies: list[Prim] = []
+    def _rigid(self) -> list[PrimRead]:
+        bodies: list[PrimRead] = []
         for prim in self.stage.used():
             if prim.applies(RIGID):
                 if prim.flag("physics:rigidBodyEnabled", True):
@@ -87,7 +100,7 @@ class Assembly:
                 self.body_of[prim.where] = self.body_of[prim.above.where]
         return bodies
 
-    def _root(self, prim: Prim, bodies: list[Prim]) -> Prim | None:
+    def _root(self, prim: PrimRead, bodies: list[PrimRead]) -> PrimRead | None:
         """The body that an articulation begins with, where it is said."""
         if prim.where in self.body_of:
             return self.body_of[prim.where]
@@ -97,9 +110,9 @@ class Assembly:
                     return self.body_of[target]
         return None
 
-    def _joints(self) -> list[Joint]:
+    def _joints(self) -> list[UsdJointRead]:
         reader = JointReader(self.stage, self.places, lambda prim: self.body_of.get(prim.where))
-        joints: list[Joint] = []
+        joints: list[UsdJointRead] = []
         for prim in self.stage.used():
             if prim.tag not in TYPES:
                 continue
@@ -115,9 +128,9 @@ class Assembly:
         adding = [prim for prim in self.stage.used() if prim.has(STACKED) and prim.flag(STACKED, False)]
         return stacked(joints, bool(adding))
 
-    def _shapes(self) -> dict[str, list[Shape]]:
+    def _shapes(self) -> dict[str, list[UsdShapeRead]]:
         """Shapes by the path of their body; those of the world by the path of what they are fixed on."""
-        shapes: dict[str, list[Shape]] = {}
+        shapes: dict[str, list[UsdShapeRead]] = {}
         for prim in self.stage.used():
             if prim.tag not in GEOMETRY:
                 continue
@@ -135,7 +148,7 @@ class Assembly:
             path: kept for path, held in shapes.items() if (kept := [shape for shape in held if id(shape) in readable])
         }
 
-    def _holder(self, prim: Prim) -> Prim:
+    def _holder(self, prim: PrimRead) -> PrimRead:
         """What a shape of the world is fixed on: the prim around it, unless that is around bodies or other such prims."""
         above = prim.above
         if (
@@ -145,11 +158,11 @@ class Assembly:
             or above.tag not in ("Xform", "prim")
         ):
             return prim
-        inside = [other for other in above.look() if isinstance(other, Prim)]
+        inside = [other for other in above.look() if isinstance(other, PrimRead)]
         return above if all(other.tag in GEOMETRY for other in inside) else prim
 
-    def _body(self, link: Link, shapes: list[Shape]) -> Body:
-        body = Body(link.prim, link, shapes)
+    def _body(self, link: UsdLinkRead, shapes: list[UsdShapeRead]) -> UsdBodyRead:
+        body = UsdBodyRead(link.prim, link, shapes)
         if link.joint is not None:
             body.frame = frame_in_body(link.joint)
             for joint in (*link.joint.outer, link.joint):
@@ -162,28 +175,26 @@ class Assembly:
         self.bodies[id(link.prim)] = body
         return body
 
-    def _still(self, shapes: dict[str, list[Shape]]) -> list[Body]:
+    def _still(self, shapes: dict[str, list[UsdShapeRead]]) -> list[UsdBodyRead]:
         bodies = []
         for path, held in shapes.items():
             prim = self.stage.prims[path]
-            body = Body(prim, Link(prim), held, fixed=True)
-            place = self.places.world(prim).pose
-            back = frames.inverse(place)
+            body = UsdBodyRead(prim, UsdLinkRead(prim), held, fixed=True)
+            back = frames.inverse(self.places.world(prim).pose)
             for shape in held:
-                within = self.places.within(shape.prim, prim) if shape.prim is not prim else None
-                turn = frames.compose(back, shape.pose)
-                shape.pose = (
-                    within.pose if within is not None and shape.prim.tag in ("Cube", "Sphere", "Mesh") else turn
-                )
+                if shape.prim is not prim and shape.prim.tag in ("Cube", "Sphere", "Mesh"):
+                    shape.pose = self.places.within(shape.prim, prim).pose
+                else:
+                    shape.pose = frames.compose(back, shape.pose)
             bodies.append(body)
             self.bodies[id(prim)] = body
         return bodies
 
     # --- names --------------------------------------------------------------------------------------------------
 
-    def _name(self, tops: list[Link], order: list[Body], still: list[Body]) -> None:
+    def _name(self, tops: list[UsdLinkRead], order: list[UsdBodyRead], still: list[UsdBodyRead]) -> None:
         """Names of bodies, models and joints. A tree that stands alone within a prim is a model, called as that."""
-        of_model: dict[int, Prim] = {}
+        of_model: dict[int, PrimRead] = {}
         for top in tops:
             holder = self._model(top, tops)
             if holder is not None:
@@ -219,7 +230,7 @@ class Assembly:
             for shape, name in zip(shapes, names([shape.name for shape in shapes]), strict=True):
                 shape.name = name
 
-    def _model(self, top: Link, tops: list[Link]) -> Prim | None:
+    def _model(self, top: UsdLinkRead, tops: list[UsdLinkRead]) -> PrimRead | None:
         """The prim that all bodies of a tree are in, and no others."""
         paths = [link.prim.where for link in in_order(top)]
         for holder in top.prim.ancestors():
@@ -233,20 +244,18 @@ class Assembly:
                 return None if any(path.startswith(start) for path in others) else holder
         return None
 
-    def _alone(self, tops: list[Link], still: list[Body]) -> bool:
+    def _alone(self, tops: list[UsdLinkRead], still: list[UsdBodyRead]) -> bool:
         """Whether the stage is one tree: a model file, unless simspec wrote it as a scenario that places a model."""
         default = self.stage.prims.get(self.stage.default)
-        placed = (
-            bool(tops)
-            and default is not None
-            and default.has("simspec:world")
-            and self._model(tops[0], tops) is not None
-        )
-        return len(tops) == 1 and not still and not placed
+        if len(tops) != 1 or still:
+            return False
+        return default is None or not default.has("simspec:world") or self._model(tops[0], tops) is None
 
     # --- data ---------------------------------------------------------------------------------------------------
 
-    def _scenario(self, tops: list[Link], order: list[Body], still: list[Body], loops: list[Joint]) -> None:
+    def _scenario(
+        self, tops: list[UsdLinkRead], order: list[UsdBodyRead], still: list[UsdBodyRead], loops: list[UsdJointRead]
+    ) -> None:
         alone = self._alone(tops, still)
         draft = self.draft
         default = self.stage.prims.get(self.stage.default)
@@ -258,7 +267,7 @@ class Assembly:
         draft.places[()] = self.stage.root.location
         if (physics := physics_data(self.stage, draft)) is not None:
             self.data["physics"] = physics
-        materials = Materials(self.stage)
+        materials = UsdMaterials(self.stage)
         # in the order of the file: trees by their roots
         index = {path: number for number, path in enumerate(self.stage.prims)}
         above = {id(link.prim): index[top.prim.where] for top in tops for link in in_order(top)}
@@ -296,9 +305,9 @@ class Assembly:
                 key: self.data[key] for key in ("simspec", "name", "physics", "contact", "model") if key in self.data
             }
 
-    def _follow(self, every: list[Body], alone: bool) -> None:
+    def _follow(self, every: list[UsdBodyRead], alone: bool) -> None:
         """Joints that follow others, as constraints of the model that both are in."""
-        of_prim: dict[str, tuple[Joint, str]] = {}
+        of_prim: dict[str, tuple[UsdJointRead, str]] = {}
         for body in every:
             if body.link.joint is not None:
                 for joint in (*body.link.joint.outer, body.link.joint):
@@ -318,11 +327,11 @@ class Assembly:
             (given,) = names([joint.name], list(table))
             table[given] = follow_words(joint.name, leader.name, said, joint.freedoms[0].kind == "hinge")
 
-    def _drives(self, every: list[Body]) -> None:
+    def _drives(self, every: list[UsdBodyRead]) -> None:
         """The timestep at which drives are stable, where the file says none."""
         if "timestep" in self.data.get("physics", {}) or self.draft.problems:
             return
-        joints = {f"{body.model}/{body.name}" if body.model else body.name: body.link.joint for body in every}
+        joints = {body.full: body.link.joint for body in every}
 
         def leave_out(name: str, step: float) -> None:
             joint = joints[name]
@@ -345,7 +354,7 @@ class Assembly:
             self.data.setdefault("physics", {})["timestep"] = step
             self.draft.note(("physics", "timestep"), "the file says no timestep; its drives are stable at this one")
 
-    def _words(self, body: Body, path: tuple[str, ...], materials: Materials) -> dict[str, Any]:
+    def _words(self, body: UsdBodyRead, path: tuple[str, ...], materials: UsdMaterials) -> dict[str, Any]:
         draft, prim, joint = self.draft, body.prim, body.link.joint
         draft.place(path, prim)
         data: dict[str, Any] = {}
@@ -390,7 +399,7 @@ class Assembly:
             draft.note(path, f"{prim.path} in the file")
         return data
 
-    def _join(self, body: Body, joint: Joint, data: dict[str, Any], path: tuple[str, ...]) -> None:
+    def _join(self, body: UsdBodyRead, joint: UsdJointRead, data: dict[str, Any], path: tuple[str, ...]) -> None:
         self.draft.place((*path, "joint"), joint.prim)
         words: list[dict[str, Any]] = []
         around = Pose()
@@ -428,7 +437,7 @@ class Assembly:
         )
         data["joints"] = [{"name": name, **one} for name, one in zip(called, words, strict=True)]
 
-    def _freedom_words(self, joint: Joint, freedom: Freedom) -> dict[str, Any]:
+    def _freedom_words(self, joint: UsdJointRead, freedom: Freedom) -> dict[str, Any]:
         one: dict[str, Any] = {"type": freedom.kind}
         if freedom.kind != "ball":
             axis = frames.rotate(joint.in_second.quaternion, freedom.axis)
@@ -438,7 +447,7 @@ class Assembly:
             one["axis"] = numbers(tidy(axis))
         return one | freedom.data
 
-    def _free(self, body: Body, data: dict[str, Any], path: tuple[str, ...]) -> None:
+    def _free(self, body: UsdBodyRead, data: dict[str, Any], path: tuple[str, ...]) -> None:
         prim = body.prim
         place = self.places.world(prim)
         if prim.flag("physics:kinematicEnabled", False):
@@ -462,12 +471,12 @@ class Assembly:
         if said_name and "fixed" not in data:
             data["joint"] = {"name": said_name, "type": "free"}
 
-    def _massless(self, body: Body, data: dict[str, Any], path: tuple[str, ...]) -> None:
+    def _massless(self, body: UsdBodyRead, data: dict[str, Any], path: tuple[str, ...]) -> None:
         """A free root without any mass is a defect, which a rule repairs."""
         if body.link.parent is not None or body.link.joint is not None or "fixed" in data or "kinematic" in data:
             return
 
-        def weighs(one: Body) -> bool:
+        def weighs(one: UsdBodyRead) -> bool:
             return bool(one.prim.told["attributes"].get("physics:mass", {}).get("value")) or any(
                 shape.collision for shape in one.shapes
             )

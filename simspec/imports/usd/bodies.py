@@ -1,22 +1,141 @@
-"""A body of a stage in the making."""
+"""Bodies of a stage: their trees, the loops between them, and named frames."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
-from simspec.imports.usd.graph import Link
-from simspec.imports.usd.shapes import Shape
-from simspec.imports.usd.stage import Prim
+from simspec.imports.draft import names, numbers
+from simspec.imports.usd.joints import Freedom, UsdJointRead
+from simspec.imports.usd.places import SAME, PrimPlaces
+from simspec.imports.usd.shapes import UsdShapeRead, pose_data
+from simspec.imports.usd.stage import PrimRead, StageRead
+from simspec.language.foreign import Fate
+from simspec.world import frames
 from simspec.world.types import Pose, Vector3
 
 
 @dataclass
-class Body:
+class UsdLinkRead:
+    """A body in its tree: its parent (None: the world) and the joint that moves it (None: it is free)."""
+
+    prim: PrimRead
+    parent: PrimRead | None = None
+    joint: UsdJointRead | None = None
+    children: list[UsdLinkRead] = field(default_factory=list)
+
+
+def reverse(joint: UsdJointRead) -> None:
+    """Take a joint from its other side: its coordinates stay what they are."""
+    if joint.outer:
+        raise joint.prim.error(
+            "several joints of two bodies, the first of which is the one that they move",
+            hint="exchange physics:body0 and physics:body1",
+        )
+    joint.first, joint.second = joint.second, joint.first
+    joint.in_first, joint.in_second = joint.in_second, joint.in_first
+    if len(joint.freedoms) > 1 and joint.freedoms[-1].kind == "ball":
+        hint = "exchange physics:body0 and physics:body1"
+        raise joint.prim.error(
+            "a joint with slides and three turns, whose first body is the one that it moves", hint=hint
+        )
+    joint.freedoms = [_turned(one) for one in reversed(joint.freedoms)]
+
+
+def _turned(freedom: Freedom) -> Freedom:
+    x, y, z = freedom.axis
+    start = freedom.start
+    if freedom.kind == "ball" and start:
+        start = frames.conjugate((start[0], start[1], start[2], start[3]))
+    return replace(freedom, axis=(0.0 - x, 0.0 - y, 0.0 - z), start=start)
+
+
+def trees(
+    bodies: list[PrimRead], joints: list[UsdJointRead], roots: list[PrimRead]
+) -> tuple[list[UsdLinkRead], list[UsdJointRead]]:
+    """The roots of the trees, in the file's order, and the joints that are in none. ``roots``: those that the file names."""
+    inside = [joint for joint in joints if not joint.outside]
+    beside: dict[int, list[UsdJointRead]] = {}
+    for joint in inside:
+        for side in (joint.first, joint.second):
+            if side is not None:
+                beside.setdefault(id(side), []).append(joint)
+    links: dict[int, UsdLinkRead] = {}
+    used: set[int] = set()
+    tops: list[UsdLinkRead] = []
+
+    def grow(top: UsdLinkRead) -> None:
+        waiting = [top]
+        while waiting:
+            link = waiting.pop(0)
+            for joint in beside.get(id(link.prim), ()):
+                other = joint.other(link.prim)
+                if id(joint) in used or other is None or id(other) in links:
+                    continue
+                used.add(id(joint))
+                if joint.second is link.prim:
+                    reverse(joint)
+                links[id(other)] = child = UsdLinkRead(other, link.prim, joint)
+                link.children.append(child)
+                waiting.append(child)
+
+    def start(body: PrimRead, joint: UsdJointRead | None) -> None:
+        if joint is not None:
+            used.add(id(joint))
+            if joint.second is None:
+                reverse(joint)
+        links[id(body)] = link = UsdLinkRead(body, None, joint)
+        tops.append(link)
+        grow(link)
+
+    # a chain between two walls is one tree with a loop: the first wall holds it, by a fixed joint where there is one
+    to_world = [joint for joint in inside if joint.first is None or joint.second is None]
+    for joint in sorted(to_world, key=lambda one: bool(one.freedoms)):
+        body = joint.first if joint.second is None else joint.second
+        if body is not None and id(body) not in links:
+            start(body, joint)
+    for body in roots:
+        if id(body) not in links:
+            start(body, None)
+    moved = {id(joint.second) for joint in inside}
+    for body in (*(body for body in bodies if id(body) not in moved), *bodies):
+        if id(body) not in links:
+            start(body, None)
+    order = {id(body): index for index, body in enumerate(bodies)}
+    tops.sort(key=lambda link: order[id(link.prim)])
+    return tops, [joint for joint in joints if id(joint) not in used]
+
+
+def in_order(top: UsdLinkRead) -> list[UsdLinkRead]:
+    """A tree's links, parents first, each with all below it before the next."""
+    links, waiting = [], [top]
+    while waiting:
+        link = waiting.pop()
+        links.append(link)
+        waiting.extend(reversed(link.children))
+    return links
+
+
+def frame_in_body(joint: UsdJointRead) -> Pose:
+    """The frame of a spec's body in the rigid frame of its prim: at the joint, with the prim's axes."""
+    turning = any(freedom.kind in ("hinge", "ball") for freedom in joint.freedoms)
+    return Pose(joint.in_second.position if turning else (0.0, 0.0, 0.0))
+
+
+def origin_of(joint: UsdJointRead) -> Pose:
+    """The body's frame in the parent's rigid frame, with the joint at zero."""
+    zero = frames.compose(joint.in_first, frames.inverse(joint.in_second))
+    return frames.compose(zero, frame_in_body(joint))
+
+
+@dataclass
+class UsdBodyRead:
     """A body: its prim, its shapes in its rigid frame, and where its frame in the spec is in that."""
 
-    prim: Prim
-    link: Link
-    shapes: list[Shape]
+    prim: PrimRead
+    link: UsdLinkRead
+    shapes: list[UsdShapeRead]
     name: str = ""
     model: str = ""
     frame: Pose = field(default_factory=Pose)
@@ -31,3 +150,76 @@ class Body:
     def full(self) -> str:
         """The name with that of its model."""
         return f"{self.model}/{self.name}" if self.model else self.name
+
+
+# --- loops ---
+
+
+def loop_data(
+    joint: UsdJointRead, bodies: Mapping[int, UsdBodyRead], places: PrimPlaces
+) -> tuple[str, dict[str, Any]] | None:
+    """The model that a loop is in ("": none), and its words; None for what the language does not say, which is then lost."""
+    prim = joint.prim
+    if joint.first is None or joint.second is None:
+        prim.set_aside(
+            None,
+            Fate.LOST,
+            "a loop that is closed against the world is not supported",
+            hint="join it to a body that is fixed",
+        )
+        return None
+    kinds = [freedom.kind for freedom in joint.freedoms]
+    first, second = bodies[id(joint.first)], bodies[id(joint.second)]
+    if first.model != second.model:
+        prim.set_aside(None, Fate.LOST, "a loop of two models is not supported")
+        return None
+    names = [first.name, second.name]
+    here = frames.compose(frames.inverse(first.frame), joint.in_first)
+    there = frames.compose(frames.inverse(second.frame), joint.in_second)
+    if not kinds:
+        pose = frames.compose(here, frames.inverse(there))
+        said = Pose(prim.exactly("origin", pose.position), prim.turn("orientation", pose.quaternion))  # type: ignore[arg-type]
+        return first.model, {"weld": {"bodies": names, "pose": pose_data(said)}}
+    if kinds not in (["ball"], ["hinge"]):
+        prim.set_aside(None, Fate.LOST, "loops are closed by fixed, spherical and revolute joints only")
+        return None
+    if kinds == ["hinge"]:
+        prim.set_aside(
+            "physics:axis",
+            Fate.LOST,
+            "a loop is held at the joint's point; nothing holds the direction of its axis, unless the other joints do",
+        )
+    at = prim.exactly("origin", here.position)
+    second_at = prim.exactly("second_point", there.position)
+    return first.model, {"connect": {"bodies": names, "at": numbers(at), "second_at": numbers(second_at)}}
+
+
+# --- transforms without children as named frames ---
+
+MARK = "simspec:frame"
+"""What simspec says of those that it writes: others have to stand elsewhere than their body."""
+
+
+def add_frames(
+    stage: StageRead,
+    places: PrimPlaces,
+    body_of: Mapping[str, PrimRead],
+    bodies: Mapping[int, UsdBodyRead],
+    data: dict[str, Any],
+    alone: bool,
+) -> None:
+    """Put the frames of a stage into the data of its spec. ``body_of``: of paths the rigid body; ``bodies``: of the ``id`` of
+    a prim the body that is made of it; ``alone``: whether the spec is a model."""
+    for prim in stage.used():
+        holder = body_of.get(prim.where)
+        if prim.tag != "Xform" or holder is None or holder is prim or id(holder) not in bodies or prim.look():
+            continue
+        marked = prim.flag(MARK, False)
+        place = places.within(prim, holder).pose
+        if place == SAME and not marked:
+            continue
+        body = bodies[id(holder)]
+        around = data["model"] if alone else data["models"][body.model] if body.model else data
+        own = pose_data(frames.compose(frames.inverse(body.frame), place))
+        (given,) = names([prim.called()], [*around.get("bodies", ()), *around.get("frames", ())])
+        around.setdefault("frames", {})[given] = {"body": body.name, **({"pose": own} if own else {})}

@@ -1,15 +1,21 @@
-"""Who touches whom, and how, on a stage: materials, collision groups, pairs that are filtered."""
+"""Gravity, materials, collision groups and filtered pairs of a stage."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from simspec.imports.draft import names, plain
-from simspec.imports.usd.shapes import Shape
-from simspec.imports.usd.stage import Prim, Stage
+from simspec.imports.draft import Draft, names, numbers, plain
+from simspec.imports.usd.bodies import UsdBodyRead
+from simspec.imports.usd.joints import UsdJointRead
+from simspec.imports.usd.places import UPRIGHT
+from simspec.imports.usd.shapes import UsdShapeRead
+from simspec.imports.usd.stage import PrimRead, StageRead
 from simspec.language.foreign import Fate, Severity
+from simspec.world import frames
+from simspec.world.types import Vector3
 
 MATERIAL: Final = "PhysicsMaterialAPI"
 BINDINGS: Final = ("material:binding:physics", "material:binding")
@@ -21,7 +27,7 @@ CONDIM: Final = "mjc:condim"
 LEFT_TO_SOLVER: Final = "the file binds no material to these shapes, which UsdPhysics leaves to the solver"
 
 
-def bind(shape: Shape, stage: Stage) -> None:
+def bind(shape: UsdShapeRead, stage: StageRead) -> None:
     """Give a shape that collides the material that it, or the nearest prim around it, is bound to."""
     for name in BINDINGS:
         for holder in shape.prim.ancestors():
@@ -38,15 +44,15 @@ def bind(shape: Shape, stage: Stage) -> None:
 
 
 @dataclass
-class Materials:
+class UsdMaterials:
     """The materials of physics that shapes have."""
 
-    stage: Stage
+    stage: StageRead
     names: dict[str, str] = field(default_factory=dict)
     """By their paths; "" for shapes that have none."""
     data: dict[str, Any] = field(default_factory=dict)
 
-    def read(self, shapes: Sequence[Shape], alone: bool) -> None:
+    def read(self, shapes: Sequence[UsdShapeRead], alone: bool) -> None:
         """Name the materials of shapes that collide. In a model file (``alone``) shapes need none."""
         solid = [shape for shape in shapes if shape.collision]
         bound = {shape.material for shape in solid}
@@ -63,7 +69,7 @@ class Materials:
             (self.names[""],) = names([UNBOUND], called)
             self.data[self.names[""]] = {"friction": FRICTION}
 
-    def _material(self, prim: Prim, shapes: Sequence[Shape]) -> dict[str, Any]:
+    def _material(self, prim: PrimRead, shapes: Sequence[UsdShapeRead]) -> dict[str, Any]:
         prim.take()
         prim.applies(MATERIAL)
         sticking, sliding = (prim.real(f"physics:{name}Friction", 0.0) for name in ("static", "dynamic"))
@@ -80,7 +86,7 @@ class Materials:
             prim.own("restitution")
         return data | self._turning(prim, shapes)
 
-    def _turning(self, prim: Prim, shapes: Sequence[Shape]) -> dict[str, Any]:
+    def _turning(self, prim: PrimRead, shapes: Sequence[UsdShapeRead]) -> dict[str, Any]:
         """Torsional and rolling friction (m) of a material. Where shapes say in how many directions friction acts
         (:data:`CONDIM`, 3 unless it is said), the first needs 4 of these, and the second 6."""
         governed = any("MjcCollisionAPI" in one.prim.schemas or one.prim.has(CONDIM) for one in shapes)
@@ -106,9 +112,9 @@ class Materials:
         return data
 
 
-def filtered(stage: Stage, body_of: Mapping[str, Prim]) -> list[tuple[Prim, Prim]]:
+def filtered(stage: StageRead, body_of: Mapping[str, PrimRead]) -> list[tuple[PrimRead, PrimRead]]:
     """Pairs of bodies that do not touch. ``body_of``: the body of every prim that is part of one, by its path."""
-    pairs: list[tuple[Prim, Prim]] = []
+    pairs: list[tuple[PrimRead, PrimRead]] = []
     for prim in stage.used():
         if not prim.applies("PhysicsFilteredPairsAPI"):
             continue
@@ -128,7 +134,7 @@ def filtered(stage: Stage, body_of: Mapping[str, Prim]) -> list[tuple[Prim, Prim
     return pairs
 
 
-def _solid(stage: Stage, body: Prim, body_of: Mapping[str, Prim]) -> list[Prim]:
+def _solid(stage: StageRead, body: PrimRead, body_of: Mapping[str, PrimRead]) -> list[PrimRead]:
     return [
         prim
         for path, holder in body_of.items()
@@ -136,7 +142,7 @@ def _solid(stage: Stage, body: Prim, body_of: Mapping[str, Prim]) -> list[Prim]:
     ]
 
 
-def groups(stage: Stage, shapes: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
+def groups(stage: StageRead, shapes: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, str]]:
     """The words of ``contact.groups``, and the group of each body that is in one. ``shapes``: the bodies' names by the paths of
     their shapes that collide."""
     prims = [prim for prim in stage.used() if prim.tag == "PhysicsCollisionGroup"]
@@ -185,3 +191,146 @@ def _in(path: str, targets: Sequence[str], rule: str) -> bool:
     if rule == "explicitOnly":
         return path in targets
     return any(path == target or path.startswith(f"{target}/") for target in targets)
+
+
+# --- scene ---
+
+SELF_COLLISION: Final = ("physxArticulation:enabledSelfCollisions", "newton:selfCollisionEnabled")
+"""Attributes of articulations beyond UsdPhysics: whether bodies of one touch each other."""
+GRAVITY: Final = 9.81
+"""m/s², where the scene does not say it."""
+
+
+def physics_data(stage: StageRead, draft: Draft) -> dict[str, Any] | None:
+    """Gravity, and the timestep that only simspec says; None where the stage has no scene."""
+    scenes = [prim for prim in stage.used() if prim.tag == "PhysicsScene"]
+    for other in scenes[1:]:
+        other.set_aside(None, Fate.LOST, "another scene of the file is in force")
+    if not scenes:
+        return None
+    scene = scenes[0].take()
+    assert isinstance(scene, PrimRead)
+    along = scene.reals("physics:gravityDirection", 3) or (0.0, 0.0, 0.0)
+    size = scene.real("physics:gravityMagnitude", -math.inf, infinite=True)
+    length = math.sqrt(sum(value * value for value in along))
+    size = GRAVITY if size < 0.0 else size * stage.metres
+    down = (0.0, 0.0, -1.0) if stage.up == "Z" else (0.0, -1.0, 0.0)
+    if not scene.flag("newton:gravityEnabled", True):
+        size = 0.0
+    unit = tuple(value / length for value in along) if length else down
+    gravity = scene.exactly("gravity", [value * size for value in unit])
+    vector = (gravity[0], gravity[1], gravity[2])
+    if stage.up == "Y":
+        vector = tidy(frames.rotate(UPRIGHT.quaternion, vector))
+        draft.note(("physics", "gravity"), "y is up in the file: its world is turned by 90 deg about x")
+    physics: dict[str, Any] = {"gravity": numbers([_short(value) for value in vector])}
+    step = scene.own("timestep", 1)
+    if step is not None and step[0] > 0.0:
+        physics["timestep"] = plain(step[0])
+    return physics
+
+
+def contact_data(
+    stage: StageRead,
+    draft: Draft,
+    parts: Mapping[str, PrimRead],
+    bodies: Mapping[int, UsdBodyRead],
+    materials: UsdMaterials,
+    every: Sequence[UsdBodyRead],
+    joints: Sequence[UsdJointRead],
+    data: dict[str, Any],
+) -> dict[str, Any]:
+    """Materials, groups and pairs; bodies in ``data`` are told their groups. ``parts``: the body of every prim that is part of
+    one; ``bodies`` by the ``id`` of their prims."""
+    contact: dict[str, Any] = {}
+    if materials.data:
+        contact["materials"] = materials.data
+        if "" in materials.names:
+            draft.note(("contact", "materials", materials.names[""]), LEFT_TO_SOLVER)
+    full = {id(body.prim): body.full for body in every}
+    of_shape = {shape.prim.where: full[id(body.prim)] for body in every for shape in body.shapes if shape.collision}
+    words, member = groups(stage, of_shape)
+    if words:
+        contact["groups"] = words
+        for body in every:
+            if full[id(body.prim)] in member:
+                _words_of(body, data)["collision_group"] = member[full[id(body.prim)]]
+    body_of = dict(parts)
+    for body in every:
+        if body.fixed:
+            body_of[body.prim.where] = body.prim
+            body_of |= {shape.prim.where: body.prim for shape in body.shapes}
+    pairs = {
+        tuple(sorted((full[id(one)], full[id(two)])))
+        for one, two in filtered(stage, body_of)
+        if id(one) in full and id(two) in full
+    }
+    if "model" in data and _keeps_apart(stage):
+        contact["self_collision"] = False
+    rigid = _rigid_groups(every, bodies)
+    kept = sorted(pair for pair in pairs if rigid.get(pair[0]) != rigid.get(pair[1]) or pair[0] not in rigid)
+    if kept:
+        contact["exclude"] = [list(pair) for pair in kept]
+    if touch := _touching(joints, full, set(of_shape.values()), rigid):
+        contact["touch"] = [list(pair) for pair in touch]
+    return contact
+
+
+def _keeps_apart(stage: StageRead) -> bool:
+    """Whether an articulation says that its bodies do not touch each other, by a word of an engine that many files have."""
+    said = [prim for prim in stage.used() for name in SELF_COLLISION if name in prim.told["attributes"]]
+    flags = [prim.flag(name, True) for prim in said for name in SELF_COLLISION]
+    return not all(flags)
+
+
+def _touching(
+    joints: Sequence[UsdJointRead], full: Mapping[int, str], solid: Container[str], rigid: Mapping[str, str]
+) -> list[tuple[str, str]]:
+    """Pairs of bodies that touch although a joint joins them."""
+    pairs = set()
+    for joint in joints:
+        names = [full.get(id(side), "") for side in (joint.first, joint.second)]
+        if joint.touching and all(name in solid for name in names) and rigid[names[0]] != rigid[names[1]]:
+            pairs.add((min(names), max(names)))
+    return sorted(pairs)
+
+
+def _rigid_groups(every: Sequence[UsdBodyRead], bodies: Mapping[int, UsdBodyRead]) -> dict[str, str]:
+    """Bodies that fixed joints hold together, by a name for each group."""
+    group: dict[str, str] = {}
+    for body in every:
+        name = body.full
+        joint = body.link.joint
+        rigid = joint is not None and not joint.freedoms
+        if body.fixed or (rigid and body.link.parent is None):
+            group[name] = "world"
+        elif rigid and body.link.parent is not None:
+            above = bodies[id(body.link.parent)]
+            group[name] = group[above.full]
+        else:
+            group[name] = name
+    return group
+
+
+def _words_of(body: UsdBodyRead, data: dict[str, Any]) -> dict[str, Any]:
+    """The words of a body."""
+    if "model" in data:
+        table = data["model"]["bodies"]
+    else:
+        table = data["models"][body.model]["bodies"] if body.model else data["bodies"]
+    words: dict[str, Any] = table[body.name]
+    return words
+
+
+def tidy(vector: Vector3) -> Vector3:
+    """An axis whose components that rounding left are zero."""
+    x, y, z = (0.0 if abs(value) < 1e-9 else value for value in vector)
+    return (x, y, z)
+
+
+def _short(value: float) -> float:
+    """A number of single precision as a person wrote it, where it is one."""
+    import numpy as np
+
+    short = float(str(np.float32(value)))
+    return short if abs(short - value) <= 1e-7 * abs(value) and float(np.float32(value)) == value else value

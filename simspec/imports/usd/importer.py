@@ -8,12 +8,11 @@ from typing import Final
 
 from simspec.imports.draft import Draft
 from simspec.imports.files import Files
-from simspec.imports.table import Row
-from simspec.imports.usd.assembly import Assembly
-from simspec.imports.usd.fates import settle
+from simspec.imports.reference import ElementRow
+from simspec.imports.usd.assembly import UsdAssembly
+from simspec.imports.usd.losses import RULES, rows, settle
 from simspec.imports.usd.places import ROTATIONS
 from simspec.imports.usd.stage import read_stage
-from simspec.imports.usd.table import RULES, rows
 from simspec.language.foreign import Imported, ImportOptions
 
 MISSING: Final = "missing-files"
@@ -29,7 +28,7 @@ class Usd:
         return re.match(rb"#usda|PXR-USDC|PK\x03\x04", content) is not None
 
     @staticmethod
-    def table() -> list[Row]:
+    def table() -> list[ElementRow]:
         """What prims and attributes become."""
         return rows()
 
@@ -45,20 +44,10 @@ class Usd:
         stage = read_stage(files, draft.repairing(MISSING))
         for prim in stage.prims.values():
             prim.forgiving = draft.repairing(ROTATIONS)
-        assembly = Assembly(stage, draft)
+        assembly = UsdAssembly(stage, draft)
         assembly.fill()
         for text in stage.missing:
             draft.repaired(MISSING, stage.root, f"{text} is left out: it is not there", ())
         draft.finish()
         settle(stage)
-        accounts = list(stage.root.accounts())
-        return Imported(
-            assembly.data,
-            draft.places,
-            accounts,
-            draft.repairs,
-            files=draft.meshes,
-            made=frozenset(draft.meshes),
-            read=files.read,
-            comments=draft.comments,
-        )
+        return draft.imported(assembly.data, list(stage.root.accounts()), made=draft.meshes)

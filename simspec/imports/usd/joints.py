@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from simspec.imports.draft import angle, numbers, plain
-from simspec.imports.usd import beyond
-from simspec.imports.usd.beyond import UNBOUNDED, Mimic, Units
-from simspec.imports.usd.places import Places, quaternion
-from simspec.imports.usd.stage import OWN, Prim, Stage, agree
+from simspec.imports.usd import engine_schemas
+from simspec.imports.usd.engine_schemas import UNBOUNDED, Units, UsdMimic
+from simspec.imports.usd.places import PrimPlaces, quaternion
+from simspec.imports.usd.stage import OWN, PrimRead, StageRead, agree
 from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -54,16 +54,16 @@ class Freedom:
     instance: str = ""
     """What drives and states of the axis are called."""
     units: Units | None = None
-    mimic: Mimic | None = None
+    mimic: UsdMimic | None = None
 
 
 @dataclass
-class Joint:
+class UsdJointRead:
     """A joint between two bodies (None: the world), with its frames in theirs (m)."""
 
-    prim: Prim
-    first: Prim | None
-    second: Prim | None
+    prim: PrimRead
+    first: PrimRead | None
+    second: PrimRead | None
     in_first: Pose
     in_second: Pose
     freedoms: list[Freedom]
@@ -76,19 +76,19 @@ class Joint:
     """m or rad by which its frames are apart where the bodies are."""
     said: bool = False
     """Whether simspec's own attributes say where its axes stand."""
-    outer: list[Joint] = field(default_factory=list)
+    outer: list[UsdJointRead] = field(default_factory=list)
     """Joints of the same two bodies that move the second before this one does, from the first outwards."""
 
     def own(self, freedom: Freedom, name: str) -> tuple[float, ...] | None:
         """Numbers that only simspec says of one of the axes."""
         return self.prim.own(prefix(self.prim, freedom.word) + name)
 
-    def other(self, body: Prim | None) -> Prim | None:
+    def other(self, body: PrimRead | None) -> PrimRead | None:
         """The body that it joins to ``body``."""
         return self.second if body is self.first else self.first
 
 
-def prefix(prim: Prim, word: str) -> str:
+def prefix(prim: PrimRead, word: str) -> str:
     """How simspec's own attributes of an axis begin: with its word, where the joint has several."""
     return f"{word}:" if TYPES[prim.tag] == "several" else ""
 
@@ -96,14 +96,14 @@ def prefix(prim: Prim, word: str) -> str:
 class JointReader:
     """Reads the joints of a stage. ``body_of``: the body that a prim is part of, None for what is fixed in the world."""
 
-    def __init__(self, stage: Stage, places: Places, body_of: Callable[[Prim], Prim | None]):
+    def __init__(self, stage: StageRead, places: PrimPlaces, body_of: Callable[[PrimRead], PrimRead | None]):
         self.stage, self.places, self.body_of = stage, places, body_of
         self.of_force = stage.kilograms * stage.metres
         self.of_torque = stage.kilograms * stage.metres**2
         angles = [prim.token(ANGLES) for prim in stage.used() if prim.has(ANGLES)]
         self.degrees = "radian" not in angles
 
-    def read(self, prim: Prim) -> Joint | None:
+    def read(self, prim: PrimRead) -> UsdJointRead | None:
         """The joint of a prim; None for one that joins nothing. Raises SpecError for what is wrong."""
         prim.take()
         if not prim.flag("physics:jointEnabled", True):
@@ -126,7 +126,7 @@ class JointReader:
         if freedoms is None:
             self._unused(prim, "a joint that leaves everything free")
             return None
-        joint = Joint(
+        joint = UsdJointRead(
             prim,
             first,
             second,
@@ -139,10 +139,10 @@ class JointReader:
         )
         return joint
 
-    def _unused(self, prim: Prim, why: str) -> None:
+    def _unused(self, prim: PrimRead, why: str) -> None:
         prim.set_aside(None, Fate.UNUSED, why, Severity.INFORMATION)
 
-    def _side(self, prim: Prim, number: int) -> tuple[Prim | None, Pose]:
+    def _side(self, prim: PrimRead, number: int) -> tuple[PrimRead | None, Pose]:
         """The body at one end of a joint, and the joint's frame in it."""
         targets = prim.targets(f"physics:body{number}")
         if len(targets) > 1:
@@ -165,7 +165,7 @@ class JointReader:
 
     # --- axes -------------------------------------------------------------------------------------------------
 
-    def _freedoms(self, prim: Prim, kind: str) -> list[Freedom] | None:
+    def _freedoms(self, prim: PrimRead, kind: str) -> list[Freedom] | None:
         """What a joint leaves free, in order; None where that is everything."""
         if kind not in SCALAR_JOINTS:
             for name in ("physics:axis", "physics:lowerLimit", "physics:upperLimit"):
@@ -198,11 +198,11 @@ class JointReader:
                 ball.data["spring"] = {"stiffness": plain(stiffness[0])}
             if damping is not None:
                 ball.data["damping"] = plain(damping[0])
-            beyond.of_ball(prim, ball.data, self._units(True))
+            engine_schemas.of_ball(prim, ball.data, self._units(True))
             return [ball]
         return self._several(prim)
 
-    def _several(self, prim: Prim) -> list[Freedom] | None:
+    def _several(self, prim: PrimRead) -> list[Freedom] | None:
         """The axes of a joint of up to six degrees of freedom: its slides, then its turns, in the order X, Y, Z."""
         limited = set(prim.instances("PhysicsLimitAPI"))
         if "distance" in limited:
@@ -230,16 +230,16 @@ class JointReader:
                 self._no_drive(prim, drive)
         return [*freedoms, *(self._along(prim, word, "hinge", TURNS[word]) for word in turns)]
 
-    def _bounded(self, prim: Prim, word: str) -> bool:
+    def _bounded(self, prim: PrimRead, word: str) -> bool:
         ends = (prim.real(f"limit:{word}:physics:{end}", math.inf, infinite=True) for end in ("low", "high"))
         return any(math.isfinite(end) and abs(end) < UNBOUNDED for end in ends)
 
-    def _along(self, prim: Prim, word: str, kind: str, axis: Vector3) -> Freedom:
+    def _along(self, prim: PrimRead, word: str, kind: str, axis: Vector3) -> Freedom:
         freedom = Freedom(kind, axis, word, name=prim.token(f"{OWN}{word}:name"))
         self._moves(prim, freedom, f"limit:{word}:physics:low", f"limit:{word}:physics:high", word)
         return freedom
 
-    def _moves(self, prim: Prim, freedom: Freedom, low: str, high: str, drive: str) -> None:
+    def _moves(self, prim: PrimRead, freedom: Freedom, low: str, high: str, drive: str) -> None:
         """Limits, drives and ratings of one axis."""
         turns = freedom.kind == "hinge"
         unit = math.pi / 180.0 if turns else self.stage.metres
@@ -260,7 +260,7 @@ class JointReader:
             if own is not None:
                 limits[word] = plain(own[0])
         units = self._units(turns)
-        beyond.ratings(prim, limits, units, self.stage.metres == self.stage.kilograms == 1.0, drive)
+        engine_schemas.ratings(prim, limits, units, self.stage.metres == self.stage.kilograms == 1.0, drive)
         if limits:
             data["limits"] = limits
         for name, word in (("dry_friction", "dry_friction"), ("armature", "armature")):
@@ -268,12 +268,12 @@ class JointReader:
             if own is not None and own[0]:
                 data[word] = plain(own[0])
         freedom.instance, freedom.units = drive, units
-        if (armature := beyond.armature(prim, units, drive)) and "armature" not in data:
+        if (armature := engine_schemas.armature(prim, units, drive)) and "armature" not in data:
             data["armature"] = plain(armature)
-        beyond.passive(prim, data, units, self.degrees, drive)
+        engine_schemas.passive(prim, data, units, self.degrees, drive)
         if not own_word:
-            freedom.mimic = beyond.mimic(prim, units)
-        if speed := beyond.velocity(prim, drive, units):
+            freedom.mimic = engine_schemas.mimic(prim, units)
+        if speed := engine_schemas.velocity(prim, drive, units):
             data["velocity"] = plain(speed)
 
     def _units(self, turns: bool) -> Units:
@@ -282,7 +282,7 @@ class JointReader:
             self.of_torque if turns else self.stage.kilograms, unit, self.of_torque if turns else self.of_force, turns
         )
 
-    def _drive(self, prim: Prim, freedom: Freedom, name: str) -> None:
+    def _drive(self, prim: PrimRead, freedom: Freedom, name: str) -> None:
         """A drive as a spring and a damper."""
         if name not in prim.instances("PhysicsDriveAPI"):
             return
@@ -339,7 +339,7 @@ class JointReader:
         self._say_passive(freedom, turns, stiffness, damping, rest)
 
     def _passive(
-        self, prim: Prim, freedom: Freedom, stiffness: float, damping: float
+        self, prim: PrimRead, freedom: Freedom, stiffness: float, damping: float
     ) -> tuple[float, float, float] | None:
         """Stiffness, damping and rest of the joint itself, where simspec wrote the gains of a controller into the same drive;
         None where it did not, or the drive has been changed since."""
@@ -363,7 +363,7 @@ class JointReader:
         if damping:
             freedom.data["damping"] = plain(damping)
 
-    def _no_drive(self, prim: Prim, name: str) -> None:
+    def _no_drive(self, prim: PrimRead, name: str) -> None:
         for attribute in prim.attributes:
             if attribute.startswith(f"drive:{name}:"):
                 prim.set_aside(attribute, Fate.LOST, "a drive of an axis that simspec drives by `control:` only")
@@ -374,11 +374,11 @@ FAR: Final = 1e12
 """rad or m that stand for no limit at one end, where the other has one."""
 
 
-def stacked(joints: list[Joint], adding: bool) -> list[Joint]:
+def stacked(joints: list[UsdJointRead], adding: bool) -> list[UsdJointRead]:
     """The joints; of several that move the same two bodies one after the other the last, with the others as its outer ones.
     They do so where joints add mobility (:data:`STACKED`), or where all of them are of the schema :data:`ADDING`, and have to
     stand at zero where the bodies are."""
-    of_pair: dict[tuple[int, int], list[Joint]] = {}
+    of_pair: dict[tuple[int, int], list[UsdJointRead]] = {}
     for joint in joints:
         if not joint.outside and joint.second is not None and len(joint.freedoms) == 1:
             of_pair.setdefault((id(joint.first), id(joint.second)), []).append(joint)
@@ -393,14 +393,14 @@ def stacked(joints: list[Joint], adding: bool) -> list[Joint]:
     return [joint for joint in joints if id(joint) not in taken]
 
 
-def _turn(joint: Joint) -> list[float]:
+def _turn(joint: UsdJointRead) -> list[float]:
     """How far the axis of a joint of one axis is from zero."""
     freedom = joint.freedoms[0]
     values = freedom.start[1:] if freedom.kind == "ball" else freedom.start
     return [value for value in values if abs(value) >= START]
 
 
-def start_of(joint: Joint, first: Pose, second: Pose) -> Pose:
+def start_of(joint: UsdJointRead, first: Pose, second: Pose) -> Pose:
     """Where the second frame of a joint is in its first, with the bodies at these poses; its freedoms get their positions,
     and it what its frames are apart beyond them."""
     rest = frames.compose(
@@ -432,7 +432,7 @@ def start_of(joint: Joint, first: Pose, second: Pose) -> Pose:
     return rest
 
 
-def stand_as_said(joint: Joint, rest: Pose) -> bool:
+def stand_as_said(joint: UsdJointRead, rest: Pose) -> bool:
     """Take the positions that simspec's own attributes say of hinges and slides, where they bring the second frame to ``rest``
     in the first: an angle beyond a half turn, and one of several, is not seen in places. Whether they do."""
     held = [joint.own(freedom, "position") for freedom in joint.freedoms]
@@ -468,7 +468,7 @@ def stand_as_said(joint: Joint, rest: Pose) -> bool:
     return True
 
 
-def start_words(joint: Joint) -> None:
+def start_words(joint: UsdJointRead) -> None:
     """Say in each freedom's words where it stands, but at zero."""
     for freedom in joint.freedoms:
         if (
@@ -492,7 +492,7 @@ def start_words(joint: Joint) -> None:
             if abs(values[0]) >= START or (joint.said and values[0]):
                 freedom.data["position"] = angle(values[0]) if freedom.kind == "hinge" else plain(values[0])
             if freedom.units is not None:
-                beyond.check_position(joint.prim, freedom.instance, freedom.units, values[0])
+                engine_schemas.check_position(joint.prim, freedom.instance, freedom.units, values[0])
         speeds = joint.own(freedom, "velocity")
         if speeds is not None and len(speeds) == (3 if freedom.kind == "ball" else 1):
             freedom.data["velocity"] = numbers(speeds) if freedom.kind == "ball" else plain(speeds[0])

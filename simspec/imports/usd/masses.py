@@ -12,11 +12,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.imports.draft import Draft, numbers, plain
-from simspec.imports.moments import NOT_POSITIVE, shown
-from simspec.imports.usd.places import Places, quaternion
-from simspec.imports.usd.shapes import Shape
-from simspec.imports.usd.stage import OWN, STALE, Prim, Stage, agree
+from simspec.imports.draft import NOT_POSITIVE, Draft, numbers, plain, shown
+from simspec.imports.usd.places import PrimPlaces, quaternion
+from simspec.imports.usd.shapes import UsdShapeRead
+from simspec.imports.usd.stage import OWN, STALE, PrimRead, StageRead, agree
 from simspec.language.foreign import Fate, Severity
 from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
@@ -47,14 +46,14 @@ NAMES: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 class MassReader:
     """Reads the mass properties of bodies."""
 
-    def __init__(self, stage: Stage, places: Places, draft: Draft):
+    def __init__(self, stage: StageRead, places: PrimPlaces, draft: Draft):
         self.stage, self.places, self.draft = stage, places, draft
         self.of_mass = stage.kilograms
         self.of_inertia = stage.kilograms * stage.metres**2
         self.of_density = stage.kilograms / stage.metres**3
 
     def read(
-        self, prim: Prim, shapes: Sequence[Shape], offset: Vector3, scale: Vector3, path: tuple[str, ...]
+        self, prim: PrimRead, shapes: Sequence[UsdShapeRead], offset: Vector3, scale: Vector3, path: tuple[str, ...]
     ) -> dict[str, Any]:
         """The words of a body whose frame is at ``offset`` in the prim's rigid frame. Raises SpecError for what are no
         numbers."""
@@ -102,7 +101,7 @@ class MassReader:
             return data
         return self._from_shapes(prim, solid, mass, centre, moments, offset, path)
 
-    def _centre(self, prim: Prim, scale: Vector3) -> Vector3 | None:
+    def _centre(self, prim: PrimRead, scale: Vector3) -> Vector3 | None:
         """The centre of mass in the prim's rigid frame (m); None where it is not said."""
         said = prim.reals("physics:centerOfMass", 3, infinite=True)
         if said is None or any(math.isinf(value) for value in said):
@@ -111,7 +110,7 @@ class MassReader:
         own = prim.exactly("centre_of_mass", (x, y, z))
         return (own[0], own[1], own[2])
 
-    def _moments(self, prim: Prim) -> tuple[float, ...] | None:
+    def _moments(self, prim: PrimRead) -> tuple[float, ...] | None:
         """The tensor (xx, yy, zz, xy, xz, yz) in the prim's axes (kg m²); None where it is not said."""
         said = prim.reals("physics:diagonalInertia", 3)
         axes = prim.reals("physics:principalAxes", 4)
@@ -133,7 +132,7 @@ class MassReader:
             prim.set_aside(OWN + "inertia", Fate.LOST, STALE, Severity.INFORMATION)
         return tensor
 
-    def _inertia(self, prim: Prim, tensor: tuple[float, ...], path: tuple[str, ...]) -> dict[str, Any]:
+    def _inertia(self, prim: PrimRead, tensor: tuple[float, ...], path: tuple[str, ...]) -> dict[str, Any]:
         # moments of a thin plate in single precision may miss it in the last digit
         tensor = self._possible(prim, tensor, path)
         if not any(tensor[3:]):
@@ -144,7 +143,7 @@ class MassReader:
             }
         }
 
-    def _possible(self, prim: Prim, tensor: tuple[float, ...], path: tuple[str, ...]) -> tuple[float, ...]:
+    def _possible(self, prim: PrimRead, tensor: tuple[float, ...], path: tuple[str, ...]) -> tuple[float, ...]:
         moments = principal_moments(tensor)
         why = impossible(moments)
         if why is None:
@@ -182,12 +181,14 @@ class MassReader:
         made = vectors @ np.diag(values) @ vectors.T
         return tuple(float(made[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
-    def _middle(self, prim: Prim, solid: Sequence[Shape]) -> Vector3:
+    def _middle(self, prim: PrimRead, solid: Sequence[UsdShapeRead]) -> Vector3:
         """The centre of mass of the shapes, by their densities; the origin where there are none."""
         made = self._combined(prim, solid)
         return (0.0, 0.0, 0.0) if made is None else made[1]
 
-    def _combined(self, prim: Prim, solid: Sequence[Shape]) -> tuple[float, Vector3, tuple[float, ...]] | None:
+    def _combined(
+        self, prim: PrimRead, solid: Sequence[UsdShapeRead]
+    ) -> tuple[float, Vector3, tuple[float, ...]] | None:
         """Mass, centre and tensor of shapes in the prim's rigid frame; None where one is a mesh, or there are none."""
         parts = []
         for shape in solid:
@@ -200,7 +201,7 @@ class MassReader:
         inertial = combined_inertial(parts)
         return inertial.mass, inertial.centre_of_mass, inertial.inertia
 
-    def _density(self, shape: Shape, body: Prim) -> float:
+    def _density(self, shape: UsdShapeRead, body: PrimRead) -> float:
         """kg/m³ of a shape."""
         prim = shape.prim
         prim.applies(MASS)
@@ -217,8 +218,8 @@ class MassReader:
 
     def _from_shapes(
         self,
-        prim: Prim,
-        solid: Sequence[Shape],
+        prim: PrimRead,
+        solid: Sequence[UsdShapeRead],
         mass: float,
         centre: Vector3 | None,
         moments: tuple[float, ...] | None,
@@ -273,7 +274,7 @@ class MassReader:
         return {}
 
     def _bare(
-        self, prim: Prim, mass: float, centre: Vector3 | None, offset: Vector3, path: tuple[str, ...]
+        self, prim: PrimRead, mass: float, centre: Vector3 | None, offset: Vector3, path: tuple[str, ...]
     ) -> dict[str, Any]:
         """A body without shapes that have a volume: its moments are not known."""
         if not mass:

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.imports.usd.stage import Prim
+from simspec.imports.usd.stage import PrimRead
 from simspec.language.foreign import Fate
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
@@ -31,14 +31,14 @@ ALIKE: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class PrimPlace:
     """A rigid pose (m), and factors along the axes that it gives."""
 
     pose: Pose = SAME
     scale: Vector3 = ONE
 
 
-class Places:
+class PrimPlaces:
     """Where prims are against each other. ``metres``: of one unit of the stage."""
 
     def __init__(self, metres: float, upright: bool):
@@ -47,19 +47,19 @@ class Places:
         """Whether z is up; else y is, and the world is turned."""
         self._local = functools.cache(self._read)
 
-    def world(self, prim: Prim) -> Place:
+    def world(self, prim: PrimRead) -> PrimPlace:
         """The place of a prim in the world. Raises SpecError where axes are not at right angles."""
         return self._turned(self._within(prim, None))
 
-    def within(self, prim: Prim, body: Prim) -> Place:
+    def within(self, prim: PrimRead, body: PrimRead) -> PrimPlace:
         """The place of a prim in the rigid frame of one that it is in, or itself."""
         return self._within(prim, body)
 
-    def _turned(self, place: Place) -> Place:
-        return place if self.upright else Place(frames.compose(UPRIGHT, place.pose), place.scale)
+    def _turned(self, place: PrimPlace) -> PrimPlace:
+        return place if self.upright else PrimPlace(frames.compose(UPRIGHT, place.pose), place.scale)
 
-    def _within(self, prim: Prim, body: Prim | None) -> Place:
-        chain: list[Prim] = []
+    def _within(self, prim: PrimRead, body: PrimRead | None) -> PrimPlace:
+        chain: list[PrimRead] = []
         closed = False
         for above in prim.ancestors():
             if above is body:
@@ -69,20 +69,20 @@ class Places:
             if above.told.get("reset"):
                 break
         if body is not None and not closed:  # what stands in the body does not move with its place
-            return Place(
+            return PrimPlace(
                 frames.compose(frames.inverse(self._exact(body).pose), self._exact(prim).pose), self._exact(prim).scale
             )
         start = self._factors(body)
         place = self._composed(chain) if start == ONE else None
         return place or self._by_matrix(prim, body)
 
-    def _exact(self, prim: Prim) -> Place:
+    def _exact(self, prim: PrimRead) -> PrimPlace:
         return self._within(prim, None)
 
-    def _factors(self, body: Prim | None) -> Vector3:
+    def _factors(self, body: PrimRead | None) -> Vector3:
         return ONE if body is None else self._exact(body).scale
 
-    def _composed(self, chain: list[Prim]) -> Place | None:
+    def _composed(self, chain: list[PrimRead]) -> PrimPlace | None:
         """The place of the first of a chain of prims in what is around the last; None where factors stand in between."""
         pose = Pose()
         for index, prim in enumerate(reversed(chain)):
@@ -91,9 +91,9 @@ class Places:
                 return None
             pose = frames.compose(pose, own.pose)
         scale = self._local(chain[0]) if chain else None
-        return Place(pose, scale.scale if scale is not None else ONE)
+        return PrimPlace(pose, scale.scale if scale is not None else ONE)
 
-    def _by_matrix(self, prim: Prim, body: Prim | None) -> Place:
+    def _by_matrix(self, prim: PrimRead, body: PrimRead | None) -> PrimPlace:
         matrix = _matrix(prim)
         if body is not None:
             around = self._exact(body).pose
@@ -103,7 +103,7 @@ class Places:
             matrix = np.linalg.inv(rigid) @ matrix
         return self._of_matrix(matrix, prim)
 
-    def _of_matrix(self, matrix: NDArray[np.float64], prim: Prim) -> Place:
+    def _of_matrix(self, matrix: NDArray[np.float64], prim: PrimRead) -> PrimPlace:
         """A matrix as a pose and factors. Raises SpecError where it has none."""
         axes = matrix[:3, :3]
         factors = np.linalg.norm(axes, axis=0)
@@ -120,9 +120,9 @@ class Places:
         rows: Any = tuple(tuple(row) for row in unit.tolist())
         x, y, z = (float(value) * self.metres for value in matrix[:3, 3])
         turn = frames.from_matrix(rows)
-        return Place(Pose((x, y, z), frames.IDENTITY if 1.0 - turn[0] < 1e-14 else turn), tuple(factors.tolist()))
+        return PrimPlace(Pose((x, y, z), frames.IDENTITY if 1.0 - turn[0] < 1e-14 else turn), tuple(factors.tolist()))
 
-    def _read(self, prim: Prim) -> Place | None:
+    def _read(self, prim: PrimRead) -> PrimPlace | None:
         """A prim's own operations; None where they are no pose with factors after it."""
         pose, scale = Pose(), ONE
         for name, kind, inverse, value in prim.told.get("ops", ()):
@@ -142,9 +142,9 @@ class Places:
             if own is None:
                 return None
             pose = frames.compose(pose, frames.inverse(own) if inverse else own)
-        return Place(pose, scale)
+        return PrimPlace(pose, scale)
 
-    def _pose(self, prim: Prim, kind: str, value: Any) -> Pose | None:
+    def _pose(self, prim: PrimRead, kind: str, value: Any) -> Pose | None:
         values = value if isinstance(value, list) else [value]
         if any(not isinstance(item, (int, float)) for item in values):
             raise prim.error("a transformation should be finite", found=str(value)[:80])
@@ -164,11 +164,11 @@ class Places:
             return Pose(quaternion=turn)
         return None
 
-    def _take(self, prim: Prim, name: str) -> None:
+    def _take(self, prim: PrimRead, name: str) -> None:
         prim._taken.add(name.removeprefix("!invert!"))
 
 
-def quaternion(prim: Prim, name: str, values: Any) -> Quaternion:
+def quaternion(prim: PrimRead, name: str, values: Any) -> Quaternion:
     """A unit quaternion w x y z. Raises SpecError for what is none; another length than 1 is a defect, which a rule repairs."""
     w, x, y, z = values
     length = math.sqrt(w * w + x * x + y * y + z * z)
@@ -190,7 +190,7 @@ UPRIGHT: Final = Pose(quaternion=_about("X", math.pi / 2.0))
 """Where the axes of a stage with y up are in a world with z up."""
 
 
-def _matrix(prim: Prim) -> NDArray[np.float64]:
+def _matrix(prim: PrimRead) -> NDArray[np.float64]:
     """The prim's axes and origin in the stage, as columns."""
     for above in prim.ancestors():
         if "world" in above.told:

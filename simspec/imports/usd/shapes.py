@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.imports.draft import Draft, numbers, plain
-from simspec.imports.usd.places import ALIKE, ONE, Place, Places
-from simspec.imports.usd.stage import OWN, STALE, Prim, agree
+from simspec.imports.draft import Draft, made_file, numbers, plain
+from simspec.imports.usd.places import ALIKE, ONE, PrimPlace, PrimPlaces
+from simspec.imports.usd.stage import OWN, STALE, PrimRead, agree
 from simspec.language.foreign import Fate, Severity
 from simspec.language.mesh import FEWEST_VERTICES, MOST_VERTICES
+from simspec.meshes.files import MeshError
+from simspec.meshes.load import load
+from simspec.meshes.made import MeshOptions
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
 
@@ -47,10 +51,10 @@ HULLS: Final = (
 
 
 @dataclass
-class Shape:
+class UsdShapeRead:
     """A shape of a body, in the body's frame."""
 
-    prim: Prim
+    prim: PrimRead
     data: dict[str, Any]
     pose: Pose
     collision: bool
@@ -94,11 +98,11 @@ def pose_data(pose: Pose) -> dict[str, Any]:
 class ShapeReader:
     """Reads the shapes of bodies."""
 
-    places: Places
+    places: PrimPlaces
     draft: Draft
-    failed: list[Prim] = field(default_factory=list)
+    failed: list[PrimRead] = field(default_factory=list)
 
-    def read(self, prim: Prim, body: Prim | None) -> Shape | None:
+    def read(self, prim: PrimRead, body: PrimRead | None) -> UsdShapeRead | None:
         """The shape of a prim of geometry in the rigid frame of a body (None: in the world); None for what is not carried."""
         prim.take()
         collides = prim.applies(COLLISION) and prim.flag("physics:collisionEnabled", True)
@@ -115,11 +119,13 @@ class ShapeReader:
         )
         if flat:
             self._refuse(
-                Shape(prim, {}, Pose(), collides, seen, prim.called()), "a factor of 0 leaves no volume", flat[:80]
+                UsdShapeRead(prim, {}, Pose(), collides, seen, prim.called()),
+                "a factor of 0 leaves no volume",
+                flat[:80],
             )
             return None
         place = self.places.world(prim) if body is None else self.places.within(prim, body)
-        shape = Shape(prim, {}, place.pose, collides, seen, prim.called())
+        shape = UsdShapeRead(prim, {}, place.pose, collides, seen, prim.called())
         shape.colour = _colour(prim)
         if prim.tag == "Mesh":
             self._mesh(shape, place)
@@ -129,13 +135,13 @@ class ShapeReader:
             self._margin(shape)
         return shape if shape.data else None
 
-    def _margin(self, shape: Shape) -> None:
+    def _margin(self, shape: UsdShapeRead) -> None:
         """The distance at which contact begins, of the schemas that say one."""
         said = [shape.prim.real(name, 0.0) for name in MARGINS if shape.prim.has(name)]
         if said and said[0] > 0.0:
             shape.data["margin"] = plain(said[0] * self.places.metres)
 
-    def _primitive(self, shape: Shape, place: Place) -> None:
+    def _primitive(self, shape: UsdShapeRead, place: PrimPlace) -> None:
         prim, metres = shape.prim, self.places.metres
         scale = tuple(abs(factor) for factor in place.scale)
         kind = prim.tag.removesuffix("_1")
@@ -178,7 +184,7 @@ class ShapeReader:
         shape.pose = frames.compose(shape.pose, turn)
         self._of(shape, kind.lower(), [radius, height])
 
-    def _radius(self, prim: Prim) -> float:
+    def _radius(self, prim: PrimRead) -> float:
         if not prim.tag.endswith("_1"):
             return prim.real("radius", 0.5 if prim.tag == "Capsule" else 1.0)
         default = 0.5 if prim.tag == "Capsule_1" else 1.0
@@ -187,7 +193,7 @@ class ShapeReader:
             raise prim.error("two radii are not supported", found=f"{bottom:g}, {top:g}")
         return bottom
 
-    def _of(self, shape: Shape, kind: str, size: list[float]) -> None:
+    def _of(self, shape: UsdShapeRead, kind: str, size: list[float]) -> None:
         if min(size) <= 0.0:
             self._refuse(shape, "the lengths of a shape must be above 0", str(size))
             return
@@ -196,7 +202,7 @@ class ShapeReader:
         words = {"box": {"size": values}, "ellipsoid": {"radii": values}, "sphere": {"radius": values[0]}}
         shape.data = {kind: words.get(kind) or {"radius": values[0], "length": values[1]}}
 
-    def _cone(self, shape: Shape, radius: float, height: float, axis: str) -> None:
+    def _cone(self, shape: UsdShapeRead, radius: float, height: float, axis: str) -> None:
         """A cone as the hull of its tip and of a polygon around its base: the volume is 0.16 % less."""
         turns = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
         base = np.stack([radius * np.cos(turns), radius * np.sin(turns), np.full(CORNERS, -0.5 * height)], axis=1)
@@ -207,7 +213,7 @@ class ShapeReader:
         shape.prim.set_aside("radius", Fate.LOST, f"a hull with {CORNERS} corners around its base stands for a cone")
         self._file(shape, points, faces)
 
-    def _mesh(self, shape: Shape, place: Place) -> None:
+    def _mesh(self, shape: UsdShapeRead, place: PrimPlace) -> None:
         prim = shape.prim
         points, counts, indices = (prim.array(name) for name in ("points", "faceVertexCounts", "faceVertexIndices"))
         if points is None or counts is None or indices is None or points.ndim != 2:
@@ -234,7 +240,7 @@ class ShapeReader:
             faces = [(a, c, b) for a, b, c in faces]
         self._file(shape, points * factors if place.scale != ONE or self.places.metres != 1.0 else points, faces)
 
-    def _approximation(self, prim: Prim) -> None:
+    def _approximation(self, prim: PrimRead) -> None:
         said = prim.token("physics:approximation", "none")
         prim.applies("PhysicsMeshCollisionAPI")
         if said not in HULLS:
@@ -246,7 +252,7 @@ class ShapeReader:
             else:
                 prim.set_aside("points", Fate.LOST, reason)
 
-    def _file(self, shape: Shape, points: NDArray[np.float64], faces: list[tuple[int, int, int]]) -> None:
+    def _file(self, shape: UsdShapeRead, points: NDArray[np.float64], faces: list[tuple[int, int, int]]) -> None:
         lines = ["# Made by simspec import"]
         lines += ["v " + " ".join(repr(float(value)) for value in point) for point in points.tolist()]
         lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
@@ -254,11 +260,11 @@ class ShapeReader:
         shape.obj = ("\n".join(lines) + "\n").encode()
         shape.data = {"mesh": {"max_vertices": int(most)} if FEWEST_VERTICES <= most <= MOST_VERTICES else {}}
 
-    def _refuse(self, shape: Shape, message: str, found: str = "") -> None:
+    def _refuse(self, shape: UsdShapeRead, message: str, found: str = "") -> None:
         refuse(shape, self.draft, message, found)
 
 
-def refuse(shape: Shape, draft: Draft, message: str, found: str = "") -> None:
+def refuse(shape: UsdShapeRead, draft: Draft, message: str, found: str = "") -> None:
     """Leave a shape out: one that is only drawn, or by the rule; else it is a defect."""
     prim = shape.prim
     shape.data = {}
@@ -291,7 +297,7 @@ def _triangles(counts: NDArray[Any], indices: NDArray[Any]) -> Iterator[tuple[in
             yield face[0], face[k], face[k + 1]
 
 
-def _colour(prim: Prim) -> list[float] | None:
+def _colour(prim: PrimRead) -> list[float] | None:
     """The colour of a shape, of all that is in it the same."""
     colours, opacities = (
         prim.told["attributes"].get("primvars:displayColor"),
@@ -313,3 +319,28 @@ def _colour(prim: Prim) -> list[float] | None:
         if said != tuple(clipped)
         else [plain(float(np.float32(value).astype(str))) for value in clipped]
     )
+
+
+# --- meshes ---
+
+
+def name_meshes(shapes: Sequence[UsdShapeRead], draft: Draft) -> set[int]:
+    """Write and name the meshes of shapes; the ``id`` of each shape that can be used."""
+    meshes = [shape for shape in shapes if shape.obj]
+    paths: list[Path] = []
+    for shape in meshes:
+        text, path = made_file(shape.obj, shape.prim.called())
+        paths.append(path)
+        draft.meshes[text] = path
+        shape.data = {**shape.data, "mesh": {"file": text, **shape.data["mesh"]}}
+    made = load([(path, MeshOptions()) for path in paths], MOST_VERTICES)
+    usable = {id(shape) for shape in shapes if shape.data}
+    for shape, path in zip(meshes, paths, strict=True):
+        result = made[path, MeshOptions()]
+        if isinstance(result, MeshError):
+            draft.meshes.pop(shape.data["mesh"]["file"], None)
+            refuse(shape, draft, str(result))
+            usable.discard(id(shape))
+        elif result.enclosed is None:
+            shape.data["mesh"]["mass_from"] = "hull"
+    return usable

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +18,55 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.imports.child import ChildError, Policy, run
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
-from simspec.imports.usd.lines import lines_of
 from simspec.language.foreign import Fate, Severity
 from simspec.reading import NotReadableError, parse_json
+
+# --- lines of prims in a text; a binary file has none ---
+
+DEEPEST: Final = 1000
+"""Brackets within each other up to which prims have lines."""
+MAGIC: Final = b"#usda"
+_TOKEN: Final = re.compile(
+    rb"""(?P<skip>"{3}.*?"{3}|'{3}.*?'{3}|\#[^\n]*)"""
+    rb"""|(?P<prim>\b(?:def|over|class)\b(?:[ \t]+[A-Za-z_][\w:]*)?[ \t]+"(?P<name>[^"\n]*)")"""
+    # possessive: a long text takes no memory for ways back
+    rb"""|(?P<string>"(?:[^"\\\n]++|\\.)*+"|'(?:[^'\\\n]++|\\.)*+')"""
+    rb"""|(?P<bracket>[{}()\[\]])""",
+    re.DOTALL,
+)
+
+
+def lines_of(content: bytes) -> Mapping[str, int]:
+    """The line of each prim's declaration in a file, the first where there are several."""
+    if not content.startswith(MAGIC):
+        return {}
+    lines: dict[str, int] = {}
+    open_braces: list[str | None] = []
+    path, pending, round_brackets = "", None, 0
+    line, seen = 1, 0
+    for token in _TOKEN.finditer(content):
+        line += content.count(b"\n", seen, token.start())
+        seen = token.start()
+        bracket = token["bracket"]
+        if token["name"] is not None and not round_brackets:
+            pending = token["name"].decode("utf-8", "replace")
+            lines.setdefault(f"{path}/{pending}", line)
+        elif bracket in (b"(", b"["):
+            round_brackets += 1
+        elif bracket in (b")", b"]"):
+            round_brackets = max(0, round_brackets - 1)
+        elif bracket == b"{" and not round_brackets:
+            open_braces.append(pending)
+            if len(open_braces) > DEEPEST:
+                break  # deeper than any stage that is read: paths would take the square of the text
+            if pending is not None:
+                path, pending = f"{path}/{pending}", None
+        elif bracket == b"}" and not round_brackets and open_braces:
+            name = open_braces.pop()
+            if name is not None:
+                path = path.removesuffix(f"/{name}")
+    return lines
+
 
 PROGRAM: Final = Path(__file__).with_name("child.py")
 SECONDS: Final = 8
@@ -35,13 +82,13 @@ ROUNDING: Final = 1e-6
 STALE: Final = "it does not agree with the schema's attributes, which have been changed since"
 
 
-class Prim(Element):
+class PrimRead(Element):
     """A prim. ``attributes`` has a text for each attribute, relationship and applied schema, ``told`` their values.
     ``forgiving``: whether the rule that repairs quaternions is asked for."""
 
     forgiving = False
 
-    def __init__(self, told: Mapping[str, Any], location: Location, parent: Prim | None):
+    def __init__(self, told: Mapping[str, Any], location: Location, parent: PrimRead | None):
         self.told = told
         self.where: str = told["path"]
         self.name: str = self.where.rpartition("/")[2]
@@ -62,13 +109,13 @@ class Prim(Element):
         return self.where
 
     @property
-    def above(self) -> Prim | None:
+    def above(self) -> PrimRead | None:
         """The prim that this one is in."""
-        return self.parent if isinstance(self.parent, Prim) else None
+        return self.parent if isinstance(self.parent, PrimRead) else None
 
-    def ancestors(self) -> Iterator[Prim]:
+    def ancestors(self) -> Iterator[PrimRead]:
         """This prim, and those that it is in, from the inside."""
-        prim: Prim | None = self
+        prim: PrimRead | None = self
         while prim is not None:
             yield prim
             prim = prim.above
@@ -197,11 +244,11 @@ def _text(said: Mapping[str, Any]) -> str:
 
 
 @dataclass
-class Stage:
+class StageRead:
     """A composed stage: prims in its order, by their paths."""
 
-    root: Prim
-    prims: dict[str, Prim]
+    root: PrimRead
+    prims: dict[str, PrimRead]
     metres: float
     kilograms: float
     up: str
@@ -209,12 +256,12 @@ class Stage:
     missing: list[str]
     """Files that are not there, where that is forgiven."""
 
-    def used(self) -> Iterator[Prim]:
+    def used(self) -> Iterator[PrimRead]:
         """Prims that take part: active, defined, not abstract."""
         return (prim for prim in self.prims.values() if prim.used)
 
 
-def read_stage(files: Files, forgive: bool) -> Stage:
+def read_stage(files: Files, forgive: bool) -> StageRead:
     """The stage of a file. ``forgive``: files that are not there are left out. Raises SpecError where it cannot be read."""
     content = files.content()
     here = Location(files.shown, 1, 1)
@@ -255,19 +302,19 @@ def _refused(answer: Mapping[str, Any], here: Location) -> Problem:
     return Problem(message, location=Location(here.file, line, max(1, column)), found=found, hint=hint)
 
 
-def _stage(answer: Mapping[str, Any], shown: str, lines: Mapping[str, int]) -> Stage:
+def _stage(answer: Mapping[str, Any], shown: str, lines: Mapping[str, int]) -> StageRead:
     here = Location(shown, 1, 1)
     top: dict[str, Any] = {"path": "/", "type": "stage", "schemas": [], "used": True, "relationships": {}}
     authored = [name for name, said in answer["authored"].items() if said]
     top["attributes"] = {name: {"type": "double", "value": answer[_UNITS[name]]} for name in authored}
     top["attributes"]["upAxis"] = {"type": "token", "value": answer["up"]}
-    root = Prim(top, here, None)
+    root = PrimRead(top, here, None)
     root.take()
-    prims: dict[str, Prim] = {}
+    prims: dict[str, PrimRead] = {}
     for told in answer["prims"]:
         parent = prims.get(told["path"].rpartition("/")[0], root)
         place = Location(shown, lines[told["path"]], 1) if told["path"] in lines else parent.location
-        prim = Prim(told, place, parent)
+        prim = PrimRead(told, place, parent)
         prims[prim.where] = prim
         parent._children.append(prim)
     units = [root.real(name, answer[_UNITS[name]]) for name in _UNITS]
@@ -276,7 +323,7 @@ def _stage(answer: Mapping[str, Any], shown: str, lines: Mapping[str, int]) -> S
     up = root.token("upAxis", answer["up"])
     if up not in ("Y", "Z"):
         raise root.error("not an axis that is up", found=up[:20], allowed="Y, Z")
-    return Stage(root, prims, units[0], units[1], up, answer["default"], answer["missing"])
+    return StageRead(root, prims, units[0], units[1], up, answer["default"], answer["missing"])
 
 
 _UNITS: Final = {"metersPerUnit": "metres", "kilogramsPerUnit": "kilograms"}

@@ -10,7 +10,7 @@ import pytest
 from simspec.compiler import target_of
 from simspec.dialects.drake.dialect import DrakeDialect
 from simspec.engines.drake.engine import Drake
-from simspec.formats.world.tree import Document
+from simspec.formats.world.tree import JsonWorld
 from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world.types import Inertial, World
@@ -42,7 +42,7 @@ def test_free_roots_stand_at_their_centres_of_mass():
             assert body.centre_of_mass == (0.0, 0.0, 0.0)
 
 
-def _offset(document: Document, sidecar):
+def _offset(document: JsonWorld, sidecar):
     first = dataclasses.replace(sidecar.bodies[0], frame_offset=(0.1, 0.0, 0.0))
     return document, dataclasses.replace(sidecar, bodies=(first, *sidecar.bodies[1:]))
 

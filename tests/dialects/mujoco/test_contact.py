@@ -17,7 +17,7 @@ from simspec.dialects.mujoco.dialect import MujocoDialect
 from simspec.dialects.mujoco.surface import CommonLaw, surface
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
-from simspec.formats.mjcf.filter import FILTER_BITS
+from simspec.formats.mjcf.contact import FILTER_BITS
 from simspec.formats.mjcf.format import MODEL
 from simspec.proof.comparator import compare
 from simspec.world.types import Body, Contact, Hardness, Inertial, Joint, Material, PairContact, Pose, Shape, World

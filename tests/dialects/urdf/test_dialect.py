@@ -19,8 +19,8 @@ from simspec.dialects.urdf.defects import DEFECTS
 from simspec.dialects.urdf.dialect import UrdfDialect
 from simspec.dialects.urdf.sidecar import UrdfSidecar
 from simspec.errors import UnsupportedError
-from simspec.formats.urdf.document import strangers
 from simspec.formats.urdf.format import Urdf
+from simspec.formats.urdf.reading import strangers
 from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS as SELF_TEST
 from simspec.support.negotiation import negotiate

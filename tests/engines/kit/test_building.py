@@ -9,14 +9,14 @@ from simspec.errors import EngineError
 from simspec.formats.world.tree import (
     Apart,
     AxisJoint,
-    Body,
-    Copy,
-    Document,
     FixedJoint,
     FreeJoint,
     Joint,
-    Servo,
-    Shape,
+    JsonBody,
+    JsonServo,
+    JsonShape,
+    JsonWorld,
+    ShapeCopy,
 )
 from simspec.world.types import Pose
 
@@ -24,19 +24,19 @@ AT = Pose((1.0, 0.0, 0.0))
 FREE = FreeJoint(name="f", position=(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6)
 
 
-def _copy(layer: int) -> Copy:
-    return Copy(layer, 0.5, 0.0, 0.0, 0.0)
+def _copy(layer: int) -> ShapeCopy:
+    return ShapeCopy(layer, 0.5, 0.0, 0.0, 0.0)
 
 
-def _shape(name: str, *layers: int, kind: str = "sphere", material: str = "m") -> Shape:
-    return Shape(name, kind, (0.1,), AT, material, None, tuple(_copy(layer) for layer in layers))
+def _shape(name: str, *layers: int, kind: str = "sphere", material: str = "m") -> JsonShape:
+    return JsonShape(name, kind, (0.1,), AT, material, None, tuple(_copy(layer) for layer in layers))
 
 
-def _body(name: str, joint: Joint, *shapes: Shape, group: str = "g", mass: float = 0.0) -> Body:
-    return Body(name, "", group, mass, (0.0, 0.0, 0.0), (0.0,) * 6, joint, shapes)
+def _body(name: str, joint: Joint, *shapes: JsonShape, group: str = "g", mass: float = 0.0) -> JsonBody:
+    return JsonBody(name, "", group, mass, (0.0, 0.0, 0.0), (0.0,) * 6, joint, shapes)
 
 
-def _hinge(parent: str | None, servo: Servo | None = None) -> AxisJoint:
+def _hinge(parent: str | None, servo: JsonServo | None = None) -> AxisJoint:
     numbers = dict.fromkeys(("damping", "spring_stiffness", "spring_rest", "dry_friction", "armature"), 0.0)
     limits = dict.fromkeys(("position_limits", "velocity_limit", "effort_limit"))
     return AxisJoint(
@@ -45,8 +45,8 @@ def _hinge(parent: str | None, servo: Servo | None = None) -> AxisJoint:
     )  # fmt: skip
 
 
-def _document(*bodies: Body) -> Document:
-    return Document(
+def _document(*bodies: JsonBody) -> JsonWorld:
+    return JsonWorld(
         gravity=(0.0, 0.0, -9.81),
         timestep=1e-3,
         friction_cone="elliptic",
@@ -92,8 +92,12 @@ def test_shapes_and_their_copies_are_numbered() -> None:
     [
         (_body("a", FREE), {"cones": ("pyramid",)}, "the friction cone elliptic"),
         (_body("a", _hinge(None)), {"joints": ("free",)}, "does not support the hinge 'h'$"),
-        (_body("a", _hinge(None, Servo(1.0, 0.0, None))), {"joints": ("free",)}, "the hinge 'h' and its controller"),
-        (_body("a", _hinge(None, Servo(1.0, 0.0, None))), {"servos": False}, "has no controller of its own"),
+        (
+            _body("a", _hinge(None, JsonServo(1.0, 0.0, None))),
+            {"joints": ("free",)},
+            "the hinge 'h' and its controller",
+        ),
+        (_body("a", _hinge(None, JsonServo(1.0, 0.0, None))), {"servos": False}, "has no controller of its own"),
         (_body("a", FREE, _shape("s", 0)), {"shapes": ("box",)}, "does not support the sphere 's'"),
         (
             _body("a", FREE, _shape("s", 0, kind="plane")),
@@ -102,7 +106,7 @@ def test_shapes_and_their_copies_are_numbered() -> None:
         ),
     ],
 )
-def test_unsupported_parts_are_refused(body: Body, accepted: dict[str, bool], why: str) -> None:
+def test_unsupported_parts_are_refused(body: JsonBody, accepted: dict[str, bool], why: str) -> None:
     walk = Walk.of(_document(body, _body("c", FREE)))
     refuse(walk, "engine")
     with pytest.raises(EngineError, match=why):

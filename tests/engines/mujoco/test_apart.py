@@ -11,7 +11,7 @@ from simspec.dialects.mujoco.apart import apart, sites_apart, taken_for_one
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.engines.mujoco.engine import MuJoCo
-from simspec.formats.mjcf.tree import Body, Geom, Inertial, Site
+from simspec.formats.mjcf.tree import MjcfBody, MjcfGeom, MjcfInertial, MjcfSite
 from simspec.world import frames
 from simspec.world.types import Inertial as WorldInertial
 from simspec.world.types import Pose
@@ -60,12 +60,12 @@ def test_frames_that_are_nearly_the_bodys_are_computed_with_as_they_are(extent, 
     assert not differences(as_held(world)[0].inertial, engine.read_back().bodies[0].inertial)
 
 
-BODY = Body(
+BODY = MjcfBody(
     "a",
     (0.0, 0.0, 0.0),
     frames.IDENTITY,
-    inertial=Inertial((0.0, 0.0, 0.1), frames.IDENTITY, 1.0, (1.0, 2.0, 2.5)),
-    geoms=(Geom("g", "box", (1.0, 2.0, 3.0), (0.0, 0.0, 0.0), frames.IDENTITY),),
+    inertial=MjcfInertial((0.0, 0.0, 0.1), frames.IDENTITY, 1.0, (1.0, 2.0, 2.5)),
+    geoms=(MjcfGeom("g", "box", (1.0, 2.0, 3.0), (0.0, 0.0, 0.0), frames.IDENTITY),),
 )
 
 
@@ -87,9 +87,9 @@ def test_a_geom_near_the_inertial_frame_is_turned():
 
 
 def test_both_sites_of_a_constraint_are_turned_alike():
-    close = Site("constraint/pin/1", (1e-9, 0.0, 0.0), frames.IDENTITY)
-    far = Site("constraint/pin/2", (0.3, 0.0, 0.0), frames.normalise((0.6, 0.8, 0.0, 0.0)))
-    other = Site("constraint/glue/1", (0.0, 0.0, 0.0), frames.IDENTITY)
+    close = MjcfSite("constraint/pin/1", (1e-9, 0.0, 0.0), frames.IDENTITY)
+    far = MjcfSite("constraint/pin/2", (0.3, 0.0, 0.0), frames.normalise((0.6, 0.8, 0.0, 0.0)))
+    other = MjcfSite("constraint/glue/1", (0.0, 0.0, 0.0), frames.IDENTITY)
     made = sites_apart({"a": (close, other), "b": (far,)})
     assert made["a"][1] == other
     first, second = (frames.multiply(one.orientation, (0.5, 0.5, 0.5, 0.5)) for one in (close, far))

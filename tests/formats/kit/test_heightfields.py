@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simspec.formats.kit.heightfield_reading import field_of_triangles
-from simspec.formats.kit.mesh_reading import read_meshes
-from simspec.formats.kit.meshes import FIELDS, field_file, field_files
+from simspec.formats.kit.mesh_reading import field_of_triangles, read_meshes
+from simspec.formats.kit.text import FIELDS, field_file, field_files
 from simspec.proof.heightfields import field_distance
 from simspec.world.shapes import field_of, heightfield_size
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simspec.formats.kit.mesh_reading import read_meshes, triangles
-from simspec.formats.kit.meshes import mesh_file, mesh_files, mesh_text
+from simspec.formats.kit.text import mesh_file, mesh_files, mesh_text
 from simspec.world.hull import centred, mesh_size
 
 TETRAHEDRON = ((0.1, 0.0, -0.03), (-0.05, 0.08, -0.03), (-0.05, -0.08, -0.03), (0.0, 0.01, 0.09))

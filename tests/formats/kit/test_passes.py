@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simspec.dialects.kit.sidecar import sidecar_text
-from simspec.formats.kit import passes
+from simspec.formats.kit import contract
 from simspec.formats.kit.text import number
 from simspec.world import frames, kinematics
 from simspec.world import inertia as principal
@@ -25,7 +25,7 @@ def test_principal_axes_rebuild_the_tensor(parts, raw, exponent):
     inertia = frames.rotate_inertia(frames.normalise(raw), tuple(scale * x for x in (b + c, a + c, a + b)) + (0.0,) * 3)
     moments, turn = principal.principal_axes(inertia)
     # 2⁻⁴⁰ ≈ 9e-13 may be clipped from a flat body's largest moment; the rest is round-off
-    np.testing.assert_allclose(passes.tensor(moments, turn), inertia, rtol=0, atol=2e-12 * max(inertia[:3]))
+    np.testing.assert_allclose(contract.tensor(moments, turn), inertia, rtol=0, atol=2e-12 * max(inertia[:3]))
     assert max(moments) < sum(moments) - max(moments)
 
 
@@ -52,7 +52,7 @@ def test_a_diagonal_tensor_is_left_as_it_is():
 
 def test_recentring_changes_no_physics_and_can_be_undone():
     world = worlds.every_joint()
-    moved, offsets = passes.recentre_free_roots(world)
+    moved, offsets = contract.recentre_free_roots(world)
     assert list(offsets) == ["link0"]
     assert moved.bodies[0].inertial.centre_of_mass == (0.0, 0.0, 0.0)
     before, after = kinematics.poses(world), kinematics.poses(moved)
@@ -60,7 +60,7 @@ def test_recentring_changes_no_physics_and_can_be_undone():
         np.testing.assert_allclose(after[body.name].position, before[body.name].position, atol=1e-15)
     for one, other in zip(kinematics.initial_state(world), kinematics.initial_state(moved), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-15)
-    back = passes.restore_frames(moved.bodies, offsets)
+    back = contract.restore_frames(moved.bodies, offsets)
     for one, other in zip(world.bodies, back, strict=True):
         np.testing.assert_allclose(other.joint.origin.position, one.joint.origin.position, atol=1e-15)
         np.testing.assert_allclose(other.joint.position, one.joint.position, atol=1e-15)

@@ -9,14 +9,14 @@ import pytest
 
 from simspec.compiler import write_folder
 from simspec.formats.kit.contract import formats
-from simspec.formats.mjcf.document import Document
 from simspec.formats.mjcf.format import MODEL, Mjcf
-from simspec.formats.mjcf.tree import Body, Key, Model
+from simspec.formats.mjcf.reading import MjcfDocument
+from simspec.formats.mjcf.tree import MjcfBody, MjcfKey, MjcfModel
 from simspec.support.declarations import check_total
 from tests.formats.mjcf.models import AT, FULL, STRAIGHT
 
 
-def written_and_read(model: Model, tmp_path) -> Document:
+def written_and_read(model: MjcfModel, tmp_path) -> MjcfDocument:
     write_folder(Mjcf().write(model), tmp_path / "files")
     return Mjcf().read(tmp_path / "files")
 
@@ -56,7 +56,7 @@ def test_what_is_written_is_read(tmp_path):
 
 
 def test_an_empty_model_is_a_sound_file(tmp_path):
-    document = written_and_read(Model("empty"), tmp_path)
+    document = written_and_read(MjcfModel("empty"), tmp_path)
     assert not document.bodies
     assert document.section("keyframe") == document.section("contact") == ()
 
@@ -67,7 +67,7 @@ def test_the_same_tree_gives_the_same_bytes():
 
 def test_numbers_are_written_to_the_last_bit(tmp_path):
     values = (0.1, 1 / 3, 5e-324, 1.7976931348623157e308, math.pi, -0.0)
-    document = written_and_read(Model("numbers", keys=(Key("all", values, ()),)), tmp_path)
+    document = written_and_read(MjcfModel("numbers", keys=(MjcfKey("all", values, ()),)), tmp_path)
     assert document.section("keyframe")[0].numbers("qpos") == values
     assert document.section("keyframe")[0].numbers("qvel") == ()
 
@@ -75,19 +75,23 @@ def test_numbers_are_written_to_the_last_bit(tmp_path):
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_numbers_that_are_not_finite_are_not_written(value):
     with pytest.raises(ValueError, match="cannot be written"):
-        Mjcf().write(Model("bad", option=(("timestep", value),)))
+        Mjcf().write(MjcfModel("bad", option=(("timestep", value),)))
 
 
 @pytest.mark.parametrize("depths", [(1,), (0, 2), (0, 1, 3), (0, -1)])
 def test_bodies_that_are_not_depth_first_are_refused(depths):
-    bodies = tuple(Body(f"b{index}", AT, STRAIGHT, depth) for index, depth in enumerate(depths))
+    bodies = tuple(MjcfBody(f"b{index}", AT, STRAIGHT, depth) for index, depth in enumerate(depths))
     with pytest.raises(ValueError, match=r"the body 'b\d'"):
-        Mjcf().write(Model("bad", bodies=bodies))
+        Mjcf().write(MjcfModel("bad", bodies=bodies))
 
 
 def test_a_deep_chain_grows_with_its_length():
     sizes = [
-        len(Mjcf().write(Model("chain", bodies=tuple(Body("b", AT, STRAIGHT, depth) for depth in range(count))))[MODEL])
+        len(
+            Mjcf().write(
+                MjcfModel("chain", bodies=tuple(MjcfBody("b", AT, STRAIGHT, depth) for depth in range(count)))
+            )[MODEL]
+        )
         for count in (200, 4000)
     ]
     assert sizes[1] < 21.0 * sizes[0]

@@ -10,10 +10,9 @@ import pytest
 
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import UnsupportedError
-from simspec.formats.kit.plain import Fate
-from simspec.formats.mjcf import plain as plain_mjcf
-from simspec.formats.mjcf.format import MODEL, Mjcf
-from simspec.formats.mjcf.plain import SUPPORT
+from simspec.formats.kit.contract import LossFate
+from simspec.formats.mjcf import format as plain_mjcf
+from simspec.formats.mjcf.format import MODEL, SUPPORT, Mjcf
 from simspec.language.load import load
 from simspec.resources import find_spec
 from simspec.support.declarations import Level
@@ -184,7 +183,7 @@ def test_too_many_explicit_pairs_are_listed_and_not_written(monkeypatch):
     plain = Mjcf().plain(world)
     assert "<pair geom1" not in plain.files[MODEL]
     (loss,) = [loss for loss in plain.losses if loss.feature == Feature.FRICTION_PAIRS.value]
-    assert loss.fate is Fate.APPROXIMATED
+    assert loss.fate is LossFate.APPROXIMATED
     assert not loss.of_the_model
 
 
@@ -215,8 +214,8 @@ def test_everything_that_a_world_needs_is_carried_or_listed():
 
 def test_restitution_and_the_common_law_are_listed():
     features = {loss.feature: loss.fate for loss in Mjcf().plain(worlds.one_law(restitution=0.5, friction=0.2)).losses}
-    assert features[Feature.RESTITUTION.value] is Fate.LEFT_OUT
-    assert features[Feature.HARDNESS_COMMON.value] is Fate.APPROXIMATED
+    assert features[Feature.RESTITUTION.value] is LossFate.LEFT_OUT
+    assert features[Feature.HARDNESS_COMMON.value] is LossFate.APPROXIMATED
     assert Feature.FRICTION.value not in features
 
 
@@ -262,7 +261,7 @@ def test_native_controllers_are_actuators(limit):
         assert tuple(model.actuator_biasprm[index][:3]) == (0.0, -40.0, -3.0)
         assert bool(model.actuator_forcelimited[index]) is (limit is not None)
     fates = [loss.fate for loss in plain.losses if loss.feature == Feature.CONTROL_NATIVE.value]
-    assert fates == [Fate.APPROXIMATED, Fate.LEFT_OUT] if limit == 0.0 else [Fate.APPROXIMATED]
+    assert fates == [LossFate.APPROXIMATED, LossFate.LEFT_OUT] if limit == 0.0 else [LossFate.APPROXIMATED]
 
 
 def test_the_same_world_gives_the_same_bytes():

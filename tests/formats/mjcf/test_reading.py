@@ -5,12 +5,11 @@ from __future__ import annotations
 import pytest
 
 from simspec.formats.kit.xml_elements import parse_xml
-from simspec.formats.mjcf import defaults
-from simspec.formats.mjcf.document import Document
-from simspec.formats.mjcf.reading import document_of, read_document
+from simspec.formats.mjcf import reading
+from simspec.formats.mjcf.reading import MjcfDocument, document_of, read_document
 
 
-def read(text: str) -> Document:
+def read(text: str) -> MjcfDocument:
     return document_of(parse_xml(text.encode(), "robot.xml"), "robot.xml")
 
 
@@ -190,7 +189,7 @@ def test_attributes_that_are_not_what_is_asked_for_are_refused_with_their_place(
 )
 def test_classes_that_repeat_each_other_are_bounded(monkeypatch, text):
     read(text)
-    monkeypatch.setattr(defaults, "MOST_DEFAULTS", 4)
+    monkeypatch.setattr(reading, "MOST_DEFAULTS", 4)
     with pytest.raises(ValueError, match="more than 4 attributes together"):
         read(text)
 

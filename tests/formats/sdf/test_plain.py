@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 import simspec
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import SpecError
-from simspec.formats.kit.plain import Fate
+from simspec.formats.kit.contract import LossFate
 from simspec.formats.sdf.format import WORLD, Sdf
 from simspec.formats.sdf.plain import KINDS, SUPPORT
 from simspec.language.load import load
@@ -310,8 +310,8 @@ def test_names_that_the_language_reserves_or_has_once(tmp_path):
     )
     plain, path = written(world, tmp_path)
     fates = {loss.feature: loss.fate for loss in plain.losses}
-    assert fates["body.name"] is Fate.APPROXIMATED
-    assert fates["joint.name"] is Fate.APPROXIMATED
+    assert fates["body.name"] is LossFate.APPROXIMATED
+    assert fates["joint.name"] is LossFate.APPROXIMATED
     assert again(path).bodies[0].inertial == body.inertial
 
 

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.formats.skel.document import strangers
-from simspec.formats.skel.format import WORLD, Skel
-from simspec.formats.skel.reading import without_visual_shapes
-from simspec.formats.skel.tree import Body, Joint, Shape, Skeleton, World
+from simspec.formats.skel.format import WORLD, Skel, SkelBody, Skeleton, SkelJoint, SkelShape, SkelWorld
+from simspec.formats.skel.reading import strangers, without_visual_shapes
 from simspec.world.types import Inertial, Pose
 
 TURN = (0.6, 0.8, 0.0, 0.0)
 INERTIAL = Inertial(2.0, (0.0, 0.1, 0.0), (0.1, 0.2, 0.3, 0.01, -0.02, 0.0))
 RED = (1.0, 0.0, 0.0, 1.0)
 SHAPES = (
-    Shape("sphere", (0.1,), Pose()),
-    Shape("box", (0.1, 0.2, 0.3), Pose((0.0, 0.0, 1e-17), TURN)),
-    Shape("cylinder", (0.1, 0.3), Pose()),
-    Shape("capsule", (0.1, 0.4), Pose()),
-    Shape("ellipsoid", (0.1, 0.2, 0.3), Pose()),
-    Shape("plane", (), Pose()),
+    SkelShape("sphere", (0.1,), Pose()),
+    SkelShape("box", (0.1, 0.2, 0.3), Pose((0.0, 0.0, 1e-17), TURN)),
+    SkelShape("cylinder", (0.1, 0.3), Pose()),
+    SkelShape("capsule", (0.1, 0.4), Pose()),
+    SkelShape("ellipsoid", (0.1, 0.2, 0.3), Pose()),
+    SkelShape("plane", (), Pose()),
 )
-TREE = World(
+TREE = SkelWorld(
     "test",
     0.001,
     (0.0, 0.0, -9.81),
@@ -31,12 +29,14 @@ TREE = World(
             "arm",
             True,
             (
-                Body("base", Pose((1.0, 2.0, 3.0), TURN), INERTIAL, (Shape("sphere", (0.2,), Pose(), RED),), SHAPES),
-                Body("tip", Pose(), INERTIAL, (), ()),
+                SkelBody(
+                    "base", Pose((1.0, 2.0, 3.0), TURN), INERTIAL, (SkelShape("sphere", (0.2,), Pose(), RED),), SHAPES
+                ),
+                SkelBody("tip", Pose(), INERTIAL, (), ()),
             ),
             (
-                Joint("base_joint", "fixed", None, "base"),
-                Joint("tip_joint", "hinge", "base", "tip", (0.0, 0.6, 0.8), (-1.0, 2.0), 0.5, (0.3,), (-0.1,)),
+                SkelJoint("base_joint", "fixed", None, "base"),
+                SkelJoint("tip_joint", "hinge", "base", "tip", (0.0, 0.6, 0.8), (-1.0, 2.0), 0.5, (0.3,), (-0.1,)),
             ),
         ),
     ),
@@ -120,7 +120,7 @@ def test_visual_shapes_are_taken_out():
 
 def test_what_cannot_be_written_is_an_error():
     with pytest.raises(ValueError, match="nan cannot be written"):
-        Skel().write(World("x", float("nan"), (0.0, 0.0, 0.0), "ode", ()))
-    odd = Body("b", Pose(), INERTIAL, (), (Shape("cone", (), Pose()),))
+        Skel().write(SkelWorld("x", float("nan"), (0.0, 0.0, 0.0), "ode", ()))
+    odd = SkelBody("b", Pose(), INERTIAL, (), (SkelShape("cone", (), Pose()),))
     with pytest.raises(KeyError, match="cone"):
-        Skel().write(World("x", 0.1, (0.0, 0.0, 0.0), "ode", (Skeleton("s", True, (odd,), ()),)))
+        Skel().write(SkelWorld("x", 0.1, (0.0, 0.0, 0.0), "ode", (Skeleton("s", True, (odd,), ()),)))

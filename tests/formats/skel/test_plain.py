@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle
-from simspec.formats.kit.plain import Fate
-from simspec.formats.skel.format import WORLD, Skel
-from simspec.formats.skel.plain import SUPPORT
+from simspec.formats.kit.contract import LossFate
+from simspec.formats.skel.format import SUPPORT, WORLD, Skel
 from simspec.language.load import load
 from simspec.resources import find_spec
 from simspec.support.declarations import Level
@@ -130,8 +129,8 @@ def test_everything_that_a_world_needs_is_carried_or_listed():
 
 def test_damping_is_approximated_and_a_balls_left_out():
     fates = {loss.feature: loss.fate for loss in Skel().plain(worlds.every_joint(damping=0.2)).losses}
-    assert fates[Feature.DAMPING.value] is Fate.APPROXIMATED
-    assert fates[Feature.BALL_DAMPING.value] is Fate.LEFT_OUT
+    assert fates[Feature.DAMPING.value] is LossFate.APPROXIMATED
+    assert fates[Feature.BALL_DAMPING.value] is LossFate.LEFT_OUT
 
 
 def test_no_detector_is_named():

@@ -12,14 +12,21 @@ import pytest
 import yourdfpy
 
 from simspec.dynamics.oracle import Oracle
-from simspec.formats.kit.contract import formats
-from simspec.formats.kit.plain import Fate
-from simspec.formats.urdf.document import strangers
-from simspec.formats.urdf.format import Urdf
-from simspec.formats.urdf.from_world import UNLIMITED
-from simspec.formats.urdf.plain import PLACEMENT, SUPPORT
-from simspec.formats.urdf.standard import parts_of
-from simspec.formats.urdf.tree import Element, Geometry, Inertial, Joint, Link, Origin, Robot, Visual
+from simspec.formats.kit.contract import LossFate, formats
+from simspec.formats.urdf.format import PLACEMENT, SUPPORT, Urdf
+from simspec.formats.urdf.reading import strangers
+from simspec.formats.urdf.robots import (
+    UNLIMITED,
+    UrdfExtension,
+    UrdfGeometry,
+    UrdfInertial,
+    UrdfJoint,
+    UrdfLink,
+    UrdfOrigin,
+    UrdfRobot,
+    UrdfVisual,
+    parts_of,
+)
 from simspec.language.load import load
 from simspec.resources import find_spec
 from simspec.support.declarations import Level
@@ -135,7 +142,7 @@ def every_feature():
 def test_everything_that_a_world_needs_is_carried_or_listed():
     for world in every_feature():
         plain = Urdf().plain(world)
-        listed = {loss.feature: loss for loss in plain.losses if loss.fate is not Fate.PLACEHOLDER}
+        listed = {loss.feature: loss for loss in plain.losses if loss.fate is not LossFate.PLACEHOLDER}
         for need in needs(world, world.contact.pairs):
             carried = SUPPORT[need.feature].level is Level.EXACT
             assert carried is (need.feature.value not in listed), need.feature
@@ -160,7 +167,7 @@ def test_limits_that_stand_for_none_are_listed():
     world = worlds.world(worlds.tree(["slide", "hinge"], 2))
     assert [body.joint.position_limits for body in world.bodies] == [None, None]
     plain = Urdf().plain(world)
-    rows = {loss.feature: loss for loss in plain.losses if loss.fate is Fate.PLACEHOLDER}
+    rows = {loss.feature: loss for loss in plain.losses if loss.fate is LossFate.PLACEHOLDER}
     slide = world.bodies[0].name
     assert set(rows) == {"joint.limits.position", "joint.limits.velocity", "joint.limits.effort"}
     assert all(row.paths == (f"bodies.{slide}.joint",) and not row.of_the_model for row in rows.values())
@@ -172,7 +179,7 @@ def test_a_ball_joint_becomes_three_hinges_that_turn_as_it_does(tmp_path):
     world = worlds.world(worlds.tree(["ball"], 4))
     plain = written(world, tmp_path)
     (loss,) = [loss for loss in plain.losses if loss.feature == "joint.ball"]
-    assert loss.fate is Fate.APPROXIMATED
+    assert loss.fate is LossFate.APPROXIMATED
     assert loss.of_the_model
     (file,) = tmp_path.glob("*.urdf")
     model = pinocchio.buildModelFromUrdf(str(file))
@@ -217,7 +224,7 @@ def test_an_ellipsoid_is_left_out_and_listed():
     world = worlds.shapes_world(("ellipsoid",))
     plain = Urdf().plain(world)
     (loss,) = [loss for loss in plain.losses if loss.feature == "shape.ellipsoid"]
-    assert (loss.fate, loss.of_the_model) == (Fate.LEFT_OUT, True)
+    assert (loss.fate, loss.of_the_model) == (LossFate.LEFT_OUT, True)
 
 
 def test_the_same_world_gives_the_same_bytes():
@@ -229,14 +236,16 @@ def test_a_format_without_plain_files_says_so_and_world_loses_nothing():
 
 
 def test_extensions_are_printed_and_names_escaped(tmp_path):
-    contact = Element("contact", (("kind", 'a<"b'),), (Element("friction", (("value", 0.5),)), Element("none")))
-    link = Link(
+    contact = UrdfExtension(
+        "contact", (("kind", 'a<"b'),), (UrdfExtension("friction", (("value", 0.5),)), UrdfExtension("none"))
+    )
+    link = UrdfLink(
         'a<b>&"é',
-        Inertial(Origin(), 1.0, (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
-        (Visual("v", Geometry("plane", (("normal", (0.0, 0.0, 1.0)),))),),
+        UrdfInertial(UrdfOrigin(), 1.0, (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
+        (UrdfVisual("v", UrdfGeometry("plane", (("normal", (0.0, 0.0, 1.0)),))),),
         extensions=(contact,),
     )
-    robot = Robot("r", (link, Link("b")), (Joint("j", "spherical", link.name, "b", Origin()),))
+    robot = UrdfRobot("r", (link, UrdfLink("b")), (UrdfJoint("j", "spherical", link.name, "b", UrdfOrigin()),))
     write(Urdf().write({"r.urdf": robot}), tmp_path)
     again = Urdf().read(tmp_path).robots["r.urdf"]
     assert again.links[0].name == link.name

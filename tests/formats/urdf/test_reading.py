@@ -6,9 +6,8 @@ import re
 
 import pytest
 
-from simspec.formats.urdf.document import LANGUAGE, WRITTEN, strangers
 from simspec.formats.urdf.format import Urdf
-from simspec.formats.urdf.reading import DEEPEST, parse, read_robot
+from simspec.formats.urdf.reading import DEEPEST, LANGUAGE, WRITTEN, parse, read_robot, strangers
 from simspec.formats.urdf.to_world import inertial_of, pose_of, shapes_of
 from simspec.world.types import Inertial, Pose
 

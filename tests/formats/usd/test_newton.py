@@ -17,9 +17,8 @@ import numpy as np
 import pytest
 
 from simspec.formats.usd.format import Usd
-from simspec.formats.usd.names import places
-from simspec.formats.usd.plain import SMALLEST_MASS, SMALLEST_MOMENT, is_still
-from simspec.formats.usd.several import carriers, several
+from simspec.formats.usd.joints import carriers, several
+from simspec.formats.usd.stage import SMALLEST_MASS, SMALLEST_MOMENT, is_still, places
 from simspec.language.load import Spec, load
 from simspec.resources import find_spec
 from simspec.world import frames

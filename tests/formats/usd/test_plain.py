@@ -13,9 +13,8 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from simspec.errors import SpecError
-from simspec.formats.kit.plain import Fate
-from simspec.formats.usd.format import WORLD, Usd
-from simspec.formats.usd.support import KINDS, SUPPORT
+from simspec.formats.kit.contract import LossFate
+from simspec.formats.usd.format import KINDS, SUPPORT, WORLD, Usd
 from simspec.language.load import Spec, load
 from simspec.resolve.poses import direction
 from simspec.resources import find_spec
@@ -225,8 +224,8 @@ def test_what_is_lost_is_listed():
     lost = {loss.feature: loss.fate for loss in Usd().plain(world).losses}
     for need in needs(world, world.contact.pairs):
         assert (need.feature.value in lost) or SUPPORT[need.feature].level is Level.EXACT
-    assert lost[Feature.HARDNESS_COMMON.value] is Fate.LEFT_OUT
-    assert lost[Feature.TIMESTEP.value] is Fate.BESIDE
+    assert lost[Feature.HARDNESS_COMMON.value] is LossFate.LEFT_OUT
+    assert lost[Feature.TIMESTEP.value] is LossFate.BESIDE
 
 
 HINGE, SLIDE, BALL = "hinge", "slide", "ball"

@@ -10,23 +10,23 @@ from hypothesis import strategies as st
 
 from simspec.errors import SpecError
 from simspec.formats.wbt import reading
-from simspec.formats.wbt.document import Node as Read
-from simspec.formats.wbt.fields import NODES
-from simspec.formats.wbt.format import WORLD, Wbt, quoted
-from simspec.formats.wbt.reading import parse
-from simspec.formats.wbt.tree import Node, World
+from simspec.formats.wbt.format import NODES, WORLD, Wbt, WbtNodeTree, WbtWorld, quoted
+from simspec.formats.wbt.reading import WbtNode, parse
 
 HEAD = "#VRML_SIM R2023b utf8\n"
-TREE = World(
+TREE = WbtWorld(
     (
-        Node("WorldInfo", {"title": 'a "b" \\ c', "info": ("x", "y z"), "gravity": 9.81}),
-        Node(
+        WbtNodeTree("WorldInfo", {"title": 'a "b" \\ c', "info": ("x", "y z"), "gravity": 9.81}),
+        WbtNodeTree(
             "Solid",
             {
                 "name": "body",
                 "translation": (1.0, -2.5e-17, 3.0),
-                "children": (Node("Pose", {"children": (Node("Shape", {"geometry": Node("Sphere")}),)}), Node("Solid")),
-                "physics": Node("Physics", {"centerOfMass": ((1.0, 2.0, 3.0),)}),
+                "children": (
+                    WbtNodeTree("Pose", {"children": (WbtNodeTree("Shape", {"geometry": WbtNodeTree("Sphere")}),)}),
+                    WbtNodeTree("Solid"),
+                ),
+                "physics": WbtNodeTree("Physics", {"centerOfMass": ((1.0, 2.0, 3.0),)}),
             },
             "body_0",
         ),
@@ -54,16 +54,16 @@ def test_what_is_written_is_read(tmp_path):
 
 
 def test_every_field_of_every_node_is_written():
-    text = Wbt().write(World(tuple(Node(kind) for kind in NODES)))[WORLD]
+    text = Wbt().write(WbtWorld(tuple(WbtNodeTree(kind) for kind in NODES)))[WORLD]
     read = {node.kind: {field.name for field in node.fields} for node in parse(text, WORLD).nodes}
     assert read == {kind: set(fields) for kind, fields in NODES.items()}
 
 
 def test_unknown_fields_numbers_and_texts_are_not_written():
     with pytest.raises(KeyError, match="Solid has no field colour"):
-        Wbt().write(World((Node("Solid", {"colour": 1.0}),)))
+        Wbt().write(WbtWorld((WbtNodeTree("Solid", {"colour": 1.0}),)))
     with pytest.raises(ValueError, match="cannot be written"):
-        Wbt().write(World((Node("Sphere", {"radius": float("nan")}),)))
+        Wbt().write(WbtWorld((WbtNodeTree("Sphere", {"radius": float("nan")}),)))
     with pytest.raises(ValueError, match="letters that no text"):
         quoted("two\nlines")
 
@@ -145,4 +145,4 @@ def test_any_text_is_read_or_refused_with_a_line(text):
         document = parse(HEAD + text, WORLD)
     except ValueError as error:
         said = str(error)
-    assert said.startswith(f"{WORLD}:") if said else all(isinstance(node, Read) for node in document.walk())
+    assert said.startswith(f"{WORLD}:") if said else all(isinstance(node, WbtNode) for node in document.walk())

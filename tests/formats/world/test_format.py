@@ -13,12 +13,12 @@ from simspec.formats.world.tree import (
     Apart,
     AxisJoint,
     BallJoint,
-    Body,
-    Copy,
-    Document,
     FixedJoint,
     FreeJoint,
-    Shape,
+    JsonBody,
+    JsonShape,
+    JsonWorld,
+    ShapeCopy,
     parent_of,
     state_of,
 )
@@ -31,15 +31,15 @@ INERTIA = (0.1, 0.2, 0.3, 0.0, 0.01, 0.0)
 
 
 def _body(name, joint, *shapes, group="default"):
-    return Body(name, "robot", group, 1.5, (0.0, 0.1, 0.0), INERTIA, joint, shapes)
+    return JsonBody(name, "robot", group, 1.5, (0.0, 0.1, 0.0), INERTIA, joint, shapes)
 
 
 def _ball(name, *copies, colour=RED):
-    return Shape(name, "sphere", (0.1,), Pose((0.0, 0.0, 1e-17), TURN), "ice" if copies else "", colour, copies)
+    return JsonShape(name, "sphere", (0.1,), Pose((0.0, 0.0, 1e-17), TURN), "ice" if copies else "", colour, copies)
 
 
 SOFT = Hardness("stiffness", 0.0, 0.0, 1e5, 30.0)
-DOCUMENT = Document(
+DOCUMENT = JsonWorld(
     gravity=(0.0, 0.0, -9.81),
     timestep=0.001,
     friction_cone="elliptic",
@@ -47,7 +47,7 @@ DOCUMENT = Document(
         _body(
             "base",
             FixedJoint(name="j0", parent=None, origin=Pose()),
-            _ball("base_0", Copy(0, 0.5, 0.0, 0.0, 0.1), Copy(2, 0.25, 0.01, 0.02, 0.0, SOFT)),
+            _ball("base_0", ShapeCopy(0, 0.5, 0.0, 0.0, 0.1), ShapeCopy(2, 0.25, 0.01, 0.02, 0.0, SOFT)),
         ),
         _body(
             "arm",
@@ -86,7 +86,7 @@ DOCUMENT = Document(
         _body(
             "stone",
             FreeJoint(name="j3", position=(1.0, 2.0, 3.0, *TURN), velocity=(0.0, 0.1, 0.2, 0.3, 0.4, 0.5)),
-            _ball("stone_0", Copy(0, 0.5, 0.0, 0.0, 0.0), colour=None),
+            _ball("stone_0", ShapeCopy(0, 0.5, 0.0, 0.0, 0.0), colour=None),
             group="stones",
         ),
     ),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.imports.mjcf.features import FEATURES
+from simspec.imports.mjcf.compiled import FEATURES
 from simspec.language.load import load
 from tests.imports.mjcf.models import ARM, lost, read, written
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.mjcf.equality import deviations
-from simspec.imports.mjcf.features import FEATURES
+from simspec.imports.mjcf.comparison import deviations
+from simspec.imports.mjcf.compiled import FEATURES
 from simspec.language.foreign import ImportOptions, Severity
 from tests.imports.mjcf.models import read, written
 

@@ -6,8 +6,8 @@ import pytest
 
 from simspec.cli import main
 from simspec.errors import SpecError
-from simspec.imports.mjcf import surfaces
-from simspec.imports.mjcf.bodies import Names
+from simspec.imports.mjcf import contact
+from simspec.imports.mjcf.bodies import MjcfNames
 from simspec.language.foreign import ImportOptions
 from tests.imports.mjcf.models import read, written
 
@@ -121,7 +121,7 @@ def test_a_long_chain_of_includes_is_refused(tmp_path):
 
 def test_too_many_different_surfaces_are_refused(tmp_path, monkeypatch):
     """Geoms that nothing touches do not count: nobody holds them against others."""
-    monkeypatch.setattr(surfaces, "MOST_SURFACES", 5)
+    monkeypatch.setattr(contact, "MOST_SURFACES", 5)
     geom = '<geom size="1" friction="{} 1 1" contype="{}" conaffinity="0"/>'
     bare = "".join(geom.format(number, 0) for number in range(20))
     assert read(written(tmp_path, model(f"<body><freejoint/>{bare}</body>")))
@@ -140,7 +140,7 @@ def test_many_equal_names_are_given_in_few_steps(monkeypatch):
             Counting.asked += 1
             return super().__contains__(name)
 
-    names = Names(Counting())
+    names = MjcfNames(Counting())
     given = {names.give("n" * 200 + str(number), "") for number in range(20_000)}
     assert len(given) == 20_000
     assert Counting.asked < 50_000

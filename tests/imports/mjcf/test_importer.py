@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.mjcf import equality
-from simspec.imports.mjcf.bodies import Bodies
-from simspec.imports.mjcf.compiled import compilers
-from simspec.imports.mjcf.features import FEATURES
+from simspec.imports.mjcf import comparison
+from simspec.imports.mjcf.bodies import MjcfBodies
+from simspec.imports.mjcf.compiled import FEATURES, compilers
+from simspec.imports.mjcf.contact import MjcfSurface, combined
 from simspec.imports.mjcf.importer import MjcfImporter
-from simspec.imports.mjcf.surfaces import Surface, combined
 from simspec.language import foreign
 from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
@@ -29,14 +28,14 @@ SAME = 1e-9
 
 @pytest.mark.parametrize("text", [ARM, SCENE], ids=["arm", "scene"])
 def test_the_imported_world_is_the_same_model(tmp_path, text):
-    deviations, imported = equality.deviations(written(tmp_path, text), ImportOptions())
+    deviations, imported = comparison.deviations(written(tmp_path, text), ImportOptions())
     assert deviations.worst < SAME
     assert not lost(imported)
 
 
 @pytest.mark.parametrize("array", ["body_mass", "jnt_pos", "dof_damping"])
 def test_a_wrong_number_is_seen(tmp_path, monkeypatch, array):
-    make = Bodies.make
+    make = MjcfBodies.make
 
     def wrong(bodies):
         right = bodies.model[array]
@@ -44,8 +43,8 @@ def test_a_wrong_number_is_seen(tmp_path, monkeypatch, array):
         make(bodies)
         bodies.model._arrays[array] = right
 
-    monkeypatch.setattr(Bodies, "make", wrong)
-    deviations, _ = equality.deviations(written(tmp_path, ARM), ImportOptions())
+    monkeypatch.setattr(MjcfBodies, "make", wrong)
+    deviations, _ = comparison.deviations(written(tmp_path, ARM), ImportOptions())
     assert deviations.worst > 1e-6
 
 
@@ -76,7 +75,7 @@ def test_several_trees_and_the_world_s_own_shapes_are_a_scenario(tmp_path):
 
 
 def surface(friction, directions=3, priority=0, bits=(1, 1)):
-    return Surface(*bits, directions, priority, friction)
+    return MjcfSurface(*bits, directions, priority, friction)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +102,7 @@ FIXED = """<mujoco><worldbody>{0}<body name="base" pos="1 2 3" euler="10 20 30">
 def test_what_is_joined_to_a_fixed_body_may_touch_it(tmp_path):
     for number, more in enumerate(('<geom type="plane" size="1 1 1"/>', "")):
         path = written(tmp_path, FIXED.format(more), f"{number}.xml")
-        deviations, imported = equality.deviations(path, ImportOptions())
+        deviations, imported = comparison.deviations(path, ImportOptions())
         assert deviations.worst < SAME
         assert not lost(imported)
         assert imported.data["contact"]["touch"] == [["inner", "arm"]]
@@ -268,7 +267,7 @@ def test_attached_models(tmp_path):
     <body name="arm"><freejoint/><geom size="1"/><attach model="h" body="palm" prefix="l_"/>
     <frame pos="1 0 0"><attach model="h" body="palm" prefix="r/"/></frame></body></worldbody></mujoco>"""
     path = written(tmp_path, text)
-    deviations, imported = equality.deviations(path, ImportOptions())
+    deviations, imported = comparison.deviations(path, ImportOptions())
     assert deviations.worst < SAME
     assert list(imported.data["model"]["bodies"]) == ["arm", "l_palm", "r_palm"]
     assert "named 'r/palm' in the file" in imported.comments.values()
@@ -283,7 +282,7 @@ SEVERAL = """<mujoco><worldbody><body name="cart" pos="0 0 1" euler="10 20 30">
 
 
 def test_several_joints_of_a_body(tmp_path):
-    deviations, imported = equality.deviations(written(tmp_path, SEVERAL), ImportOptions())
+    deviations, imported = comparison.deviations(written(tmp_path, SEVERAL), ImportOptions())
     assert deviations.worst < SAME
     assert not lost(imported)
     joints = imported.data["model"]["bodies"]["wrist"]["joints"]
@@ -338,7 +337,7 @@ def test_meshes_are_where_the_file_has_them(tmp_path):
     vertices = "".join("v " + " ".join(map(str, vertex)) + "\n" for vertex in WEDGE)
     written(tmp_path, vertices + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n", "parts/wedge.obj")
     path = written(tmp_path, MESH)
-    deviations, imported = equality.deviations(path, ImportOptions())
+    deviations, imported = comparison.deviations(path, ImportOptions())
     assert deviations.worst < SAME
     assert not lost(imported)
     turned = (WEDGE - [0.1, 0.2, 0.3]) @ np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])

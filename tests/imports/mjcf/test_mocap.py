@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.imports.mjcf.features import FEATURES
+from simspec.imports.mjcf.compiled import FEATURES
 from simspec.language.load import load
 from tests.imports.mjcf.models import lost, read, written
 

@@ -6,8 +6,8 @@ import struct
 
 import pytest
 
-from simspec.imports.mjcf import equality
-from simspec.imports.mjcf.features import FEATURES
+from simspec.imports.mjcf import comparison
+from simspec.imports.mjcf.compiled import FEATURES
 from simspec.language.foreign import ImportOptions
 from simspec.language.load import load
 from tests.imports.mjcf.models import lost, read, written
@@ -28,7 +28,7 @@ def test_a_sum_of_two_joints_that_is_kept_is_a_coupling(tmp_path):
     """Springs along it, and limits that it keeps, act on nothing."""
     tendons = SUM.format("s", 'stiffness="3" damping="1" range="-1 1"', "a", 0.5, "b", 0.25)
     path = written(tmp_path, MODEL.format(tendons, '<tendon tendon1="s" polycoef=".1 0 0 0 0"/>'))
-    deviations, imported = equality.deviations(path, ImportOptions())
+    deviations, imported = comparison.deviations(path, ImportOptions())
     assert deviations.worst < 1e-9
     assert not lost(imported)
     assert follows(imported) == [{"joint": "a", "leader": "b", "ratio": -0.5, "offset": 0.2}]
@@ -78,7 +78,7 @@ def test_springs_and_dampers_of_tendons_are_those_of_sums(tmp_path):
     tendons = SUM.format("s", 'stiffness="3" damping="0.2" springlength="0.5"', "a", 2, "c", -1)
     tendons += '<fixed name="t" damping="1"><joint joint="c" coef="1"/></fixed>'
     path = written(tmp_path, MODEL.format(tendons, ""))
-    deviations, imported = equality.deviations(path, ImportOptions())
+    deviations, imported = comparison.deviations(path, ImportOptions())
     assert deviations.worst < 1e-9
     assert not lost(imported)
     assert imported.data["model"]["constraints"] == {
@@ -113,6 +113,6 @@ def test_a_mesh_of_the_engines_own_language_is_read(tmp_path):
     body = '<body><freejoint/><geom type="mesh" mesh="corner"/></body>'
     assets = '<asset><mesh file="corner.msh"/></asset>'
     path = written(tmp_path, f"<mujoco>{assets}<worldbody>{body}</worldbody></mujoco>")
-    assert equality.deviations(path, ImportOptions())[0].worst < 1e-9
+    assert comparison.deviations(path, ImportOptions())[0].worst < 1e-9
     (shape,) = load(path).resolve().bodies[0].shapes
     assert (shape.kind, len(shape.size)) == ("mesh", 12)

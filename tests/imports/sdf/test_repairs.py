@@ -5,7 +5,7 @@ import math
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.moments import FROM_SHAPES
+from simspec.imports.draft import FROM_SHAPES
 from simspec.language.foreign import ImportOptions
 from simspec.language.load import load
 from tests.meshes.solids import box, stl

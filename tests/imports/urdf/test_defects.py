@@ -2,7 +2,7 @@
 
 import pytest
 
-from simspec.imports.urdf.robot import RULES
+from simspec.imports.urdf.importer import RULES
 from simspec.language.load import load
 from simspec.language.moments import impossible, principal_moments
 from tests.imports.urdf.robots import BALL, DEFECTS, OTHERS, SOLID, inertial, read, refused, two_links

@@ -146,7 +146,7 @@ def test_a_hull_of_more_vertices_than_a_spec_may_have_keeps_some_of_them(tmp_pat
     """The limit and what is kept are made small, so that a ball of 162 vertices is too much."""
     import trimesh
 
-    from simspec.imports import meshes
+    from simspec.imports import draft as meshes
 
     monkeypatch.setattr(meshes, "MOST_VERTICES", 100)
     monkeypatch.setattr(meshes, "FEWER", 50)

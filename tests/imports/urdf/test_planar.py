@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.imports.urdf.planar import across
+from simspec.imports.urdf.joints import across
 from simspec.language.foreign import Severity
 from simspec.language.load import load
 from tests.imports.urdf.robots import SOLID, read, refused, two_links

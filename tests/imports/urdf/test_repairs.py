@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from simspec.errors import SpecError
+from simspec.imports.draft import FROM_SHAPES
 from simspec.imports.mjcf.importer import MjcfImporter
-from simspec.imports.moments import FROM_SHAPES
 from simspec.imports.writing import spec_text
 from simspec.language.foreign import ImportOptions, RequestedRepairs
 from simspec.language.load import load

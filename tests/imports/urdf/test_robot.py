@@ -6,7 +6,7 @@ import re
 import pytest
 
 from simspec.errors import SpecError
-from simspec.imports.urdf.table import GAZEBO, rows
+from simspec.imports.urdf.elements import GAZEBO, rows
 from simspec.language.foreign import Fate, Severity
 from simspec.language.load import load
 from simspec.language.losses import of_physics

@@ -2,7 +2,7 @@
 
 import pytest
 
-from simspec.imports.urdf.units import MILLIMETRES
+from simspec.imports.urdf.masses import MILLIMETRES
 from simspec.language.load import load
 from tests.imports.urdf.robots import read, two_links
 from tests.meshes.solids import box, stl

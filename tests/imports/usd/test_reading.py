@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 
 from simspec import cli
 from simspec.errors import SpecError
-from simspec.imports.usd.lines import lines_of
-from simspec.imports.usd.stage import agree
+from simspec.imports.usd.stage import agree, lines_of
 from simspec.language.foreign import Fate, ImportOptions, Severity
 from simspec.language.load import load
 from simspec.world.kinematics import poses
@@ -271,7 +270,7 @@ def test_lines_of_prims():
 def test_lines_of_long_texts_and_of_deep_ones_take_little_memory():
     """A program of its own: what it takes is seen for the whole process."""
     program = (
-        "import resource; from simspec.imports.usd.lines import lines_of; before = resource.getrusage(resource.RUSAGE_SELF)\n"
+        "import resource; from simspec.imports.usd.stage import lines_of; before = resource.getrusage(resource.RUSAGE_SELF)\n"
         "text = b'#usda 1.0\\n' + b'def \"a\" {\\n' * 50_000 + b'string x = \"' + b'a' * 20_000_000 + b'\"\\n'\n"
         "assert lines_of(text[:20] + text[-20_000_010:]) == {'/a': 2}; assert len(lines_of(text)) < 2000\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before.ru_maxrss)"

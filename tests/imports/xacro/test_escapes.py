@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("xacro")
 
-from simspec.imports.xacro import expansion
+from simspec.imports.xacro import importer
 from tests.imports.xacro.texts import MASS, imported, refused, robot
 
 IN_A_FRAME = "[c.append((x.gi_frame.f_back.f_back for x in c)) or [one for one in c[0]][0] for c in [[]]][0]"
@@ -87,7 +87,7 @@ if sys.argv[1] == "free":
 answers = {}
 for name, text in json.loads(sys.stdin.read()).items():
     now = mmap.mmap(-1, PLACE_NOW.size)
-    program = child.Program(now, {"files": ["r.xacro"], "arguments": {}})
+    program = child.XacroProgram(now, {"files": ["r.xacro"], "arguments": {}})
     try:
         answers[name] = program.run(text, None)
     except Exception as error:
@@ -133,7 +133,7 @@ def test_the_allow_list_alone_holds_them(name, outcomes):
 def test_the_allow_list_alone_holds_those_with_braces(name):
     import xacro
 
-    from simspec.imports.xacro.expressions import Refused, evaluator
+    from simspec.imports.xacro.child import Refused, evaluator
 
     space = dict(xacro.create_global_symbols())
     assert eval(ESCAPES[name], {**space, "__builtins__": {}}) == "out"
@@ -207,7 +207,7 @@ def test_what_robots_use_is_in_the_list():
 
 
 def test_formats_of_names_and_numbers():
-    from simspec.imports.xacro.expressions import evaluator
+    from simspec.imports.xacro.child import evaluator
 
     evaluate = evaluator(None)
     assert evaluate("'{}_{:03d}|{a!r}'.format('x', 3, a='y')", {}) == "x_003|'y'"
@@ -227,7 +227,7 @@ ARITHMETIC = f"""<xacro:arg name="count" default="2"/><xacro:property name="size
 def no_walls(monkeypatch):
     from simspec.confinement import Walls
 
-    monkeypatch.setattr(expansion, "walls", lambda: Walls(why="this system offers no Landlock and no seccomp"))
+    monkeypatch.setattr(importer, "walls", lambda: Walls(why="this system offers no Landlock and no seccomp"))
 
 
 @pytest.mark.usefixtures("no_walls")

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from simspec.imports.xacro import expansion
+from simspec.imports.xacro import importer
 from simspec.language.foreign import Fate, ImportOptions, import_file
 from simspec.language.load import load
 from tests.imports.xacro.texts import MASS, NAMESPACE, imported, refused, robot
@@ -143,7 +143,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_files_end_as_errors_with_their_places(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(expansion, "CPU_SECONDS", 1)
+    monkeypatch.setattr(importer, "CPU_SECONDS", 1)
     content, said = HOSTILE[name]
     read = []
     listening = [True]
@@ -157,7 +157,7 @@ def test_hostile_files_end_as_errors_with_their_places(name, tmp_path, monkeypat
 
 
 def test_doubling_macros_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(expansion, "CPU_SECONDS", 1)
+    monkeypatch.setattr(importer, "CPU_SECONDS", 1)
     macros = '<xacro:macro name="m0" params=""><link name="a"/></xacro:macro>'
     for number in range(40):
         macros += f'<xacro:macro name="m{number + 1}" params=""><xacro:m{number}/><xacro:m{number}/></xacro:macro>'
@@ -225,13 +225,13 @@ def test_time_and_memory_end(what, code, said):
 
 
 def test_an_answer_has_a_largest_size(tmp_path, monkeypatch):
-    monkeypatch.setattr(expansion, "LARGEST_ANSWER", 1000)
+    monkeypatch.setattr(importer, "LARGEST_ANSWER", 1000)
     assert "expands to too much" in refused(f"<link name=\"${{'a' * 2000}}\">{MASS}</link>", tmp_path)
 
 
 def test_a_busy_machine_is_no_reason():
     """Processor time is the limit: a process that waits has all the time that it may need."""
-    assert expansion.SECONDS >= 20 * expansion.CPU_SECONDS
+    assert importer.SECONDS >= 20 * importer.CPU_SECONDS
 
 
 def test_the_process_has_no_environment(tmp_path, monkeypatch):
@@ -307,7 +307,7 @@ def test_an_expression_in_an_attribute_of_plain_urdf_is_expanded(tmp_path, writt
 
 
 def test_a_namespace_that_nothing_uses_is_no_program(tmp_path, monkeypatch):
-    monkeypatch.setattr(expansion, "_process", None)  # no process is started
+    monkeypatch.setattr(importer, "_process", None)  # no process is started
     text = robot(f'<!-- <xacro:macro/> ${{x}} --><link name="a">{MASS}</link>')
     assert by_name(text, tmp_path, "r.urdf").data["model"]["bodies"].keys() == {"a"}
 
@@ -344,4 +344,4 @@ def test_an_argument_that_is_used_needs_no_declaration(tmp_path):
 def test_a_process_that_says_anything_is_refused(line):
     """A process that a file has taken over."""
     with pytest.raises(ValueError):  # noqa: PT011
-        expansion._message(line)
+        importer._message(line)

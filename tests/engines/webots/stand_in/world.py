@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.formats.wbt.document import Node
-from simspec.formats.wbt.fields import NODES
-from simspec.formats.wbt.reading import parse
+from simspec.formats.wbt.format import NODES
+from simspec.formats.wbt.reading import WbtNode, parse
 
 REAL, POINTER = ctypes.c_double, ctypes.c_void_p
 SIZES = {"Vec2f": 2, "Vec3f": 3, "Rotation": 4, "Color": 3}
@@ -241,7 +240,7 @@ class World:
         if size > 1:
             return numbers(values[size * index : size * (index + 1)])
         value = values[index]
-        if isinstance(value, Node) or value is None:
+        if isinstance(value, WbtNode) or value is None:
             return str(self.number_of(self.nodes, value))
         return (
             repr(value)

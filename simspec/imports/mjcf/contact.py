@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, Final, NamedTuple
 
-from simspec.imports.mjcf.compiled import Compiled
-from simspec.imports.mjcf.features import Features
+from simspec.imports.mjcf.compiled import CompiledMjcf, MjcfFeatures
 
 SEPARATE_GAP: Final = 4
 """The first version of the compiler in which a gap is beyond the margin, without a force (measured: not 3.8.0, but 4.0.1)."""
@@ -30,7 +29,7 @@ CONES: Final = {0: "pyramid-inscribed", 1: "elliptic"}
 """Friction cones by their number."""
 
 
-class Surface(NamedTuple):
+class MjcfSurface(NamedTuple):
     """All that the contact of a geom follows from. ``own``: its number from 1 on where a pair of the file names it, or another
     geom of its body that the filter keeps apart from the second one's body; else 0."""
 
@@ -42,7 +41,7 @@ class Surface(NamedTuple):
     own: int = 0
 
 
-class Law(NamedTuple):
+class MjcfLaw(NamedTuple):
     """Contact of two surfaces."""
 
     friction: float
@@ -50,12 +49,12 @@ class Law(NamedTuple):
     rolling_friction: float
 
 
-def meets(first: Surface, second: Surface) -> bool:
+def meets(first: MjcfSurface, second: MjcfSurface) -> bool:
     """Whether the bits of two surfaces let them touch."""
     return bool(first.contype & second.conaffinity or second.contype & first.conaffinity)
 
 
-def combined(first: Surface, second: Surface) -> Law:
+def combined(first: MjcfSurface, second: MjcfSurface) -> MjcfLaw:
     """The law of two surfaces: the one of higher priority decides; else the larger values, and the more directions."""
     if first.priority != second.priority:
         first = second = max(first, second, key=lambda surface: surface.priority)
@@ -64,12 +63,12 @@ def combined(first: Surface, second: Surface) -> Law:
     return _law(directions, sliding, torsional, rolling)
 
 
-def _owners(first: Surface, second: Surface) -> tuple[int, int]:
+def _owners(first: MjcfSurface, second: MjcfSurface) -> tuple[int, int]:
     return (min(first.own, second.own), max(first.own, second.own))
 
 
-def _law(directions: int, sliding: float, torsional: float, rolling: float) -> Law:
-    return Law(
+def _law(directions: int, sliding: float, torsional: float, rolling: float) -> MjcfLaw:
+    return MjcfLaw(
         sliding if directions >= SLIDING else 0.0,
         torsional if directions >= TORSIONAL else 0.0,
         rolling if directions >= ROLLING else 0.0,
@@ -77,15 +76,15 @@ def _law(directions: int, sliding: float, torsional: float, rolling: float) -> L
 
 
 @dataclass
-class Surfaces:
+class MjcfSurfaces:
     """The surfaces of a model, and what a spec says of them."""
 
-    model: Compiled
-    features: Features
-    materials: dict[Surface, str] = field(default_factory=dict)
-    _of: dict[int, Surface] = field(default_factory=dict)
+    model: CompiledMjcf
+    features: MjcfFeatures
+    materials: dict[MjcfSurface, str] = field(default_factory=dict)
+    _of: dict[int, MjcfSurface] = field(default_factory=dict)
     """The surface of each geom that may touch something."""
-    _pairs_of: dict[tuple[int, int], Law] = field(default_factory=dict)
+    _pairs_of: dict[tuple[int, int], MjcfLaw] = field(default_factory=dict)
     """Laws that the file gives to two geoms, by their smaller and larger number from 1 on."""
     _margins_of: dict[tuple[int, int], float] = field(default_factory=dict)
     """Where contact of two such geoms begins (m), where that is not the sum of their margins."""
@@ -128,13 +127,13 @@ class Surfaces:
             self.materials = dict.fromkeys(self.materials, first)
         self._features()
 
-    def _surface(self, number: int, alone: bool) -> Surface:
+    def _surface(self, number: int, alone: bool) -> MjcfSurface:
         model = self.model
         sliding, torsional, rolling = (float(value) for value in model["geom_friction"][number])
         words = ("contype", "conaffinity", "condim", "priority")
         contype, conaffinity, directions, priority = (int(model[f"geom_{word}"][number]) for word in words)
         own = number + 1 if alone else 0
-        return Surface(contype, conaffinity, directions, priority, (sliding, torsional, rolling), own)
+        return MjcfSurface(contype, conaffinity, directions, priority, (sliding, torsional, rolling), own)
 
     def _read_pairs(self) -> None:
         """Laws of two geoms, as far as two bodies have them that may touch."""
@@ -169,10 +168,10 @@ class Surfaces:
             if margin != self.margin(first) + self.margin(second):
                 self._margins_of[first + 1, second + 1] = max(0.0, margin)
 
-    def _stated(self, first: Surface, second: Surface) -> Law | None:
+    def _stated(self, first: MjcfSurface, second: MjcfSurface) -> MjcfLaw | None:
         return self._pairs_of.get(_owners(first, second))
 
-    def meets(self, first: Surface, second: Surface) -> bool:
+    def meets(self, first: MjcfSurface, second: MjcfSurface) -> bool:
         """Whether two surfaces touch: where the file gives them a law, or where their bits let them and the filter does not
         keep their bodies apart."""
         if self._stated(first, second) is not None:
@@ -188,7 +187,7 @@ class Surfaces:
         parent = self.model["body_parentid"]
         return bool((one and int(parent[other]) == one) or (other and int(parent[one]) == other))
 
-    def law(self, first: Surface, second: Surface) -> Law:
+    def law(self, first: MjcfSurface, second: MjcfSurface) -> MjcfLaw:
         """The law of two surfaces: the file's own for them, or what both combine to."""
         return self._stated(first, second) or combined(first, second)
 
@@ -230,9 +229,9 @@ class Surfaces:
         return frozenset(divmod(int(signature), 1 << 16) for signature in self.model["exclude_signature"])
 
     @functools.cached_property
-    def _of_body(self) -> dict[int, set[Surface]]:
+    def _of_body(self) -> dict[int, set[MjcfSurface]]:
         """The surfaces of the geoms of each body that may touch something."""
-        solid: dict[int, set[Surface]] = {}
+        solid: dict[int, set[MjcfSurface]] = {}
         for geom, surface in self._of.items():
             solid.setdefault(int(self.model["geom_bodyid"][geom]), set()).add(surface)
         return solid
@@ -298,7 +297,7 @@ class Surfaces:
         return contact
 
     @staticmethod
-    def _material(surface: Surface) -> dict[str, float]:
+    def _material(surface: MjcfSurface) -> dict[str, float]:
         own = combined(surface, surface)
         return {name: value for name, value in own._asdict().items() if value}
 
@@ -320,7 +319,7 @@ class Surfaces:
                 pairs.setdefault((min(name, other), max(name, other)), {"between": [name, other], **differing})
         return list(pairs.values())
 
-    def _groups(self, surfaces: set[Surface]) -> dict[str, Any] | None:
+    def _groups(self, surfaces: set[MjcfSurface]) -> dict[str, Any] | None:
         """Collision groups that say what the bits do; None where the shapes of one body differ in theirs, or a pair of the file
         lets shapes touch that their bits keep apart."""
         stated = (not meets(one, other) and self._stated(one, other) for one, other in combinations(surfaces, 2))
@@ -381,7 +380,7 @@ class Surfaces:
             if weld[one] != weld[other]
         ]
 
-    def _joined(self, body: int, parent: int, solid: dict[int, set[Surface]]) -> None:
+    def _joined(self, body: int, parent: int, solid: dict[int, set[MjcfSurface]]) -> None:
         """A body and the one that it is joined to: the file lets them touch."""
         if parent and body in solid and any(self.meets(one, other) for one in solid[body] for other in solid[parent]):
             self._touch(body, parent)

@@ -1,5 +1,6 @@
 """Whether an imported file is the same model as the original: mass matrix, bias force, passive forces and the place of every
-body, in random states. The original is asked of its compiler, the imported world of the oracle; they share no code."""
+body, in random states. The original is asked of its compiler, the imported world of the oracle; they share no code.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +14,10 @@ from numpy.typing import NDArray
 from simspec.dynamics.oracle import Oracle
 from simspec.imports.files import Files
 from simspec.imports.mjcf.assembly import assemble
-from simspec.imports.mjcf.bodies import Bodies, Vector, inverse, product, rotated
-from simspec.imports.mjcf.compiled import BALL, FREE, compile_model
-from simspec.imports.mjcf.features import Features
+from simspec.imports.mjcf.bodies import MjcfBodies, Vector, inverse, product, rotated
+from simspec.imports.mjcf.compiled import BALL, FREE, MjcfFeatures, compile_model
+from simspec.imports.mjcf.constraints import without_effect
 from simspec.imports.mjcf.importer import imported
-from simspec.imports.mjcf.tendons import without_effect
 from simspec.language.foreign import Imported, ImportOptions
 from simspec.language.load import Spec
 from simspec.world.inertia import lumped_inertial
@@ -54,7 +54,7 @@ def deviations(path: Path, options: ImportOptions, states: int = 3, seed: int = 
     model = compile_model(assembly, (states, seed, SPREAD))
     if not model.dynamics:
         raise ValueError("nothing in this model moves")
-    bodies = Bodies(model, Features())
+    bodies = MjcfBodies(model, MjcfFeatures())
     what = imported(assembly, bodies, files)
     timed = {**what.data, "physics": {**what.data["physics"], "timestep": SHORT}}
     world = Spec.from_data(timed, folder=path.parent, allow_outside=options.project is None).resolve()
@@ -64,7 +64,7 @@ def deviations(path: Path, options: ImportOptions, states: int = 3, seed: int = 
     return Deviations(*(float(value) for value in worst)), what
 
 
-def _compare(world: World, bodies: Bodies, answer: dict[str, Any]) -> Vector:
+def _compare(world: World, bodies: MjcfBodies, answer: dict[str, Any]) -> Vector:
     """Relative deviations of mass matrix, bias force, passive force and places in one state."""
     q, v, change, extra = _coordinates(world, bodies, answer)
     oracle = Oracle(world)
@@ -86,7 +86,7 @@ def _compare(world: World, bodies: Bodies, answer: dict[str, Any]) -> Vector:
     )
 
 
-def _moving(bodies: Bodies, force: Vector) -> Vector:
+def _moving(bodies: MjcfBodies, force: Vector) -> Vector:
     """What of a force moves anything, beside the sums of joint positions that constraints hold."""
     held = without_effect(bodies.model, bodies.held_tendons)
     along = np.zeros((len(held), len(force)))
@@ -97,7 +97,7 @@ def _moving(bodies: Bodies, force: Vector) -> Vector:
     return force - absorbed
 
 
-def _rows(world: World, bodies: Bodies) -> dict[int, int]:
+def _rows(world: World, bodies: MjcfBodies) -> dict[int, int]:
     """Rows of the world's bodies that joints move, by the compiler's numbers of the joints."""
     model = bodies.model
     named = {body.joint.name.rpartition("/")[2]: row for row, body in enumerate(world.bodies)}
@@ -108,14 +108,14 @@ def _rows(world: World, bodies: Bodies) -> dict[int, int]:
     return rows
 
 
-def _numbers(world: World, bodies: Bodies) -> dict[int, int]:
+def _numbers(world: World, bodies: MjcfBodies) -> dict[int, int]:
     """Bodies of the world by the compiler's numbers."""
     rows = {body.name.rpartition("/")[2]: row for row, body in enumerate(world.bodies)}
     return {number: rows[name] for number, name in bodies.names.items()}
 
 
 def _coordinates(
-    world: World, bodies: Bodies, answer: dict[str, Any]
+    world: World, bodies: MjcfBodies, answer: dict[str, Any]
 ) -> tuple[Vector, Vector, NDArray[np.float64], Vector]:
     """A state of the compiler in the world's coordinates (q, v), the matrix C in v = C w of its velocities w, and Ċ w."""
     model, layout = bodies.model, Oracle(world).layout
@@ -150,7 +150,7 @@ def _at_centre(turn: Vector, lever: Vector) -> NDArray[np.float64]:
     return matrix
 
 
-def _places(world: World, bodies: Bodies, poses: Vector, wanted: dict[str, Vector]) -> float:
+def _places(world: World, bodies: MjcfBodies, poses: Vector, wanted: dict[str, Vector]) -> float:
     """The largest deviation of a body's origin (m, relative beyond 1 m) or orientation (rad)."""
     worst = 0.0
     for number, row in _numbers(world, bodies).items():

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from simspec.imports.draft import angle, plain
-from simspec.imports.usd.stage import Prim
+from simspec.imports.usd.stage import PrimRead
 from simspec.language.foreign import Fate, Severity
 
 ARMATURES: Final = ("physxJoint:armature", "newton:armature", "mjc:armature")
@@ -37,12 +37,12 @@ AXIS: Final = "PhysxJointAxisAPI"
 """A schema of words for one axis of a joint, which go before those of the joint."""
 
 
-def armature(prim: Prim, units: Units, instance: str = "") -> float:
+def armature(prim: PrimRead, units: Units, instance: str = "") -> float:
     """The armature (kg m² or kg), 0 where none is said. ``instance``: what the words of the axis are called."""
     return _first(prim, dict.fromkeys((f"physxJointAxis:{instance}:armature", *ARMATURES), units.inertia))
 
 
-def _axis_friction(prim: Prim, instance: str) -> str:
+def _axis_friction(prim: PrimRead, instance: str) -> str:
     """The attribute of an axis for dry friction, where one number is that of rest and of motion; "" where none is said. Two
     numbers are lost."""
     prim.instances(AXIS)
@@ -54,7 +54,7 @@ def _axis_friction(prim: Prim, instance: str) -> str:
     return ""
 
 
-def passive(prim: Prim, data: dict[str, Any], units: Units, degrees: bool, instance: str) -> None:
+def passive(prim: PrimRead, data: dict[str, Any], units: Units, degrees: bool, instance: str) -> None:
     """Add to a joint's words the damper, the spring and the dry friction that act in addition to its drive. ``degrees``: the
     unit of the rest position of ``mjc:springref``."""
     speed = units.effort if units.turns else units.effort / units.position
@@ -76,14 +76,14 @@ def passive(prim: Prim, data: dict[str, Any], units: Units, degrees: bool, insta
     data["spring"] = {"stiffness": plain(stiffness), **({"rest": plain(rest)} if rest else {})}
 
 
-def _first(prim: Prim, names: dict[str, float]) -> float:
+def _first(prim: PrimRead, names: dict[str, float]) -> float:
     """The number (in SI) of the first of several attributes that the file has, all of which are taken; ``names``: with their
     units. The later ones are deprecated words of the same."""
     said = [prim.real(name, 0.0) * unit for name, unit in names.items() if prim.has(name)]
     return said[0] if said else 0.0
 
 
-def of_ball(prim: Prim, data: dict[str, Any], units: Units) -> None:
+def of_ball(prim: PrimRead, data: dict[str, Any], units: Units) -> None:
     """Add to a ball's words its damper and armature. A ball has no dry friction and no largest velocity in the language."""
     damping = _first(prim, {"newton:damping": units.effort / units.position, "mjc:damping": units.effort})
     if damping > 0.0 and "damping" not in data:
@@ -96,7 +96,7 @@ def of_ball(prim: Prim, data: dict[str, Any], units: Units) -> None:
             prim.set_aside(name, Fate.LOST, "only hinges and slides have it in the language")
 
 
-def ratings(prim: Prim, limits: dict[str, Any], units: Units, si: bool, instance: str) -> None:
+def ratings(prim: PrimRead, limits: dict[str, Any], units: Units, si: bool, instance: str) -> None:
     """Add to a joint's limits the largest velocity (rad/s or m/s) and effort (N m or N), where they have none. ``si``: whether
     the stage is in metres and kilograms, as the text of a URDF is."""
     axis = f"physxJointAxis:{instance}:maxJointVelocity"
@@ -111,7 +111,7 @@ def ratings(prim: Prim, limits: dict[str, Any], units: Units, si: bool, instance
     _actuator_range(prim, limits, units)
 
 
-def _actuator_range(prim: Prim, limits: dict[str, Any], units: Units) -> None:
+def _actuator_range(prim: PrimRead, limits: dict[str, Any], units: Units) -> None:
     """The range of the actuators' force at a joint, which is its largest effort where it is symmetric."""
     low, high = (f"mjc:actuatorfrcrange:{end}" for end in ("min", "max"))
     if not (prim.has(low) or prim.has(high)):
@@ -131,7 +131,7 @@ def _actuator_range(prim: Prim, limits: dict[str, Any], units: Units) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Mimic:
+class UsdMimic:
     """A joint that follows another: its position is ``ratio`` times that of the joint at the path ``leader``, plus ``offset``
     (rad or m)."""
 
@@ -140,7 +140,7 @@ class Mimic:
     offset: float
 
 
-def mimic(prim: Prim, units: Units) -> Mimic | None:
+def mimic(prim: PrimRead, units: Units) -> UsdMimic | None:
     """What a joint of one axis follows; None where it follows nothing, or what the language does not say, which is then lost.
     ``newton:`` says q = c0 + c1 q', ``physx``  q + g q' + c = 0."""
     if prim.applies("NewtonMimicAPI") or prim.has("newton:mimicCoef1"):
@@ -154,7 +154,7 @@ def mimic(prim: Prim, units: Units) -> Mimic | None:
         if ratio == 0.0:
             prim.set_aside("newton:mimicCoef1", Fate.LOST, "a joint that follows with a ratio of 0 stands still")
             return None
-        return Mimic(targets[0], ratio, offset * units.position)
+        return UsdMimic(targets[0], ratio, offset * units.position)
     for instance in prim.instances("PhysxMimicJointAPI"):
         start = f"physxMimicJoint:{instance}:"
         targets = prim.targets(f"{start}referenceJoint")
@@ -164,11 +164,11 @@ def mimic(prim: Prim, units: Units) -> Mimic | None:
             if prim.has(f"{start}{name}"):
                 prim.set_aside(f"{start}{name}", Fate.LOST, COMPLIANCE, Severity.INFORMATION)
         if targets and gearing:
-            return Mimic(targets[0], -gearing, -offset * units.position)
+            return UsdMimic(targets[0], -gearing, -offset * units.position)
     return None
 
 
-def follow_words(joint: str, leader: str, said: Mimic, turns: bool) -> dict[str, Any]:
+def follow_words(joint: str, leader: str, said: UsdMimic, turns: bool) -> dict[str, Any]:
     """The words of ``follow``; ``turns``: whether the follower's position is an angle."""
     words: dict[str, Any] = {"joint": joint, "leader": leader}
     if said.ratio != 1.0:
@@ -178,13 +178,13 @@ def follow_words(joint: str, leader: str, said: Mimic, turns: bool) -> dict[str,
     return {"follow": words}
 
 
-def velocity(prim: Prim, instance: str, units: Units) -> float:
+def velocity(prim: PrimRead, instance: str, units: Units) -> float:
     """How fast an axis moves initially (rad/s or m/s), 0 where it is not said."""
     said = [prim.real(name, 0.0) for name in _names(instance, "velocity") if prim.has(name)]
     return said[0] * units.position if said else 0.0
 
 
-def check_position(prim: Prim, instance: str, units: Units, start: float) -> None:
+def check_position(prim: PrimRead, instance: str, units: Units, start: float) -> None:
     """Tell where the file says that an axis stands elsewhere than its bodies do (``start``, rad or m)."""
     for name in _names(instance, "position"):
         if prim.has(name) and abs(prim.real(name, 0.0) * units.position - start) > APART:
