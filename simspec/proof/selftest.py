@@ -17,7 +17,7 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import UnsupportedError
 from simspec.proof.certificate import Certificate
 from simspec.proof.checks import NOTHING
-from simspec.proof.selftest_smaller import EVERY, SMALLER
+from simspec.proof.selftest_worlds import EVERY, SMALLER
 from simspec.proof.verify import LEVELS, Probes, prepare, verify
 from simspec.scratch import scratch_folder
 from simspec.world.types import World

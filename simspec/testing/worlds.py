@@ -5,16 +5,17 @@ They say nothing to engines: :func:`accepting` adds what an engine needs to be a
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import random
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from simspec.compiler import missing_options
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
+from simspec.proof.building import fixed, free, one_material, slab, with_bodies, with_joint, with_shapes
 from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.actions import Fluid
@@ -33,6 +34,7 @@ from simspec.world.types import (
     Physics,
     Pose,
     Shape,
+    Vector3,
     World,
 )
 
@@ -110,7 +112,7 @@ def tree(
 
 def parent_pairs(bodies: tuple[Body, ...]) -> tuple[tuple[str, str], ...]:
     """The sorted pairs of bodies joined by a joint."""
-    return tuple(sorted(sorted_pair(b.name, b.joint.parent) for b in bodies if b.joint.parent is not None))
+    return tuple(sorted(sorted_pair(body.name, body.joint.parent) for body in bodies if body.joint.parent is not None))
 
 
 def world(bodies: tuple[Body, ...], name: str = "test", **more: Any) -> World:
@@ -130,10 +132,8 @@ def lifted() -> World:
     """A free body with damping and an arm, and an arm on a fixed base; all but the base with a part of their weight."""
     bodies = tree(["free", "hinge", "ball"], 7) + tree(["fixed", "slide", "hinge"], 8, prefix="fixed-")
     scales = (0.4, 0.0, -0.3, 1.0, 0.9, 0.7)
-    bodies = tuple(dataclasses.replace(body, gravity_scale=scale) for body, scale in zip(bodies, scales, strict=True))
-    first = bodies[0]
-    joint = dataclasses.replace(first.joint, damping=0.3, angular_damping=0.3)
-    return world((dataclasses.replace(first, joint=joint), *bodies[1:]), "lifted")
+    first, *others = (replace(body, gravity_scale=scale) for body, scale in zip(bodies, scales, strict=True))
+    return world((with_joint(first, damping=0.3, angular_damping=0.3), *others), "lifted")
 
 
 def immersed() -> World:
@@ -148,13 +148,8 @@ def immersed() -> World:
 def damped_springs() -> World:
     """Damping and springs on hinge, slide and ball, on a fixed base."""
     bodies = tree(["fixed", "hinge", "slide", "ball"], 11, damping=0.3, spring_stiffness=4.0)
-    bodies = tuple(
-        dataclasses.replace(b, joint=dataclasses.replace(b.joint, spring_rest=0.1))
-        if b.joint.kind in SCALAR_JOINTS
-        else b
-        for b in bodies
-    )
-    return world(bodies, "damped-springs")
+    sprung = (with_joint(body, spring_rest=0.1) if body.joint.kind in SCALAR_JOINTS else body for body in bodies)
+    return world(tuple(sprung), "damped-springs")
 
 
 POINT = Inertial(0.4, (0.02, -0.03, 0.05))
@@ -183,22 +178,20 @@ def weightless() -> World:
         **{"link8": POINT, "arm-link3": rod(0.3, 0.4, slanted), "cross-link0": Inertial(0.0)},
         **{"cross-link1": rod(0.7, 0.5), "cross-link2": rod(0.5, 0.6, slanted)},
     }
-    bodies = tuple(
-        dataclasses.replace(body, inertial=other.get(body.name, body.inertial)) for body in (*drone, *arm, *cross)
-    )
+    bodies = tuple(replace(body, inertial=other.get(body.name, body.inertial)) for body in (*drone, *arm, *cross))
     return world(bodies, "weightless")
 
 
 def point_mass() -> World:
     """A point mass that is fixed to a body on a hinge."""
     bodies = tree(["hinge", "fixed"], 24)
-    return world((bodies[0], dataclasses.replace(bodies[1], inertial=POINT)), "point-mass")
+    return world((bodies[0], replace(bodies[1], inertial=POINT)), "point-mass")
 
 
 def tool_frame() -> World:
     """A body without mass at the end of a pendulum."""
     bodies = tree(["hinge", "fixed"], 25)
-    return world((bodies[0], dataclasses.replace(bodies[1], inertial=Inertial(0.0))), "tool-frame")
+    return world((bodies[0], replace(bodies[1], inertial=Inertial(0.0))), "tool-frame")
 
 
 def several_joints() -> World:
@@ -211,21 +204,19 @@ def several_joints() -> World:
     bodies = []
     for body in (*arm, *loose):
         joint, name = body.joint, called.get(body.name, body.name)
-        joint = dataclasses.replace(joint, parent=called.get(joint.parent or "", joint.parent))
+        joint = replace(joint, parent=called.get(joint.parent or "", joint.parent))
         inertia = body.inertial if name == body.name else Inertial(0.0)
-        bodies.append(dataclasses.replace(body, name=name, joint=joint, inertial=inertia))
+        bodies.append(replace(body, name=name, joint=joint, inertial=inertia))
     # slides along the axes, so that no draw puts two of them beside each other
     for index, axis in enumerate(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), start=len(arm)):
-        bodies[index] = dataclasses.replace(
-            bodies[index], joint=dataclasses.replace(bodies[index].joint, axis=axis, origin=Pose())
-        )
+        bodies[index] = with_joint(bodies[index], axis=axis, origin=Pose())
     return world(tuple(bodies), "several-joints")
 
 
 def jointed(kind: str, **more: Any) -> World:
     """One body on a joint of this kind."""
     (body,) = tree([kind], 6)
-    return world((dataclasses.replace(body, joint=dataclasses.replace(body.joint, **more)),), kind)
+    return world((with_joint(body, **more),), kind)
 
 
 def limits_and_armature(armature: float = 0.0, dry_friction: float = 0.0) -> World:
@@ -257,7 +248,7 @@ def accepting(base: World, *engines: str) -> World:
 def with_options(base: World, engine: str, **options: Any) -> World:
     """The same world with other options for one engine (settings, accept, outside)."""
     others = tuple(o for o in base.engines if o.engine != engine)
-    return dataclasses.replace(base, engines=(*others, dataclasses.replace(base.options(engine), **options)))
+    return replace(base, engines=(*others, replace(base.options(engine), **options)))
 
 
 MATERIAL = Material("default", 0.4, 0.0)
@@ -266,28 +257,12 @@ MATERIAL = Material("default", 0.4, 0.0)
 def shapes_world(kinds: tuple[str, ...] = ("sphere", "box", "cylinder", "capsule"), friction: float = 0.4) -> World:
     """One free body of each shape kind above a big fixed box, all of one material; shape frames are turned and moved."""
     generator = random.Random(3)
-    material = Material("default", friction, 0.0)
-    floor = Body(
-        "floor",
-        "floor",
-        Inertial(0.0),
-        Joint("floor_joint", "fixed"),
-        (Shape("floor_0", "box", (4.0, 4.0, 0.2), Pose((0.0, 0.0, -0.1)), "default"),),
-    )
-    bodies = [floor]
+    bodies = [slab("floor", (4.0, 4.0, 0.2), "default")]
     for index, kind in enumerate(kinds):
-        place = (float(index), 0.0, 0.5, 1.0, 0.0, 0.0, 0.0)
-        bodies.append(
-            Body(
-                kind,
-                kind,
-                inertial(generator, 0.02),
-                Joint(f"{kind}_joint", "free", position=place, velocity=(0.0,) * 6),
-                (Shape(f"{kind}_0", kind, SIZES[kind], pose(generator, 0.02), "default"),),
-            )
-        )
-    contact = Contact(materials=(material,), pairs=(PairContact("default", "default", friction, 0.0),))
-    return world(tuple(bodies), "shapes", contact=contact)
+        solid = inertial(generator, 0.02)
+        shape = Shape(f"{kind}_0", kind, SIZES[kind], pose(generator, 0.02), "default")
+        bodies.append(free(kind, (float(index), 0.0, 0.5), solid, shape))
+    return world(tuple(bodies), "shapes", contact=one_material("default", friction))
 
 
 GROUND = heightfield_size(
@@ -301,129 +276,83 @@ def ground(kinds: tuple[str, ...] = ("sphere",)) -> World:
     base = shapes_world(kinds)
     floor, *others = base.bodies
     field = Shape("floor_0", "heightfield", GROUND, Pose((0.1, 0.0, -0.1)), "default")
-    return dataclasses.replace(base, name="ground", bodies=(dataclasses.replace(floor, shapes=(field,)), *others))
+    return replace(base, name="ground", bodies=(replace(floor, shapes=(field,)), *others))
 
 
 def meshes() -> World:
     """A free body of a mesh above a floor, and one that is seen alone, moved and turned, on another."""
     base = shapes_world(("mesh", "sphere"))
     floor, hull, ball = base.bodies
-    seen = dataclasses.replace(hull.shapes[0], name="seen", collision=False, material="", pose=Pose((0.1, 0.0, 0.2)))
-    return dataclasses.replace(
-        base, name="meshes", bodies=(floor, hull, dataclasses.replace(ball, shapes=(*ball.shapes, seen)))
-    )
+    seen = replace(hull.shapes[0], name="seen", collision=False, material="", pose=Pose((0.1, 0.0, 0.2)))
+    return replace(base, name="meshes", bodies=(floor, hull, replace(ball, shapes=(*ball.shapes, seen))))
 
 
 def spheres(count: int = 8) -> World:
     """Frictionless spheres above a plane; the second scenario of the seed paper in small."""
-    material = Material("slick", 0.0, 0.0)
-    floor = Body(
-        "floor",
-        "floor",
-        Inertial(0.0),
-        Joint("floor_joint", "fixed"),
-        (Shape("floor_0", "plane", (), Pose(), "slick"),),
-    )
     generator = random.Random(216)
-    bodies = [floor]
+    bodies = [fixed("floor", Shape("floor_0", "plane", (), Pose(), "slick"))]
+    solid = Inertial(10.0, inertia=(0.04, 0.04, 0.04, 0.0, 0.0, 0.0))
     for index in range(count):
         x, y, z = index % 2, index // 2 % 2, index // 4
         at = (0.21 * x + generator.uniform(0, 1e-3), 0.21 * y + generator.uniform(0, 1e-3), 0.5 + 0.21 * z)
-        bodies.append(
-            Body(
-                f"ball_{index}",
-                f"ball_{index}",
-                Inertial(10.0, inertia=(0.04, 0.04, 0.04, 0.0, 0.0, 0.0)),
-                Joint(f"ball_{index}_joint", "free", position=(*at, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),
-                (Shape(f"ball_{index}_0", "sphere", (0.1,), Pose(), "slick"),),
-            )
-        )
-    contact = Contact(materials=(material,), pairs=(PairContact("slick", "slick", 0.0, 0.0),))
-    return world(tuple(bodies), "spheres", contact=contact)
+        name = f"ball_{index}"
+        bodies.append(free(name, at, solid, Shape(f"{name}_0", "sphere", (0.1,), Pose(), "slick")))
+    return world(tuple(bodies), "spheres", contact=one_material("slick", 0.0))
 
 
 def gripper() -> World:
     """Two fingers on slides on a palm that slides itself; the fingers ignore each other by group, palm and bar by name."""
-    material = MATERIAL
 
-    def box(name: str) -> tuple[Shape, ...]:
-        return (Shape(f"{name}_0", "box", (0.1, 0.1, 0.1), Pose(), "default"),)
+    def box(name: str) -> Shape:
+        return Shape(f"{name}_0", "box", (0.1, 0.1, 0.1), Pose(), "default")
+
+    def sliding(name: str, parent: str | None, origin: Pose, axis: Vector3, group: str = "default") -> Body:
+        joint = Joint(f"{name}_joint", "slide", parent, origin, axis, position=(0.0,), velocity=(0.0,))
+        return Body(name, "palm", solid, joint, (box(name),), group)
 
     solid = Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
-    z, x = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
-    slide: dict[str, Any] = {"kind": "slide", "position": (0.0,), "velocity": (0.0,)}
+    x, z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
     bodies = (
-        Body("palm", "palm", solid, Joint("palm_joint", parent=None, axis=z, **slide), box("palm")),
-        Body(
-            "left",
-            "palm",
-            solid,
-            Joint("left_joint", parent="palm", origin=Pose((-0.3, 0.0, -0.3)), axis=x, **slide),
-            box("left"),
-            "finger",
-        ),
-        Body(
-            "right",
-            "palm",
-            solid,
-            Joint("right_joint", parent="palm", origin=Pose((0.3, 0.0, -0.3)), axis=x, **slide),
-            box("right"),
-            "finger",
-        ),
-        Body(
-            "bar",
-            "bar",
-            solid,
-            Joint("bar_joint", "free", position=(0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6),
-            box("bar"),
-        ),
+        sliding("palm", None, Pose(), z),
+        sliding("left", "palm", Pose((-0.3, 0.0, -0.3)), x, "finger"),
+        sliding("right", "palm", Pose((0.3, 0.0, -0.3)), x, "finger"),
+        free("bar", (0.0, 0.0, -1.0), solid, box("bar")),
     )
-    contact = Contact(
-        materials=(material,),
-        pairs=(PairContact("default", "default", 0.4, 0.0),),
-        ignored_groups=(("finger", "finger"),),
-        excluded_bodies=(("bar", "palm"), ("left", "palm"), ("palm", "right")),
-    )
+    excluded = (("bar", "palm"), ("left", "palm"), ("palm", "right"))
+    contact = one_material("default", 0.4, ignored_groups=(("finger", "finger"),), excluded_bodies=excluded)
     return world(bodies, "gripper", contact=contact)
 
 
-def touching_link(fixed: bool = False) -> World:
-    """The gripper with fingers that begin within the palm, which may touch the left one although a joint joins them; ``fixed``:
-    the palm is fixed to the world."""
+def touching_link(on_base: bool = False) -> World:
+    """The gripper with fingers that begin within the palm, which may touch the left one although a joint joins them;
+    ``on_base``: the palm is fixed to the world."""
     shift = {"left": Pose((0.3, 0.0, 0.25)), "right": Pose((-0.3, 0.0, 0.25))}
-    bodies = []
-    base = gripper()
-    for body in base.bodies:
+
+    def change(body: Body) -> Body:
         if body.name in shift:
-            shapes = tuple(dataclasses.replace(shape, pose=shift[body.name]) for shape in body.shapes)
-            body = dataclasses.replace(body, shapes=shapes)
-        elif body.name == "palm" and fixed:
-            body = dataclasses.replace(body, joint=Joint(body.joint.name, "fixed"))
-        bodies.append(body)
-    contact = dataclasses.replace(base.contact, excluded_bodies=(("bar", "palm"), ("palm", "right")))
-    return dataclasses.replace(base, name="touching-link", bodies=tuple(bodies), contact=contact)
+            return with_shapes(body, lambda shape: replace(shape, pose=shift[body.name]))
+        return replace(body, joint=Joint(body.joint.name, "fixed")) if body.name == "palm" and on_base else body
+
+    base = gripper()
+    contact = replace(base.contact, excluded_bodies=(("bar", "palm"), ("palm", "right")))
+    return with_bodies(base, change, name="touching-link", contact=contact)
 
 
 def one_law(**law: Any) -> World:
     """A ball above a floor, of one material with this law."""
     pair = PairContact("default", "default", **({"friction": 0.5, "restitution": 0.0} | law))
-    base = spheres(1)
-    bodies = tuple(
-        dataclasses.replace(body, shapes=tuple(dataclasses.replace(s, material="default") for s in body.shapes))
-        for body in base.bodies
-    )
     contact = Contact(materials=(Material("default"),), pairs=(pair,))
-    return dataclasses.replace(base, bodies=bodies, contact=contact)
+    return with_bodies(
+        spheres(1), lambda body: with_shapes(body, lambda shape: replace(shape, material="default")), contact=contact
+    )
 
 
 def lying(**law: Any) -> World:
     """The same of a capsule, which touches in two points."""
-    world = one_law(**law)
     capsule = Shape("capsule_0", "capsule", (0.1, 0.4), material="default")
-    bodies = tuple(
-        body if body.joint.kind == "fixed" else dataclasses.replace(body, shapes=(capsule,)) for body in world.bodies
+    return with_bodies(
+        one_law(**law), lambda body: body if body.joint.kind == "fixed" else replace(body, shapes=(capsule,))
     )
-    return dataclasses.replace(world, bodies=bodies)
 
 
 def fall() -> World:
@@ -439,12 +368,9 @@ def hinges() -> World:
 
 def placed(base: World, index: int, position: tuple[float, float, float]) -> World:
     """``base`` with its body at ``index``, a free one, beginning at rest at ``position``."""
-    body = base.bodies[index]
-    at = (*position, *body.joint.position[3:])
-    joint = dataclasses.replace(body.joint, position=at, velocity=(0.0,) * 6)
-    bodies = [*base.bodies]
-    bodies[index] = dataclasses.replace(body, joint=joint)
-    return dataclasses.replace(base, bodies=tuple(bodies))
+    chosen = base.bodies[index]
+    moved = with_joint(chosen, position=(*position, *chosen.joint.position[3:]), velocity=(0.0,) * 6)
+    return with_bodies(base, lambda body: moved if body is chosen else body)
 
 
 CONTACT_GAPS: Mapping[Feature, dict[str, Any]] = {
@@ -473,18 +399,14 @@ def table(friction: dict[tuple[str, str], float], **law: Any) -> World:
     flat = Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
     bodies = []
     for row, tile in enumerate(names):
-        at = Pose((0.0, 20.0 * row, -0.2))
         floor = Shape(f"tile_{tile}_0", "box", (20.0, 10.0, 0.4), Pose(), tile)
-        bodies.append(
-            Body(f"tile_{tile}", f"tile_{tile}", Inertial(0.0), Joint(f"{tile}_joint", "fixed", origin=at), (floor,))
-        )
+        body = fixed(f"tile_{tile}", floor, origin=Pose((0.0, 20.0 * row, -0.2)))
+        bodies.append(replace(body, joint=replace(body.joint, name=f"{tile}_joint")))
     for row, tile in enumerate(names):
         for column, name in enumerate(names):
-            body = f"{name}_on_{tile}"
-            place = (column - len(names) / 2, 20.0 * row, 0.02, 1.0, 0.0, 0.0, 0.0)
-            joint = Joint(f"{body}_joint", "free", position=place, velocity=(0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
-            shape = Shape(f"{body}_0", "box", (0.2, 0.2, 0.04), Pose(), name)
-            bodies.append(Body(body, body, flat, joint, (shape,)))
+            on, place = f"{name}_on_{tile}", (column - len(names) / 2, 20.0 * row, 0.02)
+            shape = Shape(f"{on}_0", "box", (0.2, 0.2, 0.04), Pose(), name)
+            bodies.append(free(on, place, flat, shape, velocity=(0.0, 1.0, 0.0, 0.0, 0.0, 0.0)))
     pairs = tuple(PairContact(first, second, value, 0.0, **law) for (first, second), value in sorted(friction.items()))
     contact = Contact(materials=tuple(Material(name, friction[name, name]) for name in names), pairs=pairs)
     return world(tuple(bodies), "table", contact=contact)
@@ -493,4 +415,4 @@ def table(friction: dict[tuple[str, str], float], **law: Any) -> World:
 def with_cone(cone: str) -> World:
     """:func:`shapes_world` under a friction cone."""
     base = shapes_world()
-    return dataclasses.replace(base, contact=dataclasses.replace(base.contact, friction_cone=cone))
+    return replace(base, contact=replace(base.contact, friction_cone=cone))
