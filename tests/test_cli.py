@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
 from simspec import cli
+from simspec.commands.options import COMMANDS as OPTIONS
 from simspec.engines.kit.registry import engines
 from simspec.resources import resource_folder
 from simspec.runner.store import load_run
@@ -114,6 +117,13 @@ def test_every_command_teaches_by_an_example_and_speaks_json(command):
 def test_the_list_of_commands_is_whole():
     found = {info.name for info in (*cli.app.registered_commands, *cli.app.registered_groups)}
     assert found == set(COMMANDS)
+
+
+@pytest.mark.parametrize("kind", OPTIONS.values(), ids=OPTIONS)
+def test_every_command_has_a_function_that_takes_its_options(kind):
+    module, _, name = kind.BODY.partition(":")
+    (hint, answer) = get_type_hints(getattr(importlib.import_module(module), name)).values()
+    assert (hint, answer) == (kind, int)
 
 
 def test_version():

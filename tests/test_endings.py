@@ -275,7 +275,7 @@ TOLD = """
 import os, signal, sys
 from simspec.ending import Ended, in_order, run_until_signalled
 from simspec.errors import Problem, SpecError
-from simspec.commands.guard import command
+from simspec.cli import guarded as command
 
 def told():
     os.kill(os.getpid(), signal.{name})

@@ -55,12 +55,7 @@ ORDER = (
     "attribution",
     "generated",
     "report",
-    "robot_files",
-    "arguments",
     "commands",
-    "cli_engines",
-    "cli_experiments",
-    "cli_files",
     "cli",
 )
 """A module imports only from parts that stand before its own, and from its own."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import ast
-import inspect
 import typing
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simspec import arguments, cli, cli_engines, cli_experiments, cli_files, numerals
+from simspec import cli, numerals
+from simspec.commands.options import COMMANDS, NUMBERS
 from simspec.errors import SpecError
 from simspec.formats.kit.text import finite_numbers
 from simspec.formats.wbt import reading as wbt
@@ -217,18 +217,15 @@ def test_an_index_is_a_number_too(step):
 
 def test_every_option_that_takes_a_number_is_listed():
     found = {}
-    for module in (cli, cli_engines, cli_experiments, cli_files):
-        for name, function in vars(module).items():
-            if not name.endswith("_command") or not inspect.isfunction(function):
-                continue
-            for argument, hint in typing.get_type_hints(inspect.unwrap(function)).items():
-                kinds = {hint, *typing.get_args(hint)} & {int, float}
-                if kinds and argument != "return":
-                    found[f"--{argument.replace('_', '-')}"] = numerals.whole if int in kinds else numerals.number
-    assert found == dict(arguments.NUMBERS)
+    for kind in COMMANDS.values():
+        for name, hint in typing.get_type_hints(kind).items():
+            kinds = {hint, *typing.get_args(hint)} & {int, float}
+            if kinds and name in kind.TAKES:
+                found[f"--{name.replace('_', '-')}"] = numerals.whole if int in kinds else numerals.number
+    assert found == dict(NUMBERS)
 
 
-@pytest.mark.parametrize("option", arguments.NUMBERS)
+@pytest.mark.parametrize("option", NUMBERS)
 @pytest.mark.parametrize("text", ["\u0661", "1_0", "inf", "1\u00a0"])
 def test_no_option_takes_it(option, text, capsys):
     for words in ([option, text], [f"{option}={text}"]):

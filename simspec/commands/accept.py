@@ -5,97 +5,34 @@ from __future__ import annotations
 import dataclasses
 import io
 import re
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import chosen_engines, demand_trusted, engine_names, engines_at_work, interpreters, load_spec
+from simspec.commands.loading import load_spec
+from simspec.commands.options import demand_trusted, engine_names, engines_at_work, print_json
+from simspec.commands.scenario_options import AcceptOptions
 from simspec.compiler import missing_options
-from simspec.engines.kit.identity import engine_name, engine_version
-from simspec.engines.kit.registry import engines
+from simspec.engines.kit.identity import engine_name
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.language.document import read_text
 from simspec.language.load import Spec
-from simspec.language.strict import near
 from simspec.outputs.writing import write_file
-from simspec.report.plain import text
 from simspec.report.reasons import link
-from simspec.report.refusals import EVERY
 from simspec.report.screen import say
 from simspec.resources import resource_folder
-from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import NotTaken, Selection, named, refusal
-from simspec.support.features import Feature
 from simspec.world.types import World
 
 
-def accept(
-    spec: str, engine: list[str] | None, allow_outside: bool, as_json: bool, robot_files: RobotFiles = NO_WORDS
-) -> int:
-    """Write what the engines named by ``engine`` (without: the project's, or those installed) need into the file ``spec``."""
-    loaded, world, *_ = load_spec(spec, None, allow_outside, robot_files=robot_files, as_json=as_json, warn=False)
-    words, pythons = chosen_engines(engine), interpreters(None, engine)
+def accept(options: AcceptOptions) -> int:
+    """Write the entries that the engines of ``--engine`` (without: the project's, or those installed) need into the file."""
+    loaded = load_spec(options, options.spec, warn=False)
+    words, pythons = options.chosen, options.interpreters()
     demand_trusted(engine_names(words), pythons)
     # by label: what is accepted may depend on the version
     selection = named(engine_names(words), pythons) if words else engines_at_work(None, pythons)
-    return accept_world(loaded, world, selection, as_json)
-
-
-def accepted_sets(
-    spec: str | None,
-    sets: list[str] | None,
-    words: list[str] | None,
-    allow_outside: bool,
-    robot_files: RobotFiles = NO_WORDS,
-    engine: list[str] | None = None,
-    python: list[str] | None = None,
-    starts: bool = True,
-) -> list[str] | None:
-    """``sets`` with the entries of ``accept`` and ``outside`` that ``--accept`` names, for every engine that needs them, and
-    every version of one that ``engine`` names (``python``: interpreters, as given to ``--python``; ``starts``: whether they may
-    be asked for their versions).
-
-    Raises SpecError for a word that is no feature, and for one that no engine needs.
-    """
-    if not words:
-        return sets
-    if spec is None:
-        raise SpecError([Problem("--accept requires SPEC")])
-    features = {feature.value for feature in Feature}
-    if problems := [
-        Problem(
-            f"--accept {word}: no such feature",
-            found=word,
-            hint=near(word, [*features, EVERY]) or "simspec accept SPEC",
-        )
-        for word in words
-        if word not in features and word != EVERY
-    ]:
-        raise SpecError(problems)
-    world = load_spec(spec, sets, allow_outside, robot_files=robot_files, warn=False).world
-    entries: list[str] = []
-    used = {EVERY}
-    labels = [label for label in engine_names(chosen_engines(engine)) if engine_version(label)]
-    pythons = interpreters(python, engine, starts=starts) if labels else None
-    for name in engines():
-        missing: dict[str, dict[str, None]] = {}
-        for label in (name, *(one for one in labels if engine_name(one) == name)):
-            try:
-                wanted = missing_options(world, label, pythons)
-            except UnsupportedError:
-                continue  # not supported, whatever is accepted: reported where the engine is chosen
-            for key, reasons in wanted.items():
-                missing.setdefault(key, {}).update(dict.fromkeys(reasons))
-        options = world.options(name)
-        for key, listed in missing.items():
-            if accepted := [feature for feature in listed if feature in words or EVERY in words]:
-                entries.append(f"engines.{name}.{key}=[{', '.join([*getattr(options, key), *accepted])}]")
-                used.update(accepted)
-    if unneeded := [word for word in words if word not in used]:
-        message = f"--accept {' '.join(unneeded)}: no engine that supports {spec} needs this"
-        raise SpecError([Problem(message, hint="leave it out")])
-    return [*(sets or ()), *entries]
+    return accept_world(loaded.spec, loaded.world, selection, options.as_json)
 
 
 def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) -> int:
@@ -120,7 +57,7 @@ def accept_world(spec: Spec, world: World, selection: Selection, as_json: bool) 
         after = edited(before, wanted)
         write_file(path, after, ours=lambda found: found == before.encode())
     if as_json:
-        sys.stdout.write(text({"file": path, "written": bool(wanted), "added": wanted, "not_taken": not_taken}))
+        print_json({"file": path, "written": bool(wanted), "added": wanted, "not_taken": not_taken})
         return EXIT_OK
     for name, refused in not_taken.items():
         say(f"not for {name}: {refused}")

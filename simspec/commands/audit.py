@@ -1,15 +1,16 @@
-"""``simspec audit``: what engines make of robot files that they load as they are."""
+"""``simspec audit``: how engines read robot files that they load as they are."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
-from simspec.arguments import chosen_engines, engines_at_work, interpreters, print_json, spec_name
 from simspec.audit.audit import audit as audit_file
 from simspec.audit.findings import FileAudit
 from simspec.audit.pair import pair as compare_pair
-from simspec.commands.ci import NO_REPORTS, Reports, reporting
+from simspec.commands.loading import spec_name
+from simspec.commands.options import engines_at_work, print_json
+from simspec.commands.reports import reporting
+from simspec.commands.scenario_options import AuditOptions
 from simspec.confinement import walls
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
@@ -22,59 +23,45 @@ from simspec.report.audit import audit_data, audit_sections, audit_suites, pair_
 from simspec.report.page.document import is_page, page
 from simspec.report.progress import progress
 from simspec.report.screen import say
-from simspec.robot_files import NO_WORDS, RobotFiles
 
 
-def audit(
-    files: Sequence[str],
-    engine: list[str] | None,
-    *,
-    pair: bool,
-    details: bool,
-    verify: bool,
-    robot_files: RobotFiles = NO_WORDS,
-    page_file: Path | None,
-    allow_outside: bool,
-    python: list[str] | None,
-    deadline: float,
-    as_json: bool,
-    reports: Reports = NO_REPORTS,
-) -> int:
+def audit(options: AuditOptions) -> int:
     """Audit files one after the other; 0 where no engine changes, drops or refuses anything in silence, 1 where one
     does, 3 where an engine died."""
-    options = robot_files.options()
-    if pair:
-        return _pair(files, options, allow_outside, as_json)
-    pythons = interpreters(python, engine)
-    selection = engines_at_work(chosen_engines(engine), pythons)
+    files, page_file = options.files, options.html
+    imports = options.robot_files.options()
+    if options.pair:
+        return _pair(options, imports)
+    pythons = options.interpreters()
+    selection = engines_at_work(options.chosen, pythons)
     if page_file is not None:
         demand([file_problem(page_file, is_page)])
-    with reporting(reports, ", ".join(files[:3]), as_json):
+    with reporting(options.reports, ", ".join(files[:3]), options.as_json):
         audits: list[FileAudit] = []
-        with progress(not as_json) as tell, WarmProcesses() as warm:
+        with progress(not options.as_json) as tell, WarmProcesses() as warm:
             for file in files:
-                path, said = _robot(file, options)
+                path, said = _robot(file, imports)
                 audits.append(
                     audit_file(
                         path,
                         selection.engines,
                         said,
                         pythons=pythons,
-                        deadline=deadline,
-                        prove=verify,
-                        allow_outside=allow_outside,
+                        deadline=options.deadline,
+                        prove=not options.no_verify,
+                        allow_outside=options.allow_outside,
                         progress=tell,
                         warm=warm,
                     )
                 )
-        reports.write(audit_suites(audits), as_json=as_json)
+        options.reports.write(audit_suites(audits), as_json=options.as_json)
         if page_file is not None:
             write_file(page_file, page([audit_sections(audits)]).encode(), is_page)
-    if as_json:
+    if options.as_json:
         print_json(audit_data(audits))
     else:
         for one in audits:
-            show_audit(one, details)
+            show_audit(one, options.details)
         if page_file is not None:
             say(f"written: {page_file}")
         if walls().why:
@@ -85,18 +72,19 @@ def audit(
 
 
 def _robot(name: str, options: ImportOptions) -> tuple[Path, ImportOptions]:
-    """The file that an argument means, a path or a name of one of an installed package, and what is said to its importer."""
+    """The file that an argument means, a path or a name of one of an installed package, and the options of its importer."""
     if not is_packaged(name) and (Path(name).exists() or not is_robot(name)):
         return Path(name), options
     found = packaged(spec_name(name), suffixes())
     return found.path, of_package(options, found)
 
 
-def _pair(files: Sequence[str], options: ImportOptions, allow_outside: bool, as_json: bool) -> int:
-    if len(files) != 2:
-        raise SpecError([Problem("--pair compares two files", found=str(len(files)))])
-    found = compare_pair(_robot(files[0], options), _robot(files[1], options), allow_outside)
-    if as_json:
+def _pair(options: AuditOptions, imports: ImportOptions) -> int:
+    if len(options.files) != 2:
+        raise SpecError([Problem("--pair compares two files", found=str(len(options.files)))])
+    first, second = (_robot(file, imports) for file in options.files)
+    found = compare_pair(first, second, options.allow_outside)
+    if options.as_json:
         print_json(pair_data(found))
     else:
         show_pair(found)

@@ -2,173 +2,127 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from simspec import generated
-from simspec.arguments import chosen_engines, engines_for_files, load_spec, spec_file
-from simspec.commands.accept import accepted_sets, is_writable
+from simspec import generated, selection
+from simspec.commands.accept import is_writable
+from simspec.commands.loading import Loaded, load_spec, spec_file
+from simspec.commands.options import names_alone, print_json
+from simspec.commands.scenario_options import CompileOptions, ExportOptions
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
 from simspec.outputs.targets import check_folder, demand, folder_problem
-from simspec.report.plain import text
 from simspec.report.refusals import WaysOut, ways_out, with_endings
 from simspec.report.screen import console, say
-from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.canonical import sha256
 
-if TYPE_CHECKING:
-    from simspec.language.load import Spec
-    from simspec.world.types import World
 
-
-def compile_specs(
-    specs: list[str] | None,
-    engine: list[str] | None,
-    format_name: str | None,
-    out: Path | None,
-    *,
-    check: bool,
-    explain: bool,
-    sets: list[str] | None,
-    accept: list[str] | None = None,
-    allow_outside: bool,
-    robot_files: RobotFiles = NO_WORDS,
-    strict: bool,
-    as_json: bool,
-    profile: str | None = None,
-) -> int:
-    """Compile ``specs``, by default all of the folder ``specs``, for the engines named by ``engine``, or to plain files of the
-    format ``format_name``."""
-    if format_name is not None and (engine or explain):
-        other = "--engine" if engine else "--explain"
+def compile_specs(options: CompileOptions) -> int:
+    """Compile specs, by default all of the folder ``specs``, for engines, or to plain files of a format."""
+    if options.format_name is not None and (options.engine or options.explain):
+        other = "--engine" if options.engine else "--explain"
         raise SpecError([Problem(f"--format writes plain files for any tool, {other} is about those of engines")])
-    names = specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
+    names = options.specs or [str(path) for path in sorted(Path("specs").glob("*.yaml"))]
     if not names:
         raise SpecError([Problem("no SPEC given, and no specs/*.yaml in the working folder")])
+    if options.format_name is not None:
+        from simspec.commands.export import export
 
-    warned: list[Problem] = []
-
-    def load(name: str) -> tuple[Spec, World]:
-        # what is only looked at for being current was warned of when it was written
-        spec, world, warnings, _ = load_spec(
-            name,
-            accepted_sets(name, sets, accept, allow_outside, robot_files, starts=False),
-            allow_outside,
-            robot_files=robot_files,
-            strict=strict,
-            as_json=as_json,
-            warn=not check or strict,
-        )
-        warned.extend(warnings)
-        return spec, world
-
-    if format_name is not None:
-        from simspec.commands.plain import write_plain
-
-        return write_plain(
-            names, load, format_name, out, check=check, strict=strict, as_json=as_json, warnings=warned, profile=profile
-        )
-    return compile_all(
-        names,
-        load,
-        engines_for_files(chosen_engines(engine)),
-        out,
-        check=check,
-        explain=explain,
-        as_json=as_json,
-        warnings=warned,
-    )
+        shared = {name: getattr(options, name) for name in ExportOptions.TAKES if name not in ("specs", "profile")}
+        return export(ExportOptions(specs=names, accept=options.accept, **shared))
+    return _compile(options, names)
 
 
-def compile_all(
-    names: Sequence[str],
-    load: Callable[[str], tuple[Spec, World]],
-    selection: Selection,
-    out: Path | None,
-    *,
-    check: bool,
-    explain: bool,
-    as_json: bool,
-    warnings: Sequence[Problem] = (),
-) -> int:
-    """Compile specs into their folders, or see whether these are current. The problems of all specs come together."""
-    alone = out is not None and len(names) == 1
-    if alone and out is not None and not check:
-        check_folder(out, COMPILED, [spec_file(names[0])])
+def load_all(options: CompileOptions | ExportOptions, names: Sequence[str]) -> tuple[list[Loaded], list[Problem]]:
+    """The specs that can be read, and the problems of all others. With ``--check`` nothing is warned of: that was done when the
+    files were written."""
+    loaded: list[Loaded] = []
     problems: list[Problem] = []
-    loaded: list[tuple[Spec, World]] = []
-    holds: list[Path] = []
     for name in names:
         try:
-            loaded.append(load(name))
-            holds.append(spec_file(name))
+            warn = not options.check or options.strict
+            loaded.append(load_spec(replace(options, engine=None), name, warn=warn, starts=False))
         except SpecError as error:
             problems.extend(error.problems)
-    worlds = [world.name for _, world in loaded]
+    return loaded, problems
+
+
+def _compile(options: CompileOptions, names: Sequence[str]) -> int:
+    """Compile specs into their folders, or see whether these are current. The problems of all specs come together."""
+    engines = selection.named(names_alone(options.chosen)) if options.chosen else selection.known()
+    out, alone = options.out, options.out is not None and len(names) == 1
+    if alone and out is not None and not options.check:
+        check_folder(out, COMPILED, [spec_file(names[0])])
+    loaded, problems = load_all(options, names)
+    worlds = [one.world.name for one in loaded]
     twice = sorted({name for name in worlds if worlds.count(name) > 1})
     if twice:
         problems.append(Problem(f"several specs are called {', '.join(twice)}, and would write to one folder"))
     folders = [out if alone and out is not None else (out or GENERATED) / name for name in worlds]
-    refused = [] if check else [folder_problem(folder, COMPILED, holds) for folder in folders]
+    sources = [one.file for one in loaded]
+    refused = [] if options.check else [folder_problem(folder, COMPILED, sources) for folder in folders]
     if any(refused):
         demand([*problems, *refused])
-    built, chosen = _built(loaded, selection, problems)
-    if check:
-        return _check(built, folders, as_json, selection.named)
+    built, chosen = _built(loaded, engines, problems)
+    if options.check:
+        return _check(built, folders, options.as_json, engines.named)
     written = [generated.write(scenario, folder) for scenario, folder in zip(built, folders, strict=True)]
-    if as_json:
-        data = [
-            {**_compiled_data(scenario, place, explain), "not_compiled": choice.not_taken}
-            for scenario, place, choice in zip(built, written, chosen, strict=True)
-        ]
-        sys.stdout.write(text({"compiled": data, "warnings": warnings}))
+    results = list(zip(built, written, chosen, strict=True))
+    if options.as_json:
+        data = [{**_data(one, place, options.explain), "not_compiled": own.not_taken} for one, place, own in results]
+        print_json({"compiled": data, "warnings": [problem for one in loaded for problem in one.warnings]})
         return EXIT_OK
-    for scenario, place, choice in zip(built, written, chosen, strict=True):
+    for scenario, place, own in results:
         say(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(scenario.compiled)}")
-        for line in choice.lines():
+        for line in own.lines():
             say(f"  not for {line}")
         if place.stored is not None and place.stored.reasons:
-            what = "proofs dropped from certificate.json" if place.stored.kept else "certificate.json dropped"
-            say(f"  {what}: {place.stored.reasons}; simspec verify proves anew")
-        if explain:
-            from simspec.report.explain import control_table, forces_table, tables
-
-            if scenario.world.controllers:
-                console().print(control_table(scenario.world))
-            if scenario.world.forces:
-                console().print(forces_table(scenario.world))
-            for compiled in scenario.compiled.values():
-                for shown in tables(scenario.world, compiled):
-                    console().print(shown)
+            dropped = "proofs dropped from certificate.json" if place.stored.kept else "certificate.json dropped"
+            say(f"  {dropped}: {place.stored.reasons}; simspec verify proves anew")
+        if options.explain:
+            _explain(scenario)
     return EXIT_OK
 
 
 def _built(
-    loaded: Sequence[tuple[Spec, World]], selection: Selection, problems: Sequence[Problem]
+    loaded: Sequence[Loaded], engines: Selection, problems: Sequence[Problem]
 ) -> tuple[list[Built], list[Selection]]:
-    """What each spec is compiled to, and for which engines. Raises SpecError with ``problems`` and those of all specs."""
+    """The compiled specs, and the engines of each. Raises SpecError with ``problems`` and those of all specs."""
     built: list[Built] = []
     chosen: list[Selection] = []
     ways: dict[str, WaysOut] = {}
     every = list(problems)
-    for spec, world in loaded:
+    for spec, world, *_ in loaded:
         try:
-            chosen.append(selection.for_world(world, spec.locate))
+            chosen.append(engines.for_world(world, spec.locate))
             built.append(generated.build(world, chosen[-1], spec.locate))
         except SpecError as error:
             every.extend(error.problems)
             name = spec.source.document.file
-            found = ways_out(error.problems, name, selection.engines, world, selection.pythons, is_writable(spec))
+            found = ways_out(error.problems, name, engines.engines, world, engines.pythons, is_writable(spec))
             ways |= {name: found} if found is not None else {}
     if ways:
         raise with_endings(every, ways)
     demand(every)
     return built, chosen
+
+
+def _explain(built: Built) -> None:
+    """Print how engines realise a scenario."""
+    from simspec.report.explain import control_table, forces_table, tables
+
+    if built.world.controllers:
+        console().print(control_table(built.world))
+    if built.world.forces:
+        console().print(forces_table(built.world))
+    for compiled in built.compiled.values():
+        for table in tables(built.world, compiled):
+            console().print(table)
 
 
 def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool, named: bool) -> int:
@@ -179,19 +133,16 @@ def _check(built: Sequence[Built], folders: Sequence[Path], as_json: bool, named
     ]
     versions = [line for folder in folders for line in generated.other_versions(folder)]
     if as_json:
-        sys.stdout.write(text({"stale": stale, "other_versions": versions}))
+        print_json({"stale": stale, "other_versions": versions})
         return EXIT_FAILED if stale else EXIT_OK
-    for line in versions:
-        say(f"other version: {line}", error=True)
-    if stale:
-        for line in stale:
-            say(line, error=True)
-    else:
+    for line in [*(f"other version: {line}" for line in versions), *stale]:
+        say(line, error=True)
+    if not stale:
         say(f"{len(built)} compiled specs are current")
     return EXIT_FAILED if stale else EXIT_OK
 
 
-def _compiled_data(built: Built, written: Written, explain: bool) -> dict[str, Any]:
+def _data(built: Built, written: Written, explain: bool) -> dict[str, Any]:
     from simspec.report.explain import explained
 
     reasons = {name: explained(built.world, compiled) for name, compiled in built.compiled.items()} if explain else {}

@@ -1,4 +1,4 @@
-"""``simspec pages``: pages of Markdown are filled from published studies, or looked at for being current."""
+"""``simspec pages``: fill pages of Markdown from published studies, or see whether they are current."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from simspec.arguments import interpreters, print_json
+from simspec.commands.experiment_options import PagesOptions
+from simspec.commands.options import print_json
 from simspec.commands.study import absent_engines, find_study, plan_of
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.experiments.published import older_sweeps, read_models, sweep_models
@@ -18,30 +19,22 @@ from simspec.project import Interpreters
 from simspec.report.screen import say
 from simspec.report.study.page_section import TABLES_FILE, study_tables
 from simspec.report.study.pages import Mark, filled, marks
-from simspec.robot_files import project_options
 from simspec.stored import StudyTables
 
 STUDIES = "studies"
 """The folder beside a page in which published studies are."""
 
 
-def pages(
-    files: Sequence[Path],
-    *,
-    check: bool,
-    older: bool,
-    python: list[str] | None,
-    allow_outside: bool = False,
-    as_json: bool,
-) -> int:
+def pages(options: PagesOptions) -> int:
     """Fill the pages, or see whether they are current, and whether their figures are of the models of today."""
-    texts = {path: _text(path) for path in files}
+    check, older = options.check, options.older
+    texts = {path: _text(path) for path in options.pages}
     found = {path: marks(text, str(path)) for path, text in texts.items()}
     folders = {path.parent / STUDIES / mark.study for path, own in found.items() for mark in own}
     absent = _absent(found, older)
     kept = {folder: None if folder in absent else _published(folder) for folder in sorted(folders)}
-    pythons = interpreters(python, None, starts=False)
-    why = {folder: {} if folder in absent else _older(folder, pythons, allow_outside) for folder in kept}
+    pythons = options.interpreters(starts=False)
+    why = {folder: {} if folder in absent else _older(options, folder, pythons) for folder in kept}
     problems: list[str] = []
     written: list[Path] = []
     for path, text in texts.items():
@@ -59,7 +52,7 @@ def pages(
         elif wanted != text:
             write_file(path, wanted, text.encode().__eq__)
             written.append(path)
-    if as_json:
+    if options.as_json:
         plain = {folder.as_posix(): own for folder, own in why.items()}
         print_json({"pages": list(texts), "written": written, "problems": problems, "older": plain})
         return EXIT_FAILED if problems else EXIT_OK
@@ -113,10 +106,12 @@ def _published(folder: Path) -> StudyTables:
     return tables
 
 
-def _older(folder: Path, pythons: Interpreters, allow_outside: bool) -> dict[str, str]:
+def _older(options: PagesOptions, folder: Path, pythons: Interpreters) -> dict[str, str]:
     """By sweep, why the figures of a published study are older than the code."""
     kept = read_models(folder)
-    source = load_study_file(find_study(kept.source), allow_outside=allow_outside, options=project_options())
+    source = load_study_file(
+        find_study(kept.source), allow_outside=options.allow_outside, options=options.robot_files.options()
+    )
     sweeps = source.sweeps(kept.small)
     measured = {model.engine: model.version for own in kept.sweeps.values() for model in own.models}
     absent = dict.fromkeys(absent_engines(sweeps, pythons), "not installed")

@@ -1,198 +1,225 @@
-"""``simspec run``: compile, verify, run in several engines, compare, and write ``runs/NAME``."""
+"""``simspec run``: compile, verify, run in several engines, compare, and write ``runs/NAME``; and its baselines."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, source_of, spec_file
+from rich.console import Console
+
 from simspec.commands.accept import is_writable
-from simspec.commands.baseline import NO_BASELINES, Baselines, with_baseline
-from simspec.commands.ci import NO_REPORTS, Reports, reporting
-from simspec.commands.diff import diff_code
-from simspec.commands.report import write_page
+from simspec.commands.loading import OF_A_MODEL, Loaded, load_spec, source_of
+from simspec.commands.options import engines_at_work, print_json
+from simspec.commands.reports import reporting, write_page
+from simspec.commands.scenario_options import RunOptions
 from simspec.commands.study_folder import Results
-from simspec.comparison.study import study
-from simspec.errors import EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
+from simspec.comparison.runs import Diff
+from simspec.comparison.study import Study, study
+from simspec.compiler import compile_world
+from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
+from simspec.experiments.machine import disturbances, this_machine
+from simspec.experiments.timing import TimedCase, timed_runs
+from simspec.outputs.targets import demand, file_problem
+from simspec.outputs.writing import write_file
+from simspec.report.baseline import Baseline, baseline_of, own_baseline, read_baseline
+from simspec.report.compared import Comparison, compare, comparison_data
 from simspec.report.final import ends
-from simspec.report.plain import study_data, text
+from simspec.report.plain import study_data
 from simspec.report.progress import progress
 from simspec.report.refusals import with_ways_out
-from simspec.report.regressions import comparison_lines, comparison_suite
+from simspec.report.regressions import comparison_lines, comparison_suite, show_comparison
 from simspec.report.screen import console, say
 from simspec.report.session import show_run
 from simspec.report.terminal import show_not_taken
 from simspec.report.tested import skipped_suites, study_suites
-from simspec.robot_files import NO_WORDS, RobotFiles
+from simspec.runner.case import Case
+from simspec.runner.run import Run
+from simspec.scratch import scratch_folder
 from simspec.selection import Selection
 from simspec.world.types import World
 
 
-def run(
-    spec: str,
-    *,
-    all_engines: bool,
-    engine: list[str] | None,
-    keep_going: bool,
-    out: Path,
-    repeats: bool,
-    prove: bool,
-    tolerance: float,
-    fail_on_diff: float | None,
-    sets: list[str] | None,
-    allow_outside: bool,
-    robot_files: RobotFiles = NO_WORDS,
-    strict: bool,
-    python: list[str] | None,
-    deadline: float,
-    page: bool,
-    as_json: bool,
-    reports: Reports = NO_REPORTS,
-    baselines: Baselines = NO_BASELINES,
-) -> int:
-    """Study ``spec`` in all engines, in those named by ``engine`` or in the project's, and write ``out``/NAME."""
-    with reporting(reports, spec, as_json):
-        if all_engines and engine:
+def run(options: RunOptions) -> int:
+    """Study a spec in all engines, in those that are named or in the project's, and write the folder of results."""
+    with reporting(options.reports, options.spec, options.as_json):
+        if options.all_engines and options.engine:
             raise SpecError([Problem("--all-engines and --engine exclude each other")])
-        words = None if all_engines else chosen_engines(engine)
-        if not all_engines and not words:
+        words = None if options.all_engines else options.chosen
+        if not options.all_engines and not words:
             allowed = "--all-engines, --engine NAME (repeatable), or default-engines in simspec.toml"
             raise SpecError([Problem("no engines selected", allowed=allowed)])
-        loaded, world, warned, sets = load_spec(
-            spec,
-            sets,
-            allow_outside,
-            robot_files=robot_files,
-            strict=strict,
-            as_json=as_json,
-            duration_of_model=OF_A_MODEL,
-        )
-        pythons = interpreters(python, engine)
+        loaded = load_spec(options, options.spec, duration=OF_A_MODEL)
+        pythons = options.interpreters()
         selection = engines_at_work(words, pythons, demand=False)
-        with with_ways_out(spec, selection.engines, world, pythons, is_writable(loaded)):
-            return run_world(
-                world,
-                selection,
-                out / world.name,
-                spec=spec_file(spec),
-                locate=loaded.locate,
-                prove=prove,
-                repeats=repeats,
-                keep_going=keep_going,
-                tolerance=tolerance if fail_on_diff is None else fail_on_diff,
-                fail_on_diff=fail_on_diff is not None,
-                pythons=pythons,
-                deadline=deadline,
-                source={**source_of(spec, sets, loaded, robot_files), **_shown(loaded.data.record.show)},
-                page=page,
-                as_json=as_json,
-                warnings=warned,
-                show=loaded.data.record.show,
-                reports=reports,
-                baselines=baselines,
-            )
+        with with_ways_out(options.spec, selection.engines, loaded.world, pythons, is_writable(loaded.spec)):
+            return run_world(options, loaded.world, selection, options.out / loaded.world.name, loaded)
 
 
-OF_A_MODEL = "1s"
-"""How long a model runs that is run by itself, and whose file does not say so: robot files have no word for it."""
-
-
-def _shown(show: Sequence[str]) -> dict[str, list[str]]:
-    """What `record.show` names, for a run's provenance: reports made later show the same."""
-    return {"show": list(show)} if show else {}
+def diff_code(diffs: Sequence[Diff]) -> int:
+    """The exit code of comparisons: 0 only where all are within tolerance. An inconclusive comparison has not passed."""
+    return EXIT_OK if diffs and all(diff.within for diff in diffs) else EXIT_FAILED
 
 
 def run_world(
-    world: World,
-    selection: Selection,
-    folder: Path,
-    *,
-    spec: Path | None = None,
-    locate: Callable[[str], Location | None],
-    prove: bool,
-    repeats: bool,
-    keep_going: bool,
-    tolerance: float,
-    fail_on_diff: bool,
-    pythons: Mapping[str, str],
-    deadline: float,
-    source: Mapping[str, Any],
-    page: bool = False,
-    as_json: bool,
-    warnings: Sequence[Problem] = (),
-    show: Sequence[str] = (),
-    reports: Reports = NO_REPORTS,
-    baselines: Baselines = NO_BASELINES,
+    options: RunOptions, world: World, selection: Selection, folder: Path, loaded: Loaded | None = None
 ) -> int:
-    """Study ``world``, of the file ``spec``, in the engines of ``selection``, write ``folder``, and print.
+    """Study ``world``, of the spec ``loaded``, in the engines of ``selection``, write ``folder``, and print.
 
-    Where no engine is named, those that support the world are compared: at least two. ``page``: also write report.html.
-    ``reports``: what is written for CI systems; ``baselines``: what the study is compared with and kept as.
+    Where no engine is named, those that support the world are compared: at least two.
     """
-    before = baselines.before(repeats)
+    show, source = [], {}
+    if loaded is not None:
+        show = list(loaded.spec.data.record.show)
+        source = source_of(options.spec, loaded.sets, loaded.spec, options.robot_files)
+        source |= {"show": show} if show else {}
+    locate: Callable[[str], Any] = loaded.spec.locate if loaded is not None else lambda path: None
+    fails = options.fail_on_diff is not None
+    before = _read_baseline(options)
     selection = selection.for_world(world, locate, least=2)
     engines = list(selection.engines)
-    if fail_on_diff and len(engines) < 2:
-        raise SpecError(
-            [Problem("--fail-on-diff requires two engines", found=", ".join(engines), allowed="two or more engines")]
-        )
+    if fails and len(engines) < 2:
+        message = "--fail-on-diff requires two engines"
+        raise SpecError([Problem(message, found=", ".join(engines), allowed="two or more engines")])
     results = Results(world, folder, selection.not_taken)
-    results.demand(engines, [spec] if spec is not None else [])
-    with progress(not as_json) as tell:
+    results.demand(engines, [loaded.file] if loaded is not None else [])
+    with progress(not options.as_json) as tell:
         result = study(
             world,
             engines,
             compiled=selection.compiled,
             arrivals=results,
-            prove=prove,
-            repeats=repeats,
-            keep_going=keep_going,
-            tolerance=tolerance,
-            pythons=pythons,
-            deadline=deadline,
+            prove=not options.no_verify,
+            repeats=options.repeats,
+            keep_going=options.keep_going,
+            tolerance=_tolerance(options),
+            pythons=selection.pythons,
+            deadline=options.deadline,
             locate=locate,
             source=source,
             progress=tell,
         )
         tell("writing")
-        results.finish(result, keep_page=page)
-        path = write_page([folder], None) if page else None
+        results.finish(result, keep_page=options.report)
+        page = write_page([folder], None) if options.report else None
         compared = None
-        if baselines:
-            compared = with_baseline(
-                baselines, before, result, tolerance=tolerance, pythons=pythons, deadline=deadline, progress=tell
-            )
+        if options.baseline is not None or options.write_baseline is not None:
+            compared = _with_baseline(options, before, result, selection, tell)
     code = result.exit_code
-    if code == EXIT_OK and fail_on_diff:
+    if code == EXIT_OK and fails:
         code = diff_code(result.diffs)
     if code == EXIT_OK and compared is not None and compared.failed:
         code = EXIT_FAILED
-    told = compared.comparison if compared is not None else None
-    reports.write(
-        [
-            *study_suites(result, locate, fail_on_diff),
-            *skipped_suites(world.name, selection.not_taken),
-            *([comparison_suite(world.name, told)] if told is not None else []),
-        ],
-        study=result,
-        warnings=warnings,
-        baseline=comparison_lines(told) if told is not None else (),
-        as_json=as_json,
-    )
-    if as_json:
-        more = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
-        more["page"] = path
+    comparison = compared.comparison if compared is not None else None
+    warnings = loaded.warnings if loaded is not None else []
+    suites = [*study_suites(result, locate, fails), *skipped_suites(world.name, selection.not_taken)]
+    suites += [comparison_suite(world.name, comparison)] if comparison is not None else []
+    lines = comparison_lines(comparison) if comparison is not None else ()
+    options.reports.write(suites, study=result, warnings=warnings, baseline=lines, as_json=options.as_json)
+    if options.as_json:
+        more: dict[str, Any] = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
+        more["page"] = page
         more["baseline"] = compared.data() if compared is not None else None
         more["not_run"] = selection.not_taken
         more["ends"] = {name: ends(run, show) for name, run in result.runs.items()}
-        sys.stdout.write(text({**study_data(result), **more}))
+        print_json({**study_data(result), **more})
         return code
     show_not_taken(selection, console())
-    show_run(result, folder, results.notes, show, fail_on_diff)
+    show_run(result, folder, results.notes, show, fails)
     if compared is not None:
         compared.show(console())
-    if path is not None:
-        say(f"report: {path}")
+    if page is not None:
+        say(f"report: {page}")
     return code
+
+
+def _tolerance(options: RunOptions) -> float:
+    return options.tolerance if options.fail_on_diff is None else options.fail_on_diff
+
+
+# --- baselines --------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Result of a comparison with a baseline: the comparison (None: there was no baseline), notes, and the baseline written."""
+
+    comparison: Comparison | None
+    notes: tuple[str, ...]
+    written: Path | None
+
+    @property
+    def failed(self) -> bool:
+        """Whether something regressed, or nothing could be compared."""
+        return self.comparison is not None and (bool(self.comparison.regressions) or not self.comparison.compared)
+
+    def show(self, screen: Console) -> None:
+        """Print it."""
+        if self.comparison is not None:
+            show_comparison(self.comparison, screen)
+        for note in self.notes:
+            screen.print(f"note: {note}", soft_wrap=True)
+        if self.written is not None:
+            screen.print(f"baseline written: {self.written}", soft_wrap=True)
+
+    def data(self) -> dict[str, Any]:
+        """For ``--json``."""
+        comparison = comparison_data(self.comparison) if self.comparison is not None else None
+        return {"notes": list(self.notes), "written": self.written, "comparison": comparison}
+
+
+def _read_baseline(options: RunOptions) -> Baseline | None:
+    """The baseline to compare with; None where there is none yet. Raises SpecError, before any work is done, when it is
+    damaged, when the new one may not be written, or when no noise is measured."""
+    if options.baseline is None and options.write_baseline is None:
+        return None
+    if not options.repeats:
+        message = "a baseline requires each engine's own noise, which --no-repeats does not measure"
+        raise SpecError([Problem(message, hint="leave one of the two out")])
+    if options.write_baseline is not None:
+        demand([file_problem(options.write_baseline, own_baseline)])
+    return read_baseline(options.baseline) if options.baseline is not None else None
+
+
+def _with_baseline(
+    options: RunOptions, before: Baseline | None, study: Study, selection: Selection, tell: Callable[..., None]
+) -> Compared:
+    """Time the engines of a study, compare it with ``before``, and write the new baseline: not over one from which it
+    regressed."""
+    read, written = options.baseline, options.write_baseline
+    notes: list[str] = []
+    timed: list[Run] = []
+    if options.timed_runs and (written is not None or (before is not None and before.has_speed)):
+        notes = [f"speed: {why}" for why in disturbances()]
+        timed = _time(options, study, selection, tell)
+    now = baseline_of(study, timed, _tolerance(options), this_machine())
+    comparison = None
+    if before is not None:
+        comparison = compare(before, now)
+        notes += comparison.notes
+        if not comparison.compared:
+            notes.append("nothing could be compared with the baseline")
+    elif read is not None:
+        notes.append(f"{read}: no baseline yet: nothing was compared")
+    if written is not None:
+        same = read is not None and read.resolve() == written.resolve()
+        if any(run.failed is not None for run in study.runs.values()):
+            notes.append(f"{written}: not written, as an engine failed")
+            written = None
+        elif comparison is not None and comparison.regressions and same:
+            notes.append(f"{written}: kept, as this run regressed from it; to accept it: --write-baseline alone")
+            written = None
+        else:
+            write_file(written, now.text(), own_baseline)
+    return Compared(comparison, tuple(notes), written)
+
+
+def _time(options: RunOptions, study: Study, selection: Selection, tell: Callable[..., None]) -> list[Run]:
+    names = [name for name, run in study.runs.items() if run.failed is None]
+    with scratch_folder("timing") as place:
+        cases = []
+        for name, compiled in compile_world(study.world, names, pythons=selection.pythons).items():
+            compiled.artifacts.write(place / name)
+            cases.append(TimedCase(Case(study.world, name), place / name, selection.pythons.get(name)))
+        return list(timed_runs(cases, options.timed_runs, deadline=options.deadline, progress=tell)) if cases else []

@@ -4,39 +4,36 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
+import itertools
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
-from simspec.arguments import engines_at_work, interpreters, print_json
-from simspec.commands.publish import demand_publishable
-from simspec.commands.publish import publish as publish_study
-from simspec.commands.report import SWEEP_FOLDER
-from simspec.commands.study_explained import explained
-from simspec.commands.sweep import side_by_side
+from simspec.attribution.sides import explain
+from simspec.commands.experiment_options import StudyOptions
+from simspec.commands.options import engines_at_work, print_json
+from simspec.commands.reports import SWEEP_FOLDER
+from simspec.commands.sweep import RUNS, local_executor, side_by_side, stored_index, warn_of_disturbances
 from simspec.comparison.study import missing_engines
-from simspec.engines.kit.warm import WarmProcesses
-from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, Problem, SpecError
+from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, Problem, SimspecError, SpecError
 from simspec.experiments.cost import costs, estimate
-from simspec.experiments.executors.contract import Supplies
-from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.first_gap import second_passes
-from simspec.experiments.index import Index, refresh
-from simspec.experiments.machine import disturbances
 from simspec.experiments.plan import Plan, plan_sweep
 from simspec.experiments.proof_cost import proof_seconds, proofs_left
+from simspec.experiments.published import MODELS_FILE, MOST_MODELS, strangers, sweep_models
+from simspec.experiments.published import SCHEMA as MODELS_SCHEMA
 from simspec.experiments.roundings import rounding_lines
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome
 from simspec.experiments.sweep import sweep as run_sweep
-from simspec.experiments.timing import timed_tasks
 from simspec.experiments.versions import versions_of
 from simspec.language.study_specs import StudySource, SweepOfStudy, load_study_file
 from simspec.outputs.marker import STORE, STUDY
 from simspec.outputs.targets import demand, folder_problem
-from simspec.outputs.writing import change_file, open_folder
+from simspec.outputs.writing import change_file, open_folder, write_folder
 from simspec.report.kit import table
 from simspec.report.page.document import page as html
 from simspec.report.page.sheets import Sheet, sheet
@@ -52,34 +49,25 @@ from simspec.report.study.registry import shown_of
 from simspec.report.sweep import proof_words
 from simspec.report.terminal import show_error
 from simspec.resources import resource_folder
-from simspec.robot_files import project_options
 from simspec.stored import StudyTables, read_as
 
-RUNS = Path("runs")
+WINDOWS: Final = 30
+"""Windows that are looked at, of each engine."""
+MOST_NAMED = 3
 PAGE_FILE = "study.md"
 CONTACT_SHOWN = frozenset(("certified", "contact"))
 """Words of `show` whose tables say where contact is beyond the tolerances of L5."""
 Planned = tuple[SweepOfStudy, Plan]
 
 
-def study(
-    name: str,
-    *,
-    small: bool,
-    store: Path | None,
-    dry_run: bool,
-    no_verify: bool,
-    wait: bool,
-    python: list[str] | None,
-    deadline: float,
-    allow_outside: bool,
-    as_json: bool,
-    publish: Path | None = None,
-) -> int:
-    """Do the sweeps of a study, write and print its tables, and publish them where that is asked for."""
-    source = load_study_file(find_study(name), allow_outside=allow_outside, options=project_options())
-    pythons = interpreters(python, None, starts=not dry_run)
-    sweeps = source.sweeps(small)
+def study(options: StudyOptions) -> int:
+    """Do the sweeps of a study, write and print its tables, and publish them with ``--publish``."""
+    name, publish = options.study, options.publish
+    source = load_study_file(
+        find_study(name), allow_outside=options.allow_outside, options=options.robot_files.options()
+    )
+    pythons = options.interpreters(starts=not options.dry_run)
+    sweeps = source.sweeps(options.small)
     absent = absent_engines(sweeps, pythons)
     for label, why in absent.items():
         say(f"{source.name}: without {label}: {why}", error=True)
@@ -87,52 +75,49 @@ def study(
         problem = Problem(f"engines of the study are missing: {', '.join(absent)}", hint="simspec engines install")
         raise SpecError([problem])
     planned = [(one, plan_of(one, pythons, tuple(absent))) for one in sweeps]
-    folder = RUNS / (f"{source.name}-small" if small else source.name)
-    place = store or folder / SWEEP_FOLDER
+    folder = RUNS / (f"{source.name}-small" if options.small else source.name)
+    place = options.store or folder / SWEEP_FOLDER
     demand([folder_problem(place, STORE, source.files()), folder_problem(folder, STUDY, source.files())])
     if publish is not None:
         demand_publishable(publish, source, name)
-    if dry_run:
-        return _dry_run(source, planned, place, as_json)
+    if options.dry_run:
+        return _dry_run(source, planned, place, options.as_json)
     open_folder(folder, STUDY)
     opened = Store.open(place, create=True)
     if any(plan.measure == "speed" for _, plan in planned):
-        for why in disturbances():
-            say(f"warning: speed is measured, and the machine is not quiet: {why}", error=True)
+        warn_of_disturbances()
     done = []
     for one, plan in planned:
         say(f"{source.name}: {one.name}, {len(plan):,} runs", error=True)
 
         def run_plan(plan: Plan, one: SweepOfStudy = one) -> Outcome:
-            with progress(not as_json) as tell:
+            with progress(not options.as_json) as tell:
                 return run_sweep(
                     plan,
                     opened,
-                    functools.partial(_local, plan, pythons),
-                    verify=not no_verify,
+                    functools.partial(local_executor, plan, side_by_side(None, plan), pythons),
+                    verify=not options.no_verify,
                     pythons=pythons,
-                    deadline=deadline,
+                    deadline=options.deadline,
                     source={"file": Path(one.words.spec).name, "study": source.name, "sweep": one.name}
                     | {"show": list(one.spec.data.record.show)},
                     progress=tell,
-                    wait=wait,
+                    wait=options.wait,
                 )
 
         outcome = run_plan(plan)
         moved = []
         for second in second_passes(outcome, opened, one.words.gap_seeds) if one.words.gap_seeds else ():
-            say(
-                f"{source.name}: {one.name}, moved by {second.amount:g} (the first gap), {len(second.plan):,} runs",
-                error=True,
-            )
+            amount, count = f"{second.amount:g}", f"{len(second.plan):,}"
+            say(f"{source.name}: {one.name}, moved by {amount} (the first gap), {count} runs", error=True)
             moved.append((second, run_plan(second.plan)))
         figures = [figure for figure in source.figures if figure.sweep == one.name]
         found: list[Explained] = []
         if "attribution" in one.words.show:
-            with progress(not as_json) as tell:
-                found = explained(outcome, opened, pythons, deadline, tell)
+            with progress(not options.as_json) as tell:
+                found = explained(outcome, opened, pythons, options.deadline, tell)
         done.append(Done(one, outcome, opened, figures, moved, found))
-    return _tell(source, name, done, folder, small, as_json, publish, absent)
+    return _show(options, source, done, folder, absent)
 
 
 def find_study(name: str) -> Path:
@@ -176,38 +161,25 @@ def plan_of(
     return plan_sweep(one.spec, engines=labels, versions={**assumed, **here})
 
 
-def _local(plan: Plan, pythons: Mapping[str, str], supplies: Supplies) -> LocalExecutor:
-    """Runs on this machine: where speed is measured, one at a time, on a processor of its own."""
-    if plan.measure == "speed":
-        return LocalExecutor(supplies, 1, pythons, do_run=timed_tasks(pythons))
-    return LocalExecutor(supplies, side_by_side(None, plan), pythons, warm=WarmProcesses())
-
-
-def _tell(
-    source: StudySource,
-    name: str,
-    done: Sequence[Done],
-    folder: Path,
-    small: bool,
-    as_json: bool,
-    into: Path | None,
-    absent: Mapping[str, str],
+def _show(
+    options: StudyOptions, source: StudySource, done: Sequence[Done], folder: Path, absent: Mapping[str, str]
 ) -> int:
+    """Write, publish and print the results; the exit code."""
     parts = [(one, shown_of(one)) for one in done]
     made = {one.sweep.name: {shown.name: sheet(shown.table) for shown in own} for one, own in parts}
     code = max((_code(one) or EXIT_FAILED * bool(unfailed(one)) for one in done), default=EXIT_OK)
     code = max([code, *(exit_code(second, one.sweep.words.show) for one in done for _, second in one.moved)])
-    command = f"simspec study {name}{' --small' if small else ''}"
-    data = study_data(source, done, parts, small, command, absent)
+    command = f"simspec study {options.study}{' --small' if options.small else ''}"
+    data = study_data(source, done, parts, options.small, command, absent)
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     files = {TABLES_FILE: text, PAGE_FILE: page(source, made, data)}
     change_file(folder, STUDY, TABLES_FILE, lambda before: files[TABLES_FILE])
     change_file(folder, STUDY, PAGE_FILE, lambda before: files[PAGE_FILE])
-    if into is not None:
+    if options.publish is not None:
         published = read_as(StudyTables, text, TABLES_FILE)
         files[HTML_FILE] = html([study_parts(published, done[0].store)])
-        publish_study(source, name, done, files, small, into)
-    if as_json:
+        publish(source, options, done, files)
+    if options.as_json:
         print_json({**data, "folder": folder, "exit_code": code})
         return code
     for one, own in parts:
@@ -321,8 +293,7 @@ def page(source: StudySource, made: Mapping[str, Mapping[str, Sheet]], data: Map
 
 
 def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_json: bool) -> int:
-    store = Store.open(place) if place.is_dir() and any(place.iterdir()) else None
-    index = refresh(store, repair=False) if store is not None else Index()
+    store, index = stored_index(place)
     took, proofs = proof_seconds(index, store), []
     shown = table(
         f"{source.name}: to do",
@@ -371,3 +342,87 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
     for (one, _), own in zip(planned, proofs, strict=True):
         console().print(f"{one.name}: {proof_words(own)}", soft_wrap=True)
     return EXIT_OK
+
+
+def explained(
+    outcome: Outcome,
+    store: Store,
+    pythons: Mapping[str, str],
+    deadline: float,
+    progress: Callable[..., None],
+) -> list[Explained]:
+    """Of each engine but the first of the plan, where it differs from that: asked of the runs of the scenario itself at the
+    smallest timestep. What is not supported, or failed, is told as such."""
+    keys: dict[str, tuple[float, str]] = {}
+    for cell, row in outcome.rows():
+        if row is None or cell.case is not None or row.failed is not None or cell.perturb:
+            continue
+        if cell.engine not in keys or row.timestep < keys[cell.engine][0]:
+            keys[cell.engine] = (row.timestep, row.key)
+    first, *others = outcome.plan.engines
+    found: list[Explained] = []
+    for engine in others:
+        missing = next((name for name in (first, engine) if name not in keys), None)
+        if missing is not None:
+            found.append(Explained(engine, first, None, f"{missing} has no whole run"))
+            continue
+        if keys[first][0] != keys[engine][0]:
+            found.append(Explained(engine, first, None, f"{first} has no run at {keys[engine][0]:g} s"))
+            continue
+        progress(f"asking where {engine} differs from {first}")
+        runs = [store.load(keys[name][1]) for name in (first, engine)]
+        try:
+            told = explain(
+                *runs, windows=WINDOWS, names=(first, engine), pythons=pythons, deadline=deadline, progress=progress
+            )
+        except SimspecError as error:
+            found.append(Explained(engine, first, None, str(error).splitlines()[0]))
+        else:
+            found.append(Explained(engine, first, told))
+    return found
+
+
+# --- publishing -------------------------------------------------------------------------------------------------------------
+
+
+def demand_publishable(folder: Path, source: StudySource, name: str) -> None:
+    """Raise SpecError, before anything is run, where a study could not be published into ``folder``."""
+    problem = None
+    if Path(name).is_absolute():
+        hint = "give a relative path"
+        problem = Problem("a published study names its file, which is to be found on other machines too", hint=hint)
+    demand([problem, folder_problem(folder, STUDY, source.files())])
+
+
+def publish(source: StudySource, options: StudyOptions, done: Sequence[Done], files: dict[str, str]) -> None:
+    """Write ``files`` (``study.json`` among them), and the hashes of the models that they are of, into the folder of
+    ``--publish``.
+
+    Raises SpecError where a run in the store is not of the model that the code makes of it today, or where there is none.
+    """
+    problems = []
+    for one in done:
+        outcome = one.outcome
+        if outcome.invalid_count:
+            problems.append(Problem(f"{one.sweep.name}: values make the scenario invalid: nothing is published"))
+        if len(outcome.plan) > MOST_MODELS:
+            problems.append(
+                Problem(f"{one.sweep.name}: {len(outcome.plan):,} runs; a published sweep has {MOST_MODELS:,}")
+            )
+        old = list(itertools.islice(strangers(outcome, one.store), MOST_NAMED + 1))
+        if old:
+            named = ", ".join(old[:MOST_NAMED]) + (", …" if len(old) > MOST_NAMED else "")
+            message = f"{one.sweep.name}: the store has runs of models that this code no longer makes: {named}"
+            problems.append(Problem(message, hint="use a new --store"))
+    if problems:
+        raise SpecError(problems)
+    models: dict[str, Any] = {
+        "schema": MODELS_SCHEMA,
+        "source": options.study,
+        "small": options.small,
+        "study_sha256": hashlib.sha256(files["study.json"].encode()).hexdigest(),
+        "sweeps": {one.sweep.name: sweep_models(source, one.sweep, one.outcome.plan) for one in done},
+    }
+    text = json.dumps(models, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    if options.publish is not None:
+        write_folder({**files, MODELS_FILE: text}, options.publish, STUDY)

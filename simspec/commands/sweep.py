@@ -1,25 +1,25 @@
-"""``simspec sweep``: what a spec's ``sweep`` asks for, run and stored, what is stored already left as it is."""
+"""``simspec sweep``: do the runs that a spec's ``sweep`` requests, and store them; stored runs are not repeated."""
 
 from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
-from simspec.arguments import engines_at_work, interpreters, load_spec, print_json, source_of, spec_file
-from simspec.commands.ci import NO_REPORTS, Reports, reporting
+from simspec.commands.experiment_options import SweepOptions
+from simspec.commands.loading import Loaded, load_spec, source_of
+from simspec.commands.options import engines_at_work, print_json
+from simspec.commands.reports import SWEEP_FOLDER, reporting
 from simspec.engines.kit.warm import WarmProcesses
-from simspec.errors import EXIT_OK, Location, Problem, SpecError
+from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.experiments.cost import costs, estimate
 from simspec.experiments.executors.contract import Supplies
 from simspec.experiments.executors.dask import DaskExecutor, demand_address
 from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.index import Index, refresh
 from simspec.experiments.machine import disturbances
-from simspec.experiments.plan import Cell, Plan, plan_sweep
+from simspec.experiments.plan import Plan, plan_sweep
 from simspec.experiments.proof_cost import proof_seconds, proofs_left
 from simspec.experiments.roundings import rounded_data, rounding_sets
 from simspec.experiments.store import Store
@@ -37,77 +37,63 @@ from simspec.report.sweep import CSV_FIRST, csv_text, groups, outcome_data, show
 from simspec.report.swept import sweep_suites
 from simspec.report.terminal import show_error, show_not_taken
 from simspec.report.tested import skipped_suites
-from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 
-RUNS, SWEEP_FOLDER = Path("runs"), "sweep"
+RUNS: Final = Path("runs")
 """The default store of a spec is runs/NAME/sweep."""
 
 
-def sweep(
-    spec: str,
-    *,
-    engine: list[str] | None,
-    store: Path | None,
-    jobs: int | None,
-    scheduler: str | None,
-    dry_run: bool,
-    retry_failed: bool,
-    no_verify: bool,
-    csv: Path | None,
-    wait: bool,
-    sets: list[str] | None,
-    allow_outside: bool,
-    robot_files: RobotFiles = NO_WORDS,
-    strict: bool,
-    python: list[str] | None,
-    deadline: float,
-    as_json: bool,
-    reports: Reports = NO_REPORTS,
-) -> int:
-    """Do the sweep of ``spec`` into ``store``, and print what it came to."""
-    if dry_run and reports:
-        raise SpecError(
-            [Problem("--dry-run runs nothing: --junit, --annotations, --summary and --github do not apply")]
-        )
-    with reporting(reports, spec, as_json):
-        loaded, world, warned, _ = load_spec(
-            spec, sets, allow_outside, robot_files=robot_files, strict=strict, as_json=as_json
-        )
-        pythons = interpreters(python, engine, starts=not dry_run)
-        named = engine or (loaded.data.sweep.engines if loaded.data.sweep is not None else None)
-        words = named or list(load_project().default_engines)
-        selection = engines_at_work(words or None, pythons)
+def sweep(options: SweepOptions) -> int:
+    """Do the sweep of a spec, and print its results."""
+    if options.dry_run and options.reports:
+        message = "--dry-run runs nothing: --junit, --annotations, --summary and --github do not apply"
+        raise SpecError([Problem(message)])
+    with reporting(options.reports, options.spec, options.as_json):
+        loaded = load_spec(options, options.spec)
+        spec = loaded.spec
+        pythons = options.interpreters(starts=not options.dry_run)
+        named = options.engine or (spec.data.sweep.engines if spec.data.sweep is not None else None)
+        selection = engines_at_work(named or list(load_project().default_engines) or None, pythons)
         if not named:
-            selection = selection.for_world(world, loaded.locate)
+            selection = selection.for_world(loaded.world, spec.locate)
         labels = list(selection.engines)
-        plan = plan_sweep(loaded, engines=labels, versions=versions_of(labels, pythons))
-        folder = store or RUNS / plan.spec.name / SWEEP_FOLDER
-        if scheduler is not None:
-            demand_cluster(scheduler, jobs, plan)
-        at_once = side_by_side(jobs, plan) if scheduler is None else 1
-        _demand_targets(store, folder, csv, spec_file(spec))
-        if dry_run:
-            return _dry_run(plan, folder, at_once, selection, not no_verify, as_json, _not_queried(labels, pythons))
-        if store is None:
+        plan = plan_sweep(spec, engines=labels, versions=versions_of(labels, pythons))
+        folder = options.store or RUNS / spec.name / SWEEP_FOLDER
+        if options.scheduler is not None:
+            demand_cluster(options.scheduler, options.jobs, plan)
+        jobs = side_by_side(options.jobs, plan) if options.scheduler is None else 1
+        problems = [folder_problem(folder, STORE, [loaded.file])]
+        if options.store is None:
+            problems.append(folder_problem(folder.parent, STUDY, [loaded.file]))
+        if options.csv is not None:
+            problems.append(file_problem(options.csv, own_csv))
+        demand(problems)
+        if options.dry_run:
+            return _dry_run(options, plan, folder, jobs, selection, pythons)
+        if options.store is None:
             open_folder(folder.parent, STUDY)
         opened = Store.open(folder, create=True)
-        with progress(not as_json) as tell:
+        if options.scheduler is None and plan.measure == "speed":
+            warn_of_disturbances()
+        with progress(not options.as_json) as tell:
             outcome = run_sweep(
                 plan,
                 opened,
-                functools.partial(_local, plan, at_once, pythons)
-                if scheduler is None
-                else functools.partial(DaskExecutor, address=scheduler, versions=plan.versions),
-                verify=not no_verify,
-                retry_failed=retry_failed,
+                functools.partial(local_executor, plan, jobs, pythons)
+                if options.scheduler is None
+                else functools.partial(DaskExecutor, address=options.scheduler, versions=plan.versions),
+                verify=not options.no_verify,
+                retry_failed=options.retry_failed,
                 pythons=pythons,
-                deadline=deadline,
-                source={**source_of(spec, sets, loaded, robot_files), "show": list(loaded.data.record.show)},
+                deadline=options.deadline,
+                source={
+                    **source_of(options.spec, loaded.sets, spec, options.robot_files),
+                    "show": list(spec.data.record.show),
+                },
                 progress=tell,
-                wait=wait,
+                wait=options.wait,
             )
-        return _tell(outcome, selection, folder, csv, warned, as_json, reports, loaded.locate)
+        return _show(options, outcome, selection, folder, loaded)
 
 
 def side_by_side(jobs: int | None, plan: Plan) -> int:
@@ -125,7 +111,7 @@ def side_by_side(jobs: int | None, plan: Plan) -> int:
 
 
 def demand_cluster(scheduler: str, jobs: int | None, plan: Plan) -> None:
-    """Raise SpecError where a sweep cannot be done on a cluster, or asks for what is of this machine."""
+    """Raise SpecError where a sweep cannot be done on a cluster, or requests something of this machine."""
     demand_address(scheduler)
     if jobs is not None:
         message = "is of this machine; how many runs a worker does side by side is said where it is started"
@@ -138,24 +124,17 @@ def demand_cluster(scheduler: str, jobs: int | None, plan: Plan) -> None:
         )
 
 
-def _local(plan: Plan, at_once: int, pythons: Mapping[str, str], supplies: Supplies) -> LocalExecutor:
-    """Runs on this machine. Where speed is measured, each is alone on a processor, in a process that nothing was done in
-    before."""
+def warn_of_disturbances() -> None:
+    """Warn of other work on the machine, which disturbs measured speeds."""
+    for why in disturbances():
+        say(f"warning: speed is measured, and the machine is not quiet: {why}", error=True)
+
+
+def local_executor(plan: Plan, jobs: int, pythons: Interpreters, supplies: Supplies) -> LocalExecutor:
+    """Runs on this machine. Where speed is measured, each is alone on a processor, in a new process."""
     if plan.measure == "speed":
-        for why in disturbances():
-            say(f"warning: speed is measured, and the machine is not quiet: {why}", error=True)
-        return LocalExecutor(supplies, at_once, pythons, do_run=timed_tasks(pythons))
-    return LocalExecutor(supplies, at_once, pythons, warm=WarmProcesses())
-
-
-def _demand_targets(store: Path | None, folder: Path, csv: Path | None, spec: Path) -> None:
-    """Raise SpecError, with every problem, when a target may not be written: before any work is done."""
-    problems = [folder_problem(folder, STORE, [spec])]
-    if store is None:
-        problems.append(folder_problem(folder.parent, STUDY, [spec]))
-    if csv is not None:
-        problems.append(file_problem(csv, own_csv))
-    demand(problems)
+        return LocalExecutor(supplies, 1, pythons, do_run=timed_tasks(pythons))
+    return LocalExecutor(supplies, jobs, pythons, warm=WarmProcesses())
 
 
 def own_csv(content: bytes) -> bool:
@@ -163,33 +142,27 @@ def own_csv(content: bytes) -> bool:
     return content.startswith((",".join(CSV_FIRST) + ",").encode())
 
 
-def _tell(
-    outcome: Outcome,
-    selection: Selection,
-    folder: Path,
-    csv: Path | None,
-    warned: Sequence[Problem],
-    as_json: bool,
-    reports: Reports,
-    locate: Callable[[str], Location | None],
-) -> int:
+def _show(options: SweepOptions, outcome: Outcome, selection: Selection, folder: Path, loaded: Loaded) -> int:
+    """Write and print the results; the exit code."""
+    csv, warnings = options.csv, loaded.warnings
     rows = list(outcome.rows())
-    made = groups(outcome.plan, rows)
-    everything = {row.key: row for _, row in rows if row is not None}.values()
-    failed = sum(row.failed is not None for row in everything)
-    unfulfilled = sum(row.expected - row.passed for row in everything if row.failed is None)
+    grouped = groups(outcome.plan, rows)
+    stored = {row.key: row for _, row in rows if row is not None}.values()
+    failed = sum(row.failed is not None for row in stored)
+    unfulfilled = sum(row.expected - row.passed for row in stored if row.failed is None)
     code = outcome.exit_code(failed, unfulfilled)
     if csv is not None:
         write_file(csv, csv_text(outcome.plan, rows), own_csv)
-    if reports:
-        suites = [*sweep_suites(outcome, rows, locate), *skipped_suites(outcome.plan.spec.name, selection.not_taken)]
-        reports.write(suites, warnings=warned, as_json=as_json)
-    if as_json:
-        more = {"store": folder, "not_run": selection.not_taken, "warnings": warned, "problems": outcome.invalid}
-        print_json({**outcome_data(outcome, made), **more, "exit_code": code})
+    if options.reports:
+        suites = [*sweep_suites(outcome, rows, loaded.spec.locate)]
+        suites += skipped_suites(outcome.plan.spec.name, selection.not_taken)
+        options.reports.write(suites, warnings=warnings, as_json=options.as_json)
+    if options.as_json:
+        more = {"store": folder, "not_run": selection.not_taken, "warnings": warnings, "problems": outcome.invalid}
+        print_json({**outcome_data(outcome, grouped), **more, "exit_code": code})
         return code
     show_not_taken(selection, console())
-    show_outcome(outcome, made)
+    show_outcome(outcome, grouped)
     if outcome.invalid:
         show_error(SpecError(outcome.invalid))
         console(error=True).print(f"{outcome.invalid_count:,} runs were not done: their values make the spec invalid")
@@ -197,41 +170,29 @@ def _tell(
     return code
 
 
-def _not_queried(labels: Iterable[str], pythons: Interpreters) -> dict[str, str]:
-    """The engines of a plan whose versions are not known, with the reason: their stored runs count as to do."""
-    return {label: pythons.not_queried[label] for label in labels if label in pythons.not_queried}
+def stored_index(folder: Path) -> tuple[Store | None, Index]:
+    """The store in a folder (None where there is none), and its index; nothing is repaired."""
+    store = Store.open(folder) if folder.is_dir() and any(folder.iterdir()) else None
+    return store, refresh(store, repair=False) if store is not None else Index()
 
 
 def _dry_run(
-    plan: Plan,
-    folder: Path,
-    jobs: int,
-    selection: Selection,
-    verify: bool,
-    as_json: bool,
-    not_queried: Mapping[str, str] = MappingProxyType({}),
+    options: SweepOptions, plan: Plan, folder: Path, jobs: int, selection: Selection, pythons: Interpreters
 ) -> int:
-    store = Store.open(folder) if folder.is_dir() and any(folder.iterdir()) else None
-    index = refresh(store, repair=False) if store is not None else Index()
-    done = 0
-
-    def to_do() -> Iterable[Cell]:
-        nonlocal done
-        for cell in plan:
-            if index.done(cell.key) is None:
-                yield cell
-            else:
-                done += 1
-
-    left = estimate(plan, to_do(), costs(index.rows.values(), plan.spec.name))
-    proofs = proofs_left(plan, index, proof_seconds(index, store)) if verify else None
-    if as_json:
-        told: dict[str, Any] = {"plan": plan.describe(), "store": folder, "done": done, "jobs": jobs}
-        told["rounded"] = {name: rounded_data(rounded) for name, rounded in rounding_sets(plan).items()}
-        told |= {"to_do": {"runs": left.runs, "steps": left.steps, "seconds": left.seconds}, "notes": index.notes}
-        told["proofs"] = None if proofs is None else {"models": proofs.models, "seconds": proofs.total}
-        told["not_queried"] = dict(not_queried)
-        print_json({**told, "verify": verify, "not_run": selection.not_taken, "exit_code": EXIT_OK})
+    """Print the plan and its cost."""
+    store, index = stored_index(folder)
+    not_queried = {label: pythons.not_queried[label] for label in plan.engines if label in pythons.not_queried}
+    to_do = (cell for cell in plan if index.done(cell.key) is None)
+    left = estimate(plan, to_do, costs(index.rows.values(), plan.spec.name))
+    done = len(plan) - sum(left.runs.values())
+    proofs = None if options.no_verify else proofs_left(plan, index, proof_seconds(index, store))
+    if options.as_json:
+        data: dict[str, Any] = {"plan": plan.describe(), "store": folder, "done": done, "jobs": jobs}
+        data["rounded"] = {name: rounded_data(rounded) for name, rounded in rounding_sets(plan).items()}
+        data |= {"to_do": {"runs": left.runs, "steps": left.steps, "seconds": left.seconds}, "notes": index.notes}
+        data["proofs"] = None if proofs is None else {"models": proofs.models, "seconds": proofs.total}
+        data |= {"not_queried": not_queried, "verify": not options.no_verify, "not_run": selection.not_taken}
+        print_json({**data, "exit_code": EXIT_OK})
         return EXIT_OK
     show_not_taken(selection, console())
     for label, why in not_queried.items():

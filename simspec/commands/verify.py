@@ -1,29 +1,29 @@
-"""``simspec verify``: prove, write the certificate, print; each function returns the exit code."""
+"""``simspec verify``: prove, write the certificate, print; with ``--self-test``, count the planted defects that are caught."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simspec import generated
-from simspec.arguments import chosen_engines, engines_at_work, interpreters, load_spec, spec_file
 from simspec.commands.accept import is_writable
-from simspec.commands.ci import NO_REPORTS, Reports, reporting
-from simspec.commands.self_test import complete_self_test, self_test
+from simspec.commands.loading import Loaded, load_spec
+from simspec.commands.options import engines_at_work, print_json
+from simspec.commands.reports import reporting
+from simspec.commands.scenario_options import VerifyOptions
 from simspec.engines.kit.identity import engine_version
-from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Location, Problem, SpecError
+from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
 from simspec.outputs.targets import demand, existing_name_problem, folder_problem
 from simspec.outputs.writing import add_file
 from simspec.report import terminal
-from simspec.report.plain import certificate_data, text
+from simspec.report.complete import complete_data, show_complete
+from simspec.report.plain import certificate_data
 from simspec.report.progress import progress
 from simspec.report.refusals import with_ways_out
-from simspec.report.screen import console
+from simspec.report.screen import console, say
 from simspec.report.tested import certificate_suites, skipped_suites
-from simspec.robot_files import NO_WORDS, RobotFiles
 from simspec.selection import Selection
 from simspec.world.types import World
 
@@ -33,143 +33,97 @@ if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
 
 PLOTS = Path("runs")
-"""Where plots go, in a folder of the world's name: the generated folder holds what compiling and proving write, and no more."""
+"""Folder of plots, below it the world's name: the generated folder contains only compiled files and their certificate."""
 
 
-def verify(
-    spec: str | None,
-    engine: list[str] | None,
-    *,
-    planted: bool,
-    complete: bool,
-    contact: bool,
-    cache: bool,
-    out: Path | None,
-    sets: list[str] | None,
-    allow_outside: bool,
-    robot_files: RobotFiles = NO_WORDS,
-    strict: bool,
-    python: list[str] | None,
-    deadline: float,
-    as_json: bool,
-    reports: Reports = NO_REPORTS,
-) -> int:
-    """Verify ``spec``, or with ``planted`` test the proof itself (``complete``: with every change that files can suffer)."""
-    pythons = interpreters(python, engine)
-    if (spec is None) != planted:
+def verify(options: VerifyOptions) -> int:
+    """Verify a spec, or test the proof itself (``complete``: with every possible change of the files)."""
+    if options.accept and options.spec is None:
+        raise SpecError([Problem("--accept requires SPEC")])
+    pythons = options.interpreters()
+    if (options.spec is None) != options.self_test:
         raise SpecError([Problem("nothing to verify", allowed="either SPEC or --self-test")])
-    if planted:
-        robot_files.check_effect()
-    if planted and reports:
+    if options.self_test:
+        options.robot_files.check_effect()
+    if options.self_test and options.reports:
         raise SpecError([Problem("--junit, --annotations, --summary and --github require SPEC")])
-    selection = engines_at_work(chosen_engines(engine), pythons, files_alone=not planted)
-    if complete and (spec is not None or any(map(engine_version, selection.engines))):
+    selection = engines_at_work(options.chosen, pythons, files_alone=not options.self_test)
+    if options.complete and (options.spec is not None or any(map(engine_version, selection.engines))):
         raise SpecError([Problem("--complete requires --self-test, and engines without a version in their name")])
-    if complete:
-        return complete_self_test(selection.engines, pythons, as_json)
-    if spec is None:
-        return self_test(selection.engines, pythons, as_json)
-    with reporting(reports, spec, as_json):
-        loaded, world, warned, _ = load_spec(
-            spec, sets, allow_outside, robot_files=robot_files, strict=strict, as_json=as_json
-        )
-        check_targets(world, spec, out, contact)
-        with with_ways_out(spec, selection.engines, world, pythons, is_writable(loaded)):
-            return verify_world(
-                world,
-                selection,
-                loaded.locate,
-                pythons,
-                deadline,
-                out,
-                as_json,
-                contact,
-                cache,
-                warnings=warned,
-                reports=reports,
-            )
+    if options.complete:
+        return complete_self_test(selection.engines, pythons, options.as_json)
+    if options.spec is None:
+        return self_test(selection.engines, pythons, options.as_json)
+    with reporting(options.reports, options.spec, options.as_json):
+        loaded = load_spec(options, options.spec)
+        _demand_targets(options, loaded)
+        with with_ways_out(options.spec, selection.engines, loaded.world, pythons, is_writable(loaded.spec)):
+            return _verify(options, loaded, selection)
 
 
-def check_targets(world: World, spec: str, out: Path | None, contact: bool) -> None:
-    """Raise SpecError when what would be written may not be: before anything is compiled or proven.
-
-    ``contact``: whether plots are written too.
-    """
-    folder = out or generated.GENERATED / world.name
-    problems = [folder_problem(folder, COMPILED, [spec_file(spec)])]
+def _demand_targets(options: VerifyOptions, loaded: Loaded) -> None:
+    """Raise SpecError when a target may not be written: before anything is compiled or proven."""
+    folder = options.out or generated.GENERATED / loaded.world.name
+    problems = [folder_problem(folder, COMPILED, [loaded.file])]
     problems += [] if any(problems) else [existing_name_problem(folder, generated.CERTIFICATE_FILE)]
-    if contact:
-        problems.append(folder_problem(PLOTS / world.name, STUDY))
+    if options.contact:
+        problems.append(folder_problem(PLOTS / loaded.world.name, STUDY))
     demand(problems)
 
 
-def verify_world(
-    world: World,
-    selection: Selection,
-    locate: Callable[[str], Location | None],
-    pythons: Mapping[str, str],
-    deadline: float,
-    out: Path | None,
-    as_json: bool,
-    contact: bool = False,
-    cache: bool = True,
-    *,
-    warnings: Sequence[Problem] = (),
-    reports: Reports = NO_REPORTS,
-) -> int:
-    """Compile ``world`` into its generated folder, verify what is there, and write the certificate beside it.
+def _verify(options: VerifyOptions, loaded: Loaded, selection: Selection) -> int:
+    """Compile a world into its generated folder, verify these files, and write the certificate.
 
     Reports, verdict and exit code are of the engines that are verified now. Proofs of others stay in the file while they hold.
     """
     from simspec.proof.verify import verify as prove
 
+    world, locate = loaded.world, loaded.spec.locate
     selection = selection.for_world(world, locate)
-    folder = out or generated.GENERATED / world.name
+    folder = options.out or generated.GENERATED / world.name
     built = generated.build(world, selection, locate)
     before = generated.write(built, folder).stored
-    with progress(not as_json) as tell:
+    with progress(not options.as_json) as tell:
         # in a private copy: the folder may be written again meanwhile, and its certificate names the hashes of these files
         certificate = prove(
             world,
             selection.engines,
             compiled=built.compiled,
-            pythons=pythons,
+            pythons=selection.pythons,
             locate=locate,
-            deadline=deadline,
+            deadline=options.deadline,
             progress=tell,
-            cache=cache,
+            cache=not options.no_cache,
         )
     written = generated.write_certificate(certificate, world, folder)
     stored = written.stored if before is None else written.stored.after(before.without(certificate.engines))
     path = folder / generated.CERTIFICATE_FILE
-    suites = certificate_suites(certificate, world, locate)
-    reports.write([*suites, *skipped_suites(world.name, selection.not_taken)], warnings=warnings, as_json=as_json)
-    if as_json:
-        sys.stdout.write(
-            text(
-                {
-                    "certificate": certificate_data(certificate),
-                    "valid": certificate.valid,
-                    "file": path,
-                    "stored": stored.data(),
-                    "not_verified": selection.not_taken,
-                    "warnings": warnings,
-                }
-            )
+    suites = [*certificate_suites(certificate, world, locate), *skipped_suites(world.name, selection.not_taken)]
+    options.reports.write(suites, warnings=loaded.warnings, as_json=options.as_json)
+    if options.as_json:
+        print_json(
+            {
+                "certificate": certificate_data(certificate),
+                "valid": certificate.valid,
+                "file": path,
+                "stored": stored.data(),
+                "not_verified": selection.not_taken,
+                "warnings": loaded.warnings,
+            }
         )
     else:
         screen = console()
         terminal.show_not_taken(selection, screen)
         terminal.show_certificate(certificate, screen)
-        if contact:
-            for path_of_plot in show_contact(certificate, world, screen):
-                screen.print(f"{path_of_plot}: written", soft_wrap=True)
+        if options.contact:
+            for plot in show_contact(certificate, world, screen):
+                screen.print(f"{plot}: written", soft_wrap=True)
         screen.print(f"{path}: {'written' if written.changed else 'unchanged'}", soft_wrap=True)
         for line in stored.lines():
             screen.print(f"  {line}", soft_wrap=True, markup=False)
     if certificate.valid:
         return EXIT_OK
-    # what passed and is not valid was asked of no engine
+    # passed but not valid: no engine was queried
     return EXIT_ENGINE if all(proof.passed for proof in certificate.engines.values()) else EXIT_FAILED
 
 
@@ -186,3 +140,30 @@ def show_contact(certificate: Certificate, world: World, screen: Console) -> lis
         screen.print(table)
     drawn = polar_plot(figures, world.contact.friction_cone)
     return [add_file(PLOTS / world.name, STUDY, f"contact{suffix}", picture) for suffix, picture in drawn.items()]
+
+
+def self_test(engines: Sequence[str], pythons: Mapping[str, str], as_json: bool) -> int:
+    """Plant defects into compiled files, one at a time, and count those that the proof catches."""
+    from simspec.proof.selftest import self_test as plant
+
+    with progress(not as_json) as tell:
+        result = plant(engines, pythons=pythons, progress=tell)
+    if as_json:
+        print_json({"planted": result.planted, "caught": result.caught, "outcomes": result.outcomes})
+    else:
+        screen = console()
+        screen.print(terminal.self_test_table(result))
+        screen.print(f"caught {result.caught} of {result.planted} planted defects")
+    return EXIT_OK if result.passed else EXIT_FAILED
+
+
+def complete_self_test(engines: Sequence[str], pythons: Mapping[str, str], as_json: bool) -> int:
+    """Try every possible change of compiled files, and report those that the proof misses."""
+    from simspec.proof.complete import complete_self_test as plant
+
+    result = plant(engines, pythons=pythons, progress=lambda line: say(line, error=True))
+    if as_json:
+        print_json(complete_data(result))
+    else:
+        show_complete(result, console())
+    return EXIT_OK if result.passed else EXIT_FAILED

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from simspec import cli
-from simspec.commands.accept import accepted_sets
+from simspec.commands.loading import accepted_sets
+from simspec.commands.options import Options
 from simspec.errors import SpecError
 from simspec.language.load import load
 
@@ -49,7 +50,9 @@ def test_a_robot_file_is_compiled_with_what_is_accepted_by_name(robot, capsys):
 
 
 def test_engines_get_the_entries_that_they_need_and_no_others(robot):
-    sets = accepted_sets(robot, ["engines.mujoco.accept=[contact.friction.impact]"], ["joint.limits.position"], False)
+    sets = accepted_sets(
+        Options(sets=["engines.mujoco.accept=[contact.friction.impact]"], accept=["joint.limits.position"]), robot
+    )
     assert "engines.mujoco.accept=[contact.friction.impact, joint.limits.position]" in sets, "what stands there stays"
     assert not any("engines.dart" in entry for entry in sets), "DART has limits as they are"
 
@@ -60,7 +63,7 @@ def test_engines_get_the_entries_that_they_need_and_no_others(robot):
 )
 def test_a_word_that_accepts_nothing_is_an_error(robot, word, message):
     with pytest.raises(SpecError, match=message):
-        accepted_sets(robot, None, [word], False)
+        accepted_sets(Options(accept=[word]), robot)
 
 
 def test_a_model_whose_bodies_pass_through_each_other(robot, capsys):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from simspec import cli
-from simspec.commands import bisect as command
+from simspec.commands import explain as command
 from simspec.engines.kit import released
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError

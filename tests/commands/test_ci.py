@@ -9,7 +9,7 @@ import pytest
 from lxml import etree
 
 from simspec import cli
-from simspec.commands import baseline as baseline_command
+from simspec.commands import run as baseline_command
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG
 from simspec.report.summary import LARGEST
 

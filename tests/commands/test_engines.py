@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from simspec import cli
-from simspec.commands import engines_install
+from simspec.commands import install as installing
 from simspec.engines.drake.engine import Drake
 from simspec.engines.kit import diagnosis, registry
 from simspec.engines.kit.compiled import Compiled
@@ -241,12 +241,12 @@ def test_a_command_that_fails_is_exit_3(packages, commands, capsys, tmp_path):
 def test_debians_packages_are_roots_matter(toys, commands, capsys, monkeypatch):
     toys("int x;\n")
     monkeypatch.setenv("CC", "no-such-compiler")
-    monkeypatch.setattr(engines_install.os, "geteuid", lambda: 1000)
+    monkeypatch.setattr(installing.os, "geteuid", lambda: 1000)
     row = answer(capsys, "install", "toys", "--yes", code=3)["toys"]
     assert row["problem"] == "not run: it needs root"
     assert [one["words"] for one in row["commands"]] == APT
     assert commands() == []
-    monkeypatch.setattr(engines_install.os, "geteuid", lambda: 0)
+    monkeypatch.setattr(installing.os, "geteuid", lambda: 0)
     assert answer(capsys, "install", "toys")["toys"]["problem"] is None
     assert commands() == []
     answer(capsys, "install", "toys", "--yes")

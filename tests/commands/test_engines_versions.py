@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from simspec import cli
-from simspec.arguments import interpreters
+from simspec.commands.options import interpreters
 from simspec.engines.kit.environments import making, requirement
 from simspec.engines.kit.identity import parse
 from simspec.engines.kit.registry import find_engine

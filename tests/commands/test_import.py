@@ -6,14 +6,14 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
-from simspec.arguments import source_of
+from simspec.commands.loading import source_of
+from simspec.commands.options import RobotFiles
 from simspec.imports import writing
 from simspec.imports.writing import is_unchanged
 from simspec.language.document import event_count, events
 from simspec.language.foreign import ImportOptions
 from simspec.language.layout import node_of
 from simspec.language.load import Spec, load
-from simspec.robot_files import RobotFiles
 from simspec.world.canonical import sha256
 
 INERTIAL = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="{0}" ixy="0" ixz="0" iyz="0"/></inertial>'

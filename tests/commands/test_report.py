@@ -13,7 +13,8 @@ import pytest
 
 from simspec import cli
 from simspec.commands import run as run_command
-from simspec.commands.view import no_display
+from simspec.commands.reports import no_display
+from simspec.commands.scenario_options import RunOptions
 from simspec.errors import EXIT_OK, EXIT_WRONG, Location
 from simspec.outputs.marker import read_marker
 from simspec.report.page.document import is_page
@@ -183,20 +184,10 @@ def run_sample(made, folder, monkeypatch, page: bool = True, not_taken=None) -> 
     """``simspec run`` of the sample; ``not_taken``: the engines that the command leaves out."""
     monkeypatch.setattr(run_command, "study", keeping(made))
     run_command.run_world(
+        RunOptions(spec="", report=page),
         made.world,
         dataclasses.replace(named(list(made.runs)), not_taken=not_taken or {}),
         folder,
-        locate=lambda path: None,
-        prove=True,
-        repeats=True,
-        keep_going=False,
-        tolerance=1e-3,
-        fail_on_diff=False,
-        pythons={},
-        deadline=1.0,
-        source={},
-        page=page,
-        as_json=False,
     )
 
 

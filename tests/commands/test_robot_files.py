@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
-
 import pytest
 
-from simspec import cli, cli_experiments, cli_files
+from simspec import cli
+from simspec.commands.options import COMMANDS as COMMANDS_BY_NAME
+from simspec.commands.options import ROBOT_OPTIONS, RobotFiles
 from simspec.errors import SpecError
 from simspec.language.foreign import ImportOptions
-from simspec.robot_files import OPTIONS, RobotFiles, reads_robot_files
 from tests.meshes.solids import box, stl
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
@@ -110,15 +109,10 @@ def test_the_project_file_says_where_packages_are(folder, capsys, name, monkeypa
 
 def test_every_command_with_specs_of_its_own_has_them():
     """One that reads specs and has no options for robot files is listed here."""
-    without = {"study_command", "pages_command"}
-    for module in (cli, cli_files, cli_experiments):
-        for name, function in vars(module).items():
-            parameters = inspect.signature(function).parameters if name.endswith("_command") else {}
-            if "allow_outside" in parameters and name not in without:
-                registered = (
-                    parameters if "repair" in parameters else inspect.signature(reads_robot_files(function)).parameters
-                )
-                assert set(OPTIONS) <= set(registered), name
+    without = {"study", "pages"}
+    for name, kind in COMMANDS_BY_NAME.items():
+        if "allow_outside" in kind.TAKES and name not in without:
+            assert set(ROBOT_OPTIONS) <= set(kind.TAKES), name
 
 
 @pytest.mark.parametrize("option", [("--repair", "massless"), ("--arg", "a=1"), ("--no-self-collision",)])

@@ -7,7 +7,8 @@ import pytest
 
 from simspec import cli
 from simspec.commands import run as run_command
-from simspec.commands.diff import diff_code
+from simspec.commands.run import diff_code
+from simspec.commands.scenario_options import RunOptions
 from simspec.comparison.floor import Floor
 from simspec.comparison.runs import diff
 from simspec.comparison.study import Study
@@ -46,19 +47,10 @@ def of(apart: float, noise: float, tolerance: float, engines: int = 2) -> Study:
 def test_fail_on_diff_acts_on_what_was_told(monkeypatch, tmp_path, capsys, apart, noise, asked, code, said, as_json):
     monkeypatch.setattr(run_command, "study", lambda *_, tolerance, **__: of(apart, noise, tolerance))
     found = run_command.run_world(
+        RunOptions(spec="", no_verify=True, fail_on_diff=1e-3 if asked else None, as_json=as_json),
         ONE,
         named(["first", "second"]),
         tmp_path / "run",
-        locate=lambda path: None,
-        prove=False,
-        repeats=True,
-        keep_going=False,
-        tolerance=1e-3,
-        fail_on_diff=asked,
-        pythons={},
-        deadline=1.0,
-        source={},
-        as_json=as_json,
     )
     assert found == code
     if said and not as_json:
@@ -75,19 +67,7 @@ def test_the_option_reaches_the_comparison(monkeypatch, tmp_path, capsys, option
 def test_fail_on_diff_with_one_engine_would_compare_nothing(tmp_path):
     with pytest.raises(SpecError, match="requires two engines"):
         run_command.run_world(
-            ONE,
-            named(["first"]),
-            tmp_path / "run",
-            locate=lambda path: None,
-            prove=False,
-            repeats=True,
-            keep_going=False,
-            tolerance=1e-3,
-            fail_on_diff=True,
-            pythons={},
-            deadline=1.0,
-            source={},
-            as_json=False,
+            RunOptions(spec="", no_verify=True, fail_on_diff=1e-3), ONE, named(["first"]), tmp_path / "run"
         )
     assert not (tmp_path / "run").exists()
     assert diff_code([]) == EXIT_FAILED

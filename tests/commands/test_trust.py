@@ -11,8 +11,8 @@ import pytest
 
 from simspec import cli
 from simspec import project as project_module
-from simspec.arguments import interpreters
-from simspec.commands import bisect
+from simspec.commands import explain as bisect
+from simspec.commands.options import interpreters
 from simspec.engines.kit.registry import engines
 from simspec.project import NotTrustedError, load_project
 from tests.files import program

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from simspec.commands import self_test as command
+from simspec.commands import verify as command
 from simspec.compiler import missing_options
 from simspec.dialects.kit.mutations import Inert, Mutation, MutationTable
 from simspec.engines.kit.registry import engines, find_engine

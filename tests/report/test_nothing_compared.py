@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from simspec.commands import run as run_command
-from simspec.commands.diff import diff_code, diff_runs
+from simspec.commands.explain import diff_runs
+from simspec.commands.run import diff_code
+from simspec.commands.scenario_options import RunOptions
 from simspec.comparison.floor import Floor, save_floor
 from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff, diff
 from simspec.comparison.study import Study
@@ -169,19 +171,10 @@ def test_commands_end_with_1(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(run_command, "study", lambda *_, **__: study)
     for asked, code in ((True, EXIT_FAILED), (False, EXIT_OK)):
         found = run_command.run_world(
+            RunOptions(spec="", no_verify=True, fail_on_diff=1e-3 if asked else None),
             TWO,
             named(["first", "second"]),
             tmp_path / "run",
-            locate=lambda path: None,
-            prove=False,
-            repeats=True,
-            keep_going=False,
-            tolerance=1e-3,
-            fail_on_diff=asked,
-            pythons={},
-            deadline=1.0,
-            source={},
-            as_json=False,
         )
         assert found == code
     assert "nothing was compared" in capsys.readouterr().err

@@ -123,7 +123,7 @@ class Fuzz:
 
 def warmed(language: str) -> None:
     """Import what is needed, before there are cases, and let simspec's own readers be forked from here."""
-    import simspec.commands.importing
+    import simspec.commands.files
     import simspec.imports.writing
     import simspec.resolve
     import simspec.resolve.warnings  # noqa: F401

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.arguments import engine_names, interpreters, names_alone
+from simspec.commands.options import engine_names, interpreters, names_alone
 from simspec.engines.kit.identity import EngineId, demand_version, engine_name, parse
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, SpecError

@@ -10,7 +10,8 @@ import pytest
 
 import simspec
 from simspec import cli
-from simspec.commands.accept import accepted_sets
+from simspec.commands.loading import accepted_sets
+from simspec.commands.options import Options
 from simspec.compiler import compile_world
 from simspec.engines.kit.environments import making
 from simspec.engines.kit.identity import parse
@@ -55,9 +56,9 @@ def test_worlds_in_which_no_two_boxes_meet_need_no_acceptance(world):
 
 
 def test_a_version_s_needs_are_accepted_on_the_command_line():
-    sets = accepted_sets("box-on-ramp", None, [BOX], False, engine=[OLD])
+    sets = accepted_sets(Options(accept=[BOX], engine=[OLD]), "box-on-ramp")
     assert f"engines.mujoco.accept=[contact.friction.impact, {BOX}]" in sets
-    assert any(BOX in entry for entry in accepted_sets("box-on-ramp", None, ["all"], False, engine=[OLD]))
+    assert any(BOX in entry for entry in accepted_sets(Options(accept=["all"], engine=[OLD]), "box-on-ramp"))
 
 
 def test_a_version_s_needs_are_written_into_the_spec(tmp_path, monkeypatch, capsys):

@@ -8,6 +8,7 @@ import json
 import pytest
 
 from simspec import cli
+from simspec.commands.scenario_options import VerifyOptions
 from simspec.commands.verify import verify as verify_command
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.installing import not_installed
@@ -97,19 +98,9 @@ def run(tmp_path, capsys, spec, engines, as_json=False):
     path = tmp_path / "fall.yaml"
     path.write_text(spec, encoding="utf-8")
     code = verify_command(
-        str(path),
-        engines,
-        planted=False,
-        complete=False,
-        contact=False,
-        cache=False,
-        out=tmp_path / "out",
-        sets=None,
-        allow_outside=False,
-        strict=False,
-        python=None,
-        deadline=60.0,
-        as_json=as_json,
+        VerifyOptions(
+            spec=str(path), engine=engines, no_cache=True, out=tmp_path / "out", deadline=60.0, as_json=as_json
+        )
     )
     return code, capsys.readouterr().out
 

@@ -11,7 +11,7 @@ import zipfile
 import pytest
 
 from simspec.cli import main
-from simspec.commands.single import BESIDE
+from simspec.commands.export import BESIDE
 from simspec.errors import SpecError
 from simspec.formats.usd.format import WORLD, Usd
 from simspec.language.load import load

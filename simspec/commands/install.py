@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from simspec.arguments import print_json
+from simspec.commands.experiment_options import InstallOptions
+from simspec.commands.options import print_json
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.diagnosis import State, diagnose
 from simspec.engines.kit.environments import making, python_of
@@ -29,15 +30,16 @@ STANDARD_ERROR = 2
 """Its descriptor: standard output is for the answer."""
 
 
-def install(names: Sequence[str], every: bool, yes: bool, as_json: bool) -> int:
-    """Print what installs the engines ``names``, or every known one that is not installed whole; run it with ``yes``.
+def install(options: InstallOptions) -> int:
+    """Print the commands that install engines, or every known one that is not installed whole; run them with ``--yes``.
 
     A name with a version (``NAME@3.8``) gets an environment of its own, which is found by that label from then on; so does an
     engine that does not go with the packages of others (``Engine.APART``), which is found by its name, too.
 
     Exit code 3 where an engine cannot be installed here, or a command failed or may not be run.
     """
-    if bool(names) == every:
+    names, yes, as_json = options.names or [], options.yes, options.as_json
+    if bool(names) == options.every:
         raise SpecError([Problem("one or more engines, or --all", allowed=", ".join(engines()))])
     rows = {}
     for word in names or engines():

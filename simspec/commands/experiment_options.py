@@ -1,0 +1,283 @@
+"""Commands of experiments, results and engines: the name, the options in the order of the help, and the help of each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Argument, Option
+
+from simspec.commands.options import (
+    DryRun,
+    EngineNames,
+    NoVerify,
+    Options,
+    PageFile,
+    SpecName,
+    StoreFolder,
+    Wait,
+    command,
+)
+
+REPORTS = "junit annotations summary github"
+
+
+@command(
+    "sweep",
+    "sweep:sweep",
+    "spec engine store jobs scheduler dry_run retry_failed no_verify csv wait sets ROBOTS allow_outside strict python "
+    f"deadline {REPORTS} as_json",
+)
+class SweepOptions(Options):
+    """Do all runs that the `sweep` of a spec asks for, and store them. Runs that are stored already are not repeated.
+
+    Without --engine, `sweep.engines` and default-engines (simspec.toml): every installed engine that supports the spec.
+    Ended at any moment, the same command does what is left.
+
+    \b
+    simspec sweep friction.yaml --dry-run
+    simspec sweep friction.yaml --jobs 4 --csv friction.csv
+    simspec sweep friction.yaml --set sweep.repeat=5
+    simspec sweep friction.yaml --retry-failed
+
+    Exit code 1 if a proof or an expectation failed, 3 if a run failed or an engine was stopped.
+    """
+
+    spec: SpecName
+    store: StoreFolder = None
+    jobs: Annotated[
+        int | None, Option(metavar="N", min=1, help="Runs side by side (default: the cores; measure: speed: 1).")
+    ] = None
+    scheduler: Annotated[
+        str | None, Option(metavar="ADDRESS", help="Run on the workers of a Dask cluster: tcp://HOST:PORT.")
+    ] = None
+    dry_run: DryRun = False
+    retry_failed: Annotated[bool, Option("--retry-failed", help="Repeat the stored runs that failed.")] = False
+    no_verify: NoVerify = False
+    csv: Annotated[Path | None, Option("--csv", metavar="FILE", help="Also write a table, one line per run.")] = None
+    wait: Wait = False
+
+
+@command(
+    "study",
+    "study:study",
+    "study small store dry_run publish no_verify wait python deadline allow_outside as_json",
+)
+class StudyOptions(Options):
+    """Do all sweeps of a study, and write its tables: runs/NAME/study.md and study.json (with --small: runs/NAME-small).
+
+    Runs that are stored already are not repeated. Ended at any moment, the same command does what is left.
+
+    \b
+    simspec study koerber-2021 --small --dry-run
+    simspec study koerber-2021 --small
+    simspec study mine.yaml --store /data/store
+    simspec study koerber-2021 --publish docs/studies/koerber-2021
+
+    A run that fails or does not do what is expected is a result of the study. Exit code 1 if a proof failed, 2 if values make a
+    scenario invalid, 3 if an engine was stopped.
+    """
+
+    study: Annotated[str, Argument(metavar="STUDY", help="A study file, or the name of a study of the library.")]
+    small: Annotated[bool, Option("--small", help="The small study: what the file says under `small`.")] = False
+    store: StoreFolder = None
+    dry_run: DryRun = False
+    publish: Annotated[
+        Path | None,
+        Option(metavar="DIR", help="Also write the results, and what they are of, into a folder to be committed."),
+    ] = None
+    no_verify: NoVerify = False
+    wait: Wait = False
+
+
+@command("pages", "pages:pages", "pages check older python allow_outside as_json")
+class PagesOptions(Options):
+    """Fill the marked places of pages from published studies: those in the folder `studies` beside a page.
+
+    No engine is run. Where a model that a study measured is compiled to something else today, its figures are older than the
+    code: exit code 1, unless the page says so (--older).
+
+    \b
+    simspec pages docs/results.md
+    simspec pages docs/results.md --check
+    """
+
+    pages: Annotated[list[Path], Argument(metavar="PAGE...", help="Pages of Markdown.")]
+    check: Annotated[
+        bool, Option("--check", help="Write nothing; exit code 1 unless pages and figures are current.")
+    ] = False
+    older: Annotated[bool, Option("--older", help="Make the pages say which figures are older than the code.")] = False
+
+
+@command(
+    "explain",
+    "explain:explain",
+    "a b engine others windows verify sets accept ROBOTS allow_outside python deadline as_json",
+)
+class ExplainOptions(Options):
+    """Explain where the difference of two runs, or of two engines, comes from. Writes nothing.
+
+    Both begin short windows in states of A's run; one thing that differs is taken away at a time, and the share
+    of the difference that this closes is printed. Exit code 0 whatever the shares are.
+
+    \b
+    simspec explain runs/arm/ENGINE1 runs/arm/ENGINE2
+    simspec explain arm.yaml --engine ENGINE1 --engine ENGINE2
+    simspec explain arm.yaml --engine ENGINE --with physics.timestep=2ms
+    simspec explain arm.yaml arm-heavier.yaml --engine ENGINE
+    simspec explain robot.SUFFIX --engine ENGINE1 --engine ENGINE2 --accept all
+    """
+
+    a: Annotated[str, Argument(metavar="A", help="Folder of a run, or a spec.")]
+    b: Annotated[str | None, Argument(metavar="[B]", help="Folder of another run, or another spec.")] = None
+    others: Annotated[
+        list[str] | None,
+        Option("--with", metavar="PATH=VALUE", help="Override a value of the second side. Repeatable."),
+    ] = None
+    windows: Annotated[int, Option(metavar="COUNT", min=3, help="Windows that are looked at, at most.")] = 240
+    verify: Annotated[
+        bool, Option("--verify", help="First prove that both engines hold their models (L0 to L7 without L5).")
+    ] = False
+
+
+@command(
+    "bisect",
+    "explain:bisect",
+    "spec first last figure engine versions yes store no_verify sets accept ROBOTS allow_outside python deadline as_json",
+)
+class BisectOptions(Options):
+    """Find the released version of an engine that changed a figure beyond noise, by halving. See docs/bisect.md.
+
+    Each version is run once, with repeats for its noise; runs that are stored already are not repeated. The search
+    assumes one change between the two versions.
+
+    \b
+    simspec bisect SPEC --engine NAME --from 3.3.7 --to 3.8.0 --figure "deepest penetration" --yes
+    simspec bisect SPEC --engine NAME --from 3.3.7 --to 3.8.0 --figure arm.z --versions 3.4.0,3.5.0
+    simspec bisect SPEC --engine NAME --from 3.3.7 --to 3.8.0 --figure "expectation 1" --json
+
+    Exit code 0 if the version was found, 1 if the figure does not change, 3 if a version at an end cannot be
+    installed or fails.
+    """
+
+    spec: SpecName
+    first: Annotated[str, Option("--from", metavar="VERSION", help="The older version.")]
+    last: Annotated[str, Option("--to", metavar="VERSION", help="The younger version.")]
+    figure: Annotated[
+        str, Option("--figure", metavar="NAME", help="A number of a run: an expectation, a quantity, a coordinate.")
+    ]
+    versions: Annotated[
+        str | None, Option(metavar="A,B,…", help="The versions between, instead of those that the package index has.")
+    ] = None
+    yes: Annotated[
+        bool, Option("--yes", help="Install versions that are missing, each in an environment of its own.")
+    ] = False
+    store: StoreFolder = None
+    no_verify: Annotated[
+        bool, Option("--no-verify", help="Skip the proof that the two versions have the same model.")
+    ] = False
+
+
+@command("report", "reports:report", "folders out as_json")
+class ReportOptions(Options):
+    """Write a report as one HTML page: verdict, certificate, tables, plots and playback. It loads nothing from elsewhere.
+
+    Without -o it is FOLDER/report.html.
+
+    \b
+    simspec report runs/arm
+    simspec report runs/arm runs/spheres-216 -o both.html
+    """
+
+    folders: Annotated[
+        list[Path], Argument(metavar="FOLDER...", help="Folders of studies (runs/NAME), or of runs (runs/NAME/ENGINE).")
+    ]
+    out: PageFile = None
+
+
+@command("view", "reports:view", "folder out as_json")
+class ViewOptions(Options):
+    """Open the report of a study or a run in the browser; it is written first if it is not current.
+
+    Without a display, it is only written.
+
+    \b
+    simspec view runs/arm
+    """
+
+    folder: Annotated[Path, Argument(metavar="FOLDER", help="Folder of a study (runs/NAME), or of a run.")]
+    out: PageFile = None
+
+
+@command("engines", "engines:engines", "context markdown out check as_json")
+class EnginesOptions(Options):
+    """List the engines, their versions, here and in other interpreters, and the features they support.
+
+    Interpreters that simspec.toml names are not started; `simspec engines doctor` starts them.
+
+    \b
+    simspec engines
+    simspec engines --json
+    simspec engines doctor
+    """
+
+    context: typer.Context
+    markdown: Annotated[bool, Option("--markdown", help="Write the support matrix, and beside it engines.md.")] = False
+    out: Annotated[Path, Option(metavar="FILE", help="Output file of --markdown.")] = Path("docs/support-matrix.md")
+    check: Annotated[bool, Option("--check", help="With --markdown: exit with 1 if the page is not current.")] = False
+
+
+@command("engines doctor", "engines:doctor", "names every as_json")
+class DoctorOptions(Options):
+    """Say of each engine whether it is installed and works, in which version, and what is missing and why.
+
+    A ball falls in each for a tenth of a second, in the engine's own process. Exit code 3 where an installed engine does
+    not work, or an engine that is named is not there. Interpreters of simspec.toml are started once `simspec trust` has
+    been said of it.
+
+    \b
+    simspec engines doctor
+    simspec engines doctor NAME --json
+    """
+
+    names: EngineNames = None
+    every: Annotated[bool, Option("--all", help="Exit with 3 also where a known engine is not installed.")] = False
+
+
+@command("engines install", "install:install", "names every yes as_json")
+class InstallOptions(Options):
+    """Print the commands that install engines; nothing is run without --yes. NAME@VERSION gets an environment of its own.
+
+    \b
+    simspec engines install NAME
+    simspec engines install NAME@3.8 --yes
+    simspec engines install --all --yes
+    """
+
+    names: EngineNames = None
+    every: Annotated[bool, Option("--all", help="Every known engine that is not installed.")] = False
+    yes: Annotated[bool, Option("--yes", help="Run the commands: pip of this interpreter; apt-get only for root.")] = (
+        False
+    )
+
+
+@command("trust", "engines:trust", "file listed revoked as_json")
+class TrustOptions(Options):
+    """Let simspec use the interpreters and folders that a project file names, until the file changes.
+
+    A simspec.toml may come from anybody with a repository. Read it first: the interpreters that it names are started, and
+    what a relative path leads to in the repository is not looked at. See docs/project-file.md.
+
+    \b
+    simspec trust
+    simspec trust path/to/simspec.toml
+    simspec trust --list
+    simspec trust --revoke path/to/simspec.toml
+    """
+
+    file: Annotated[
+        Path | None, Argument(metavar="[FILE]", help="A simspec.toml, or its folder (default: the nearest one).")
+    ] = None
+    listed: Annotated[bool, Option("--list", help="Print the files that are trusted.")] = False
+    revoked: Annotated[bool, Option("--revoke", help="Do not trust FILE any more.")] = False

@@ -1,0 +1,188 @@
+"""Reports: ``simspec report``, ``simspec view``, and files for CI systems: a test report, annotations of the spec's lines, a
+summary of the job."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import webbrowser
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from simspec.commands.experiment_options import ReportOptions, ViewOptions
+from simspec.commands.options import print_json
+from simspec.errors import EXIT_OK, Problem, SimspecError, SpecError
+from simspec.outputs.appending import append_text, size_of
+from simspec.outputs.marker import RUN, STUDY
+from simspec.outputs.targets import demand, file_problem
+from simspec.outputs.writing import change_file, write_file
+from simspec.report.screen import say
+
+if TYPE_CHECKING:
+    from simspec.comparison.study import Study
+    from simspec.report.tested import Suite
+
+STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
+"""Variable of the environment of a step of GitHub Actions: the file that the job's summary is added to."""
+SWEEP_FOLDER = "sweep"
+"""Folder of the store of ``simspec study``, in the folder of its results."""
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+"""Variables that name the display, on systems that need one."""
+
+
+@dataclass(frozen=True)
+class Reports:
+    """Reports for CI systems: ``junit``, ``summary``: files; ``annotate``: whether annotations are printed; ``step_summary``:
+    the file of the CI system that the summary is added to."""
+
+    junit: Path | None = None
+    annotate: bool = False
+    summary: Path | None = None
+    step_summary: Path | None = None
+
+    def __bool__(self) -> bool:
+        return self != Reports()
+
+    def demand(self) -> None:
+        """Raise SpecError, with every problem, when one of the files may not be written: before any work is done."""
+        from simspec.report.junit import own_junit
+        from simspec.report.summary import own_summary
+
+        targets = [(self.junit, own_junit), (self.summary, own_summary)]
+        demand(file_problem(path, ours) for path, ours in targets if path is not None)
+
+    def write(
+        self,
+        suites: Sequence[Suite],
+        *,
+        study: Study | None = None,
+        warnings: Sequence[Problem] = (),
+        baseline: Sequence[str] = (),
+        as_json: bool = False,
+    ) -> None:
+        """Write all reports. With ``as_json`` annotations go to standard error, which CI systems read as well."""
+        from simspec.report.annotations import annotation_lines
+        from simspec.report.junit import junit, own_junit
+        from simspec.report.summary import LARGEST, own_summary, summary
+
+        if self.junit is not None:
+            write_file(self.junit, junit(suites), own_junit)
+        if self.summary is not None:
+            write_file(self.summary, summary(suites, study, baseline), own_summary)
+        if self.step_summary is not None:
+            text = summary(suites, study, baseline, LARGEST - size_of(self.step_summary))
+            if not text or not append_text(self.step_summary, text, LARGEST):
+                say(f"{self.step_summary}: no room for another summary", error=True)
+        if self.annotate:
+            for line in annotation_lines(suites, warnings):
+                say(line, error=as_json)
+
+
+def reports_of(
+    junit: Path | None,
+    annotate: bool,
+    summary: Path | None,
+    github: bool,
+    environment: Mapping[str, str] = os.environ,
+) -> Reports:
+    """The reports that options request. ``github``: annotations, and the summary where GitHub Actions shows it. Raises
+    SpecError."""
+    step = environment.get(STEP_SUMMARY, "")
+    if github and not step:
+        hint = "in a step of GitHub Actions it is set; elsewhere: --annotations, --summary FILE"
+        raise SpecError([Problem(f"--github: {STEP_SUMMARY} is not set", hint=hint)])
+    named = summary is not None and bool(step) and os.path.abspath(summary) == os.path.abspath(step)
+    return Reports(junit, annotate or github, None if named else summary, Path(step) if github or named else None)
+
+
+@contextlib.contextmanager
+def reporting(reports: Reports, spec: str, as_json: bool) -> Iterator[None]:
+    """A block whose errors of simspec are reported, too, before they are raised. Targets that may not be written are refused
+    before it begins."""
+    reports.demand()
+    try:
+        yield
+    except SimspecError as error:
+        from simspec.report.tested import error_suites
+
+        reports.write(error_suites(spec, error), as_json=as_json)
+        raise
+
+
+# --- pages ------------------------------------------------------------------------------------------------------------------
+
+
+def report(options: ReportOptions) -> int:
+    """Write the page of studies and runs, to ``--out`` or into the one folder there is."""
+    path = write_page(options.folders, options.out)
+    if options.as_json:
+        print_json({"file": path, "folders": list(options.folders), "bytes": path.stat().st_size})
+    else:
+        say(f"written: {path}")
+    return EXIT_OK
+
+
+def write_page(folders: Sequence[Path], out: Path | None) -> Path:
+    """Write the page of some studies and runs to ``out``, or into the one folder; its path. A page that is current is left
+    alone.
+
+    Raises SpecError when one of them is damaged, or the target may not be written.
+    """
+    from simspec.experiments.store import Store
+    from simspec.report.page.document import Part, is_page, page
+    from simspec.report.plain import PAGE_FILE
+    from simspec.report.stored_study import load_study
+    from simspec.report.study.page_section import study_parts, study_tables
+    from simspec.runner.store import is_run
+
+    if out is None and len(folders) != 1:
+        message = "a report of several folders needs a file of its own"
+        raise SpecError([Problem(message, hint="use -o FILE")])
+    if out is not None:
+        demand([file_problem(out, is_page)])
+    parts: list[Part] = []
+    for folder in folders:
+        tables, store = study_tables(folder), folder / SWEEP_FOLDER
+        if tables is None:
+            parts.append(load_study(folder))
+        else:
+            parts.append(study_parts(tables, Store.open(store) if store.is_dir() else None))
+    content = page(parts).encode()
+    if out is not None:
+        return write_file(out, content, is_page)
+    (folder,) = folders
+    kind = RUN if is_run(folder) else STUDY
+    change_file(folder, kind, PAGE_FILE, lambda before: None if before == content else content)
+    return folder / PAGE_FILE
+
+
+def view(options: ViewOptions) -> int:
+    """Write the page of a study or a run where it is not current, and open it in a browser, or say why it was not opened."""
+    path = write_page([options.folder], options.out)
+    why = _open(path)
+    if options.as_json:
+        print_json({"file": path, "opened": why is None, "reason": why})
+    else:
+        say(f"{path}: opened" if why is None else f"written: {path} (not opened: {why})")
+    return EXIT_OK
+
+
+def _open(path: Path) -> str | None:
+    """Open a page in the user's browser; None, or why it was not opened."""
+    if (why := no_display(os.environ, sys.platform)) is not None:
+        return why
+    try:
+        browser = webbrowser.get()
+    except webbrowser.Error:
+        return "no browser is installed"
+    return None if browser.open(path.absolute().as_uri()) else "the browser did not start"
+
+
+def no_display(environment: Mapping[str, str], platform: str) -> str | None:
+    """Why nothing can be shown here; None where it can. A browser that the user names (``BROWSER``) is believed."""
+    if platform in ("darwin", "win32") or any(environment.get(name) for name in (*DISPLAYS, "BROWSER")):
+        return None
+    return "there is no display"
