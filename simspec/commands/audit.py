@@ -36,7 +36,7 @@ def audit(options: AuditOptions) -> int:
     selection = engines_at_work(options.chosen, pythons)
     if page_file is not None:
         demand([file_problem(page_file, is_page)])
-    with reporting(options.reports, ", ".join(files[:3]), options.as_json):
+    with reporting(options, ", ".join(files[:3])) as reports:
         audits: list[FileAudit] = []
         with progress(not options.as_json) as tell, WarmProcesses() as warm:
             for file in files:
@@ -54,7 +54,7 @@ def audit(options: AuditOptions) -> int:
                         warm=warm,
                     )
                 )
-        options.reports.write(audit_suites(audits), as_json=options.as_json)
+        reports.write(audit_suites(audits), as_json=options.as_json)
         if page_file is not None:
             write_file(page_file, page([audit_sections(audits)]).encode(), is_page)
     if options.as_json:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from simspec import generated, selection
 from simspec.commands.accept import is_writable
-from simspec.commands.loading import Loaded, load_spec, spec_file
+from simspec.commands.export import export
+from simspec.commands.loading import Loaded, load_all, spec_file
 from simspec.commands.options import names_alone, print_json
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
@@ -31,25 +31,9 @@ def compile_specs(options: CompileOptions) -> int:
     if not names:
         raise SpecError([Problem("no SPEC given, and no specs/*.yaml in the working folder")])
     if options.format_name is not None:
-        from simspec.commands.export import export
-
         shared = {name: getattr(options, name) for name in ExportOptions.TAKES if name not in ("specs", "profile")}
         return export(ExportOptions(specs=names, accept=options.accept, **shared))
     return _compile(options, names)
-
-
-def load_all(options: CompileOptions | ExportOptions, names: Sequence[str]) -> tuple[list[Loaded], list[Problem]]:
-    """The specs that can be read, and the problems of all others. With ``--check`` nothing is warned of: that was done when the
-    files were written."""
-    loaded: list[Loaded] = []
-    problems: list[Problem] = []
-    for name in names:
-        try:
-            warn = not options.check or options.strict
-            loaded.append(load_spec(replace(options, engine=None), name, warn=warn, starts=False))
-        except SpecError as error:
-            problems.extend(error.problems)
-    return loaded, problems
 
 
 def _compile(options: CompileOptions, names: Sequence[str]) -> int:

@@ -17,8 +17,7 @@ from typing import Any, Final
 
 from simspec import generated
 from simspec.audit.exported import ReaderLoss, reader_losses
-from simspec.commands.compile import load_all
-from simspec.commands.loading import Loaded
+from simspec.commands.loading import Loaded, load_all
 from simspec.commands.options import print_json
 from simspec.commands.scenario_options import ExportOptions
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError

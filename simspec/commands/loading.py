@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from simspec.commands.options import Options, RobotFiles, engine_names, interpreters
+from simspec.commands.scenario_options import CompileOptions, ExportOptions
 from simspec.compiler import check_at_timestep, deep_contact, missing_options, pairs_without_effect
 from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.registry import engines
@@ -125,6 +127,20 @@ def accepted_sets(options: Options, name: str, sets: list[str] | None = None, st
         message = f"--accept {' '.join(unneeded)}: no engine that supports {name} needs this"
         raise SpecError([Problem(message, hint="leave it out")])
     return [*sets, *entries]
+
+
+def load_all(options: CompileOptions | ExportOptions, names: Sequence[str]) -> tuple[list[Loaded], list[Problem]]:
+    """The specs that can be read, and the problems of all others. With ``--check`` nothing is warned of: that was done when the
+    files were written."""
+    loaded: list[Loaded] = []
+    problems: list[Problem] = []
+    for name in names:
+        try:
+            warn = not options.check or options.strict
+            loaded.append(load_spec(replace(options, engine=None), name, warn=warn, starts=False))
+        except SpecError as error:
+            problems.extend(error.problems)
+    return loaded, problems
 
 
 def spec_name(name: str) -> str:

@@ -22,7 +22,6 @@ from simspec import numerals
 from simspec.errors import EXIT_OK, EngineError, Problem, SpecError
 
 if TYPE_CHECKING:
-    from simspec.commands.reports import Reports
     from simspec.language.foreign import ImportOptions
     from simspec.language.load import Spec
     from simspec.project import Interpreters
@@ -133,13 +132,6 @@ class Options:
             name: () if (value := getattr(self, name)) is None else value for name in ROBOT_OPTIONS
         }
         return RobotFiles(**given, **_project_folders())
-
-    @cached_property
-    def reports(self) -> Reports:
-        """The reports for CI systems that are requested. Raises SpecError."""
-        from simspec.commands.reports import reports_of
-
-        return reports_of(self.junit, self.annotations, self.summary, self.github)
 
     @cached_property
     def chosen(self) -> list[str]:

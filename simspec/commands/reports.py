@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simspec.commands.experiment_options import ReportOptions, ViewOptions
-from simspec.commands.options import print_json
+from simspec.commands.options import Options, print_json
 from simspec.errors import EXIT_OK, Problem, SimspecError, SpecError
 from simspec.outputs.appending import append_text, size_of
 from simspec.outputs.marker import RUN, STUDY
@@ -81,34 +81,35 @@ class Reports:
                 say(line, error=as_json)
 
 
-def reports_of(
-    junit: Path | None,
-    annotate: bool,
-    summary: Path | None,
-    github: bool,
-    environment: Mapping[str, str] = os.environ,
-) -> Reports:
-    """The reports that options request. ``github``: annotations, and the summary where GitHub Actions shows it. Raises
+def reports_of(options: Options, environment: Mapping[str, str] = os.environ) -> Reports:
+    """The reports that options request. ``--github``: annotations, and the summary where GitHub Actions shows it. Raises
     SpecError."""
+    summary, github = options.summary, options.github
     step = environment.get(STEP_SUMMARY, "")
     if github and not step:
         hint = "in a step of GitHub Actions it is set; elsewhere: --annotations, --summary FILE"
         raise SpecError([Problem(f"--github: {STEP_SUMMARY} is not set", hint=hint)])
     named = summary is not None and bool(step) and os.path.abspath(summary) == os.path.abspath(step)
-    return Reports(junit, annotate or github, None if named else summary, Path(step) if github or named else None)
+    return Reports(
+        options.junit,
+        options.annotations or github,
+        None if named else summary,
+        Path(step) if github or named else None,
+    )
 
 
 @contextlib.contextmanager
-def reporting(reports: Reports, spec: str, as_json: bool) -> Iterator[None]:
+def reporting(options: Options, spec: str) -> Iterator[Reports]:
     """A block whose errors of simspec are reported, too, before they are raised. Targets that may not be written are refused
     before it begins."""
+    reports = reports_of(options)
     reports.demand()
     try:
-        yield
+        yield reports
     except SimspecError as error:
         from simspec.report.tested import error_suites
 
-        reports.write(error_suites(spec, error), as_json=as_json)
+        reports.write(error_suites(spec, error), as_json=options.as_json)
         raise
 
 

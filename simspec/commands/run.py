@@ -12,7 +12,7 @@ from rich.console import Console
 from simspec.commands.accept import is_writable
 from simspec.commands.loading import OF_A_MODEL, Loaded, load_spec, source_of
 from simspec.commands.options import engines_at_work, print_json
-from simspec.commands.reports import reporting, write_page
+from simspec.commands.reports import reporting, reports_of, write_page
 from simspec.commands.scenario_options import RunOptions
 from simspec.commands.study_folder import Results
 from simspec.comparison.runs import Diff
@@ -43,7 +43,7 @@ from simspec.world.types import World
 
 def run(options: RunOptions) -> int:
     """Study a spec in all engines, in those that are named or in the project's, and write the folder of results."""
-    with reporting(options.reports, options.spec, options.as_json):
+    with reporting(options, options.spec):
         if options.all_engines and options.engine:
             raise SpecError([Problem("--all-engines and --engine exclude each other")])
         words = None if options.all_engines else options.chosen
@@ -116,7 +116,7 @@ def run_world(
     suites = [*study_suites(result, locate, fails), *skipped_suites(world.name, selection.not_taken)]
     suites += [comparison_suite(world.name, comparison)] if comparison is not None else []
     lines = comparison_lines(comparison) if comparison is not None else ()
-    options.reports.write(suites, study=result, warnings=warnings, baseline=lines, as_json=options.as_json)
+    reports_of(options).write(suites, study=result, warnings=warnings, baseline=lines, as_json=options.as_json)
     if options.as_json:
         more: dict[str, Any] = {"exit_code": code, "folder": folder, "notes": results.notes, "warnings": warnings}
         more["page"] = page

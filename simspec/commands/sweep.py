@@ -10,7 +10,7 @@ from typing import Any, Final
 from simspec.commands.experiment_options import SweepOptions
 from simspec.commands.loading import Loaded, load_spec, source_of
 from simspec.commands.options import engines_at_work, print_json
-from simspec.commands.reports import SWEEP_FOLDER, reporting
+from simspec.commands.reports import SWEEP_FOLDER, Reports, reporting, reports_of
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.experiments.cost import costs, estimate
@@ -45,10 +45,10 @@ RUNS: Final = Path("runs")
 
 def sweep(options: SweepOptions) -> int:
     """Do the sweep of a spec, and print its results."""
-    if options.dry_run and options.reports:
+    if options.dry_run and reports_of(options):
         message = "--dry-run runs nothing: --junit, --annotations, --summary and --github do not apply"
         raise SpecError([Problem(message)])
-    with reporting(options.reports, options.spec, options.as_json):
+    with reporting(options, options.spec) as reports:
         loaded = load_spec(options, options.spec)
         spec = loaded.spec
         pythons = options.interpreters(starts=not options.dry_run)
@@ -93,7 +93,7 @@ def sweep(options: SweepOptions) -> int:
                 progress=tell,
                 wait=options.wait,
             )
-        return _show(options, outcome, selection, folder, loaded)
+        return _show(options, outcome, selection, folder, loaded, reports)
 
 
 def side_by_side(jobs: int | None, plan: Plan) -> int:
@@ -142,7 +142,9 @@ def own_csv(content: bytes) -> bool:
     return content.startswith((",".join(CSV_FIRST) + ",").encode())
 
 
-def _show(options: SweepOptions, outcome: Outcome, selection: Selection, folder: Path, loaded: Loaded) -> int:
+def _show(
+    options: SweepOptions, outcome: Outcome, selection: Selection, folder: Path, loaded: Loaded, reports: Reports
+) -> int:
     """Write and print the results; the exit code."""
     csv, warnings = options.csv, loaded.warnings
     rows = list(outcome.rows())
@@ -153,10 +155,10 @@ def _show(options: SweepOptions, outcome: Outcome, selection: Selection, folder:
     code = outcome.exit_code(failed, unfulfilled)
     if csv is not None:
         write_file(csv, csv_text(outcome.plan, rows), own_csv)
-    if options.reports:
+    if reports:
         suites = [*sweep_suites(outcome, rows, loaded.spec.locate)]
         suites += skipped_suites(outcome.plan.spec.name, selection.not_taken)
-        options.reports.write(suites, warnings=warnings, as_json=options.as_json)
+        reports.write(suites, warnings=warnings, as_json=options.as_json)
     if options.as_json:
         more = {"store": folder, "not_run": selection.not_taken, "warnings": warnings, "problems": outcome.invalid}
         print_json({**outcome_data(outcome, grouped), **more, "exit_code": code})

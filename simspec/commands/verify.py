@@ -10,7 +10,7 @@ from simspec import generated
 from simspec.commands.accept import is_writable
 from simspec.commands.loading import Loaded, load_spec
 from simspec.commands.options import engines_at_work, print_json
-from simspec.commands.reports import reporting
+from simspec.commands.reports import reporting, reports_of
 from simspec.commands.scenario_options import VerifyOptions
 from simspec.engines.kit.identity import engine_version
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
@@ -45,7 +45,7 @@ def verify(options: VerifyOptions) -> int:
         raise SpecError([Problem("nothing to verify", allowed="either SPEC or --self-test")])
     if options.self_test:
         options.robot_files.check_effect()
-    if options.self_test and options.reports:
+    if options.self_test and reports_of(options):
         raise SpecError([Problem("--junit, --annotations, --summary and --github require SPEC")])
     selection = engines_at_work(options.chosen, pythons, files_alone=not options.self_test)
     if options.complete and (options.spec is not None or any(map(engine_version, selection.engines))):
@@ -54,7 +54,7 @@ def verify(options: VerifyOptions) -> int:
         return complete_self_test(selection.engines, pythons, options.as_json)
     if options.spec is None:
         return self_test(selection.engines, pythons, options.as_json)
-    with reporting(options.reports, options.spec, options.as_json):
+    with reporting(options, options.spec):
         loaded = load_spec(options, options.spec)
         _demand_targets(options, loaded)
         with with_ways_out(options.spec, selection.engines, loaded.world, pythons, is_writable(loaded.spec)):
@@ -99,7 +99,7 @@ def _verify(options: VerifyOptions, loaded: Loaded, selection: Selection) -> int
     stored = written.stored if before is None else written.stored.after(before.without(certificate.engines))
     path = folder / generated.CERTIFICATE_FILE
     suites = [*certificate_suites(certificate, world, locate), *skipped_suites(world.name, selection.not_taken)]
-    options.reports.write(suites, warnings=loaded.warnings, as_json=options.as_json)
+    reports_of(options).write(suites, warnings=loaded.warnings, as_json=options.as_json)
     if options.as_json:
         print_json(
             {
