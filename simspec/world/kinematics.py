@@ -140,16 +140,20 @@ class Layout:
     nv: int
 
 
-def layout(bodies: Sequence[Body]) -> Layout:
-    """The coordinate layout of ``bodies``."""
+def layout_of_kinds(kinds: Iterable[str]) -> Layout:
+    """The coordinate layout of bodies with joints of these kinds."""
     position, velocity, nq, nv = [], [], 0, 0
-    for body in bodies:
-        kind = body.joint.kind
+    for kind in kinds:
         position.append(slice(nq, nq + POSITION_SIZE[kind]))
         velocity.append(slice(nv, nv + VELOCITY_SIZE[kind]))
         nq += POSITION_SIZE[kind]
         nv += VELOCITY_SIZE[kind]
     return Layout(tuple(position), tuple(velocity), nq, nv)
+
+
+def layout(bodies: Sequence[Body]) -> Layout:
+    """The coordinate layout of ``bodies``."""
+    return layout_of_kinds(body.joint.kind for body in bodies)
 
 
 @derived

@@ -5,25 +5,18 @@ Facts marked *measured*: rapier3d 0.36.1, on one thread.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import ClassVar
 
-import numpy as np
-
-from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.jointless import jointless
-from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.precision import SINGLE
 from simspec.engines.kit.refinements import only_balls_slide, planes_still, still_or_light
-from simspec.engines.kit.settings import Group, Setting, written_settings
-from simspec.engines.kit.stepped import SteppedEngine
+from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.rapier.approximations import (
     CYLINDERS,
     DEVIATIONS,
@@ -54,7 +47,6 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import EngineValue, ReadBack, World
 
 _NOT_YET = "simspec does not write it for Rapier"
 _DRIFT = (
@@ -74,7 +66,7 @@ _still_or_light = still_or_light(
 _planes_still = planes_still("simspec tells Rapier planes of what cannot move alone, and {name} does")
 
 
-class Rapier(SteppedEngine[Simulation]):
+class Rapier(WorldEngine[Simulation]):
     """Rapier's rigid bodies, by its pipeline with one iteration a step and many sweeps in it."""
 
     NAME: ClassVar[str] = "rapier"
@@ -188,31 +180,8 @@ class Rapier(SteppedEngine[Simulation]):
         "collision_group": "Rapier is told by a hook what touches, and has no groups of that name",
     }
 
-    @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        plan = contact_plan(world, cls.RULES, cls.LAYERS)
-        return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
+    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def prepare(cls) -> None:
         import rapier3d  # noqa: F401
-
-    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
-        return Simulation(folder, sidecar)
-
-    def _held(self) -> ReadBack:
-        sim = self._simulation
-        held = read_back(sim, dict(self.UNREADABLE))
-        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-
-    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
-        self._simulation.move_to(q, v)
-
-    def contacts(self) -> dict[str, np.ndarray]:
-        return self._simulation.contacts()
-
-    def collision_units(self) -> Sequence[CollisionUnit]:
-        return [CollisionUnit(body, (name,)) for body, name in self._simulation.built.shapes]
-
-    def detect_units(self) -> np.ndarray:
-        return sorted_pairs(self._simulation.touching())

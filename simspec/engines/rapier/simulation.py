@@ -1,8 +1,8 @@
-"""A world in Rapier, in its initial state: stepping, efforts, contact.
+"""A world in Rapier: stepping, efforts, contact.
 
-A free body's frame is at its centre of mass, so that its coordinates are those of Rapier's body. Rapier steps as simspec's law
-of motion does, v before x, but for how bodies turn (``turning.py``): its gyroscopic torque is switched off, and −ω × Iω is
-given as a torque before every step, from Rapier's own ω, R and I; what turns fast is turned on by the rest of its turn.
+A free body's frame is at its centre of mass, so that its coordinates are those of Rapier's body. Rapier steps by simspec's
+law of motion, v before x, except for rotations: its gyroscopic torque is off, and −ω × Iω is applied before every step;
+bodies that turn fast are turned by the rest of the rotation after it.
 """
 
 from __future__ import annotations
@@ -15,25 +15,23 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.kit.passive import Passive
 from simspec.dialects.kit.world_laws import LawSidecar
 from simspec.engines.kit.arrays import ContactRow, contact_arrays, empty_contacts
 from simspec.engines.kit.single import demand_held
+from simspec.engines.kit.world_simulation import FreeBodySimulation
 from simspec.engines.rapier.building import NAME, SCALE, SQUARE, Built
 from simspec.errors import EngineError
-from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import initial_coordinates
 from simspec.world import frames
-from simspec.world.actions import JointSum
-from simspec.world.rotations import exponential_of, matrices, multiply_of, rotate, unit
-from simspec.world.types import Constraint, Quaternion, Vector3
+from simspec.world.rotations import exponential_of, matrices, multiply_of, rotate
+from simspec.world.types import Pose, Quaternion, Vector3
 
 # Rotation. Rapier's gyroscopic torque is implicit; simspec's law of motion has −ω × Iω at the beginning of the step. Rapier's
 # rotation is the unit quaternion along q + ½ ω q dt, which lags by (|ω| dt)³ / 12. Both are computed per body with Python
 # floats, which for three numbers take a tenth of numpy's time.
 
 SLOW = 1e-3
-"""rad, |ω| dt up to which Rapier's own turn is left: it lags by 8e-11 rad then, a thousandth of a rounding."""
+"""|ω| dt (rad) up to which Rapier's rotation stays uncorrected: it lags by at most 8e-11 rad, a thousandth of a rounding."""
 
 
 def quaternion_of(rotation: Any) -> Quaternion:
@@ -48,22 +46,22 @@ def turn_of(rotation: Any) -> np.ndarray:
     return matrices(np.array(quaternion_of(rotation)))
 
 
-def pose_of(pose: Any) -> np.ndarray:
-    """x y z w x y z of one of Rapier's poses (m), its quaternion of unit length."""
-    turn = pose.rotation
-    return np.array((*(value / SCALE for value in pose.translation), *unit(np.array((turn.w, turn.i, turn.j, turn.k)))))
+def pose_of(pose: Any) -> Pose:
+    """One of Rapier's poses in m, its quaternion of unit length."""
+    x, y, z = (value / SCALE for value in pose.translation)
+    return Pose((x, y, z), quaternion_of(pose.rotation))
 
 
-def held_tensor(body: Any) -> np.ndarray:
+def inertia_of(body: Any) -> np.ndarray:
     """The inertia (3, 3, kg m²) of a body about its centre of mass, in its own axes."""
-    held = body.mass_properties
-    turn = turn_of(held.principal_inertia_local_frame)
-    found: np.ndarray = turn @ np.diag(tuple(held.principal_inertia)) @ turn.T
-    return found / SQUARE
+    mass = body.mass_properties
+    turn = turn_of(mass.principal_inertia_local_frame)
+    inertia: np.ndarray = turn @ np.diag(tuple(mass.principal_inertia)) @ turn.T
+    return inertia / SQUARE
 
 
-def tensor_of(inertia: np.ndarray) -> frames.Matrix3 | None:
-    """A tensor in numbers of Python; None of one that is the same about every axis, of which nothing gyroscopic comes."""
+def unequal_tensor(inertia: np.ndarray) -> frames.Matrix3 | None:
+    """A tensor as Python floats; None where it is the same about every axis, without a gyroscopic torque."""
     if np.array_equal(inertia, inertia[0, 0] * np.eye(3)):
         return None
     one, two, three = inertia.tolist()
@@ -71,7 +69,7 @@ def tensor_of(inertia: np.ndarray) -> frames.Matrix3 | None:
 
 
 def gyroscopic(body: Any, inertia: frames.Matrix3) -> Vector3 | None:
-    """−ω × Iω of a body as it is, in world axes; None of one that does not turn."""
+    """−ω × Iω of a body in world axes; None where it does not turn."""
     x, y, z = body.angvel.to_tuple()
     if not (x or y or z):
         return None
@@ -87,8 +85,7 @@ def gyroscopic(body: Any, inertia: frames.Matrix3) -> Vector3 | None:
 
 
 def turned_on(rotation: Any, spin: Any, timestep: float) -> Quaternion:
-    """The rotation that a body has after a step with the velocity ``spin``, of that which Rapier gave it: the rest of its turn
-    is about the same axis."""
+    """The rotation of a body after a step with the velocity ``spin``, from that of Rapier: the rest is about the same axis."""
     angle = timestep * spin.norm()
     share = (angle - 2.0 * math.atan(0.5 * angle)) / angle * timestep
     rest = exponential_of((share * spin.x, share * spin.y, share * spin.z))
@@ -96,41 +93,27 @@ def turned_on(rotation: Any, spin: Any, timestep: float) -> Quaternion:
 
 
 LONG = 1.0
-"""s, the step by which mass matrix and bias force are asked: what a step of 1 ms adds to a velocity has few digits in it."""
+"""The step (s) that measures mass matrix and bias force: the change of a velocity in 1 ms has few digits."""
 
 
-class Simulation:
-    """A loaded world. ``free``: the rows of bodies that move by themselves, each with seven coordinates and six velocities."""
+class Simulation(FreeBodySimulation[LawSidecar]):
+    """A loaded world."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         import rapier3d
 
+        super().__init__(NAME, LawSidecar, folder, sidecar)
         self.rapier = rapier3d
         try:
-            self.document = WorldJson().read(folder)
-            told = LawSidecar.of(sidecar)
-            told.check_document(self.document)
-        except (ValueError, FileNotFoundError) as error:
-            raise EngineError(NAME, str(error)) from error
-        self.sidecar = sidecar
-        self.passive: Passive | None = told.passive
-        self.constraints: tuple[Constraint, ...] = told.constraints or ()
-        self.sums: tuple[JointSum, ...] = told.sums or ()
-        if self.constraints or self.sums:
-            raise EngineError(NAME, "does not support constraints between bodies")
-        try:
-            self.built = Built(rapier3d, self.document, told)
+            self.built = Built(rapier3d, self.walk, self.settings, self.typed.laws)
         except (KeyError, ValueError) as error:
             raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
-        self.names = [body.name for body in self.document.bodies]
-        self.offsets = np.array([body.frame_offset for body in told.bodies], dtype=float).reshape(-1, 3)
-        self.free = [row for row, carrier in enumerate(self.built.carrier) if carrier == row]
-        self._given: set[int] = set()
+        self._pushed: set[int] = set()
         """The bodies, by their numbers, that have forces or torques in Rapier."""
         self._stepped = False
         self._pristine = self.built.world.snapshot()
         self._take(self.built.world)
-        tensors = [(number, tensor_of(held_tensor(body))) for number, body in enumerate(self.bodies)]
+        tensors = [(number, unequal_tensor(inertia_of(body))) for number, body in enumerate(self.bodies)]
         self._spins = [(number, inertia) for number, inertia in tensors if inertia is not None]
         self.set_state(*map(np.array, initial_coordinates(self.document)))
 
@@ -143,8 +126,7 @@ class Simulation:
         self._watch(range(len(self.bodies)))
 
     def _watch(self, turning: Iterable[int]) -> None:
-        """Which bodies may turn, by their numbers: those alone are looked at after every step (:meth:`_turn_on`), which of 216
-        balls without friction takes 6 % of a step (measured)."""
+        """Correct the rotations of these bodies (numbers) alone after every step."""
         self._turning = frozenset(turning)
         self._watched = [self.bodies[number] for number in sorted(self._turning)]
 
@@ -159,11 +141,9 @@ class Simulation:
         """The same with the contacts of earlier steps."""
         rapier = self.rapier
         demand_held(NAME, SCALE * np.concatenate([q, v]), "state")
-        states, speeds = np.array(q, dtype=float).reshape(-1, 7), np.asarray(v, dtype=float).reshape(-1, 6)
-        states[:, 3:] /= np.linalg.norm(states[:, 3:], axis=1, keepdims=True)
-        spins = rotate(states[:, 3:], speeds[:, 3:])
-        places, speeds = SCALE * states[:, :3], SCALE * speeds[:, :3]
-        rows = zip(self.bodies, places.tolist(), states[:, 3:].tolist(), speeds.tolist(), spins.tolist(), strict=True)
+        poses, velocities = self.in_world(q, v)
+        places, speeds, spins = SCALE * poses[:, :3], SCALE * velocities[:, :3], velocities[:, 3:]
+        rows = zip(self.bodies, places.tolist(), poses[:, 3:].tolist(), speeds.tolist(), spins.tolist(), strict=True)
         for body, place, turn, speed, spin in rows:
             body.position = rapier.Isometry3(rapier.Vec3(*place), rapier.Rotation3(*turn))
             body.linvel, body.angvel = rapier.Vec3(*speed), rapier.Vec3(*spin)
@@ -171,44 +151,21 @@ class Simulation:
         touched = {number for number, row in enumerate(self.free) if row in self.built.turned_by_contact}
         self._watch(touched.union((number for number, _ in self._spins), np.flatnonzero(spins.any(axis=1)).tolist()))
 
-    def _moving(self) -> tuple[np.ndarray, np.ndarray]:
+    def moving(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move."""
         rows = [
             (*body.translation.to_tuple(), *body.rotation.to_tuple(), *body.linvel.to_tuple(), *body.angvel.to_tuple())
             for body in self.bodies
         ]
-        told = np.array(rows, dtype=float).reshape(-1, 13)
-        poses, speeds = told[:, (0, 1, 2, 6, 3, 4, 5)], told[:, 7:]
+        table = np.array(rows, dtype=float).reshape(-1, 13)
+        poses, speeds = table[:, (0, 1, 2, 6, 3, 4, 5)], table[:, 7:]
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
         poses[:, :3] /= SCALE
         speeds[:, :3] /= SCALE
         return poses, speeds
 
-    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """(q, v)."""
-        poses, speeds = self._moving()
-        speeds[:, 3:] = rotate(poses[:, 3:] * (1.0, -1.0, -1.0, -1.0), speeds[:, 3:])
-        return poses.ravel(), speeds.ravel()
-
-    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, 7) and velocities (n, 6) of the body frames as the file has them."""
-        moving, speeds = self._moving()
-        number = {row: index for index, row in enumerate(self.free)}
-        poses, velocities = np.zeros((len(self.names), 7)), np.zeros((len(self.names), 6))
-        for row, carrier in enumerate(self.built.carrier):
-            if carrier == row:
-                poses[row], velocities[row] = moving[number[row]], speeds[number[row]]
-                continue
-            if carrier < 0:
-                poses[row] = pose_of(self.world.rigid_bodies[self.built.bodies[row]].position)
-                continue
-            local, at = self.built.local[row], moving[number[carrier]]
-            lever = rotate(at[3:], np.array(local.position))
-            poses[row, :3] = at[:3] + lever
-            poses[row, 3:] = frames.multiply(tuple(at[3:].tolist()), local.quaternion)
-            speed = speeds[number[carrier]]
-            velocities[row, :3], velocities[row, 3:] = speed[:3] + np.cross(speed[3:], lever), speed[3:]
-        return poses, velocities
+    def static_pose(self, row: int) -> Pose:
+        return pose_of(self.world.rigid_bodies[self.built.bodies[row]].position)
 
     # --- steps ------------------------------------------------------------------------------------------------
 
@@ -216,20 +173,18 @@ class Simulation:
         """Step ``count`` times under a constant effort (nv,), None = zero."""
         world, step = self.world, self.world.step
         for _ in range(count):
-            if effort is not None or self._spins or self._given:
-                self._give(effort)
+            if effort is not None or self._spins or self._pushed:
+                self._push(effort)
             step()
             if self._watched:
                 self._turn_on()
         self._stepped = self._stepped or count > 0
-        if count and len(world.islands) < len(
-            self.bodies
-        ):  # Rapier takes what is no longer finite out of them, without a word
+        if count and len(world.islands) < len(self.bodies):  # Rapier silently removes bodies whose state is not finite
             wrong = [self.names[row] for row, body in zip(self.free, self.bodies, strict=True) if not body.is_enabled]
             raise EngineError(NAME, f"the state of {', '.join(wrong[:3]) or 'a shape'} is no longer finite")
 
     def _turn_on(self) -> None:
-        """Turn what turns fast by the rest of its turn, about the axis of both; frames are at centres of mass, which stay."""
+        """Turn fast bodies by the rest of their rotation; their frames are at the centres of mass, which stay."""
         timestep = float(self.world.integration_parameters.dt)
         fast = (SLOW / timestep) ** 2
         for body in self._watched:
@@ -237,13 +192,13 @@ class Simulation:
             if spin.norm_squared() > fast:
                 body.rotation = self.rapier.Rotation3(*turned_on(body.rotation, spin, timestep))
 
-    def _give(self, effort: np.ndarray | None) -> None:
+    def _push(self, effort: np.ndarray | None) -> None:
         """The forces and torques of the next step, in world axes."""
         vector = self.rapier.Vec3
-        for number in self._given:
+        for number in self._pushed:
             self.bodies[number].reset_forces()
             self.bodies[number].reset_torques()
-        self._given = set()
+        self._pushed = set()
         torques: dict[int, Vector3] = {}
         for number, inertia in self._spins:
             if (own := gyroscopic(self.bodies[number], inertia)) is not None:
@@ -255,13 +210,13 @@ class Simulation:
                 body, (force, torque) = self.bodies[number], (given[number, :3], given[number, 3:])
                 if force.any():
                     body.add_force(vector(*(SCALE * force).tolist()))
-                    self._given.add(number)
+                    self._pushed.add(number)
                 if torque.any():
                     turned = turn_of(body.rotation) @ torque
                     torques[number] = tuple((np.array(torques.get(number, (0.0, 0.0, 0.0))) + turned).tolist())
         for number, (x, y, z) in torques.items():
             self.bodies[number].add_torque(vector(SQUARE * x, SQUARE * y, SQUARE * z))
-        self._given |= torques.keys()
+        self._pushed |= torques.keys()
         if not torques.keys() <= self._turning:
             self._watch(self._turning | torques.keys())
 
@@ -280,7 +235,7 @@ class Simulation:
         world.integration_parameters.dt = LONG
         for handle in self.built.colliders:
             world.colliders[handle].is_enabled = False
-        probe._given = set(range(len(self.bodies)))
+        probe._pushed = set(range(len(self.bodies)))
         probe._take(world)
         return probe
 
@@ -300,7 +255,7 @@ class Simulation:
 
     def _turned(self, q: np.ndarray) -> np.ndarray:
         """Velocities (nv,) in the axes that bodies had in the state ``q``."""
-        _, speeds = self._moving()
+        _, speeds = self.moving()
         turns = q.reshape(-1, 7)[:, 3:] * (1.0, -1.0, -1.0, -1.0)
         speeds[:, 3:] = rotate(turns, speeds[:, 3:])
         return speeds.ravel()
@@ -338,7 +293,7 @@ class Simulation:
                     force = max(0.0, point.impulse) / (SCALE * timestep)
                     ends = (min(one, other), max(one, other))
                     rows.append((ends, (x, y, z), towards, point.dist / SCALE, force))
-        return contact_arrays(rows, [body for body, _ in self.built.shapes])
+        return contact_arrays(rows, [solid.owner.row for solid in self.walk.shapes])
 
     def _places(self) -> Callable[[Any], tuple[Vector3, Quaternion]]:
         """By handle where a body was, and how it was turned, before the last step."""
@@ -357,9 +312,9 @@ class Simulation:
 
     def _at(self, places: Callable[[Any], tuple[Vector3, Quaternion]], number: int, point: Any) -> Vector3:
         """Where a point of a collider is in the world (1/1024 m), of these ``places`` of bodies."""
-        own = self.world.colliders[self.built.colliders[number]].position_wrt_parent
-        position, turn = places(self.built.bodies[self.built.shapes[number][0]])
-        return frames.add(position, frames.rotate(turn, tuple(own.transform_point(point))))
+        pose = self.world.colliders[self.built.colliders[number]].position_wrt_parent
+        position, turn = places(self.built.bodies[self.walk.shapes[number].owner.row])
+        return frames.add(position, frames.rotate(turn, tuple(pose.transform_point(point))))
 
     def touching(self) -> np.ndarray:
         """Pairs (n, 2) of the numbers of shapes that touch at the present state."""
@@ -381,10 +336,3 @@ class Simulation:
             world.colliders[handle].is_enabled = False
         self._pristine = world.snapshot()
         self.set_state(*self.get_state())
-
-    def messages(self) -> list[str]:
-        """Rapier has nothing to say: what it cannot go on with it disables, which is an error."""
-        return []
-
-    def close(self) -> None:
-        """Rapier's world is freed with this object."""

@@ -1,0 +1,298 @@
+"""Engines that load ``world.json`` and its sidecar: their simulations, read-backs and the methods that follow from these."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from simspec.contact.plan import ContactPlan, contact_plan
+from simspec.dialects.kit.passive import Passive
+from simspec.dialects.kit.world_sidecar import WorldSidecar
+from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
+from simspec.engines.kit.building import STATIC, Walk
+from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.settings import written_settings
+from simspec.engines.kit.stepped import Stepped, SteppedEngine
+from simspec.errors import EngineError
+from simspec.formats.kit.passes import restore_frames
+from simspec.formats.world.format import WorldJson
+from simspec.formats.world.tree import FreeJoint, parent_of
+from simspec.formats.world.tree import Shape as FileShape
+from simspec.language.vocabulary import QUATERNION_JOINTS
+from simspec.world import frames
+from simspec.world.kinematics import layout_of_kinds
+from simspec.world.rotations import cross, rotate, unit
+from simspec.world.sums import JointSum
+from simspec.world.types import (
+    Body,
+    Constraint,
+    EngineValue,
+    Hardness,
+    Joint,
+    PairContact,
+    Pose,
+    ReadBack,
+    Shape,
+    Vector3,
+    World,
+)
+
+SidecarType = TypeVar("SidecarType", bound=WorldSidecar)
+MANY = 4096
+"""Room for pairs of shapes that touch, at first."""
+
+
+class Simulated(Stepped, Protocol):
+    """A loaded ``world.json`` whose shapes collide."""
+
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        """:meth:`Engine.move_to`."""
+        ...
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        """:meth:`Engine.contacts`."""
+        ...
+
+    def touching(self) -> np.ndarray:
+        """Pairs (n, 2) of the numbers of units that touch at the present state."""
+        ...
+
+    def units(self) -> Sequence[tuple[int, str]]:
+        """The row of the body and the name of the shape of each unit."""
+        ...
+
+
+S = TypeVar("S", bound=Simulated)
+
+
+class Parts(NamedTuple, Generic[S]):
+    """The modules of an engine: its simulation of a folder and a sidecar, the read-back of a simulation, its inventory, the
+    defaults of the engine, and the inventory that follows from a world, its settings, its contact plan and the defaults."""
+
+    simulation: Callable[[Path, Mapping[str, Any]], S]
+    read_back: Callable[[S, dict[str, str]], ReadBack]
+    inventory: Callable[[S], dict[str, EngineValue]]
+    neutral: Callable[[S], dict[str, EngineValue]]
+    expected: Callable[[World, Mapping[str, Any], ContactPlan, Mapping[str, EngineValue]], dict[str, EngineValue]]
+
+
+class WorldEngine(SteppedEngine[S], Generic[S], abstract=True):
+    """An engine that loads ``world.json``."""
+
+    PARTS: ClassVar[Parts[Any]]
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
+        plan = contact_plan(world, cls.RULES, cls.LAYERS)
+        return cls.PARTS.expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
+
+    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> S:
+        simulation: S = self.PARTS.simulation(folder, sidecar)
+        return simulation
+
+    def _held(self) -> ReadBack:
+        sim = self._simulation
+        model = self.PARTS.read_back(sim, dict(self.UNREADABLE))
+        return dataclasses.replace(model, inventory=self.PARTS.inventory(sim), neutral=self.PARTS.neutral(sim))
+
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        self._simulation.move_to(q, v)
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        return self._simulation.contacts()
+
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        return [CollisionUnit(body, (name,)) for body, name in self._simulation.units()]
+
+    def detect_units(self) -> np.ndarray:
+        return sorted_pairs(self._simulation.touching())
+
+
+class WorldSimulation(Generic[SidecarType]):
+    """A loaded ``world.json``. ``offsets`` (n, 3): where the file's frame of each body is in the world's frame;
+    ``q_places`` and ``v_places``: where each body's joint has its coordinates in q (nq,) and v (nv,), those of
+    ``world/kinematics.py``."""
+
+    def __init__(self, engine: str, kind: type[SidecarType], folder: Path, sidecar: Mapping[str, Any]):
+        """Raises EngineError for files that are damaged, or that do not belong together."""
+        try:
+            self.document = WorldJson().read(folder)
+            self.typed = kind.of(sidecar)
+            self.typed.check_document(self.document)
+        except (ValueError, FileNotFoundError) as error:
+            raise EngineError(engine, str(error)) from error
+        self.engine, self.sidecar, self.settings = engine, sidecar, self.typed.settings
+        self.passive: Passive | None = self.typed.passive
+        self.constraints: tuple[Constraint, ...] = self.typed.constraints or ()
+        self.sums: tuple[JointSum, ...] = self.typed.sums or ()
+        bodies = self.document.bodies
+        self.names = [body.name for body in bodies]
+        self.offsets = np.array([body.frame_offset for body in self.typed.bodies], dtype=float).reshape(-1, 3)
+        layout = layout_of_kinds(body.joint.kind for body in bodies)
+        self.q_places, self.v_places, self.nq, self.nv = layout.position, layout.velocity, layout.nq, layout.nv
+        turns = [
+            range(place.stop - 4, place.stop)
+            for place, body in zip(self.q_places, bodies, strict=True)
+            if body.joint.kind in QUATERNION_JOINTS
+        ]
+        self._quaternions = np.array(turns, dtype=np.intp).reshape(-1, 4)
+
+    def normalised(self, q: np.ndarray) -> np.ndarray:
+        """A copy of q (nq,) whose quaternions are of unit length."""
+        q = np.array(q, dtype=float)
+        if len(self._quaternions):
+            q[self._quaternions] = unit(q[self._quaternions])
+        return q
+
+    def rows_at(self, v: np.ndarray) -> list[int]:
+        """The rows of the bodies whose joints have their first velocities at the places ``v`` (n,)."""
+        rows = {place.start: row for row, place in enumerate(self.v_places) if place.stop > place.start}
+        return [rows[place] for place in np.asarray(v, dtype=int).tolist()]
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put the simulation into the state (q, v)."""
+        raise NotImplementedError
+
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        """The same; an engine that keeps contacts of earlier steps keeps them here."""
+        self.set_state(q, v)
+
+    def units(self) -> Sequence[tuple[int, str]]:
+        """The row of the body and the name of each collision shape."""
+        return [
+            (row, shape.name) for row, body in enumerate(self.document.bodies) for shape in body.shapes if shape.copies
+        ]
+
+    def messages(self) -> list[str]:
+        """None: the engine has no log."""
+        return []
+
+    def close(self) -> None:
+        """Nothing to do: the engine's objects are freed with this one."""
+
+    def model(
+        self,
+        bodies: Iterable[Body],
+        gravity: Vector3,
+        timestep: float,
+        unreadable: Mapping[str, str],
+        cone: str = "",
+        laws: tuple[PairContact, ...] = (),
+    ) -> ReadBack:
+        """A read-back of ``bodies``, which are in the file's frames; ``cone``: the document's where it is empty."""
+        moved = zip(self.names, self.offsets.tolist(), strict=True)
+        offsets: dict[str, Vector3] = {name: tuple(offset) for name, offset in moved if any(offset)}
+        restored = restore_frames(tuple(bodies), offsets)
+        return ReadBack(restored, gravity, timestep, cone or self.document.friction_cone, dict(unreadable), laws=laws)
+
+
+class FreeBodySimulation(WorldSimulation[SidecarType]):
+    """The same of an engine without joints. ``free``: the rows of the bodies that move, each with seven coordinates and six
+    velocities; ``number``: their places among these, by row. Bodies that are fixed to them are parts of them."""
+
+    def __init__(self, engine: str, kind: type[SidecarType], folder: Path, sidecar: Mapping[str, Any]):
+        super().__init__(engine, kind, folder, sidecar)
+        if self.constraints or self.sums:
+            raise EngineError(engine, "does not support constraints between bodies")
+        self.walk = Walk.of(self.document)
+        self.free = [body.row for body in self.walk.bodies if body.carrier == body.row]
+        self.number = {row: index for index, row in enumerate(self.free)}
+
+    def moving(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move."""
+        raise NotImplementedError
+
+    def static_pose(self, row: int) -> Pose:
+        """The pose of a static body."""
+        raise NotImplementedError
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """(q, v)."""
+        poses, velocities = self.moving()
+        velocities[:, 3:] = rotate(poses[:, 3:] * (1.0, -1.0, -1.0, -1.0), velocities[:, 3:])
+        return poses.ravel(), velocities.ravel()
+
+    def in_world(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move, in a state (q, v)."""
+        poses, velocities = self.normalised(q).reshape(-1, 7), np.array(v, dtype=float).reshape(-1, 6)
+        velocities[:, 3:] = rotate(poses[:, 3:], velocities[:, 3:])
+        return poses, velocities
+
+    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7) and velocities (n, 6) of the body frames as the file has them."""
+        moving, speeds = self.moving()
+        poses, velocities = np.zeros((len(self.names), 7)), np.zeros((len(self.names), 6))
+        for body in self.walk.bodies:
+            row = body.row
+            if not body.moves:
+                pose = self.static_pose(row)
+                poses[row] = (*pose.position, *pose.quaternion)
+                continue
+            at, speed = moving[self.number[body.carrier]], speeds[self.number[body.carrier]]
+            if body.carrier == row:
+                poses[row], velocities[row] = at, speed
+                continue
+            lever = rotate(at[3:], np.array(body.pose.position))
+            poses[row, :3] = at[:3] + lever
+            poses[row, 3:] = frames.multiply(tuple(at[3:].tolist()), body.pose.quaternion)
+            velocities[row, :3], velocities[row, 3:] = speed[:3] + cross(speed[3:], lever), speed[3:]
+        return poses, velocities
+
+    def joints(self) -> list[Joint]:
+        """The joint of every body, as the poses of the engine's bodies have it."""
+        (q, v), (poses, _) = self.get_state(), self.file_frames()
+        return [self._joint(row, q, v, poses) for row in range(len(self.names))]
+
+    def _joint(self, row: int, q: np.ndarray, v: np.ndarray, poses: np.ndarray) -> Joint:
+        placed, joint = self.walk.bodies[row], self.document.bodies[row].joint
+        if isinstance(joint, FreeJoint):
+            return free_joint(joint.name, q[self.q_places[row]].tolist(), v[self.v_places[row]].tolist())
+        pose = pose_of_row(poses[row])
+        if placed.parent != STATIC:
+            parent = pose_of_row(poses[placed.parent])
+            if placed.moves:  # parts of one body of the engine
+                parent, pose = self.walk.bodies[placed.parent].pose, placed.pose
+            pose = frames.compose(frames.inverse(parent), pose)
+        return Joint(joint.name, joint.kind, parent_of(joint), pose)
+
+
+def pose_of_row(row: np.ndarray) -> Pose:
+    """A pose of x y z w x y z."""
+    return Pose(tuple(row[:3].tolist()), frames.normalise(tuple(row[3:].tolist())))
+
+
+def free_joint(name: str, position: list[float], velocity: list[float]) -> Joint:
+    """The joint of a free body in its coordinates."""
+    turn = frames.normalise(tuple(position[3:]))  # type: ignore[arg-type]
+    angular = frames.rotate(turn, tuple(velocity[3:]))  # type: ignore[arg-type]
+    return Joint(name, "free", position=(*position[:3], *turn), velocity=(*velocity[:3], *angular))
+
+
+def visual_shape(shape: FileShape) -> Shape:
+    """The visual part of a shape, which engines without visuals do not store."""
+    visual = Shape(shape.name, shape.kind, shape.size, shape.pose, collision=False, visual=shape.colour is not None)
+    return visual if shape.colour is None else dataclasses.replace(visual, colour=shape.colour)
+
+
+def tensor_of(inertia: Iterable[float]) -> np.ndarray:
+    """(3, 3) of xx, yy, zz, xy, xz, yz."""
+    xx, yy, zz, xy, xz, yz = inertia
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def positive_definite(inertia: Iterable[float]) -> bool:
+    """Whether an inertia tensor has an inverse."""
+    return bool(np.linalg.eigvalsh(tensor_of(inertia))[0] > 0.0)
+
+
+def only_common(law: PairContact) -> str | None:
+    """The part of a law that engines with the common hardness alone, without margins, do not support; None without one."""
+    if law.hardness.kind != "common":
+        return f"the hardness {law.hardness.kind}"
+    if law.hardness != Hardness():
+        return "numbers beside the common hardness"
+    return "a margin" if law.margin is not None else None
