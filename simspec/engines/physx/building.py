@@ -1,7 +1,7 @@
-"""A world as PhysX holds it: made from the document of ``world.json`` and its sidecar by calls of SAPIEN's API.
+"""A world in PhysX, built by calls of SAPIEN's API from ``world.json`` and its sidecar.
 
-What cannot move are static actors, a free root and all that is fixed to it is one dynamic actor. A shape that meets others by
-several laws is there once for each, as a copy with a material of its own. Facts marked *measured*: SAPIEN 3.0.3, PhysX 5.3.1.
+Static bodies are static actors; a free root with all bodies that are fixed to it is one dynamic actor. A shape with several
+laws has a copy with its own material for each. Facts marked *measured*: SAPIEN 3.0.3, PhysX 5.3.1.
 """
 
 from __future__ import annotations
@@ -9,26 +9,19 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from simspec.dialects.physx.dialect import PhysxSidecar
+from simspec.engines.kit.building import PlacedBody, Unit, Walk, refuse
 from simspec.engines.kit.single import held_by
 from simspec.errors import EngineError
-from simspec.formats.world.tree import (
-    AxisJoint,
-    FixedJoint,
-    FreeJoint,
-    JsonBody,
-    JsonShape,
-    JsonWorld,
-    ShapeCopy,
-    parent_of,
-)
+from simspec.formats.world.tree import Body, FreeJoint
 from simspec.world import frames
-from simspec.world.inertia import principal_axes
+from simspec.world.principal import principal_axes
 from simspec.world.rotations import matrices
+from simspec.world.tuples import quaternion, vector3
 from simspec.world.types import Pose
 
 # Collision filter. Each shape has four words of bits; shapes with the words a and b touch where ``(a₀ & b₁ or a₁ & b₀) and
@@ -124,29 +117,28 @@ def touches(a: Sequence[int], b: Sequence[int]) -> bool:
 
 NAME = "physx"
 SCALE = 512.0
-"""PhysX is told lengths in 1/512 m. What slides slower than 0.01 of its units a second, and what rests, it holds by a square
-along the axes of the world in place of the cone: with the metre pushes at 45° meet up to 1.41 times the friction (μ 0.05 at
-1 ms), with this they do not (measured). A power of two changes no digit of a number."""
+"""PhysX's unit of length is 1/512 m. Slides slower than 0.01 units per second, and rest, have a square along the world's
+axes in place of the cone: with the metre, pushes at 45° meet up to 1.41 times the friction (measured). A power of two
+changes no digit."""
 CONTACT_OFFSET = 3.75e-6
-"""m by which a shape reaches beyond itself for contacts. Two shapes together must reach less far than PhysX's friction, which
-leaves out points further apart than 0.004 of its units, 7.8e-6 m (measured): with 1e-5 and units of 1/1024 m a step that begins
-between the two distances stops the approach and has no friction. Less than this, and resting contacts come and go: with 1.5e-6
-a tower of ten boxes leans by 6 mm in a second (measured)."""
+"""Distance (m) from a shape in which it has contacts. That of two shapes together must be less than 0.004 units, 7.8e-6
+m, beyond which points have no friction; with 1.5e-6 contacts at rest come and go, and towers lean (measured)."""
 LEAST = 1e-6
-"""The least speed (m/s) that PhysX can be told where none is meant."""
+"""The smallest speed (m/s) that PhysX accepts, for zero."""
 FASTEST, FASTEST_LINEAR = 1e6, 1e16
-"""rad/s and 1/512 m/s: PhysX holds speeds below largest ones, turns below 100 rad/s by itself."""
+"""Bounds of speeds (rad/s, 1/512 m/s), by default 100 rad/s."""
 MOST_ITERATIONS = 255
+SHAPES = ("sphere", "box", "capsule", "plane", "mesh")
 _HALF = math.sqrt(0.5)
 AXES: Mapping[str, Pose] = {
     "plane": Pose(quaternion=(_HALF, 0.0, -_HALF, 0.0)),
     "capsule": Pose(quaternion=(_HALF, 0.0, -_HALF, 0.0)),
 }
-"""How PhysX's shapes stand in the world's: their axis is x."""
+"""Poses of PhysX's shapes, whose axis is x, in those of the world."""
 
 
 def imported() -> Any:
-    """SAPIEN, without what it leaves in the environment: where its shaders and libraries for pictures are."""
+    """SAPIEN, without the environment variables that it sets for its renderer."""
     before = dict(os.environ)
     import sapien
 
@@ -156,146 +148,88 @@ def imported() -> Any:
     return sapien
 
 
-def lengths(values: Iterable[float], what: str) -> tuple[float, ...]:
-    """Lengths (m, m/s, m/s²) as PhysX is told them."""
-    return held_by(NAME, (SCALE * value for value in values), what)
-
-
-class Unit(NamedTuple):
-    """One copy of a shape: the row of its body, the shape, and the layer."""
-
-    body: int
-    shape: JsonShape
-    copy: ShapeCopy
+def lengths(values: Iterable[float], name: str) -> tuple[float, ...]:
+    """Lengths (m, m/s, m/s²) in PhysX's unit."""
+    return held_by(NAME, (SCALE * value for value in values), name)
 
 
 class Built:
-    """``entities`` and ``actors`` by body: what carries it, its own or another's; ``carrier``: the row of that body, −1 of what
-    cannot move; ``local``: each body's pose in it, in the world of what cannot move. ``units``: the copies of shapes, in the
-    order of their numbers, ``shapes`` what PhysX has for each."""
+    """``entities`` and ``actors``: those that represent each body of ``walk``, or the body that it is a part of;
+    ``shapes``: those of each unit."""
 
-    def __init__(self, document: JsonWorld, told: PhysxSidecar):
-        self.sapien = imported()
+    def __init__(self, walk: Walk, sidecar: PhysxSidecar):
+        kinds = ("fixed", "free")
+        refuse(walk, NAME, cones=("elliptic",), joints=kinds, shapes=SHAPES, moving_planes=False, carried_mass=False)
+        self.sapien, self.walk = imported(), walk
         self.physx = self.sapien.physx
-        self.document = document
-        if document.friction_cone != "elliptic":
-            raise EngineError(NAME, f"does not support the friction cone {document.friction_cone}")
-        self.iterations = int(told.settings["iterations"])
+        self.iterations = int(sidecar.settings["iterations"])
         if not 1 <= self.iterations <= MOST_ITERATIONS:
             raise EngineError(NAME, f"takes from 1 to {MOST_ITERATIONS} iterations, not {self.iterations}")
-        self.system = self._system(told.restitution_threshold)
+        self.system = self._system(sidecar.restitution_threshold)
         self.scene = self.sapien.Scene([self.system])
-        self.units = [
-            Unit(row, shape, copy)
-            for row, body in enumerate(document.bodies)
-            for shape in body.shapes
-            for copy in shape.copies
-        ]
         self.shapes: list[Any] = []
-        words = self._words()
-        by_body: dict[int, list[Any]] = {}
-        rows = {body.name: row for row, body in enumerate(document.bodies)}
-        self.carrier: list[int] = []
-        self.local: list[Pose] = []
-        for row, body in enumerate(document.bodies):
-            self._place(row, body, rows)
-        for unit, told_words in zip(self.units, words, strict=True):
-            shape = self._shape(unit)
-            shape.set_collision_groups(list(told_words))
+        of_body: dict[int, list[Any]] = {}
+        for unit, words in zip(walk.units, self._words(), strict=True):
+            shape, owner = self._shape(unit), unit.of.owner
+            shape.set_collision_groups(list(words))
             self.shapes.append(shape)
-            carrier = self.carrier[unit.body]
-            by_body.setdefault(unit.body if carrier < 0 else carrier, []).append(shape)
+            of_body.setdefault(owner.carrier if owner.moves else owner.row, []).append(shape)
         self.entities: list[Any] = []
         self.actors: list[Any] = []
-        for row, body in enumerate(document.bodies):
-            self._body(row, body, by_body.get(row, []))
+        for placed in walk.bodies:
+            if placed.moves and placed.carrier != placed.row:
+                entity, actor = self.entities[placed.carrier], self.actors[placed.carrier]
+            else:
+                entity, actor = self._body(placed, of_body.get(placed.row, []))
+            self.entities.append(entity)
+            self.actors.append(actor)
 
     def _system(self, threshold: float) -> Any:
-        """SAPIEN takes the settings of a scene from what was set for all that are made next."""
-        physx = self.physx
-        held = physx.PhysxSceneConfig()
-        held.gravity = lengths(self.document.gravity, "gravity")
-        timestep = held_by(NAME, (self.document.timestep,), "timestep")[0]
-        held.bounce_threshold = lengths((max(threshold, LEAST),), "restitution_threshold")[0]
-        held.enable_pcm = False  # contacts of earlier steps would be kept
-        held.enable_tgs = False  # by it slow slides stop a quarter too soon, and what rests creeps (measured)
-        held.enable_ccd = False
-        held.enable_enhanced_determinism = True
-        held.enable_friction_every_iteration = True
-        physx.set_scene_config(held)
+        """A scene; SAPIEN takes its settings from a configuration for all scenes that are made next."""
+        physx, document = self.physx, self.walk.document
+        config = physx.PhysxSceneConfig()
+        config.gravity = lengths(document.gravity, "gravity")
+        timestep = held_by(NAME, (document.timestep,), "timestep")[0]
+        config.bounce_threshold = lengths((max(threshold, LEAST),), "restitution_threshold")[0]
+        config.enable_pcm = False  # it would keep contacts of earlier steps
+        config.enable_tgs = False  # with it slow slides stop a quarter too soon, and bodies at rest creep (measured)
+        config.enable_ccd = False
+        config.enable_enhanced_determinism = True
+        config.enable_friction_every_iteration = True
+        physx.set_scene_config(config)
         system = physx.PhysxCpuSystem()
         system.timestep = timestep
         return system
 
     def _words(self) -> list[tuple[int, int, int, int]]:
         """The filter of every unit."""
-        layer_of = {frozenset(pair): layer for *pair, layer in self.document.meets}
-        ignored = {frozenset(pair) for pair in self.document.apart.groups}
-
-        def meet(one: tuple[str, str, int], other: tuple[str, str, int]) -> bool:
-            if frozenset((one[0], other[0])) in ignored:
-                return False
-            return one[2] == other[2] == layer_of.get(frozenset((one[1], other[1])), -1)
-
-        keys = [(self.document.bodies[row].group, shape.material, copy.layer) for row, shape, copy in self.units]
         try:
-            first, last = kinds(list(dict.fromkeys(keys)), meet), apart(self.document.apart.bodies)
+            first = kinds(self.walk.kinds, self.walk.meet)
+            last = apart(self.walk.document.apart.bodies)
         except ValueError as error:
             raise EngineError(NAME, str(error)) from error
-        names = [self.document.bodies[unit.body].name for unit in self.units]
-        return [(*first[key], *last.get(name, (0, 0))) for key, name in zip(keys, names, strict=True)]
+        return [(*first[unit.kind], *last.get(unit.of.owner.body.name, (0, 0))) for unit in self.walk.units]
 
-    def _place(self, row: int, body: JsonBody, rows: Mapping[str, int]) -> None:
-        joint = body.joint
+    def _body(self, placed: PlacedBody, shapes: list[Any]) -> tuple[Any, Any]:
+        body, joint = placed.body, placed.body.joint
+        actor = self._dynamic(body) if placed.moves else self.physx.PhysxRigidStaticComponent()
+        for shape in shapes:
+            actor.attach(shape)
+        if placed.moves:
+            self._set_mass(actor, body)
+        pose = placed.pose
         if isinstance(joint, FreeJoint):
-            self.carrier.append(row)
-            self.local.append(Pose())
-            return
-        if not isinstance(joint, FixedJoint):
-            driven = isinstance(joint, AxisJoint) and joint.servo is not None
-            raise EngineError(
-                NAME, f"does not support the {joint.kind} {joint.name!r}" + " and its controller" * driven
-            )
-        name = parent_of(joint)
-        carrier = -1 if name is None else self.carrier[rows[name]]
-        self.carrier.append(carrier)
-        self.local.append(joint.origin if name is None else frames.compose(self.local[rows[name]], joint.origin))
-        if carrier >= 0 and (body.mass or any(body.inertia)):
-            raise EngineError(NAME, f"does not support the mass of {body.name!r}, which is fixed to a body that moves")
-
-    def _body(self, row: int, body: JsonBody, shapes: list[Any]) -> None:
-        carrier = self.carrier[row]
-        if carrier not in (-1, row):
-            self.entities.append(self.entities[carrier])
-            self.actors.append(self.actors[carrier])
-            return
+            pose = Pose(vector3(joint.position[:3]), frames.normalise(quaternion(joint.position[3:])))
         entity = self.sapien.Entity()
-        if carrier == row:
-            actor = self._dynamic(body, shapes)
-            pose = Pose(body.joint.position[:3], frames.normalise(body.joint.position[3:]))  # type: ignore[union-attr, arg-type]
-        else:
-            actor = self.physx.PhysxRigidStaticComponent()
-            for shape in shapes:
-                actor.attach(shape)
-            pose = self.local[row]
         entity.add_component(actor)
         entity.pose = self.pose(pose, f"pose of {body.name}")
         self.scene.add_entity(entity)
-        self.entities.append(entity)
-        self.actors.append(actor)
+        return entity, actor
 
-    def _dynamic(self, body: JsonBody, shapes: list[Any]) -> Any:
+    def _dynamic(self, body: Body) -> Any:
         if not body.mass > 0.0:
             raise EngineError(NAME, f"does not support {body.name!r}, which moves and has no mass")
-        moments, axes = principal_axes(body.inertia)
-        if not min(moments) > 0.0:
-            raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no inverse")
         actor = self.physx.PhysxRigidDynamicComponent()
-        for shape in shapes:
-            actor.attach(shape)
-        actor.mass = held_by(NAME, (body.mass,), f"mass of {body.name}")[0]
-        actor.inertia = held_by(NAME, (SCALE * SCALE * moment for moment in moments), f"inertia of {body.name}")
-        actor.cmass_local_pose = self.pose(Pose(body.centre_of_mass, axes), f"centre of mass of {body.name}")
         actor.linear_damping = actor.angular_damping = 0.0
         actor.max_angular_velocity, actor.max_linear_velocity = FASTEST, FASTEST_LINEAR
         actor.max_depenetration_velocity = SCALE * LEAST
@@ -303,21 +237,27 @@ class Built:
         actor.solver_position_iterations, actor.solver_velocity_iterations = self.iterations, 1
         return actor
 
+    def _set_mass(self, actor: Any, body: Body) -> None:
+        moments, axes = principal_axes(body.inertia)
+        if not min(moments) > 0.0:
+            raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no inverse")
+        actor.mass = held_by(NAME, (body.mass,), f"mass of {body.name}")[0]
+        actor.inertia = held_by(NAME, (SCALE * SCALE * moment for moment in moments), f"inertia of {body.name}")
+        actor.cmass_local_pose = self.pose(Pose(body.centre_of_mass, axes), f"centre of mass of {body.name}")
+
     def _shape(self, unit: Unit) -> Any:
-        told = unit.shape
-        size, physx = lengths(told.size, f"size of {told.name}"), self.physx
-        # PhysX would take another size, with a word on the error output alone
-        if told.kind != "mesh" and not all(edge > 0.0 for edge in size):
-            raise EngineError(NAME, f"has no {told.kind} of the size {min(told.size)!r} ({told.name})")
-        friction, restitution = held_by(NAME, (unit.copy.friction, unit.copy.restitution), f"numbers of {told.name}")
-        if (
-            friction < 0.0 or not 0.0 <= restitution <= 1.0
-        ):  # PhysX would take others for none, with a word on stderr alone
-            raise EngineError(NAME, f"does not support the numbers of {told.name!r}: {friction:g} and {restitution:g}")
-        if unit.copy.torsional_friction or unit.copy.rolling_friction or unit.copy.hardness is not None:
-            raise EngineError(NAME, f"does not support more than friction and restitution of {told.name!r}")
+        shape, copy, physx = unit.of.shape, unit.copy, self.physx
+        size = lengths(shape.size, f"size of {shape.name}")
+        # PhysX would replace such numbers, with a message on the error output alone
+        if shape.kind != "mesh" and not all(edge > 0.0 for edge in size):
+            raise EngineError(NAME, f"has no {shape.kind} of the size {min(shape.size)!r} ({shape.name})")
+        friction, restitution = held_by(NAME, (copy.friction, copy.restitution), f"numbers of {shape.name}")
+        if friction < 0.0 or not 0.0 <= restitution <= 1.0:
+            raise EngineError(NAME, f"does not support the numbers of {shape.name!r}: {friction:g} and {restitution:g}")
+        if copy.torsional_friction or copy.rolling_friction or copy.hardness is not None:
+            raise EngineError(NAME, f"does not support more than friction and restitution of {shape.name!r}")
         material = physx.PhysxMaterial(friction, friction, restitution)
-        match told.kind:
+        match shape.kind:
             case "sphere":
                 made = physx.PhysxCollisionShapeSphere(*size, material)
             case "box":
@@ -325,44 +265,37 @@ class Built:
             case "capsule":
                 made = physx.PhysxCollisionShapeCapsule(size[0], 0.5 * size[1], material)
             case "plane":
-                if self.carrier[unit.body] >= 0:
-                    raise EngineError(NAME, f"does not support the plane {told.name!r} on a body that moves")
                 made = physx.PhysxCollisionShapePlane(material)
-            case "mesh":
-                made = self._hull(told.name, size, material)
-            case kind:
-                raise EngineError(NAME, f"does not support the {kind} {told.name!r}")
-        pose = told.pose if self.carrier[unit.body] < 0 else frames.compose(self.local[unit.body], told.pose)
-        placed = frames.compose(pose, AXES[told.kind]) if told.kind in AXES else pose
-        made.local_pose = self.pose(placed, f"pose of {told.name}")
+            case _:
+                made = self._hull(shape.name, size, material)
+        pose = frames.compose(unit.of.pose, AXES[shape.kind]) if shape.kind in AXES else unit.of.pose
+        made.local_pose = self.pose(pose, f"pose of {shape.name}")
         made.contact_offset, made.rest_offset = SCALE * CONTACT_OFFSET, 0.0
         made.patch_radius = made.min_patch_radius = 0.0
         return made
 
     def _hull(self, name: str, size: tuple[float, ...], material: Any) -> Any:
-        """A convex hull of vertices (its units, flat). PhysX makes a hull of the points anew: it leaves some out in silence
-        (``hulls.py``), and makes a solid with other corners of what is flat."""
-        told = np.array(size, dtype=np.float32).reshape(-1, 3)
+        """A convex hull of vertices (1/512 m, flat). PhysX computes the hull again: it drops some vertices silently
+        (``approximations.py``), and makes a solid with other vertices of flat ones."""
+        vertices = np.array(size, dtype=np.float32).reshape(-1, 3)
         try:
-            made = self.physx.PhysxCollisionShapeConvexMesh(told, np.ones(3, dtype=np.float32), material)
+            made = self.physx.PhysxCollisionShapeConvexMesh(vertices, np.ones(3, dtype=np.float32), material)
         except RuntimeError as error:
-            raise EngineError(NAME, f"makes no hull of the {len(told)} corners of {name!r}: {error}") from error
-        wanted, held = ({tuple(corner) for corner in points.tolist()} for points in (told, made.vertices))
-        if held != wanted:
-            lost, added = len(wanted - held), len(held - wanted)
+            raise EngineError(NAME, f"makes no hull of the {len(vertices)} corners of {name!r}: {error}") from error
+        wanted, actual = ({tuple(corner) for corner in points.tolist()} for points in (vertices, made.vertices))
+        if actual != wanted:
+            lost, added = len(wanted - actual), len(actual - wanted)
             raise EngineError(
-                NAME, f"leaves {lost} of the {len(told)} corners of {name!r} out of its hull, and adds {added}"
+                NAME, f"leaves {lost} of the {len(vertices)} corners of {name!r} out of its hull, and adds {added}"
             )
         return made
 
-    def pose(self, pose: Pose, what: str) -> Any:
-        return self.sapien.Pose(list(lengths(pose.position, what)), list(pose.quaternion))
+    def pose(self, pose: Pose, name: str) -> Any:
+        return self.sapien.Pose(list(lengths(pose.position, name)), list(pose.quaternion))
 
-
-# Mass properties as PhysX has them.
 
 SMALL = 1e-9
-"""Share of a body's own moment, as a torque: by such a torque its speed is so small that no gyroscopic term is seen."""
+"""Torque that measures a mass matrix, as a share of the body's moment: it leaves no gyroscopic term."""
 
 
 def unit_of(quaternion: Any) -> np.ndarray:
@@ -371,7 +304,7 @@ def unit_of(quaternion: Any) -> np.ndarray:
     return found
 
 
-def held_tensor(actor: Any) -> np.ndarray:
+def inertia_of(actor: Any) -> np.ndarray:
     """The inertia (3, 3) of an actor about its centre of mass, in its own axes."""
     turn = matrices(unit_of(actor.cmass_local_pose.q))
     found: np.ndarray = turn @ np.diag(np.array(actor.inertia, dtype=float)) @ turn.T
@@ -415,17 +348,13 @@ def mass_matrices(
     return found
 
 
-# The states of the bodies that move, in one call: of 216 bodies 14 µs, where asking each body for each vector takes 1.2 ms.
-
 NUMBERS = 13
-"""Of each body, in single precision: quaternion, place, velocity, angular velocity (measured; SAPIEN does not document it)."""
+"""Single-precision numbers of each packed body: quaternion, position, velocity, angular velocity (measured, not documented)."""
 
 
 class Packed:
-    """What ``PhysxCpuSystem.pack`` gives of ``actors``, which are all of the system's that move.
-
-    Raises :class:`EngineError` where the system has others, or what it packs is not what the actors themselves tell.
-    """
+    """The states of ``actors``, all dynamic actors of a system, in one call of ``PhysxCpuSystem.pack``: of 216 bodies in
+    14 µs, not 1.2 ms. Raises EngineError where the system has other actors, or packs other values than theirs."""
 
     def __init__(self, system: Any, actors: Sequence[Any]):
         self._system = system
@@ -434,15 +363,15 @@ class Packed:
         self._order = np.array([numbers.get(actor, -1) for actor in actors], dtype=np.int64)
         if len(numbers) != self._count or (self._order < 0).any():
             raise EngineError(NAME, f"has {len(numbers)} bodies that move, not {self._count}")
-        poses, speeds = self.held()
+        poses, speeds = self.read()
         for pose, speed, actor in zip(poses, speeds, actors, strict=True):
-            told = actor.entity.pose
-            own = (*told.p, *told.q, *actor.linear_velocity, *actor.angular_velocity)
-            if not np.array_equal((*pose, *speed), np.array(own, dtype=float)):
+            at = actor.entity.pose
+            state = (*at.p, *at.q, *actor.linear_velocity, *actor.angular_velocity)
+            if not np.array_equal((*pose, *speed), np.array(state, dtype=float)):
                 raise EngineError(NAME, "packs states in another way than SAPIEN 3.0.3")
 
-    def held(self) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, 7), place before quaternion, and velocities (n, 6) in world axes, as PhysX has them."""
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, 7), position before quaternion, and velocities (n, 6) in world axes, in PhysX's unit."""
         packed = np.frombuffer(self._system.pack(), dtype=np.float32)
         if packed.size != NUMBERS * self._count:
             raise EngineError(NAME, f"packs {packed.size} numbers of {self._count} bodies, not {NUMBERS} of each")

@@ -6,25 +6,19 @@ Facts marked *measured*: SAPIEN 3.0.3, PhysX 5.3.1.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, ClassVar
-
-import numpy as np
+from collections.abc import Mapping
+from typing import ClassVar
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.jointless import jointless
-from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.precision import SINGLE
 from simspec.engines.kit.refinements import no_friction, planes_still, still_or_light
-from simspec.engines.kit.settings import Group, Setting, written_settings
-from simspec.engines.kit.stepped import SteppedEngine
+from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.physx.approximations import BOXES, DEVIATIONS, MASS_RATIO, MESHES, SELF_LOCKING, boxes, meshes
 from simspec.engines.physx.building import apart, imported, kinds
 from simspec.engines.physx.inventory import expected, inventory, neutral
@@ -48,8 +42,8 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.contact_pairs import excluded_pairs, solid_shapes
-from simspec.world.types import EngineValue, ReadBack, World
+from simspec.world.meeting import excluded_pairs, solid_shapes
+from simspec.world.types import World
 
 _NOT_YET = "simspec does not write it for PhysX"
 _DRIFT = (
@@ -88,7 +82,7 @@ def _bits_do(world: World) -> Refinement | None:
     return None
 
 
-class PhysX(SteppedEngine[Simulation]):
+class PhysX(WorldEngine[Simulation]):
     """PhysX's rigid actors, by its PGS solver."""
 
     NAME: ClassVar[str] = "physx"
@@ -215,31 +209,8 @@ class PhysX(SteppedEngine[Simulation]):
         "static.inertial": "PhysX's static actors have no mass",
     }
 
-    @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        plan = contact_plan(world, cls.RULES, cls.LAYERS)
-        return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
+    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def prepare(cls) -> None:
         imported()
-
-    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
-        return Simulation(folder, sidecar)
-
-    def _held(self) -> ReadBack:
-        sim = self._simulation
-        held = read_back(sim, dict(self.UNREADABLE))
-        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-
-    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
-        self._simulation.move_to(q, v)
-
-    def contacts(self) -> dict[str, np.ndarray]:
-        return self._simulation.contacts()
-
-    def collision_units(self) -> Sequence[CollisionUnit]:
-        return [CollisionUnit(unit.body, (unit.shape.name,)) for unit in self._simulation.built.units]
-
-    def detect_units(self) -> np.ndarray:
-        return sorted_pairs(self._simulation.touching())

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.kit.passive import Passive
 from simspec.dialects.physx.dialect import PhysxSidecar
 from simspec.engines.kit.single import demand_held
+from simspec.engines.kit.world_simulation import FreeBodySimulation
 from simspec.engines.physx.building import (
     FASTEST,
     FASTEST_LINEAR,
@@ -24,18 +24,15 @@ from simspec.engines.physx.building import (
     SCALE,
     Built,
     Packed,
-    held_tensor,
+    inertia_of,
     mass_matrices,
     pose_of,
 )
 from simspec.engines.physx.contact import Depths, Recovery, contact_rows, depths, pressed, touching_pairs
 from simspec.errors import EngineError
-from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import JsonWorld, initial_coordinates
-from simspec.world import frames
-from simspec.world.actions import JointSum
+from simspec.formats.world.tree import initial_coordinates
 from simspec.world.rotations import cross, exponential, matrices, multiply, rotate
-from simspec.world.types import Constraint
+from simspec.world.types import Pose
 
 # How bodies turn in a step: by simspec's law of motion, where PhysX has another gyroscopic term and few digits.
 #
@@ -100,45 +97,37 @@ friction turns balls at 3e-4."""
 NO_FORCE = np.zeros(3)
 
 
-class Simulation:
-    """A loaded world. ``free``: the rows of bodies that move by themselves, each with seven coordinates and six velocities."""
+class Simulation(FreeBodySimulation[PhysxSidecar]):
+    """A loaded world."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
-        try:
-            self.document: JsonWorld = WorldJson().read(folder)
-            self._told = PhysxSidecar.of(sidecar)
-            self._told.check_document(self.document)
-        except (ValueError, FileNotFoundError) as error:
-            raise EngineError(NAME, str(error)) from error
-        self.sidecar = sidecar
-        self.passive: Passive | None = self._told.passive
-        self.constraints: tuple[Constraint, ...] = self._told.constraints or ()
-        self.sums: tuple[JointSum, ...] = self._told.sums or ()
-        if self.constraints or self.sums:
-            raise EngineError(NAME, "does not support constraints between bodies")
+        super().__init__(NAME, PhysxSidecar, folder, sidecar)
         self._probes: Built | None = None
         self._contact = True
         try:
-            self._take(Built(self.document, self._told))
+            self._take(self._build())
         except KeyError as error:
             raise EngineError(NAME, f"the sidecar's settings lack {error}") from error
-        self.names = [body.name for body in self.document.bodies]
-        self.offsets = np.array([body.frame_offset for body in self._told.bodies], dtype=float).reshape(-1, 3)
-        self.number = {row: index for index, row in enumerate(self.free)}
         self.masses = np.array([actor.mass for actor in self.bodies], dtype=float)
-        self.tensors = np.array([held_tensor(actor) for actor in self.bodies]).reshape(-1, 3, 3)
+        self.tensors = np.array([inertia_of(actor) for actor in self.bodies]).reshape(-1, 3, 3)
         self.move_to(*map(np.array, initial_coordinates(self.document)))
+
+    def _build(self) -> Built:
+        """A new scene."""
+        built = Built(self.walk, self.typed)
+        if not self._contact:
+            self._part(built)
+        return built
 
     def _take(self, built: Built) -> None:
         """Step this scene from now on."""
         self.built = built
         self.timestep = float(built.system.timestep)
-        self.free = [row for row, carrier in enumerate(built.carrier) if carrier == row]
         self.bodies = self._actors(built)
         self.entities = [built.entities[row] for row in self.free]
         self.rows = {actor: index for index, actor in enumerate(self.bodies)}
         self._packed = Packed(built.system, self.bodies)
-        self.units = {shape: index for index, shape in enumerate(built.shapes)}
+        self._unit_of = {shape: index for index, shape in enumerate(built.shapes)}
         self._fastest = np.full(len(self.free), LEAST)
         """m/s: how fast PhysX may push each body out of what it overlaps."""
         self._recovery = Recovery(len(self.free), self.timestep)
@@ -151,61 +140,40 @@ class Simulation:
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Put the simulation into the state (q, v), as if it had been loaded in it: contacts of earlier steps are forgotten."""
-        self._take(Built(self.document, self._told))
-        if not self._contact:
-            self._part(self.built)
+        self._take(self._build())
         self.move_to(q, v)
 
     def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
         """The same with the contacts of earlier steps."""
         demand_held(NAME, SCALE * np.concatenate([q, v]), "state")
-        states, speeds = np.asarray(q, dtype=float).reshape(-1, 7).copy(), np.asarray(v, dtype=float).reshape(-1, 6)
-        states[:, 3:] /= np.linalg.norm(states[:, 3:], axis=1, keepdims=True)
-        spins = rotate(states[:, 3:], speeds[:, 3:])
+        poses, velocities = self.in_world(q, v)
+        velocities[:, :3] *= SCALE
+        poses[:, :3] *= SCALE
         pose = self.built.sapien.Pose
-        for entity, body, state, speed, spin in zip(self.entities, self.bodies, states, speeds, spins, strict=True):
-            entity.pose = pose(SCALE * state[:3], state[3:])
-            body.linear_velocity, body.angular_velocity = SCALE * speed[:3], spin
-        given = np.hstack([SCALE * states[:, :3], SCALE * speeds[:, :3], spins]).astype(np.float32)
-        at, moving = self._packed.held()
-        if not np.array_equal(np.hstack([at[:, :3], moving]), given):
+        for entity, body, at, speed in zip(self.entities, self.bodies, poses, velocities, strict=True):
+            entity.pose = pose(at[:3], at[3:])
+            body.linear_velocity, body.angular_velocity = speed[:3], speed[3:]
+        state = np.hstack([poses[:, :3], velocities]).astype(np.float32)
+        actual, moving = self._packed.read()
+        if not np.array_equal(np.hstack([actual[:, :3], moving]), state):
             raise EngineError(NAME, "holds another state than it was given")
         self._found, self._begun = [], True
-        if self.built.units and self._contact:
+        if self.walk.units and self._contact:
             self._recovery.begin(self._overlaps())
 
-    def _moving(self) -> tuple[np.ndarray, np.ndarray]:
+    def moving(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, 7) and velocities (n, 6, in world axes) of the bodies that move."""
-        poses, speeds = self._packed.held()
+        poses, speeds = self._packed.read()
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
         poses[:, :3] /= SCALE
         speeds[:, :3] /= SCALE
         return poses, speeds
 
-    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """(q, v)."""
-        poses, speeds = self._moving()
-        speeds[:, 3:] = rotate(poses[:, 3:] * (1.0, -1.0, -1.0, -1.0), speeds[:, 3:])
-        return poses.ravel(), speeds.ravel()
+    def static_pose(self, row: int) -> Pose:
+        return pose_of(self.built.entities[row].pose)
 
-    def file_frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, 7) and velocities (n, 6) of the body frames as the file has them."""
-        moving, speeds = self._moving()
-        poses, velocities = np.zeros((len(self.names), 7)), np.zeros((len(self.names), 6))
-        for row, carrier in enumerate(self.built.carrier):
-            if carrier == row:
-                poses[row], velocities[row] = moving[self.number[row]], speeds[self.number[row]]
-                continue
-            if carrier < 0:
-                held = pose_of(self.built.entities[row].pose)
-                poses[row] = (*held.position, *held.quaternion)
-                continue
-            local, at, speed = self.built.local[row], moving[self.number[carrier]], speeds[self.number[carrier]]
-            lever = rotate(at[3:], np.array(local.position))
-            poses[row, :3] = at[:3] + lever
-            poses[row, 3:] = frames.multiply(tuple(at[3:].tolist()), local.quaternion)
-            velocities[row, :3], velocities[row, 3:] = speed[:3] + np.cross(speed[3:], lever), speed[3:]
-        return poses, velocities
+    def units(self) -> list[tuple[int, str]]:
+        return [(unit.of.owner.row, unit.of.shape.name) for unit in self.walk.units]
 
     # --- steps ------------------------------------------------------------------------------------------------
 
@@ -216,7 +184,7 @@ class Simulation:
             demand_held(NAME, SCALE * SCALE * np.asarray(effort, dtype=float), "effort")
             wrench = np.asarray(effort, dtype=float).reshape(-1, 6)
             wrench = wrench if wrench.any() else None
-        touching = self._contact and bool(self.built.units)
+        touching = self._contact and bool(self.walk.units)
         for _ in range(count):
             turning = self._give(wrench)
             if touching:
@@ -231,7 +199,7 @@ class Simulation:
 
     def _check_finite(self) -> None:
         """Raise EngineError where a state is none any more: PhysX steps on, with no number or with its largest speeds."""
-        poses, speeds = self._packed.held()
+        poses, speeds = self._packed.read()
         bounds = np.repeat((FASTEST_LINEAR, FASTEST), 3)
         sound = np.isfinite(poses).all(axis=1) & (np.abs(speeds) < 0.5 * bounds).all(axis=1)
         if not sound.all():
@@ -240,7 +208,7 @@ class Simulation:
 
     def _give(self, wrench: np.ndarray | None) -> Turns | None:
         """Give the forces and torques of the next step; how bodies turn in it."""
-        poses, speeds = self._packed.held()
+        poses, speeds = self._packed.read()
         spins = speeds[:, 3:]
         moved = np.abs(spins).max(axis=1, initial=0.0) > SLOW
         if wrench is not None:
@@ -285,10 +253,8 @@ class Simulation:
     def _probe(self) -> Built:
         """A second scene in the present state, of which PhysX has found the contacts."""
         if self._probes is None:
-            self._probes = Built(self.document, self._told)
+            self._probes = self._build()
             self._probes.system.timestep = TINY
-            if not self._contact:
-                self._part(self._probes)
         probe = self._probes
         for row, entity in zip(self.free, self.entities, strict=True):
             probe.entities[row].pose = entity.pose
@@ -307,11 +273,11 @@ class Simulation:
 
     def contacts(self) -> dict[str, np.ndarray]:
         """The contacts that the last step used."""
-        return contact_rows(self._found, self.units, [unit.body for unit in self.built.units], self.timestep)
+        return contact_rows(self._found, self._unit_of, [body for body, _ in self.units()], self.timestep)
 
     def touching(self) -> np.ndarray:
         """Pairs (n, 2) of the numbers of copies that touch at the present state."""
-        if not self.built.units or not self._contact:
+        if not self.walk.units or not self._contact:
             return np.zeros((0, 2), dtype=np.int64)
         probe = self._probe()
         return touching_pairs(probe.system.get_contacts(), {shape: row for row, shape in enumerate(probe.shapes)})
@@ -348,7 +314,7 @@ class Simulation:
 
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The mass matrix of each body that moves, with its places in v."""
-        probe = Built(self.document, self._told)
+        probe = self._build()
         self._part(probe)
         poses = [entity.pose for entity in self.entities]
         bodies = [(probe.entities[row], probe.actors[row]) for row in self.free]
@@ -363,10 +329,3 @@ class Simulation:
         found[:, :3] = -self.masses[:, None] * self.gravity
         found[:, 3:] = cross(spins, np.einsum("nij,nj->ni", self.tensors, spins))
         return found.ravel()
-
-    def messages(self) -> list[str]:
-        """PhysX says what it thinks on the process's error output."""
-        return []
-
-    def close(self) -> None:
-        """PhysX's scenes are freed with this object."""

@@ -32,7 +32,7 @@ def word(value: Any) -> str:
 
 
 class Parameters(NamedTuple):
-    """The parts of a world and of its settings from which the parameters follow."""
+    """A world and its settings, from which the parameters follow."""
 
     world: World
     settings: Settings

@@ -47,7 +47,7 @@ def system(actors, order=AS_SAPIEN):
 
 def test_states_are_those_of_the_actors_in_their_own_order():
     actors = [actor(number) for number in range(3)]
-    poses, speeds = Packed(system(actors[::-1]), actors).held()
+    poses, speeds = Packed(system(actors[::-1]), actors).read()
     for row in range(3):
         assert poses[row].tolist() == (100.0 * row + np.arange(7.0)).tolist()
         assert speeds[row].tolist() == (100.0 * row + np.arange(7.0, 13.0)).tolist()
@@ -85,7 +85,7 @@ def test_states_of_the_live_engine_are_those_of_its_objects(load_files):
         if not steps:
             engine.set_state(engine.get_state()[0], v)
         engine.step(steps)
-        poses, speeds = simulation._packed.held()
+        poses, speeds = simulation._packed.read()
         for row, (entity, body) in enumerate(zip(simulation.entities, simulation.bodies, strict=True)):
             assert poses[row].tolist() == [*map(float, entity.pose.p), *map(float, entity.pose.q)]
             assert speeds[row].tolist() == [*map(float, body.linear_velocity), *map(float, body.angular_velocity)]
