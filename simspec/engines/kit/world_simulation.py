@@ -18,15 +18,14 @@ from simspec.engines.kit.labels import expected_labels
 from simspec.engines.kit.settings import written_settings
 from simspec.engines.kit.stepped import Stepped, SteppedEngine
 from simspec.errors import EngineError
-from simspec.formats.kit.passes import restore_frames
+from simspec.formats.kit.contract import restore_frames
 from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import FreeJoint, parent_of
-from simspec.formats.world.tree import Shape as FileShape
+from simspec.formats.world.tree import FreeJoint, JsonShape, parent_of
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
+from simspec.world.actions import JointSum
 from simspec.world.kinematics import layout_of_kinds
 from simspec.world.rotations import cross, rotate, unit
-from simspec.world.sums import JointSum
 from simspec.world.types import (
     Body,
     Constraint,
@@ -272,7 +271,7 @@ def free_joint(name: str, position: list[float], velocity: list[float]) -> Joint
     return Joint(name, "free", position=(*position[:3], *turn), velocity=(*velocity[:3], *angular))
 
 
-def visual_shape(shape: FileShape) -> Shape:
+def visual_shape(shape: JsonShape) -> Shape:
     """The visual part of a shape, which engines without visuals do not store."""
     visual = Shape(shape.name, shape.kind, shape.size, shape.pose, collision=False, visual=shape.colour is not None)
     return visual if shape.colour is None else dataclasses.replace(visual, colour=shape.colour)

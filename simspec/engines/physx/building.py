@@ -17,11 +17,11 @@ from simspec.dialects.physx.dialect import PhysxSidecar
 from simspec.engines.kit.building import PlacedBody, Unit, Walk, refuse
 from simspec.engines.kit.single import held_by
 from simspec.errors import EngineError
-from simspec.formats.world.tree import Body, FreeJoint
+from simspec.formats.world.tree import FreeJoint, JsonBody
 from simspec.world import frames
-from simspec.world.principal import principal_axes
+from simspec.world.frames import quaternion, vector3
+from simspec.world.inertia import principal_axes
 from simspec.world.rotations import matrices
-from simspec.world.tuples import quaternion, vector3
 from simspec.world.types import Pose
 
 # Collision filter. Each shape has four words of bits; shapes with the words a and b touch where ``(a₀ & b₁ or a₁ & b₀) and
@@ -226,7 +226,7 @@ class Built:
         self.scene.add_entity(entity)
         return entity, actor
 
-    def _dynamic(self, body: Body) -> Any:
+    def _dynamic(self, body: JsonBody) -> Any:
         if not body.mass > 0.0:
             raise EngineError(NAME, f"does not support {body.name!r}, which moves and has no mass")
         actor = self.physx.PhysxRigidDynamicComponent()
@@ -237,7 +237,7 @@ class Built:
         actor.solver_position_iterations, actor.solver_velocity_iterations = self.iterations, 1
         return actor
 
-    def _set_mass(self, actor: Any, body: Body) -> None:
+    def _set_mass(self, actor: Any, body: JsonBody) -> None:
         moments, axes = principal_axes(body.inertia)
         if not min(moments) > 0.0:
             raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no inverse")

@@ -42,7 +42,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.meeting import excluded_pairs, solid_shapes
+from simspec.world.contact_pairs import excluded_pairs, solid_shapes
 from simspec.world.types import World
 
 _NOT_YET = "simspec does not write it for PhysX"

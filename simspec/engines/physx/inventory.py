@@ -17,8 +17,8 @@ from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.physx.building import SCALE, touches
 from simspec.engines.physx.readback import kind_of
 from simspec.engines.physx.simulation import Simulation
+from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import meeting_laws, solid_shapes
 from simspec.world.types import Body, EngineValue, Shape, World
 
 Settings = Mapping[str, bool | int | float | str]

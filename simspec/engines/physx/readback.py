@@ -18,7 +18,7 @@ from simspec.engines.physx.building import AXES, NAME, SCALE, inertia_of, pose_o
 from simspec.engines.physx.simulation import Simulation
 from simspec.errors import EngineError
 from simspec.world import frames
-from simspec.world.gathering import NOTHING
+from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Inertial, ReadBack, Shape, Surface
 
 PREFIX = "PhysxCollisionShape"
@@ -45,7 +45,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
 def inertial(sim: Simulation, row: int) -> Inertial:
     """The mass properties of a body; nothing of a static body or a part of another."""
     if sim.walk.bodies[row].carrier != row:
-        return NOTHING
+        return NO_INERTIA
     actor = sim.built.actors[row]
     m, (x, y, z) = inertia_of(actor), (np.array(actor.cmass_local_pose.p, dtype=float) / SCALE).tolist()
     return Inertial(actor.mass, (x, y, z), (m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))

@@ -16,10 +16,10 @@ from simspec.engines.kit.building import PlacedBody, PlacedShape, Walk, refuse
 from simspec.engines.kit.single import held_by
 from simspec.engines.kit.world_simulation import only_common, positive_definite
 from simspec.errors import EngineError
-from simspec.formats.world.tree import Body, Shape
+from simspec.formats.world.tree import JsonBody, JsonShape
 from simspec.world import frames
-from simspec.world.hull import HullError, hull_of, vertices_of
-from simspec.world.principal import principal_axes
+from simspec.world.hull import HullError, hull_of, mesh_vertices
+from simspec.world.inertia import principal_axes
 from simspec.world.types import PairContact, Pose, Quaternion, Vector3
 
 NAME = "rapier"
@@ -215,7 +215,7 @@ class Built:
             builder = builder.additional_mass_properties(self._mass(body))
         return self.world.add_body(builder)
 
-    def _mass(self, body: Body) -> Any:
+    def _mass(self, body: JsonBody) -> Any:
         moments, axes = principal(body.inertia)
         mass = held_by(NAME, (body.mass,), f"mass of {body.name}")[0]
         centre = lengths(body.centre_of_mass, f"centre of {body.name}")
@@ -241,7 +241,7 @@ AXES: Mapping[str, Pose] = {
 """Poses of Rapier's shapes, whose axis is y, in those of the world."""
 
 
-def collider_of(rapier: Any, shape: Shape) -> Any:
+def collider_of(rapier: Any, shape: JsonShape) -> Any:
     """A builder of the collider of a shape."""
     size = lengths(shape.size, f"size of {shape.name}")
     if shape.kind != "mesh" and not all(
@@ -272,7 +272,7 @@ def convex(rapier: Any, name: str, size: Sequence[float]) -> Any:
         raise EngineError(NAME, f"has no hull {name!r}: {error}") from error
     except ImportError as error:
         raise EngineError(NAME, f"meshes need scipy beside Rapier: {error}") from error
-    return rapier.Collider.convex_mesh(vertices_of(size).astype(np.float32), faces.astype(np.uint32))
+    return rapier.Collider.convex_mesh(mesh_vertices(size).astype(np.float32), faces.astype(np.uint32))
 
 
 def configure(rapier: Any, world: Any, timestep: float, settings: Settings) -> None:

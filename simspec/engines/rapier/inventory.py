@@ -15,9 +15,9 @@ from simspec.engines.kit.labels import sidecar_labels
 from simspec.engines.rapier.building import SCALE
 from simspec.engines.rapier.readback import inertial, kind_of
 from simspec.engines.rapier.simulation import Simulation
-from simspec.world.gathering import NOTHING
+from simspec.world.contact_pairs import excluded_pairs, meeting_laws, solid_shapes
+from simspec.world.inertia import NO_INERTIA
 from simspec.world.kinematics import rigid_groups
-from simspec.world.meeting import excluded_pairs, meeting_laws, solid_shapes
 from simspec.world.types import Body, EngineValue, PairContact, Shape, World
 
 Settings = Mapping[str, bool | int | float | str]
@@ -212,7 +212,7 @@ def expected(
             found[f"{at}.colliders"] = " ".join(sorted(shapes_of.get(body.name, ())))
         if static:
             # Rapier stores no moments without a mass; those of a fixed body have no effect
-            mass = body.inertial if body.inertial.mass else NOTHING
+            mass = body.inertial if body.inertial.mass else NO_INERTIA
             found |= {f"{at}.mass": mass.mass, f"{at}.centre_of_mass": mass.centre_of_mass}
             found[f"{at}.inertia"] = mass.inertia
         elif _separate(world, body):

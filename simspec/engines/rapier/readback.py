@@ -13,7 +13,7 @@ from simspec.engines.kit.world_simulation import visual_shape
 from simspec.engines.rapier.building import AXES, SCALE
 from simspec.engines.rapier.simulation import Simulation, inertia_of, pose_of
 from simspec.world import frames
-from simspec.world.gathering import NOTHING
+from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Inertial, PairContact, ReadBack, Shape, Surface
 
 KINDS = {
@@ -51,11 +51,11 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
 def inertial(sim: Simulation, row: int) -> Inertial:
     """The mass properties of a body; nothing of a part of another body."""
     if sim.walk.bodies[row].carrier not in (-1, row):
-        return NOTHING
+        return NO_INERTIA
     body = sim.world.rigid_bodies[sim.built.bodies[row]]
     mass = body.mass_properties
     if not mass.mass:
-        return NOTHING
+        return NO_INERTIA
     m = inertia_of(body)
     x, y, z = (value / SCALE for value in mass.local_com)
     return Inertial(mass.mass, (x, y, z), (m[0, 0], m[1, 1], m[2, 2], m[0, 1], m[0, 2], m[1, 2]))
