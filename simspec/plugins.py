@@ -1,59 +1,117 @@
-"""Parts that packages offer by entry points: one that is broken is reported, and is nobody else's problem.
+"""Plug-ins: engines, dialects, formats and importers that packages provide by entry points.
 
-simspec's own come by the same way. Offered code runs when it is imported: what it raises then, whatever it is, makes it broken.
+simspec's plug-ins come the same way, and are trusted to be usable: they are listed by their entry points, and imported when
+they are looked up. Plug-ins of other packages are imported and checked before they are listed; a broken one is reported by
+``simspec engines`` and ignored otherwise. Code of other packages may raise anything when it is imported.
 """
 
 from __future__ import annotations
 
 import functools
+import importlib
 import importlib.metadata
 import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, ItemsView, Iterator, Mapping, ValuesView
+from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 OWN = "simspec"
+Plugin = TypeVar("Plugin")
 
 
-@dataclass(frozen=True)
-class Offered:
-    """What is offered for one purpose: by name what can be used, and why the others cannot."""
+class Plugins(Mapping[str, Plugin], Generic[Plugin]):
+    """The usable plug-ins of an entry-point group by name, sorted by name.
 
-    good: dict[str, Any]
-    broken: dict[str, str]
-
-
-def offered(group: str, check: Callable[[str, Any], Any]) -> Offered:
-    """Everything that installed packages offer as ``group``, sorted by name.
-
-    ``check`` is given the name and what was loaded; it returns what is to be used, and raises where that is none. Of
-    two of one name simspec's own counts, else the first.
+    ``check`` takes a name and the loaded object; it returns the plug-in, and raises where that is not usable. Of two plug-ins
+    of one name simspec's counts, else the first.
     """
-    good: dict[str, Any] = {}
-    broken: dict[str, str] = {}
-    points = [*importlib.metadata.entry_points(group=group)]
-    known = {point.name for point in points if _distribution(point) == OWN}
-    points += [
-        importlib.metadata.EntryPoint(name, value, group)
-        for name, value in _checkout().get(group, {}).items()
-        if name not in known
-    ]
-    for point in sorted(points, key=lambda one: (one.name, _distribution(one) != OWN, one.value)):
-        if point.name in good:
-            broken[f"{point.name} ({_distribution(point)})"] = f"the name is already used: {point.value} is ignored"
-            continue
+
+    def __init__(self, group: str, check: Callable[[str, Any], Plugin]):
+        self._check = check
+        self._loaded: dict[str, Plugin] = {}
+        self._broken: dict[str, str] = {}
+        found = [*importlib.metadata.entry_points(group=group)]
+        distributions = {id(point): _distribution(point) for point in found}
+        self._own = {point.name: point for point in found if distributions[id(point)] == OWN}
+        for name, value in _checkout().get(group, {}).items():
+            self._own.setdefault(name, EntryPoint(name, value, group))
+        self._others = [
+            (point, distributions[id(point)]) for point in found if self._own.get(point.name) is not point
+        ]  # not loaded yet
+        self._others.sort(key=lambda other: (other[0].name, other[0].value), reverse=True)
+
+    def __getitem__(self, name: str) -> Plugin:
+        if name not in self._loaded:
+            if name in self._own:
+                self._load(self._own[name], OWN)
+            else:
+                self._load_others()
+        return self._loaded[name]
+
+    def __contains__(self, name: object) -> bool:
+        if name not in self._own:
+            self._load_others()
+        return name in self._loaded or (name in self._own and name not in self._broken)
+
+    def __iter__(self) -> Iterator[str]:
+        self._load_others()
+        return iter(sorted(({*self._own} - {*self._broken}) | {*self._loaded}))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def items(self) -> ItemsView[str, Plugin]:
+        self._load_all()
+        return super().items()
+
+    def values(self) -> ValuesView[Plugin]:
+        self._load_all()
+        return super().values()
+
+    def broken(self) -> Mapping[str, str]:
+        """Why each of the other plug-ins cannot be used."""
+        self._load_all()
+        return self._broken
+
+    def stated(self, name: str, attribute: str) -> Any:
+        """An attribute of a plug-in; the package of a plug-in of simspec may state it, which saves importing the plug-in."""
+        if name in self._own and name not in self._loaded:
+            package = importlib.import_module(self._own[name].module.rpartition(".")[0])
+            if hasattr(package, attribute):
+                return getattr(package, attribute)
+        return getattr(self[name], attribute)
+
+    def _load_all(self) -> None:
+        for name in self._own:
+            if name not in self._loaded and name not in self._broken:
+                self._load(self._own[name], OWN)
+        self._load_others()
+
+    def _load_others(self) -> None:
+        while self._others:
+            point, distribution = self._others.pop()
+            if point.name in self._own or point.name in self._loaded:
+                self._broken[f"{point.name} ({distribution})"] = f"the name is already used: {point.value} is ignored"
+            else:
+                self._load(point, distribution)
+
+    def _load(self, point: EntryPoint, distribution: str) -> None:
         try:
-            good[point.name] = check(point.name, point.load())
-        except (Exception, SystemExit) as error:  # it is somebody else's code: it may raise anything
+            self._loaded[point.name] = self._check(point.name, point.load())
+        except (Exception, SystemExit) as error:
             why = f"{type(error).__name__}: {error}"
-            broken[point.name] = f"{point.value} of {_distribution(point) or 'no package'} cannot be used: {why}"
-    return Offered(good, broken)
+            self._broken[point.name] = f"{point.value} of {distribution or 'no package'} cannot be used: {why}"
 
 
-def _distribution(point: importlib.metadata.EntryPoint) -> str:
+def _distribution(point: EntryPoint) -> str:
     found = getattr(point, "dist", None)
-    return str(found.name) if found is not None else ""
+    return _name(found) if found is not None else ""
+
+
+@functools.lru_cache(maxsize=16)
+def _name(distribution: importlib.metadata.Distribution) -> str:
+    return str(distribution.name)  # parses the metadata of the package
 
 
 @functools.cache

@@ -19,7 +19,7 @@ from simspec.engines.kit import registry
 class Ghost(Drake):
     NAME, DISTRIBUTION, EXTRA = "ghost", "no-such-ghost", "ghost"
 
-registry._offered().good["ghost"] = Ghost
+registry.engines()._loaded["ghost"] = Ghost
 '''
 
 

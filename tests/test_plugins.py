@@ -15,7 +15,7 @@ from simspec.dialects.kit import contract as dialects_base
 from simspec.engines.kit import registry as base
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.registry import broken_engines, engines, find_engine
+from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EngineError
 from simspec.support.declarations import EXACT, never
 from simspec.support.features import Feature
@@ -54,11 +54,11 @@ def offer(monkeypatch):
         setattr(module, attribute, value)
         place = f"strange_engines:{attribute}" if value is not None else "nowhere_at_all:it"
         more.append(importlib.metadata.EntryPoint(name, place, "simspec.engines"))
-        base._offered.cache_clear()
+        base.engines.cache_clear()
 
     yield offered
-    base._offered.cache_clear()
-    dialects_base._offered.cache_clear()
+    base.engines.cache_clear()
+    dialects_base.dialects.cache_clear()
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def offer(monkeypatch):
 def test_a_broken_engine_is_told_and_ignored(offer, value, why):
     offer("odd", value)
     assert list(engines()) == OWN
-    assert why in broken_engines()["odd"]
+    assert why in engines().broken()["odd"]
     with pytest.raises(EngineError, match="cannot be used"):
         find_engine("odd")
     done = CliRunner().invoke(cli.app, ["engines"])
@@ -89,10 +89,10 @@ def test_a_broken_engine_is_told_and_ignored(offer, value, why):
 def test_nobody_takes_the_name_of_simspec_s_own(offer):
     offer("mujoco", an_engine(NAME="mujoco"))
     assert find_engine("mujoco").__module__ == "simspec.engines.mujoco.engine"
-    assert any("the name is already used" in why for why in broken_engines().values())
+    assert any("the name is already used" in why for why in engines().broken().values())
 
 
 def test_a_sound_engine_is_used(offer):
     offer("odd", an_engine())
     assert list(engines()) == sorted([*OWN, "odd"])
-    assert not broken_engines()
+    assert not engines().broken()

@@ -95,9 +95,9 @@ def meaning_of(path: Path, options: ImportOptions, allow_outside: bool = False) 
     content = content_of(path)
     language = language_of(path, content)
     bare = Meaning(path, language, packages=packages_of(content, path, options))
-    importer = importers().good.get(language)
+    importer = importers().get(language)
     if importer is None:
-        why = importers().broken.get(language)
+        why = importers().broken().get(language)
         return dataclasses.replace(bare, defects=(Problem(why),) if why else ())
     try:
         return _read(bare, options, allow_outside)

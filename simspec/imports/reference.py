@@ -79,7 +79,7 @@ def tables() -> dict[str, str]:
     """Every table by its title: what each language's words become, and its rules of repair."""
     made: dict[str, str] = {}
     seen: list[Mapping[str, str]] = []
-    for name, importer in importers().good.items():
+    for name, importer in importers().items():
         if hasattr(importer, "table"):
             made[f"elements of {name}"] = "\n".join(markdown(importer.table()))
         if hasattr(importer, "rules") and importer.rules() not in seen:  # one language may stand on another's importer

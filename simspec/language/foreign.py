@@ -19,7 +19,7 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.language.beginning import Start, begin_within
 from simspec.language.document import Document, Key, Mark, Path_
 from simspec.language.packages import Package, shown_path
-from simspec.plugins import Offered, offered
+from simspec.plugins import Plugins
 from simspec.reading import NotReadableError, open_regular
 
 GROUP = "simspec.importers"
@@ -258,15 +258,21 @@ def _check(name: str, loaded: Any) -> Importer:
 
 
 @functools.cache
-def importers() -> Offered:
+def importers() -> Plugins[Importer]:
     """All importers that are installed, by name."""
-    return offered(GROUP, _check)
+    return Plugins(GROUP, _check)
+
+
+@functools.cache
+def _suffixes() -> dict[str, tuple[str, ...]]:
+    """The suffixes of every importer; none is imported."""
+    return {name: importers().stated(name, "SUFFIXES") for name in importers()}
 
 
 @functools.cache
 def suffixes() -> tuple[str, ...]:
     """Ends of names of all files that can be imported."""
-    return tuple(sorted({suffix for importer in importers().good.values() for suffix in importer.SUFFIXES}))
+    return tuple(sorted({suffix for ends in _suffixes().values() for suffix in ends}))
 
 
 def is_foreign(name: str) -> bool:
@@ -276,12 +282,12 @@ def is_foreign(name: str) -> bool:
 
 def import_file(path: Path, shown: str, options: ImportOptions) -> Imported:
     """A foreign file as a spec, by the importer that its name and beginning ask for. Raises SpecError with every problem."""
-    fitting = [one for one in importers().good.values() if path.name.lower().endswith(one.SUFFIXES)]
+    fitting = [importers()[name] for name, ends in _suffixes().items() if path.name.lower().endswith(ends)]
     if len(fitting) > 1:
         beginning = _beginning(path)
         fitting = [one for one in fitting if one.recognises(beginning)] or fitting[:1]
     if len(fitting) != 1:
-        known = ", ".join(f"{one.NAME} ({' '.join(one.SUFFIXES)})" for one in importers().good.values())
+        known = ", ".join(f"{one.NAME} ({' '.join(one.SUFFIXES)})" for one in importers().values())
         raise SpecError([Problem(f"{shown}: not a file of a language that simspec imports", allowed=known)])
     imported: Imported = fitting[0].read(path, shown, options)
     imported.starts += begin_within(imported.data, imported.comments)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from simspec.dialects.kit.contract import broken_dialects, dialects
+from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.installing import how_to_install
-from simspec.engines.kit.registry import broken_engines, engines, format_of
+from simspec.engines.kit.registry import engines, format_of
 from simspec.engines.kit.settings import Setting
-from simspec.formats.kit.contract import broken_formats
+from simspec.formats.kit.contract import formats
 from simspec.report.absent import absent
 from simspec.support.declarations import Absence, Level, Support, combine
 from simspec.support.features import MEANING, Feature
@@ -117,7 +117,7 @@ def _support_data(entry: Support) -> dict[str, Any]:
 
 def broken() -> dict[str, str]:
     """Formats, dialects and engines that are offered by installed packages and cannot be used, with the reason."""
-    return {**broken_formats(), **broken_dialects(), **broken_engines()}
+    return {**formats().broken(), **dialects().broken(), **engines().broken()}
 
 
 def _cell(text: str) -> str:

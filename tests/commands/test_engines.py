@@ -45,7 +45,7 @@ def packages(tmp_path, monkeypatch):
     class Toy(Drake):
         NAME, TITLE, DISTRIBUTION, OTHER_DISTRIBUTIONS, EXTRA = "toy", "Toy", "toy-core", ("toy",), "toy"
 
-    monkeypatch.setitem(registry._offered().good, "toy", Toy)
+    monkeypatch.setitem(registry.engines()._loaded, "toy", Toy)
 
     def install(**versions: str) -> type:
         for name, version in versions.items():
@@ -114,7 +114,7 @@ def toys(tmp_path, monkeypatch):
             NAME, DISTRIBUTION, EXTRA = "toys", "", ""
             NEEDS = Needs("toys >= 1.0", (part,), (("libtoys-dev", "the engine"), ("gcc", "compiles its part")))
 
-        monkeypatch.setitem(registry._offered().good, "toys", Toys)
+        monkeypatch.setitem(registry.engines()._loaded, "toys", Toys)
         return Toys
 
     return engine

@@ -12,7 +12,7 @@ from simspec.dialects.kit.settings import NeededSetting, check_settings
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, read_sidecar, sidecar_text
 from simspec.dialects.kit.target import Target
 from simspec.formats.kit.contract import Format, formats
-from simspec.plugins import Offered, offered
+from simspec.plugins import Plugins
 from simspec.support.declarations import Table, check_total
 from simspec.world.types import ReadBack, World
 
@@ -87,11 +87,6 @@ class Dialect:
         return formats()[self.FORMAT]
 
 
-@functools.cache
-def _offered() -> Offered:
-    return offered("simspec.dialects", _sound)
-
-
 def _sound(name: str, kind: Any) -> Dialect:
     """The dialect, if it is one that can be used. Raises TypeError, ValueError."""
     if not (isinstance(kind, type) and issubclass(kind, Dialect)):
@@ -104,11 +99,7 @@ def _sound(name: str, kind: Any) -> Dialect:
     return kind()
 
 
-def dialects() -> Mapping[str, Dialect]:
+@functools.cache
+def dialects() -> Plugins[Dialect]:
     """Every installed dialect by name (entry points ``simspec.dialects``)."""
-    return _offered().good
-
-
-def broken_dialects() -> Mapping[str, str]:
-    """The dialects that are offered and cannot be used, with the reason."""
-    return _offered().broken
+    return Plugins("simspec.dialects", _sound)

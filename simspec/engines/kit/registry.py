@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
 from simspec.errors import EngineError
-from simspec.plugins import Offered, offered
+from simspec.plugins import Plugins
+
+if TYPE_CHECKING:
+    from simspec.engines.kit.contract import Engine
 
 DECLARED = ("NAME", "DIALECT", "DISTRIBUTION", "EXTRA", "SUPPORT", "SETTINGS", "RULES", "LAYERS")
 """What an engine's class must say."""
 
 
-@functools.cache
-def _offered() -> Offered:
-    return offered("simspec.engines", _sound)
-
-
 def _sound(name: str, engine: Any) -> type[Engine]:
     """The engine, if it is one that can be used. Raises TypeError, ValueError."""
     from simspec.dialects.kit.contract import dialects
+    from simspec.engines.kit.contract import Engine
 
     if not (isinstance(engine, type) and issubclass(engine, Engine)):
         raise TypeError("it is not an Engine")
@@ -38,9 +35,10 @@ def _sound(name: str, engine: Any) -> type[Engine]:
     return engine
 
 
-def engines() -> Mapping[str, type[Engine]]:
+@functools.cache
+def engines() -> Plugins[type[Engine]]:
     """Every known engine by name (entry points ``simspec.engines``), installed or not."""
-    return _offered().good
+    return Plugins("simspec.engines", _sound)
 
 
 def format_of(engine: type[Engine]) -> str:
@@ -50,15 +48,10 @@ def format_of(engine: type[Engine]) -> str:
     return dialects()[engine.DIALECT].FORMAT
 
 
-def broken_engines() -> Mapping[str, str]:
-    """The engines that are offered and cannot be used, with the reason."""
-    return _offered().broken
-
-
 def find_engine(name: str) -> type[Engine]:
     """The engine that a name or label (``identity.py``) stands for. Raises EngineError naming the known ones."""
     found = engines().get(engine_name(name))
     if found is None:
-        why = broken_engines().get(engine_name(name))
+        why = engines().broken().get(engine_name(name))
         raise EngineError(name, why or f"no such engine; known: {', '.join(engines())}")
     return found

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from simspec.errors import Problem, SpecError, UnsupportedError
-from simspec.plugins import Offered, offered
+from simspec.plugins import Plugins
 from simspec.resolve.poses import direction
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.needs import needs
@@ -134,11 +134,6 @@ class Format:
         )
 
 
-@functools.cache
-def _offered() -> Offered:
-    return offered("simspec.formats", _sound)
-
-
 def _sound(name: str, kind: Any) -> Format:
     """The format, if it is one that can be used. Raises TypeError, ValueError."""
     if not (isinstance(kind, type) and issubclass(kind, Format)):
@@ -148,14 +143,10 @@ def _sound(name: str, kind: Any) -> Format:
     return kind()
 
 
-def formats() -> Mapping[str, Format]:
+@functools.cache
+def formats() -> Plugins[Format]:
     """Every installed format by name (entry points ``simspec.formats``)."""
-    return _offered().good
-
-
-def broken_formats() -> Mapping[str, str]:
-    """The formats that are offered and cannot be used, with the reason."""
-    return _offered().broken
+    return Plugins("simspec.formats", _sound)
 
 
 # --- normalisations before a template prints; plain floats and no LAPACK: the same bytes on every machine ---

@@ -23,7 +23,7 @@ from simspec.imports.child import ChildError, Policy, run
 from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, Element
 from simspec.imports.mjcf.assembly import MjcfAssembly
 from simspec.language.foreign import Severity
-from simspec.plugins import Offered, offered
+from simspec.plugins import Plugins
 from simspec.reading import NotReadableError, parse_json
 
 # --- features of a model that a spec does not have ---
@@ -356,7 +356,7 @@ Random = tuple[int, int, float]
 
 
 @functools.cache
-def compilers() -> Offered:
+def compilers() -> Plugins[Compiler]:
     """The compilers that are offered."""
 
     def check(name: str, loaded: Any) -> Compiler:
@@ -364,12 +364,12 @@ def compilers() -> Offered:
             raise TypeError(f"{name} is no compiler: it needs PROGRAM, EXTRA and version")
         return loaded
 
-    return offered(GROUP, check)
+    return Plugins(GROUP, check)
 
 
 def _compiler(root: Element) -> Compiler:
     extras = []
-    for compiler in compilers().good.values():
+    for compiler in compilers().values():
         if compiler.version() is not None:
             chosen: Compiler = compiler
             return chosen

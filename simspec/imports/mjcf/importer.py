@@ -10,6 +10,7 @@ from simspec.errors import Location, SpecError
 from simspec.imports.draft import plain
 from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
+from simspec.imports.mjcf import SUFFIXES
 from simspec.imports.mjcf.actuators import NOTE, add_actuators, add_states, outside_the_tree
 from simspec.imports.mjcf.assembly import ROOT, MjcfAssembly, assemble
 from simspec.imports.mjcf.bodies import MjcfBodies, add_frames, numbers
@@ -271,7 +272,7 @@ class MjcfImporter:
     """Reads MJCF files, also those that include or attach others."""
 
     NAME = "MJCF"
-    SUFFIXES = (".xml", ".mjcf")
+    SUFFIXES = SUFFIXES
 
     def recognises(self, content: bytes) -> bool:
         return outermost(content) == ROOT.encode()

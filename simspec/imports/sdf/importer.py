@@ -13,6 +13,7 @@ from simspec.imports import draft
 from simspec.imports.draft import Materials, plain
 from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
+from simspec.imports.sdf import SUFFIXES
 from simspec.imports.sdf.joints import FrameGraph
 from simspec.imports.sdf.masses import RULES as RULES_OF_MASSES
 from simspec.imports.sdf.masses import excluded, give_masses, silent
@@ -55,7 +56,7 @@ class Sdf:
     """The importer of SDF."""
 
     NAME: Final = "sdf"
-    SUFFIXES: Final = (".sdf", ".world", ".xml")
+    SUFFIXES = SUFFIXES
 
     def recognises(self, content: bytes) -> bool:
         """Whether the outermost element of a file is one of the language."""

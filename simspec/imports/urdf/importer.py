@@ -13,6 +13,7 @@ from simspec.imports.draft import FROM_SHAPES, Draft, density_of, names, plain, 
 from simspec.imports.elements import MOST_BODIES, SPLIT, Element, outermost, parse, without_comments
 from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
+from simspec.imports.urdf import SUFFIXES
 from simspec.imports.urdf.elements import INFORMATION, LOST, mend, rows, set_aside, settle
 from simspec.imports.urdf.elements import RULES as NUMERAL_RULES
 from simspec.imports.urdf.joints import (
@@ -463,7 +464,7 @@ class Urdf:
     """Reads URDF by itself: every element and attribute is seen, with its line."""
 
     NAME = "URDF"
-    SUFFIXES = (".urdf", ".xml")
+    SUFFIXES = SUFFIXES
 
     def recognises(self, content: bytes) -> bool:
         """Whether a file has the outermost element of URDF, and nothing that only xacro gives a meaning."""

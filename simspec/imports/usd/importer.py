@@ -9,6 +9,7 @@ from typing import Final
 from simspec.imports.draft import Draft
 from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
+from simspec.imports.usd import SUFFIXES
 from simspec.imports.usd.assembly import UsdAssembly
 from simspec.imports.usd.losses import RULES, rows, settle
 from simspec.imports.usd.places import ROTATIONS
@@ -22,7 +23,7 @@ class Usd:
     """Reads ``.usda``, ``.usdc`` and ``.usd``, also those that refer to others, and packages of them (``.usdz``)."""
 
     NAME: Final = "USD"
-    SUFFIXES: Final = (".usd", ".usda", ".usdc", ".usdz")
+    SUFFIXES = SUFFIXES
 
     def recognises(self, content: bytes) -> bool:
         return re.match(rb"#usda|PXR-USDC|PK\x03\x04", content) is not None

@@ -1,0 +1,2 @@
+SUFFIXES = (".xacro", ".urdf", ".xml")
+"""Ends of the names of its files; stated here so that files are told apart without the importer."""

@@ -27,6 +27,7 @@ from simspec.imports.elements import Element, outermost, parse
 from simspec.imports.files import Files, is_missing
 from simspec.imports.urdf.importer import ROBOT, RULES, RobotReader, is_program
 from simspec.imports.urdf.links import PARENTS, WORLD
+from simspec.imports.xacro import SUFFIXES
 from simspec.imports.xacro.limits import CPU_SECONDS, LARGEST_TEXT, PLACE, PLACE_NOW, SECONDS
 from simspec.isolated import ELSEWHERE, isolated
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
@@ -238,7 +239,7 @@ class Xacro:
     """Reads xacro by expanding it."""
 
     NAME: Final = "xacro"
-    SUFFIXES: Final = (".xacro", ".urdf", ".xml")
+    SUFFIXES = SUFFIXES
 
     def recognises(self, content: bytes) -> bool:
         """Whether a file of URDF has what xacro is to expand."""

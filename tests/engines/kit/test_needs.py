@@ -33,7 +33,7 @@ def toys(tmp_path, monkeypatch):
         NAME, TITLE, DISTRIBUTION, EXTRA = "toys", "Toys", "", ""
         NEEDS = Needs("toys >= 1.0", (part,), debian)
 
-    monkeypatch.setitem(registry._offered().good, "toys", Toys)
+    monkeypatch.setitem(registry.engines()._loaded, "toys", Toys)
     return Toys
 
 
