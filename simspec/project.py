@@ -23,11 +23,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from simspec.engines.kit.environments import environments
 from simspec.engines.kit.identity import parse
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SpecError
-from simspec.outputs import trust
 from simspec.outputs.reading import read_bytes, refuse
 
 PROJECT_FILE = "simspec.toml"
@@ -117,12 +115,16 @@ class Project:
     def known_interpreters(self) -> Interpreters:
         """Those of the file, and of other labels the environments that simspec made (``engines/kit/environments.py``), for
         commands that start engines."""
+        from simspec.engines.kit.environments import environments
+
         if self.not_trusted is None:
             return Interpreters({**environments(), **self.interpreters})
         return Interpreters(environments(), dict.fromkeys(self.interpreters, self.refusal("interpreters")))
 
     def listed_interpreters(self) -> Interpreters:
         """The same for commands that list, plan or show: none of the file is started, whether it is trusted or not."""
+        from simspec.engines.kit.environments import environments
+
         made = {label: python for label, python in environments().items() if label not in self.interpreters}
         return Interpreters(made, not_queried={label: self.why_not_queried(label) for label in self.interpreters})
 
@@ -199,6 +201,8 @@ def parse_project(file: Path, content: bytes) -> Project:
     project = _Reader(file, data, _lines(text)).project()
     if not (project.interpreters or project.package_paths or project.allowed_folders):
         return project
+    from simspec.outputs import trust
+
     return replace(project, not_trusted=trust.why_not(file, content))
 
 

@@ -10,10 +10,11 @@ import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from simspec.compiler import Compiled, check_control, check_options, compile_world
+from simspec.compiler import Compiled, compile_world
 from simspec.engines.kit.installing import left_out, not_installed
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, UnsupportedError
+from simspec.option_checks import check_control, check_options
 from simspec.support.features import Feature
 from simspec.world.types import World
 

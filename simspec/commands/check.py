@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from simspec.commands.accept import is_writable
 from simspec.commands.loading import Loaded, load_spec
 from simspec.commands.options import names_alone, print_json
 from simspec.commands.scenario_options import CheckOptions
-from simspec.compiler import check_options, compile_world
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.language.losses import repaired, repairs_data
+from simspec.option_checks import check_options
 from simspec.plausibility.examine import examine
 from simspec.plausibility.findings import Plausibility
-from simspec.report.imported import repairs_table
 from simspec.report.plausibility import as_problems, plausibility_data, plausibility_lines
-from simspec.report.refusals import WaysOut, brief, ways_out, with_endings
 from simspec.report.screen import console, say
 from simspec.world.canonical import sha256
+
+if TYPE_CHECKING:
+    from simspec.report.refusals import WaysOut
 
 
 def check(options: CheckOptions) -> int:
@@ -40,10 +40,15 @@ def check(options: CheckOptions) -> int:
         spec, world = loaded.spec, loaded.world
         try:
             if names:
+                from simspec.compiler import compile_world
+
                 compile_world(world, names, spec.locate)
             else:
                 problems.extend(check_options(world, spec.locate))
         except UnsupportedError as error:
+            from simspec.commands.accept import is_writable
+            from simspec.report.refusals import brief, ways_out
+
             problems.extend(error.problems)
             short += brief(error.problems)
             ways_here = ways_out(error.problems, name, names, world, writable=is_writable(spec))
@@ -56,6 +61,8 @@ def check(options: CheckOptions) -> int:
     if problems:
         if not ways:
             raise SpecError(problems)
+        from simspec.report.refusals import with_endings
+
         raise with_endings(problems, ways, () if options.verbose else (*short, "-v prints each in full"))
     if options.as_json:
         print_json({"specs": [_checked(*row) for row in rows]})
@@ -65,6 +72,8 @@ def check(options: CheckOptions) -> int:
         warned = f", {count} warning{'s' if count > 1 else ''}" if count else ""
         say(f"{name}: ok, {len(world.bodies)} bodies, world {sha256(world)[:12]}{warned}")
         if repairs := repaired(loaded.spec.source.all()):
+            from simspec.report.imported import repairs_table
+
             console().print(repairs_table(repairs))
         for line in plausibility_lines(plausibility, options.verbose, warned=True):
             say(line)

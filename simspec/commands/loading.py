@@ -10,18 +10,13 @@ from typing import Any, Final, NamedTuple
 
 from simspec.commands.options import Options, RobotFiles, engine_names, interpreters
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
-from simspec.compiler import check_at_timestep, deep_contact, missing_options, pairs_without_effect
-from simspec.engines.kit.identity import engine_name, engine_version
-from simspec.engines.kit.registry import engines
 from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.language.foreign import suffixes
 from simspec.language.load import Spec, load
 from simspec.language.losses import repaired, repairs_data
 from simspec.language.packages import ROBOT, is_packaged, is_robot, packaged
-from simspec.language.strict import near
-from simspec.report.refusals import EVERY
+from simspec.option_checks import check_at_timestep, deep_contact, pairs_without_effect
 from simspec.resources import find_spec
-from simspec.support.features import Feature
 from simspec.world.types import World
 
 OF_A_MODEL: Final = "1s"
@@ -93,6 +88,13 @@ def accepted_sets(options: Options, name: str, sets: list[str] | None = None, st
     sets, words = list(options.sets or ()) if sets is None else sets, options.accept
     if not words:
         return sets
+    from simspec.compiler import missing_options
+    from simspec.engines.kit.identity import engine_name, engine_version
+    from simspec.engines.kit.registry import engines
+    from simspec.language.strict import near
+    from simspec.report.refusals import EVERY
+    from simspec.support.features import Feature
+
     features = {feature.value for feature in Feature}
     if problems := [
         Problem(

@@ -302,7 +302,6 @@ def engine_names(words: list[str]) -> list[str]:
     """The labels of the engines that are named. Raises EngineError, and SpecError for the name of a format."""
     from simspec.engines.kit.identity import parse
     from simspec.engines.kit.registry import find_engine
-    from simspec.formats.kit.contract import formats
 
     labels: dict[str, None] = {}
     for word in words:
@@ -310,6 +309,8 @@ def engine_names(words: list[str]) -> list[str]:
         try:
             find_engine(engine.name)
         except EngineError as error:
+            from simspec.formats.kit.contract import formats
+
             if engine.name in formats():
                 hint = f"--engine ENGINE; plain files: simspec compile SPEC --format {engine.name}"
                 raise SpecError([Problem(f"{engine.name!r} is a format, not an engine", hint=hint)]) from error

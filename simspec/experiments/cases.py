@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from simspec.compiler import check_options
 from simspec.errors import Problem, SpecError
 from simspec.experiments.asked import digest
 from simspec.experiments.plan import Cell, Plan
@@ -16,6 +15,7 @@ from simspec.experiments.roundings import roundings
 from simspec.language.document import Key
 from simspec.language.load import Spec
 from simspec.language.overrides import Override
+from simspec.option_checks import check_options
 from simspec.runner.case import Case
 from simspec.world.types import World
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any
 
-from simspec.compiler import check_at_timestep
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Problem, SpecError
@@ -19,6 +18,7 @@ from simspec.experiments.asked import Asked, key_of
 from simspec.language.load import Spec
 from simspec.language.sweep import MOST_CELLS, ROUND_UP, Sweep, combinations
 from simspec.language.sweep_values import DIGITS, Distribution, amount_of
+from simspec.option_checks import check_at_timestep
 
 OverrideList = tuple[tuple[str, Any], ...]
 """Dotted paths and the plain values that are put at them, in the order in which they are."""

@@ -6,15 +6,11 @@ import dataclasses
 import json
 import math
 import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from simspec.comparison.floor import Floor
-from simspec.comparison.runs import Diff, summary
-from simspec.comparison.study import Study
 from simspec.errors import (
     MOST_PROBLEMS,
     MOST_WORDS,
@@ -25,11 +21,14 @@ from simspec.errors import (
     UnsupportedError,
     clipped,
 )
-from simspec.runner.expectations import Outcome
-from simspec.runner.run import Run
 
 if TYPE_CHECKING:
+    from simspec.comparison.floor import Floor
+    from simspec.comparison.runs import Diff
+    from simspec.comparison.study import Study
     from simspec.proof.certificate import Certificate, EngineProof
+    from simspec.runner.expectations import Outcome
+    from simspec.runner.run import Run
 
 REPORT_SCHEMA = 1
 REPORT_FILE = "report.json"
@@ -48,7 +47,7 @@ def plain(value: Any) -> Any:
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
-    if isinstance(value, np.generic):
+    if (numpy := sys.modules.get("numpy")) is not None and isinstance(value, numpy.generic):
         value = value.item()
     if isinstance(value, float):
         return value if math.isfinite(value) else None
@@ -89,6 +88,8 @@ def error_data(error: SimspecError) -> dict[str, Any]:
 
 def run_data(run: Run, outcomes: tuple[Outcome, ...] = ()) -> dict[str, Any]:
     """One run without its arrays."""
+    from simspec.comparison.runs import summary
+
     return {
         "engine": run.engine,
         "failed": run.failed,

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 import simspec
-from simspec.compiler import check_options, compile_world, deep_contact
+from simspec.compiler import compile_world
 from simspec.engines.kit.bounds import of_mobility, of_thinnest, under_weight
 from simspec.engines.kit.registry import engines
 from simspec.errors import EXIT_WRONG, SpecError
+from simspec.option_checks import check_options, deep_contact
 from simspec.world.contact_pairs import heaviest, thinnest
 from simspec.world.types import World
 
