@@ -32,19 +32,16 @@ class Plugins(Mapping[str, Plugin], Generic[Plugin]):
         self._loaded: dict[str, Plugin] = {}
         self._broken: dict[str, str] = {}
         found = [*importlib.metadata.entry_points(group=group)]
-        distributions = {id(point): _distribution(point) for point in found}
-        self._own = {point.name: point for point in found if distributions[id(point)] == OWN}
+        self._own = {point.name: point for point in found if point.module.partition(".")[0] == OWN}
         for name, value in _checkout().get(group, {}).items():
             self._own.setdefault(name, EntryPoint(name, value, group))
-        self._others = [
-            (point, distributions[id(point)]) for point in found if self._own.get(point.name) is not point
-        ]  # not loaded yet
-        self._others.sort(key=lambda other: (other[0].name, other[0].value), reverse=True)
+        self._others = [point for point in found if self._own.get(point.name) is not point]  # not loaded yet
+        self._others.sort(key=lambda point: (point.name, point.value), reverse=True)
 
     def __getitem__(self, name: str) -> Plugin:
         if name not in self._loaded:
             if name in self._own:
-                self._load(self._own[name], OWN)
+                self._load(self._own[name])
             else:
                 self._load_others()
         return self._loaded[name]
@@ -85,33 +82,30 @@ class Plugins(Mapping[str, Plugin], Generic[Plugin]):
     def _load_all(self) -> None:
         for name in self._own:
             if name not in self._loaded and name not in self._broken:
-                self._load(self._own[name], OWN)
+                self._load(self._own[name])
         self._load_others()
 
     def _load_others(self) -> None:
         while self._others:
-            point, distribution = self._others.pop()
+            point = self._others.pop()
             if point.name in self._own or point.name in self._loaded:
-                self._broken[f"{point.name} ({distribution})"] = f"the name is already used: {point.value} is ignored"
+                self._broken[f"{point.name} ({_distribution(point)})"] = (
+                    f"the name is already used: {point.value} is ignored"
+                )
             else:
-                self._load(point, distribution)
+                self._load(point)
 
-    def _load(self, point: EntryPoint, distribution: str) -> None:
+    def _load(self, point: EntryPoint) -> None:
         try:
             self._loaded[point.name] = self._check(point.name, point.load())
         except (Exception, SystemExit) as error:
             why = f"{type(error).__name__}: {error}"
-            self._broken[point.name] = f"{point.value} of {distribution or 'no package'} cannot be used: {why}"
+            self._broken[point.name] = f"{point.value} of {_distribution(point) or 'no package'} cannot be used: {why}"
 
 
 def _distribution(point: EntryPoint) -> str:
     found = getattr(point, "dist", None)
-    return _name(found) if found is not None else ""
-
-
-@functools.lru_cache(maxsize=16)
-def _name(distribution: importlib.metadata.Distribution) -> str:
-    return str(distribution.name)  # parses the metadata of the package
+    return str(found.name) if found is not None else ""
 
 
 @functools.cache

@@ -18,7 +18,7 @@ Model = TypeVar("Model", bound=BaseModel)
 class Stored(BaseModel):
     """Base of the outlines: no unknown keys, no conversions, no numbers that are not finite."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 class FolderMarker(Stored):

@@ -154,7 +154,7 @@ def required(value: Given | None) -> Given:
 class Strict(BaseModel):
     """Base of every model: unknown keys are errors, instances are frozen, None means "not given" and is no value."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=(), defer_build=True)
 
     ONE_OF: ClassVar[tuple[str, ...]] = ()
     """Fields of which exactly one must be given."""

@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from simspec.imports.elements import LOCKED, NO_RATING
 from simspec.language import trees
 from simspec.language.foreign import Fate
 from simspec.language.load import Spec
@@ -100,7 +99,11 @@ def _accounts(spec: Spec) -> Iterator[Finding]:
     them one position, which they fix."""
     fixed: set[str] = set()
     for source in spec.source.all():
-        for account in source.imported.accounts if source.imported is not None else ():
+        if source.imported is None:
+            continue
+        from simspec.imports.elements import LOCKED, NO_RATING
+
+        for account in source.imported.accounts:
             named = re.findall(r"joint\[([^\]]*)\]", account.what)
             element = named[-1] if named else account.what
             if account.fate is Fate.LOST and account.reason == NO_RATING:

@@ -16,7 +16,6 @@ from simspec.language.problems import in_order
 from simspec.language.sources import Source
 from simspec.language.strict import required
 from simspec.meshes.files import MeshError
-from simspec.meshes.grids import read_grid
 from simspec.world.shapes import HEIGHTFIELD_HEAD, heightfield_size
 from simspec.world.types import Body, Pose
 
@@ -45,6 +44,8 @@ def read_grids(source: Source) -> Grids:
     for own, path, field in field_shapes(source):
         if field.file is None or own.meshes[field.file] in grids:
             continue
+        from simspec.meshes.grids import read_grid
+
         try:
             grids[own.meshes[field.file]] = read_grid(own.meshes[field.file])
         except MeshError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 from simspec.errors import Problem, SpecError
 from simspec.language import trees
@@ -15,9 +16,10 @@ from simspec.language.problems import in_order
 from simspec.language.shapes import Shape as SpecShape
 from simspec.language.sources import Source
 from simspec.meshes.files import MeshError
-from simspec.meshes.load import load
-from simspec.meshes.made import MadeMesh, MeshOptions
 from simspec.world.types import Body
+
+if TYPE_CHECKING:
+    from simspec.meshes.made import MadeMesh, MeshOptions
 
 MOST_IN_WORLD = 500_000
 """Vertices of all shapes of one scenario, copies included: each takes 60 bytes in a world's file, and more in an engine's."""
@@ -50,10 +52,12 @@ class MeshShape:
 
 def options_of(mesh: Mesh) -> MeshOptions:
     """How a mesh of the spec takes its file."""
+    from simspec.meshes.made import MeshOptions
+
     return MeshOptions(mesh.metres(), mesh.up, mesh.scale, mesh.taken_as == PIECES, mesh.max_vertices)
 
 
-Meshes = Mapping[tuple[Path, MeshOptions], MadeMesh]
+Meshes: TypeAlias = "Mapping[tuple[Path, MeshOptions], MadeMesh]"
 """What was made of each file, by how it is taken."""
 
 
@@ -74,6 +78,10 @@ def read_meshes(source: Source) -> Meshes:
     """All meshes of a spec. Raises SpecError with every file of which no solid can be made, and every body whose mass cannot be
     computed from one."""
     shapes = list(mesh_shapes(source))
+    if not shapes:
+        return {}
+    from simspec.meshes.load import load
+
     loaded = load([(shape.file, shape.options) for shape in shapes], MOST_VERTICES)
     problems: list[Problem] = []
     for shape in shapes:

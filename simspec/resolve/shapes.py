@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 from simspec.language.mesh import HULL
 from simspec.language.shapes import Shape as SpecShape
 from simspec.language.sources import Source
 from simspec.language.strict import required
 from simspec.language.vocabulary import SHAPE_KINDS
-from simspec.meshes.made import MadeMesh
 from simspec.resolve.heightfields import Grids, placed_field
 from simspec.resolve.meshes import Meshes, options_of
 from simspec.resolve.poses import pose
 from simspec.world import frames, inertia
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose, Shape, Vector3, Velocity6
+
+if TYPE_CHECKING:
+    from simspec.meshes.made import MadeMesh
 
 PIECE = "_piece_"
 """Between the name of a shape and the number of a further piece of it."""
