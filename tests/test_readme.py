@@ -16,7 +16,7 @@ import pytest
 
 import simspec
 from simspec.engines.kit.registry import engines, find_engine
-from simspec.report.screen import Screen
+from simspec.report.console import Screen
 from simspec.report.terminal import show_not_taken
 from simspec.selection import available
 

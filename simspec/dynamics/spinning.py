@@ -148,29 +148,58 @@ def _gain(body: str, speed: float, share: float, done: int, physics: Physics) ->
 
 
 def _of_mechanism(world: World, bodies: tuple[Body, ...], turning: Sequence[Body]) -> Iterator[Gain]:
-    """The gain of a tree of several bodies, by the oracle, without gravity."""
+    """The gain of a tree that does not turn as a single free body does, without gravity."""
     physics = world.physics
     fast = max(turning, key=lambda body: math.hypot(*body.joint.velocity[-3:]))
     speed = math.hypot(*fast.joint.velocity[-3:])
     if speed**2 * physics.timestep * physics.timestep * physics.steps <= SLOW:
         return
-    try:
-        from simspec.dynamics.oracle import Oracle
-    except ModuleNotFoundError:  # Pinocchio, which knows the mass matrix
-        return
     part = dataclasses.replace(within(world, bodies), forces=(), motions=(), controllers=(), trajectory=None)
     part = dataclasses.replace(part, physics=dataclasses.replace(physics, gravity=(0.0, 0.0, 0.0), fluid=None))
-    oracle = Oracle(part)
-    q, v = initial_state(part)
-    start = sum(oracle.energy(q, v))
     steps = max(1, min(physics.steps, MOST_STEPS // 10))
     every = max(1, steps // 100)
-    with np.errstate(invalid="ignore", over="ignore"):
-        states, speeds = oracle.motion(q, v, None, steps, every)
-        kinetic = oracle.energy(q, v)[0]
-        energies = np.array([sum(oracle.energy(*one)) for one in zip(states, speeds, strict=True)])
-    shares = (energies - start) / kinetic
+    if len(bodies) == 1 and fast.joint.kind == "ball" and not fast.joint.spring_stiffness and not part.constraints:
+        shares = _about_pivot(fast, physics.timestep, steps, every)
+    else:
+        try:
+            from simspec.dynamics.oracle import Oracle
+        except ModuleNotFoundError:  # Pinocchio, which knows the mass matrix
+            return
+        oracle = Oracle(part)
+        q, v = initial_state(part)
+        start = sum(oracle.energy(q, v))
+        with np.errstate(invalid="ignore", over="ignore"):
+            states, speeds = oracle.motion(q, v, None, steps, every)
+            kinetic = oracle.energy(q, v)[0]
+            energies = np.array([sum(oracle.energy(*one)) for one in zip(states, speeds, strict=True)])
+        shares = (energies - start) / kinetic
     beyond = ~(shares < DIVERGED)
     row = int(np.argmax(beyond)) if beyond.any() else int(np.argmax(shares))
     share = DIVERGED if beyond[row] else float(shares[row])
     yield from _gain(fast.name, speed, share, min(row * every, steps), physics)
+
+
+def _about_pivot(body: Body, step: float, steps: int, every: int) -> Floats:
+    """The shares by which the energy of a body on a ball joint is above the first, at the steps at which the oracle has states."""
+    joint, mass, (x, y, z) = body.joint, body.inertial.mass, body.inertial.centre_of_mass
+    xx, yy, zz, xy, xz, yz = body.inertial.inertia
+    xx, yy, zz = (
+        moment + mass * square + joint.armature
+        for moment, square in ((xx, y * y + z * z), (yy, x * x + z * z), (zz, x * x + y * y))
+    )
+    xy, xz, yz = xy - mass * x * y, xz - mass * x * z, yz - mass * y * z
+    inverse = np.linalg.inv([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
+    (a, b, c), damping = joint.velocity, joint.damping
+    energies = []
+    for done in range(steps + 1):
+        p, q, r = xx * a + xy * b + xz * c, xy * a + yy * b + yz * c, xz * a + yz * b + zz * c
+        if done % every == 0 or done == steps:
+            energies.append(a * p + b * q + c * r)
+            if not energies[-1] < DIVERGED * DIVERGED * energies[0]:
+                break
+        effort = b * r - c * q + damping * a, c * p - a * r + damping * b, a * q - b * p + damping * c
+        a, b, c = (
+            speed - step * (row[0] * effort[0] + row[1] * effort[1] + row[2] * effort[2])
+            for speed, row in zip((a, b, c), inverse, strict=True)
+        )
+    return np.array(energies) / energies[0] - 1.0

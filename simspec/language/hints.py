@@ -5,10 +5,12 @@ The order matters: by its letters `revolute` is nearer to `free` than to `hinge`
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
-from simspec.language.hint import Hint
-from simspec.language.hint_words import ENTRIES
+if TYPE_CHECKING:
+    from simspec.language.hint import Hint
 
 
 def _plain(word: str) -> str:
@@ -16,16 +18,19 @@ def _plain(word: str) -> str:
     return "".join(character for character in word.lower() if character.isalnum())
 
 
-def _table() -> Mapping[str, tuple[Hint, ...]]:
-    hints: dict[str, tuple[Hint, ...]] = {}
+@functools.cache
+def hints() -> Mapping[str, tuple[Hint, ...]]:
+    """Every known foreign word, without its case, hyphens and underscores."""
+    from simspec.language.hint_words import ENTRIES
+
+    table: dict[str, tuple[Hint, ...]] = {}
     for word, hint in ENTRIES:
-        hints[_plain(word)] = (*hints.get(_plain(word), ()), hint)
-    return hints
+        table[_plain(word)] = (*table.get(_plain(word), ()), hint)
+    return table
 
 
-HINTS: Mapping[str, tuple[Hint, ...]] = _table()
-"""Every known foreign word, without its case, hyphens and underscores."""
-LONGEST = max(map(len, HINTS))
+def _known(word: str) -> tuple[Hint, ...]:
+    return hints().get(_plain(word), ()) if len(word) <= 2 * max(map(len, hints())) else ()
 
 
 def hint_for_key(word: str, model: str) -> str | None:
@@ -33,7 +38,7 @@ def hint_for_key(word: str, model: str) -> str | None:
 
     What is meant in this model alone comes before what is meant anywhere; hints about values come last.
     """
-    known = HINTS.get(_plain(word), ()) if len(word) <= 2 * LONGEST else ()
+    known = _known(word)
     own = [hint for hint in known if model in hint.at]
     anywhere = [hint for hint in known if not hint.at and not _of_values(hint)]
     # a kind of joint that is written as a key: `revolute: {...}`
@@ -44,7 +49,7 @@ def hint_for_key(word: str, model: str) -> str | None:
 
 def hint_for_word(word: str, words: Iterable[str]) -> str | None:
     """What to write instead of a word that is none of ``words``; None: not a known word, or known for something else."""
-    known = HINTS.get(_plain(word), ()) if len(word) <= 2 * LONGEST else ()
+    known = _known(word)
     allowed = set(words)
     for hint in known:
         values = [target.partition("=")[2] for target in hint.targets if "=" in target]

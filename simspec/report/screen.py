@@ -3,40 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
-from typing import Any
-
-from rich.console import Console, ConsoleOptions, RenderableType
-from rich.segment import Segment
-from rich.text import Text
+from typing import TYPE_CHECKING
 
 from simspec.errors import visible
+
+if TYPE_CHECKING:
+    from simspec.report.console import Screen
 
 PIPE_WIDTH = 120
 """Columns where there is no terminal to ask."""
 NARROWEST, WIDEST = 80, 120
-
-
-class Screen(Console):
-    """A console that shows everything escaped which is not seen or does more than be seen (:func:`simspec.errors.visible`):
-    whole lines in text to be printed, all but the ends of lines in cells of tables. Styles come from styles alone."""
-
-    def __init__(self, **keywords: Any):
-        super().__init__(markup=False, emoji=False, highlight=False, **keywords)
-
-    def print(self, *objects: Any, **keywords: Any) -> None:
-        """As rich's; each text is one line."""
-        keywords.pop("markup", None)
-        super().print(*(Text(visible(item)) if isinstance(item, str) else item for item in objects), **keywords)
-
-    def render_str(self, text: str, **keywords: Any) -> Text:
-        """As rich's, without markup."""
-        return super().render_str(visible(text, lines=True), **{**keywords, "markup": False, "emoji": False})
-
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """As rich's; what is written by others is escaped, rich's own controls are not."""
-        for segment in super().render(renderable, options):
-            yield segment if segment.control else segment._replace(text=visible(segment.text, lines=True))
 
 
 def say(line: str, error: bool = False) -> None:
@@ -44,8 +20,10 @@ def say(line: str, error: bool = False) -> None:
     print(visible(line), file=sys.stderr if error else sys.stdout, flush=True)
 
 
-def console(error: bool = False) -> Console:
+def console(error: bool = False) -> Screen:
     """The console for standard output (or standard error): rich asks the terminal, NO_COLOR and the pipe."""
+    from simspec.report.console import Screen
+
     stream = sys.stderr if error else sys.stdout
     if not stream.isatty():
         return Screen(file=stream, width=PIPE_WIDTH, no_color=True, force_terminal=False)

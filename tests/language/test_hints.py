@@ -6,7 +6,7 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.language.hint_words import ENTRIES
-from simspec.language.hints import HINTS, hint_for_key, hint_for_word
+from simspec.language.hints import hint_for_key, hint_for_word, hints
 from simspec.language.load import Spec
 from simspec.language.schema import json_schema
 
@@ -45,7 +45,7 @@ def test_every_hint_names_its_targets_and_is_of_models_that_there_are():
 
 
 def test_no_word_means_two_things_in_one_model():
-    for word, hints in HINTS.items():
+    for word, hints in hints().items():
         places = [model for hint in hints for model in hint.at]
         assert len(places) == len(set(places)), word
         everywhere = [hint for hint in hints if not hint.at and not any("=" in target for target in hint.targets)]

@@ -10,9 +10,10 @@ from rich.text import Text
 
 from simspec.errors import EngineError, Location, Problem, SpecError, visible
 from simspec.report import terminal
+from simspec.report.console import Screen
 from simspec.report.kit import table
 from simspec.report.plain import error_data, text
-from simspec.report.screen import Screen, say
+from simspec.report.screen import say
 
 FOREIGN = ["x[/red]y", "[bold]b", "pip install 'simspec[dart]'", ":smile:", "a\nerror: b", "a\x1b[31mb", "a\x9b31mb",
            "\x07\x08\r", "a\u2028b", "\u202eabc", "\ud800", "\x00", "[link=file:///x]y"]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import simspec
+from simspec.dynamics import spinning
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.spinning import THRESHOLD, gains
 from simspec.errors import Problem
@@ -215,3 +217,20 @@ def test_drag_that_makes_faster_is_warned_of(tmp_path, axis):
 @pytest.mark.parametrize("name", ["tumbling-body", "bouncing-ball", "contact/newtons-cradle", "motion/moving-platform"])
 def test_the_library_is_quiet(name):
     assert simspec.load(ROOT / "specs" / f"{name}.yaml").warnings() == []
+
+
+@pytest.mark.parametrize(
+    ("velocity", "more"),
+    [((0.5, -1.0, 3.0), {}), ((5.0, -10.0, 3.0), {"damping": 0.01, "armature": 0.02})],
+)
+def test_a_body_on_a_ball_joint_turns_as_in_the_oracle(velocity, more):
+    world = simspec.load(ROOT / "specs/ball-pendulum.yaml").resolve()
+    body = world.bodies[0]
+    body = dataclasses.replace(body, joint=dataclasses.replace(body.joint, velocity=velocity, **more))
+    physics = dataclasses.replace(world.physics, gravity=(0.0, 0.0, 0.0))
+    oracle = Oracle(dataclasses.replace(world, bodies=(body,), physics=physics))
+    q, v = initial_state(oracle.world)
+    states, speeds = oracle.motion(q, v, None, 2000, 20)
+    energies = np.array([sum(oracle.energy(*state)) for state in zip(states, speeds, strict=True)])
+    expected = energies / sum(oracle.energy(q, v)) - 1.0
+    assert spinning._about_pivot(body, physics.timestep, 2000, 20) == pytest.approx(expected, abs=1e-12)
