@@ -180,7 +180,7 @@ def _of_mechanism(world: World, bodies: tuple[Body, ...], turning: Sequence[Body
 
 
 def _about_pivot(body: Body, step: float, steps: int, every: int) -> Floats:
-    """The shares by which the energy of a body on a ball joint is above the first, at the steps at which the oracle has states."""
+    """The share by which the energy of a body on a ball joint is above the first, every ``every`` steps and after the last."""
     joint, mass, (x, y, z) = body.joint, body.inertial.mass, body.inertial.centre_of_mass
     xx, yy, zz, xy, xz, yz = body.inertial.inertia
     xx, yy, zz = (

@@ -45,10 +45,10 @@ def test_every_hint_names_its_targets_and_is_of_models_that_there_are():
 
 
 def test_no_word_means_two_things_in_one_model():
-    for word, hints in hints().items():
-        places = [model for hint in hints for model in hint.at]
+    for word, meanings in hints().items():
+        places = [model for hint in meanings for model in hint.at]
         assert len(places) == len(set(places)), word
-        everywhere = [hint for hint in hints if not hint.at and not any("=" in target for target in hint.targets)]
+        everywhere = [hint for hint in meanings if not hint.at and not any("=" in target for target in hint.targets)]
         assert len(everywhere) <= 1, word
 
 
