@@ -11,9 +11,10 @@ from simspec.commands.experiment_options import DoctorOptions, EnginesOptions, T
 from simspec.commands.files import generated_files
 from simspec.commands.options import demand_trusted, print_json
 from simspec.confinement import Walls, walls
+from simspec.engines.kit import registry
 from simspec.engines.kit.diagnosis import State, compile_parts, diagnose
 from simspec.engines.kit.installed import instances
-from simspec.engines.kit.registry import engines, find_engine
+from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_OK, Problem, SimspecError, SpecError
 from simspec.outputs import trust as trusted
 from simspec.outputs.reading import read_bytes
@@ -80,7 +81,7 @@ def doctor(options: DoctorOptions) -> int:
         for one in known
         if not labels or one.label in labels
     }
-    broken = {} if labels else dict(engines().broken())
+    broken = {} if labels else dict(registry.engines().broken())
     wanted = list(rows) if labels or options.every else []
     wrong = [
         label
