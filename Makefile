@@ -6,15 +6,15 @@
 # make quick   the developer's loop: lint, and the tests that start no engine
 # make random-worlds COUNT=200   random scenarios, compiled, proven and run in every engine
 # make fuzz LANGUAGE=urdf MINUTES=10   damaged and hostile files for an importer, so many minutes of processor time
-# make selftest   every change that compiled files can suffer, in every engine, and its table in docs/proof.md: about an hour
+# make selftest   every change that compiled files can suffer, in every engine, and its table in docs/concepts/proof.md: about an hour
 # make certify  every shipped spec, proven in every engine that is here and supports it (nightly): about half an hour on two processors
 # make slow     tests that are left out of make test, since they take long (nightly): every defect and every probe in every engine, a bisection of installed versions, the robot's placements, the CI example from end to end: some 25 minutes
 # make kills    compile, verify, run and a sweep, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 # make study-small   both scenarios of the study, 5 timesteps, 3 seeds, 3 engines, one pick of the robot: runs/koerber-2021-small/study.md
 # make study    the whole study: hours; ended at any moment, the same command does what is left
-# make study-contact   the contact law in every engine at six timesteps, towers, costs: docs/contact.md anew: some 25 minutes
-# make corpora   robot files of packages that pip installs: imported, certified, audited: docs/corpora.md anew; hours, and ended at any moment it goes on
+# make study-contact   the contact law in every engine at six timesteps, towers, costs: docs/records/contact.md anew: some 25 minutes
+# make corpora   robot files of packages that pip installs: imported, certified, audited: docs/records/corpora.md anew; hours, and ended at any moment it goes on
 # make page-bundle   the program of the HTML report, anew from page/src: needs Node.js 20 and npm's registry
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
@@ -44,8 +44,8 @@ demo: setup
 	$(BIN)/simspec run specs/ur10e.yaml --all-engines
 
 # pages that are filled from the studies in docs/studies, as soon as these are published
-PAGES := docs/results.md $(if $(wildcard docs/studies/koerber-2021/study.json),docs/stacking.md) \
-	$(if $(wildcard docs/studies/contact/study.json),docs/contact.md)
+PAGES := docs/records/results.md $(if $(wildcard docs/studies/koerber-2021/study.json),docs/records/stacking.md) \
+	$(if $(wildcard docs/studies/contact/study.json),docs/records/contact.md)
 
 check: types stale
 
@@ -156,7 +156,7 @@ study: setup
 # exit code 1 of the study: proofs fail at large timesteps, which is what its tables show
 study-contact: setup
 	$(BIN)/simspec study contact --deadline 3600 --publish docs/studies/contact || test $$? -eq 1
-	$(BIN)/simspec pages docs/contact.md
+	$(BIN)/simspec pages docs/records/contact.md
 
 # page/bundle is committed: only who changes page/src needs this; tests hold it against its sources
 page-bundle:

@@ -8,7 +8,7 @@
 >>> a, b = simspec.run(world, "mujoco"), simspec.run(world, "dart")
 >>> simspec.diff(a, b).worst                                     # where the two differ most
 
-Everything is imported when it is first used: ``import simspec`` itself takes no time. See docs/python-api.md.
+Everything is imported when it is first used: ``import simspec`` itself takes no time. See docs/reference/python-api.md.
 """
 
 # ruff: noqa: F401 (the names below are offered, not used)

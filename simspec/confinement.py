@@ -1,8 +1,8 @@
 """Confinement of a process by the Linux kernel: Landlock for files, a seccomp filter for system calls. Nothing undoes it.
 
 A process that reads files of unknown origin calls :func:`confine` after it has imported what it needs, and before it reads
-the first byte of them. What a process then may do is data: :data:`PROFILES`. The table in ``docs/security.md`` lists who uses
-which.
+the first byte of them. What a process then may do is data: :data:`PROFILES`. The table in
+``docs/concepts/security.md`` lists who uses which.
 
 The kernel's interfaces are used directly, by ctypes: of the packages that offer them, ``pyseccomp`` needs a C library and
 ``landlock`` is a development release; the filter here is a list of numbers, which a test runs call by call. The module needs

@@ -13,7 +13,7 @@ import simspec
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "python-api.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "python-api.md"
 
 
 def test_the_documented_session_runs(tmp_path, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""The workflow of docs/ci.md: each of its steps is run as the CI system runs it."""
+"""The workflow of docs/guide/ci.md: each of its steps is run as the CI system runs it."""
 
 from __future__ import annotations
 

@@ -530,7 +530,7 @@ def test_engines(folder):
     simspec("engines", "--markdown", "--check", code=1)
     simspec("engines", "--markdown")
     simspec("engines", "--markdown", "--check")
-    assert (folder / "docs" / "support-matrix.md").is_file()
+    assert (folder / "docs" / "reference" / "support-matrix.md").is_file()
 
 
 PROJECT = """\

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 HEADING = re.compile(r"(?m)^#{1,6} +(.*?) *$")
 NAMED = re.compile(r'<a id="([^"]+)"></a>')
@@ -22,7 +22,7 @@ def anchors(page: Path) -> set[str]:
     return {*headings, *NAMED.findall(text)}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_link_of_a_page_leads_somewhere(page):
     text = FENCED.sub("", page.read_text(encoding="utf-8"))
     broken = []
@@ -37,5 +37,5 @@ def test_every_link_of_a_page_leads_somewhere(page):
 
 
 def test_a_missing_place_is_seen():
-    assert "what-friction-coulomb-costs" in anchors(ROOT / "docs" / "contact.md")
-    assert "no-such-place" not in anchors(ROOT / "docs" / "contact.md")
+    assert "what-friction-coulomb-costs" in anchors(ROOT / "docs" / "records" / "contact.md")
+    assert "no-such-place" not in anchors(ROOT / "docs" / "records" / "contact.md")

@@ -1,4 +1,4 @@
-"""The tables of docs/security.md are the code's own data."""
+"""The tables of docs/concepts/security.md are the code's own data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from simspec.imports.xacro import limits
 from simspec.language.foreign import ImportOptions
 from simspec.meshes import child as meshes
 
-PAGE = Path(__file__).parents[1] / "docs/security.md"
+PAGE = Path(__file__).parents[1] / "docs/concepts/security.md"
 
 
 def size(count):

@@ -1,5 +1,5 @@
-"""docs/sweeps.md tells the truth: its spec is one, its commands run, one after the other, and its Python works on what they
-wrote."""
+"""docs/guide/sweeps.md tells the truth: its spec is one, its commands run, one after the other, and its Python works
+on what they wrote."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from simspec import cli
 
-PAGE = (Path(__file__).resolve().parent.parent / "docs" / "sweeps.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parent.parent / "docs" / "guide" / "sweeps.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"<!-- (spec|output): (.*?) -->\n```\w*\n(.*?)```", re.DOTALL)
 TIMES = re.compile(r"[\d.,]+ ×|about .*|\d+ verified now")
 """What is another each time: speeds, and the proofs that this test leaves out."""
@@ -39,5 +39,5 @@ def test_the_page_s_commands_print_what_it_says(tmp_path, monkeypatch, capsys):
         assert lines == [line for line in told(text)[1:] if line and not line.startswith("proof:")]
     code = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)
     assert code is not None
-    exec(compile(code[1], "docs/sweeps.md", "exec"), {})
+    exec(compile(code[1], "docs/guide/sweeps.md", "exec"), {})
     assert len(capsys.readouterr().out.splitlines()) == 24

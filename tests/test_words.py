@@ -17,8 +17,11 @@ LEFT: dict[str, int] = json.loads((ROOT / "tests" / "words_left.json").read_text
 
 
 def _place(path: Path) -> str:
+    """The package of simspec, the package of tests, or ``docs``."""
     parts = path.relative_to(ROOT).parts
-    return "/".join(parts[:3] if parts[:2] == ("simspec", "engines") else parts[:2])
+    if len(parts) <= 2 or parts[0] == "docs":
+        return parts[0]
+    return "/".join(parts[:2])
 
 
 def findings() -> dict[str, list[str]]:

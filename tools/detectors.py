@@ -1,4 +1,4 @@
-"""Measure what DART's collision detectors find and miss, and write docs/dart-detectors.md.
+"""Measure what DART's collision detectors find and miss, and write docs/records/dart-detectors.md.
 
 python tools/detectors.py [--draws 12] [--poses 250] [--kind mesh]
 
@@ -44,7 +44,7 @@ from simspec.world.types import (
     World,
 )
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "dart-detectors.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "records" / "dart-detectors.md"
 DETECTORS = ("dart", "ode", "bullet", "fcl")
 SMALLEST, LARGEST = 0.02, 0.2
 """Of half-sizes and radii (m), drawn evenly in their logarithm; a cylinder and a capsule are up to that long twice over."""

@@ -233,8 +233,9 @@ def page(rows: Sequence[Mapping[str, Any]], date: str) -> str:
         "",
         "Each cell: the figure that is furthest off, in units of its tolerance; `ok` within it. Frictions 0.05 to 1.2, "
         "restitutions 0 to 1; `stack` up to a ratio of masses of 100. A dash: the engine refuses all of it.",
-        "The probes are defined in [proof.md](../proof.md). Command: `python tools/deviations.py --engine NAME --timestep 1 "
-        "--timestep 2 … --json FILE` for each engine, then `--page FILE …`.",
+        "The probes are defined in [proof.md](../concepts/proof.md). "
+        "Command: `python tools/deviations.py --engine NAME --timestep 1 --timestep 2 "
+        "… --json FILE` for each engine, then `--page FILE …`.",
         f"Measured on {date} with {versions}.",
     ]
     usual = [row for row in rows if "seconds" not in row]

@@ -1,7 +1,7 @@
-"""The tables of docs/explain.md: planted differences, and real pairs of engines, with what is left unexplained.
+"""The tables of docs/guide/explain.md: planted differences, and real pairs of engines, with what is left unexplained.
 
 python tools/explain_page.py                  all cases, then the tables
-python tools/explain_page.py --only erp cone  some of them; what is known already is kept (docs/explain.json)
+python tools/explain_page.py --only erp cone  some of them; what is known already is kept (docs/records/explain.json)
 python tools/explain_page.py --page           the tables again
 """
 
@@ -21,7 +21,7 @@ from simspec.attribution.verdict import percent, ranged  # noqa: E402
 from simspec.report.attribution import explanation_data  # noqa: E402
 from tests.attribution.planted import CASES  # noqa: E402
 
-PAGE, DATA = ROOT / "docs" / "explain.md", ROOT / "docs" / "explain.json"
+PAGE, DATA = ROOT / "docs" / "guide" / "explain.md", ROOT / "docs" / "records" / "explain.json"
 PAIRS = {
     "box-on-ramp: mujoco, dart": ("box-on-ramp", "mujoco", "dart", (), 60),
     "box-on-ramp: mujoco, pybullet": ("box-on-ramp", "mujoco", "pybullet", (), 60),

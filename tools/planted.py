@@ -1,4 +1,5 @@
-"""Defects planted in the coupled contact probes, in every engine and cone: docs/proof.md and docs/records/planted-contact.md.
+"""Defects planted in the coupled contact probes, in every engine and cone: docs/concepts/proof.md and
+docs/records/planted-contact.md.
 
 python tools/planted.py [--engine NAME ...] [--json FILE]
 python tools/planted.py --page FILE ...

@@ -5,7 +5,7 @@ finding of simcheck is looked for among those of the rules that correspond to it
 what is not found has a reason here, or the record says "missed".
 
     python tools/plausibility.py --simcheck PYTHON --packages FOLDER --answers FOLDER
-    python tools/plausibility.py --rules     the table of rules in docs/audit.md
+    python tools/plausibility.py --rules     the table of rules in docs/guide/audit.md
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from simspec.plausibility.findings import RULES, Plausibility  # noqa: E402
 from tests.plausibility.files import moments, urdf  # noqa: E402
 
 RECORD = ROOT / "docs" / "records" / "plausibility.md"
-PAGE = ROOT / "docs" / "audit.md"
+PAGE = ROOT / "docs" / "guide" / "audit.md"
 BEGIN, END = (
     "<!-- rules of plausibility: made by tools/plausibility.py --rules -->",
     "<!-- end of rules of plausibility -->",

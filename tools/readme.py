@@ -1,8 +1,9 @@
-"""Fill the blocks of the README and of docs/sweeps.md: files as they are, commands with the output that they give now.
+"""Fill the blocks of the README and of docs/guide/sweeps.md: files as they are, commands with the output that they give now.
 
-    python tools/readme.py [README.md] [docs/sweeps.md]
+    python tools/readme.py [README.md] [docs/guide/sweeps.md]
 
-Commands of the README work each in a folder of its own; those of docs/sweeps.md one after the other in one folder, with the
+Commands of the README work each in a folder of its own; those of docs/guide/sweeps.md one after the other in one
+folder, with the
 spec that stands in the page. What ``--all-engines`` takes must not depend on who fills the page: engines in the user's data
 folder (MJX, MuJoCo Warp) are not seen, and the machine has to have those of ``ENGINES``, no more and no less.
 """
@@ -90,7 +91,7 @@ def fill_page(page: str, together: bool) -> str:
 
 
 def main() -> int:
-    for name, together in (("README.md", False), ("docs/sweeps.md", True)):
+    for name, together in (("README.md", False), ("docs/guide/sweeps.md", True)):
         path = ROOT / name
         if len(sys.argv) == 1 or name in sys.argv[1:]:
             page = path.read_text(encoding="utf-8")

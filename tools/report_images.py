@@ -1,4 +1,4 @@
-"""The pictures of ``docs/report.md``: a report in Chromium, at three sizes, and the page of a published study.
+"""The pictures of ``docs/guide/report.md``: a report in Chromium, at three sizes, and the page of a published study.
 
     simspec run spheres-216 --all-engines
     python tools/report_images.py runs/spheres-216

@@ -1,4 +1,4 @@
-"""Runs the complete self-test and puts its tables into docs/proof.md.
+"""Runs the complete self-test and puts its tables into docs/concepts/proof.md.
 
 ``python tools/selftest.py [ENGINE ...] [--world NAME ...] [--go-on]``: with engines or worlds named, only theirs are made anew;
 with ``--go-on`` what a run that was stopped has left, what missed something, and what is kept of another version. Results are
@@ -25,8 +25,8 @@ from simspec.proof.complete_verdicts import CompleteTest, Verdict
 from simspec.report.complete import COLUMNS, inert_reasons
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs" / "proof.md"
-RESULTS = ROOT / "docs" / "selftest.json"
+PAGE = ROOT / "docs" / "concepts" / "proof.md"
+RESULTS = ROOT / "docs" / "records" / "selftest.json"
 BEGIN, END = "<!-- complete self-test: made by tools/selftest.py -->", "<!-- end of complete self-test -->"
 Results = dict[str, dict[str, dict[str, Any]]]
 """By engine and world: ``version``, ``date``, ``seconds``; ``rows``: counts by kind of change; ``inert``: counts by reason."""

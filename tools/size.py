@@ -1,8 +1,9 @@
-"""The size of the project in figures: files, lines, importers, parameters, words, modules loaded and processor time of commands.
+"""The size of the project in figures: files, lines, importers, parameters, words, modules loaded and processor time
+of commands.
 
-    python tools/size.py --json now.json                     # store the figures
-    python tools/size.py --against before.json               # a Markdown table, before and now
-    python tools/size.py --tests --commands                  # also collect the tests, and time commands (minimum of several runs)
+    python tools/size.py --json now.json             # store the figures
+    python tools/size.py --against before.json       # a Markdown table, before and now
+    python tools/size.py --tests --commands          # also collect the tests, and time commands (least of several runs)
 
 ``--root`` examines another working tree; its commands are started with the Python of its ``.venv``.
 """

@@ -1,4 +1,4 @@
-"""The picture of docs/stacking.md and the README, from the published study.
+"""The picture of docs/records/stacking.md and the README, from the published study.
 
     python tools/study_images.py docs/studies/koerber-2021
 

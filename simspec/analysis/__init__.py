@@ -1,4 +1,4 @@
 """Figures of runs, each computed in one place: pure functions of arrays, runs and noise floors. No engine is started.
 
-``docs/analysis.md`` gives the meaning, the formula and the source of each.
+``docs/reference/analysis.md`` gives the meaning, the formula and the source of each.
 """

@@ -56,8 +56,8 @@ def explain(
     progress told what is being done
 
     Both begin short windows in states of the first side's run, and the gap at the windows' ends is measured; then one thing
-    that differs, or may, is taken away at a time (docs/explain.md). Raises SpecError where the two are of different scenes or a
-    run has no rows, UnsupportedError and EngineError where one of the two cannot be asked.
+    that differs, or may, is taken away at a time (docs/guide/explain.md). Raises SpecError where the two are of
+    different scenes or a run has no rows, UnsupportedError and EngineError where one of the two cannot be asked.
     """
     sides = [side if isinstance(side, Configuration) else side_of_run(side, pythons) for side in (first, second)]
     told = names or (_told(sides[0]), _told(sides[1]))

@@ -65,7 +65,7 @@ def audit(options: AuditOptions) -> int:
         if page_file is not None:
             say(f"written: {page_file}")
         if walls().why:
-            say(f"engines loaded the files without confinement: {walls().why} (docs/security.md)")
+            say(f"engines loaded the files without confinement: {walls().why} (docs/concepts/security.md)")
     if any(one.died for one in audits):
         return EXIT_ENGINE
     return EXIT_OK if all(one.clean for one in audits) else EXIT_FAILED

@@ -1,4 +1,5 @@
-"""The tables of docs/language.md and docs/studies.md: every field its type, unit, default and meaning, from the models."""
+"""The tables of docs/reference/language.md and docs/guide/studies.md: every field its type, unit, default and
+meaning, from the models."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ def study_tables() -> dict[str, str]:
     known = {**walk.models(File), **beside()}
     models = {**walk.models(StudyFile), **walk.models(FiguresFile)}
     own = {name: "\n".join(_table(model)) for name, model in models.items() if name not in known}
-    return {name: text.replace("(#sweep)", "(language.md#sweep)") for name, text in own.items()}
+    return {name: text.replace("(#sweep)", "(../reference/language.md#sweep)") for name, text in own.items()}
 
 
 def update(text: str) -> str:
@@ -111,7 +112,7 @@ def _default(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-PAGES = ("docs/language.md", "docs/studies.md")
+PAGES = ("docs/reference/language.md", "docs/guide/studies.md")
 
 
 def main() -> None:

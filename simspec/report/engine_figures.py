@@ -15,7 +15,7 @@ from simspec.report.terminal import level_title
 
 STUDY = "docs/studies/every-engine"
 """The study that has every engine that can be had, each scenario of it in one run of one machine."""
-LINK = "studies/every-engine/study.md"
+LINK = "../studies/every-engine/study.md"
 LARGEST = 64 * 2**20
 """Bytes of a study that are read."""
 HEAD = "| scenario, timestep | a step, processor time | × real time | all that is expected holds | the same run again | gap |"

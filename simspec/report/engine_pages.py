@@ -1,4 +1,5 @@
-"""The page docs/engines.md: each engine as its class declares it, and what committed certificates and studies say of it.
+"""The page docs/reference/engines.md: each engine as its class declares it, and what committed certificates and
+studies say of it.
 
 Nothing of it depends on what is installed, so that whether it is current has one answer on every machine.
 """
@@ -38,8 +39,9 @@ HEAD = f"""# Engines
 
 {SIGNATURE}
 
-Each engine as it declares itself. All features side by side stand in the [support matrix](support-matrix.md), what the levels
-of a certificate compare in [proof.md](proof.md). `simspec engines doctor` says what of this is installed here and works.
+Each engine as it declares itself. All features side by side stand in the [support matrix](support-matrix.md); the
+levels of a certificate in [proof.md](../concepts/proof.md). `simspec engines doctor` checks this machine's
+installations.
 """
 PLACES = re.compile(r" \(and \d+ more places\)")
 LEVELS = (*WORDS.values(), NOT_YET)

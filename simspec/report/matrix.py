@@ -16,7 +16,7 @@ from simspec.report.absent import absent
 from simspec.support.declarations import Absence, Level, Support, combine
 from simspec.support.features import MEANING, Feature
 
-MATRIX_FILE = "docs/support-matrix.md"
+MATRIX_FILE = "docs/reference/support-matrix.md"
 WORDS = {
     Level.EXACT: "exact",
     Level.VIA_API: "exact, by API",
@@ -130,7 +130,7 @@ def is_matrix(page: bytes) -> bool:
 
 
 def markdown() -> str:
-    """The page docs/support-matrix.md."""
+    """The page docs/reference/support-matrix.md."""
     names = list(engines())
     tables = {name: support(engine) for name, engine in engines().items()}
     lines = [HEAD]
@@ -175,8 +175,8 @@ def markdown() -> str:
 
 
 ABSENT = (
-    "By the deviations that each engine declares (docs/contact.md): one so wide that an engine with less than a tenth of "
-    "the effect would pass is no tolerance, and the effect is absent. A certificate names those of its figures."
+    "By the deviations that each engine declares (docs/records/contact.md): one so wide that an engine with less than a tenth "
+    "of the effect would pass is no tolerance, and the effect is absent. A certificate names those of its figures."
 )
 
 

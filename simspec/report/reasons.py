@@ -8,7 +8,7 @@ from simspec.report.matrix import anchor, support
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 
-PAGE = "docs/support-matrix.md"
+PAGE = "docs/reference/support-matrix.md"
 
 
 def link(engine: str, feature: str) -> str:

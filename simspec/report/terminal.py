@@ -287,7 +287,7 @@ def certificate_notes(certificate: Certificate) -> list[str]:
         if fields := [field for field in proof.not_checked if field not in proof.unchecked]:
             notes.append(f"{name}: not readable back: {', '.join(fields)}")
     if any(figure.deviation for proof in proofs for figure in proof.contact):
-        notes.append("measured deviations: docs/contact.md")
+        notes.append("measured deviations: docs/records/contact.md")
     return notes
 
 

@@ -1,4 +1,4 @@
-"""Differences that were planted are named, and with nothing planted nothing is; docs/explain.md has more of them."""
+"""Differences that were planted are named, and with nothing planted nothing is; docs/guide/explain.md has more of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/corpora.json: answers about robot files of other packages, kept for the next machine."""
+"""docs/records/corpora.json: answers about robot files of other packages, kept for the next machine."""
 
 from __future__ import annotations
 

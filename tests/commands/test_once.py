@@ -1,4 +1,4 @@
-"""The path of a world through a command: each step once for each engine (``docs/design.md``)."""
+"""The path of a world through a command: each step once for each engine (``docs/design/architecture.md``)."""
 
 from __future__ import annotations
 

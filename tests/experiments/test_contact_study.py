@@ -12,7 +12,7 @@ from simspec.language.study_specs import load_study_file
 from simspec.report.study.pages import marks
 
 ROOT = Path(__file__).parents[2]
-STUDY, PAGE = ROOT / "specs" / "studies" / "contact.yaml", ROOT / "docs" / "contact.md"
+STUDY, PAGE = ROOT / "specs" / "studies" / "contact.yaml", ROOT / "docs" / "records" / "contact.md"
 
 
 def test_every_approximation_is_accepted_since_the_study_measures_it():

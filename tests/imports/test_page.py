@@ -1,4 +1,5 @@
-"""docs/import.md and docs/import-usd.md: their tables are those of the importers, and the example is what simspec prints."""
+"""docs/guide/import.md and docs/guide/import-usd.md: their tables are those of the importers, and the example is
+what simspec prints."""
 
 import re
 from pathlib import Path
@@ -9,7 +10,7 @@ from typer.testing import CliRunner
 from simspec import cli
 from simspec.imports.reference import PAGES, missing, update
 
-PAGE = Path(__file__).parents[2] / "docs" / "import.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guide" / "import.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 
 
@@ -20,7 +21,7 @@ def block(title: str) -> str:
 
 
 def test_the_tables_are_current():
-    texts = [page.read_text(encoding="utf-8") for page in sorted(PAGE.parents[1].glob(PAGES))]
+    texts = [page.read_text(encoding="utf-8") for page in sorted(PAGE.parents[2].glob(PAGES))]
     assert missing("".join(texts)) == []
     for text in texts:
         assert update(text) == text, "stale: python -m simspec.imports.reference writes them"

@@ -1,4 +1,4 @@
-"""The scenario of docs/import.md: a robot file as it is found picks a cube, in two engines."""
+"""The scenario of docs/guide/import.md: a robot file as it is found picks a cube, in two engines."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from simspec import cli
 
-PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "import.md"
+PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "guide" / "import.md"
 
 
 def test_a_panda_with_its_own_meshes_and_coupled_fingers_picks_a_cube(tmp_path, monkeypatch):

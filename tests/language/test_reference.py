@@ -1,4 +1,4 @@
-"""docs/language.md: its tables are those of the models, every model has one."""
+"""docs/reference/language.md: its tables are those of the models, every model has one."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from simspec.language.load import Spec
 from simspec.language.reference import missing, study_tables, tables, update
 from simspec.runner.measures import MEASURES
 
-PAGE = Path(__file__).parents[2] / "docs" / "language.md"
-STUDIES = PAGE.with_name("studies.md")
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "language.md"
+STUDIES = PAGE.parents[1] / "guide" / "studies.md"
 
 
 def test_the_tables_are_current():
@@ -26,7 +26,7 @@ def test_the_tables_of_studies_are_current():
     text = STUDIES.read_text(encoding="utf-8")
     assert missing(text, study_tables()) == []
     assert update(text) == text, "stale: python -m simspec.language.reference writes them"
-    assert "[Sweep](language.md#sweep)" in text
+    assert "[Sweep](../reference/language.md#sweep)" in text
 
 
 def test_the_tables_say_what_the_models_say():

@@ -1,4 +1,4 @@
-"""What the scenes showed of the engines (docs/scenes.md), each held to a law of its own: a later version that does
+"""What the scenes showed of the engines (docs/concepts/scenes.md), each held to a law of its own: a later version that does
 otherwise makes the page wrong, and these fail."""
 
 from __future__ import annotations

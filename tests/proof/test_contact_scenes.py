@@ -145,7 +145,8 @@ def test_a_wrong_law_shows(case):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_tower_of_boxes_stands(engine):
-    """One second of the ten, in which PyBullet's still rocks a little; docs/contact.md has all of them, at every timestep."""
+    """One second of the ten, in which PyBullet's still rocks a little; docs/records/contact.md has all of them, at
+    every timestep."""
     found = outcomes("tower-boxes", engine, ("physics.duration=1 s",))
     assert all(outcome.passed for outcome in found if outcome.kind == "displacement")
 

@@ -1,4 +1,5 @@
-"""Robot files of other people's packages: each imported, certified in every engine, and audited as it is; docs/corpora.md.
+"""Robot files of other people's packages: each imported, certified in every engine, and audited as it is;
+docs/records/corpora.md.
 
     python tools/corpora --into DIR --fetch          installs the packages into DIR, never into the project
     python tools/corpora --into DIR --run            what has no result yet; ended at any moment, it goes on there
@@ -7,12 +8,12 @@
     python tools/corpora --into DIR --run --open     the same, and what engines refused then or were never asked
     python tools/corpora --into DIR --run --seconds 1500 --only urdf --in package
     python tools/corpora --into DIR --refusals FILE  refusals by their reasons, counted
-    python tools/corpora --into DIR --write          docs/corpora.md and docs/corpora.json from DIR/results
+    python tools/corpora --into DIR --write          docs/records/corpora.md and docs/records/corpora.json from DIR/results
 
 Stages: import (no engine), certify (what simspec compiles, in every engine), apart (the same without contact between the
 model's own bodies, in the engines that refuse it), audit (the file itself, in every engine). Workers answer one file after the
 other, each file within a deadline. Files are never copied into the project. What DIR/results lacks is taken from
-docs/corpora.json, where it is of the same content of the same file.
+docs/records/corpora.json, where it is of the same content of the same file.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seconds", type=float, default=24 * 3600.0, help="no file is begun later")
     parser.add_argument("--refusals", type=Path, help="a file that is written")
-    parser.add_argument("--write", action="store_true", help="write docs/corpora.md and docs/corpora.json")
+    parser.add_argument(
+        "--write", action="store_true", help="write docs/records/corpora.md and docs/records/corpora.json"
+    )
     told = parser.parse_args()
     folder = told.into.resolve()
     if folder.is_relative_to(ROOT):
@@ -56,7 +59,7 @@ def main() -> int:
         fetch(folder)
     every = models(folder)
     results = folder / "results"
-    print(f"{kept.restore(every, results)} answers of docs/corpora.json")
+    print(f"{kept.restore(every, results)} answers of docs/records/corpora.json")
     asked = [
         model
         for model in every

@@ -1,5 +1,5 @@
-"""docs/corpora.json: the answers that the page is made of, under version control, so that another machine goes on where one
-stopped. Answers of files whose content is another by now are left out."""
+"""docs/records/corpora.json: the answers that the page is made of, under version control, so that another machine
+goes on where one stopped. Answers of files whose content is another by now are left out."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from models import Model
 from run import STAGES, place, stored
 
-KEPT = Path(__file__).resolve().parents[2] / "docs" / "corpora.json"
+KEPT = Path(__file__).resolve().parents[2] / "docs" / "records" / "corpora.json"
 LONGEST = 240
 """Characters of a text that are kept: what the page and the list of refusals show of one."""
 

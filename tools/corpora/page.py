@@ -1,4 +1,4 @@
-"""docs/corpora.md: what became of every file, and how far the aims are met."""
+"""docs/records/corpora.md: what became of every file, and how far the aims are met."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from refusals import why
 from run import STAGES, stored
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "corpora.md"
+PAGE = ROOT / "docs" / "records" / "corpora.md"
 SAME = 1e-9
 """Largest relative deviation of an imported MJCF file's dynamics from the original's."""
 AIMS = {"mujoco": 98.0, "pybullet": 95.0, "dart": 95.0}
 """Per cent of imported URDF files that are to be certified."""
 MARKS = {"certified": "yes", "apart": "apart", "fails": "**no**", "refused": "–", "not asked": "·"}
-RESTORED = "restored from docs/corpora.md"
+RESTORED = "restored from docs/records/corpora.md"
 """In place of a state of the code: a verdict from this page, of which no more was kept."""
 APART = "without contact between its own bodies"
 MOST = 40
@@ -119,7 +119,8 @@ def head(files: Sequence[File], engines: Sequence[str]) -> Iterator[str]:
         f"what simspec compiles of it is certified in {', '.join(engines[:-1])} and {engines[-1]} (levels L0 to L4 and L6; "
         f"simspec's other engines are not asked), of which {asked['certified']} "
         f"of {sum(file.is_imported for file in files)} imported files were asked so far{_left(files)}; and each file itself is "
-        f"[audited](audit.md), of which {asked['audited']} were. Files that were asked are spread over packages and languages. "
+        f"[audited](../guide/audit.md), of which {asked['audited']} were. "
+        "Files that were asked are spread over packages and languages. "
         f"`make corpora` goes on where it stopped. The answers are of {len(states)} states of simspec's code, hours or days "
         "apart: what was repaired meanwhile counts only where it was asked again (`--anew`, `--failed`). They are kept in "
         f"[corpora.json](corpora.json){restored}."

@@ -264,8 +264,8 @@ OVERLOOKED: Mapping[str, Pairs] = {
     },
 }
 """Of each detector the pairs that it gets right but for some contacts that it does not see, and how many: measured
-(docs/dart-detectors.md, ``tools/detectors.py``), and said where a world has them. They need not be accepted: of what DART has
-nothing is better for these pairs, since ``dart`` misses more and ``fcl`` has one contact for a face."""
+(docs/records/dart-detectors.md, ``tools/detectors.py``), and said where a world has them. They need not be accepted:
+of what DART has nothing is better for these pairs, since ``dart`` misses more and ``fcl`` has one contact for a face."""
 
 ORDER = ("dart", "ode", "fcl")
 """In which order sound detectors are tried; ``dart`` has the exact contacts of spheres and boxes. ``bullet`` has nothing

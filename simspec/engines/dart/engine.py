@@ -226,7 +226,7 @@ class Dart(SteppedEngine[Simulation]):
             "with detector ode, whose flat faces touch at the corners of the octagon around the circle: a flat disc that spins "
             "is braked 8.2 % too strongly, and an upright cylinder that should tip where its weight points 1.00 R beside the "
             "axis tips at 1.00 to 1.08 R, by how it is turned; some contacts of an edge of a box with the rim are "
-            f"missed (docs/dart-detectors.md, and said where a world has such pairs); {_DETECTORS}",
+            f"missed (docs/records/dart-detectors.md, and said where a world has such pairs); {_DETECTORS}",
         ),
         Feature.SHAPE_CAPSULE: _shape("capsule", f"with detector dart, on planes with ode; {_DETECTORS}"),
         Feature.SHAPE_ELLIPSOID: _shape("ellipsoid", f"with detector fcl, to 0.06 mm; {_DETECTORS}"),

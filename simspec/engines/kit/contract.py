@@ -154,7 +154,8 @@ class Engine:
 
     @classmethod
     def command(cls, folder: Path) -> Sequence[str] | None:
-        """The command line of the program that works off the request in ``folder`` (``docs/engine-process.md``), for an engine
+        """The command line of the program that works off the request in ``folder``
+        (``docs/design/engine-process.md``), for an engine
         that is a program of its own; None: simspec's own worker, which makes an instance of this class, in a Python."""
         return None
 

@@ -1,4 +1,4 @@
-"""The named operations that an engine's process does (``docs/engine-process.md``), each with a session of the engine.
+"""The named operations that an engine's process does (``docs/design/engine-process.md``), each with a session of the engine.
 
 An operation is given its arrays and its parameters, and answers a plain result and arrays. What those are is said in
 ``answer_forms.py``; the other side checks all of it.

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 COMMON_SHARE = 0.01
-"""Of an overlap, taken back in each step: the common law of contact (docs/contact.md)."""
+"""Of an overlap, taken back in each step: the common law of contact (docs/records/contact.md)."""
 
 
 @dataclass(frozen=True, slots=True)

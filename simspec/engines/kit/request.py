@@ -1,7 +1,8 @@
 """What an engine's process is given: ``request.json``, ``request.bin``, and the artifacts below ``artifacts/``.
 
 The folder is all that the process needs: the artifacts are copied into it, and every path in the request is relative to it. The
-form is published as a JSON Schema (``schema/engine-request.schema.json``); ``docs/engine-process.md`` says what it means.
+form is published as a JSON Schema (``schema/engine-request.schema.json``); ``docs/design/engine-process.md`` says
+what it means.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ LARGEST_WHOLE = 2**31 - 1
 
 
 class Group(StrEnum):
-    """What a setting acts on: the closed vocabulary that differences of runs are told in (``docs/explain.md``)."""
+    """What a setting acts on: the closed vocabulary that differences of runs are told in (``docs/guide/explain.md``)."""
 
     SOLVER = "solver"
     ACCURACY = "solver accuracy"

@@ -20,7 +20,7 @@ from simspec.engines.mujoco.equality import Equalities
 
 MOST_SOLVES = 10
 """Solves in a step. What slides or lands alone needs two or three; in a pile of 216 spheres 0.1 % of the steps of the first
-1.5 s are not converged after ten at μ = 0.3, 5 % at 0.5 and 35 % at 1 (measured: docs/contact.md)."""
+1.5 s are not converged after ten at μ = 0.3, 5 % at 0.5 and 35 % at 1 (measured: docs/records/contact.md)."""
 RELATIVE = 0.001
 """Change of a correction, as a share of it, at which it is taken as found: a ball of μ = 1.5 that lands at 2 m/s and slips at
 20 then leaves with its normal speed off by up to 1.5 % of the landing's."""

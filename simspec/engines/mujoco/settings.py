@@ -72,7 +72,7 @@ SETTINGS: Mapping[str, Setting] = {
         "nothing hops, and nothing lies on a cushion. It costs 16 µs a step of a body at rest, 29 of one that slides, "
         "1.5 to 2.2 times MuJoCo's own time in towers, 3.4 to 4.6 times in a pile of 216 spheres. Of such a pile's steps "
         "0.1 % end unconverged at μ = 0.3, 5 % at 0.5 (a contact's normal speed then off by up to 0.02 m/s), 35 % at 1 "
-        "(0.3 m/s), which the run counts and says (measured, 1 ms: docs/contact.md). friction_rate, friction_share and "
+        "(0.3 m/s), which the run counts and says (measured, 1 ms: docs/records/contact.md). friction_rate, friction_share and "
         "friction_cushion are native's.",
         (NATIVE, COULOMB),
         group=Group.FRICTION,

@@ -5,7 +5,7 @@ times the speed at which it approached, and one that did not approach stays clos
 system, P along the normal and T along the surface, with T = μ P where it slips (Newton's law of restitution with Coulomb's of
 friction; Brach 1991, Mechanical Impact Dynamics, ch. 6). Without friction the law never adds energy; with friction it adds some
 percent at e = 1 (Kane and Levinson 1985, Dynamics). A solver that restores one contact after the other adds 12.5 % where one
-ball hits two (measured, docs/proof.md).
+ball hits two (measured, docs/concepts/proof.md).
 """
 
 from __future__ import annotations

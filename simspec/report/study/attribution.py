@@ -1,5 +1,5 @@
 """Where the engines of a sweep differ from its first one, and what of that has a cause: what ``simspec explain`` finds of each
-(``docs/explain.md``)."""
+(``docs/guide/explain.md``)."""
 
 from __future__ import annotations
 

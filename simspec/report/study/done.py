@@ -62,7 +62,8 @@ class Done:
 
 @dataclass(frozen=True)
 class Shown:
-    """One thing that a study shows of a sweep. ``name``: by which pages ask for the table (``docs/studies.md``), unique in its
+    """One thing that a study shows of a sweep. ``name``: by which pages ask for the table
+    (``docs/guide/studies.md``), unique in its
     sweep; ``records``: its figures as data, not rounded; ``said``: what it says, in sentences computed from the same
     figures."""
 

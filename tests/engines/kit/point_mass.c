@@ -1,4 +1,4 @@
-/* An engine in C: a point mass that falls. It speaks the folder contract of docs/engine-process.md, and knows two operations,
+/* An engine in C: a point mass that falls. It speaks the folder contract of docs/design/engine-process.md, and knows two operations,
    "kinematics" and "drive", of one free body. JSON is searched, not parsed: a toy. */
 #include <stdio.h>
 #include <stdlib.h>

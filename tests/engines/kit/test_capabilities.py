@@ -142,6 +142,6 @@ def test_the_matrix_shows_them_with_their_reasons():
 
 
 def test_the_page_about_adding_an_engine_lists_them():
-    page = (Path(__file__).parents[3] / "docs" / "adding-an-engine.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "design" / "adding-an-engine.md").read_text(encoding="utf-8")
     for capability, methods in METHODS.items():
         assert f"| `{capability}` | {', '.join(f'`{method}`' for method in methods)}" in page

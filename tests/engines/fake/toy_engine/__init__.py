@@ -1,4 +1,5 @@
-"""Toy: an engine for plain URDF, written from ``docs/adding-an-engine.md`` alone: fixed joints, hinges and free roots."""
+"""Toy: an engine for plain URDF, written from ``docs/design/adding-an-engine.md`` alone: fixed joints, hinges and
+free roots."""
 
 from types import SimpleNamespace
 from xml.etree import ElementTree
