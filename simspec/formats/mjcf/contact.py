@@ -90,7 +90,7 @@ def _too_many_classes(first: str, second: str) -> Problem:
 # ``size memory`` holds the contacts, constraints and solver of one state. The default, 40 (n + 500)² bytes for n velocities, is
 # 1.8 GB for 1,000 free bodies whatever may touch. Above MOST_BY_DEFAULT velocities the size is a bound on what a step needs; it
 # is reserved, and taken as far as it is used. A state that does not fit is an error of the run. Figures marked *measured* are
-# of version 4.0.1 of the reference program (docs/scale.md).
+# of version 4.0.1 of the reference program (docs/records/scale.md).
 
 MIB: Final = 2**20
 MOST_BY_DEFAULT: Final = 2500

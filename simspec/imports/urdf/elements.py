@@ -1,5 +1,5 @@
-"""Elements and attributes of URDF: a table of what each becomes (``docs/import.md``), by which an import sets aside what is
-never carried; and repairs of damaged numbers.
+"""Elements and attributes of URDF: a table of what each becomes (``docs/guide/import.md``), by which an import sets aside
+what is never carried; and repairs of damaged numbers.
 """
 
 from __future__ import annotations
