@@ -99,8 +99,8 @@ class PagesOptions(Options):
     code: exit code 1, unless the page says so (--older).
 
     \b
-    simspec pages docs/results.md
-    simspec pages docs/results.md --check
+    simspec pages docs/records/results.md
+    simspec pages docs/records/results.md --check
     """
 
     pages: Annotated[list[Path], Argument(metavar="PAGE...", help="Pages of Markdown.")]
@@ -147,7 +147,7 @@ class ExplainOptions(Options):
     "spec first last figure engine versions yes store no_verify sets accept ROBOTS allow_outside python deadline as_json",
 )
 class BisectOptions(Options):
-    """Find the released version of an engine that changed a figure beyond noise, by halving. See docs/bisect.md.
+    """Find the released version of an engine that changed a figure beyond noise, by halving. See docs/guide/bisect.md.
 
     Each version is run once, with repeats for its noise; runs that are stored already are not repeated. The search
     assumes one change between the two versions.
@@ -224,7 +224,9 @@ class EnginesOptions(Options):
 
     context: typer.Context
     markdown: Annotated[bool, Option("--markdown", help="Write the support matrix, and beside it engines.md.")] = False
-    out: Annotated[Path, Option(metavar="FILE", help="Output file of --markdown.")] = Path("docs/support-matrix.md")
+    out: Annotated[Path, Option(metavar="FILE", help="Output file of --markdown.")] = Path(
+        "docs/reference/support-matrix.md"
+    )
     check: Annotated[bool, Option("--check", help="With --markdown: exit with 1 if the page is not current.")] = False
 
 
@@ -267,7 +269,7 @@ class TrustOptions(Options):
     """Let simspec use the interpreters and folders that a project file names, until the file changes.
 
     A simspec.toml may come from anybody with a repository. Read it first: the interpreters that it names are started, and
-    what a relative path leads to in the repository is not looked at. See docs/project-file.md.
+    what a relative path leads to in the repository is not looked at. See docs/guide/project-file.md.
 
     \b
     simspec trust

@@ -69,7 +69,7 @@ class ImportFileOptions(Options):
     """Write a robot file of another language as a spec, and list what it does not carry.
 
     Every element and attribute is carried, carried without effect, or lost with its reason. Defects of the file are
-    errors; --repair RULE repairs those of a kind, with a comment in the spec (docs/import.md).
+    errors; --repair RULE repairs those of a kind, with a comment in the spec (docs/guide/import.md).
 
     \b
     simspec import FILE -o robot.yaml
