@@ -11,7 +11,7 @@ from simspec.artifacts import Artifacts
 from simspec.contact.plan import MOST_SPLIT_MATERIALS, ContactPlan, contact_plan
 from simspec.contact.reachability import coupled_needs, impact_needs, pair_needs, unreachable
 from simspec.dialects.kit.contract import dialects
-from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.sidecar import Target
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name, engine_version
 from simspec.engines.kit.installed import version_in

@@ -15,7 +15,7 @@ from simspec import generated
 from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, output_files
 from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate
 from simspec.proof.certificate import Certificate, EngineProof

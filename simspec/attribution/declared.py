@@ -25,8 +25,8 @@ from simspec.attribution.intervals import Interval
 from simspec.attribution.judge import Swap
 from simspec.attribution.windows import Windows, exact, touching_pairs
 from simspec.compiler import needed_decisions
+from simspec.engines.kit.capabilities import Recovery
 from simspec.engines.kit.process import Answer
-from simspec.engines.kit.recovery import Recovery
 from simspec.support.declarations import Level
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.kinematics import rigid_groups

@@ -12,8 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.engines.kit.effects import REFUSED, Effect
-from simspec.engines.kit.foreign import MESH, HeldLink, Reads, bodies_of_links, support, told_apart
+from simspec.engines.kit.foreign import MESH, REFUSED, Effect, HeldLink, Reads, bodies_of_links, support, told_apart
 from simspec.formats.kit.contract import tensor
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames

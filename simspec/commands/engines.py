@@ -12,7 +12,7 @@ from simspec.commands.files import generated_files
 from simspec.commands.options import demand_trusted, print_json
 from simspec.confinement import Walls, walls
 from simspec.engines.kit import registry
-from simspec.engines.kit.diagnosis import State, compile_parts, diagnose
+from simspec.engines.kit.environments import State, compile_parts, diagnose
 from simspec.engines.kit.installed import instances
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_OK, Problem, SimspecError, SpecError

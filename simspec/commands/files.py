@@ -13,7 +13,7 @@ from typing import Any
 from simspec import project
 from simspec.commands.options import print_json
 from simspec.commands.scenario_options import FmtOptions, ImportFileOptions, NewOptions, SchemaOptions
-from simspec.engines.kit import published
+from simspec.engines.kit import request
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text, too_long
 from simspec.language import schema as language_schema
@@ -282,7 +282,7 @@ def fmt(options: FmtOptions) -> int:
 
 FILES = {
     name: f"{'simspec' if name == 'language' else name}.schema.json"
-    for name in (*language_schema.LANGUAGES, "project", *published.SCHEMAS)
+    for name in (*language_schema.LANGUAGES, "project", *request.SCHEMAS)
 }
 """The file of each schema, below ``schema/``."""
 
@@ -296,7 +296,7 @@ def schema(options: SchemaOptions) -> int:
     elif of == "project":
         wanted, ours = project.schema_text(), project.is_schema
     else:
-        wanted, ours = published.schema_text(of), functools.partial(published.is_schema, of)
+        wanted, ours = request.schema_text(of), functools.partial(request.is_schema, of)
     if out is not None and str(out) == "-":
         sys.stdout.write(wanted)
         return EXIT_OK

@@ -14,8 +14,7 @@ from typing import Any
 from simspec.commands.experiment_options import InstallOptions
 from simspec.commands.options import print_json
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.diagnosis import State, diagnose
-from simspec.engines.kit.environments import making, python_of
+from simspec.engines.kit.environments import State, diagnose, making, python_of
 from simspec.engines.kit.identity import EngineId, parse
 from simspec.engines.kit.installed import Instance, instances
 from simspec.engines.kit.registry import engines, find_engine

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, SpecError
 from simspec.mapped import parts, release, zeros

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import Problem, SpecError
 from simspec.markup import html_table
 from simspec.proof.checks import TOO_CHAOTIC, Check

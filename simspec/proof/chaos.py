@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.proof import motion
 from simspec.proof.motionless import motionless
 from simspec.proof.precision import PRECISIONS

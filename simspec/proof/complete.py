@@ -10,7 +10,7 @@ Whole motions take most of the time. So what is declared inert is seen twice: al
 and windows along the course of the unchanged files; an engine that hashes all that its numbers follow from,
 ``ReadBack.made_of``, need not move where that is the same), and together with others in whole motions. That counts where both
 agree with the unchanged files *to the last bit*; else the mutation moves alone, in whole. Mutations that move together are in
-different elements (``dialects/kit/together.py``), and a group that moves otherwise, or is refused, is halved until a part of it
+different elements (``dialects/kit/mutating.py``), and a group that moves otherwise, or is refused, is halved until a part of it
 does not, or is one mutation. One that acts could be taken for inert only if it changed no bit in any glimpse, and another of
 its group, without effect in its own glimpses too, undid it to the last bit in every motion.
 """
@@ -26,12 +26,11 @@ from itertools import islice
 
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
-from simspec.dialects.kit.mutating import mutations
+from simspec.dialects.kit.mutating import Together, mutations
 from simspec.dialects.kit.mutations import STILL, Inert, Mutation, MutationTable
-from simspec.dialects.kit.together import Together
+from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.installed import version_of
-from simspec.engines.kit.precision import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Answer, Operation, call, side_by_side
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError

@@ -18,7 +18,7 @@ from simspec.control.reference import driven_joints, reference
 from simspec.control.request import to_request
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import angles_of, shortened
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
 from simspec.proof.inside import Stops, inside

@@ -20,7 +20,7 @@ import numpy as np
 
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import SEED, random_states
-from simspec.engines.kit.precision import DOUBLE, ROUNDING
+from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
 from simspec.proof.inside import MIDDLE, inside

@@ -9,7 +9,7 @@ import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.proof.chaos import chaotic
 from simspec.proof.checks import NOTHING, TOO_CHAOTIC, Check, failed
 from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK

@@ -16,7 +16,7 @@ from simspec.control.forces import brought_forward, forces_to_request, in_steps
 from simspec.control.motions import curve, motions_to_request
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import SEED, angles_of, shortened
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check
 from simspec.proof.inside import inside

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
-from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.registry import engines
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import TEXT_TOLERANCE

@@ -17,7 +17,7 @@ import numpy as np
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.stability import unstable
 from simspec.dynamics.states import SEED, angles_of, random_states, shortened
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.proof.checks import TOO_CHAOTIC, Check
 from simspec.proof.inside import CALM, MIDDLE, Stops, calmed, followers, inside, left_to

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simspec.engines.kit.precision import DOUBLE, ROUNDING, SINGLE
+from simspec.engines.kit.capabilities import DOUBLE, ROUNDING, SINGLE
 from simspec.proof.checks import MODEL_TOLERANCE
 
 OF_LOOPS = 10.0

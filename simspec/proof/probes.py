@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.kit.precision import DOUBLE, ROUNDING
+from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import Check, Tally

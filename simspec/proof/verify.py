@@ -18,9 +18,8 @@ from simspec.dialects.kit.contract import dialects
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.engines.kit import process
-from simspec.engines.kit.capabilities import Capability
+from simspec.engines.kit.capabilities import DOUBLE, Capability
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.precision import DOUBLE
 from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, at_work, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses

@@ -9,7 +9,7 @@ from typing import Final
 from rich.table import Table
 
 from simspec.audit.exported import ReaderLoss, readers
-from simspec.engines.kit.effects import REFUSED
+from simspec.engines.kit.foreign import REFUSED
 from simspec.errors import Location
 from simspec.formats.kit.contract import Loss
 from simspec.report.kit import table

@@ -14,8 +14,7 @@ from rich.text import Text
 from simspec.comparison.runs import QUANTITIES, summary
 from simspec.comparison.study import Study
 from simspec.compiler import Compiled
-from simspec.engines.kit.capabilities import Capability
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE, Capability
 from simspec.errors import MOST_PROBLEMS, Problem, Refusal, SimspecError, SpecError, UnsupportedError
 from simspec.report.differences import differences, repeatability
 from simspec.report.final import final_table

@@ -12,8 +12,8 @@ import numpy as np
 from simspec.compiler import Compiled, compile_world, needed_decisions, write_folder
 from simspec.control.request import to_request
 from simspec.dialects.kit.contract import dialects
+from simspec.engines.kit.capabilities import DOUBLE, SINGLE
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.precision import DOUBLE, SINGLE
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, UnsupportedError

@@ -11,7 +11,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.kit.precision import DOUBLE
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.proof.verify import verify
 from simspec.support.declarations import Level
 from simspec.support.features import Feature

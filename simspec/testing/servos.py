@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.engines.kit.native_law import ServoLaw
+from simspec.engines.kit.capabilities import ServoLaw
 from simspec.testing import worlds
 from simspec.world.actions import Controller, Trajectory
 from simspec.world.types import Body, Inertial, Joint, Physics, World

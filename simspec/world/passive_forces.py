@@ -84,7 +84,7 @@ def beyond_limits(world: World, states: Array) -> str | None:
 
 class JointForces:
     """−d q̇ − k (q − rest) of hinges and slides, −d ω − k log R of balls, of ``bodies`` in the order of their coordinates.
-    The damping of free bodies is not among them: engines are given it beside (``dialects/kit/passive.py``)."""
+    The damping of free bodies is not among them: engines are given it beside (``dialects/kit/joints.py``)."""
 
     def __init__(self, bodies: Sequence[Body]):
         layout = layout_of(World("", tuple(bodies)))

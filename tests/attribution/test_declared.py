@@ -18,7 +18,7 @@ from simspec.attribution.explanation import Explanation, explain_sides
 from simspec.attribution.judge import Joint, Swap
 from simspec.attribution.verdict import verdict
 from simspec.engines.dart.engine import Dart
-from simspec.engines.kit.recovery import COMMON, Recovery
+from simspec.engines.kit.capabilities import COMMON, Recovery
 from tests.attribution.planted import world
 
 pytestmark = pytest.mark.usefixtures("warm_engines")

@@ -11,7 +11,7 @@ import pytest
 
 from simspec import cli
 from simspec.commands import explain as command
-from simspec.engines.kit import released
+from simspec.engines.kit import environments as released
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.experiments.bisect import Reading

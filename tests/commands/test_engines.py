@@ -15,10 +15,9 @@ import pytest
 from simspec import cli
 from simspec.commands import install as installing
 from simspec.engines.drake.engine import Drake
-from simspec.engines.kit import diagnosis, registry
-from simspec.engines.kit.compiled import Compiled
-from simspec.engines.kit.diagnosis import State, diagnose
-from simspec.engines.kit.needs import Needs
+from simspec.engines.kit import environments, registry
+from simspec.engines.kit.compiled import Compiled, Needs
+from simspec.engines.kit.environments import State, diagnose
 from simspec.proof import fall as falling
 from tests.files import program
 
@@ -84,7 +83,7 @@ def test_packages_that_are_there_in_part_or_in_another_version(packages, version
 
 
 def test_requirements_are_those_of_the_extra_alone(packages):
-    assert [one.name for one in diagnosis.requirements("toy")] == ["toy-core", "toy-oracle"]
+    assert [one.name for one in environments.requirements("toy")] == ["toy-core", "toy-oracle"]
 
 
 def test_doctor_ends_with_3_for_what_is_half_there_and_for_what_is_named(packages, capsys):
@@ -261,7 +260,7 @@ def test_what_is_installed_is_left_alone(packages, commands, capsys):
 
 def test_what_this_python_cannot_have_is_exit_3(commands, capsys, monkeypatch):
     monkeypatch.setattr(Drake, "version", classmethod(lambda cls: None))
-    monkeypatch.setattr(diagnosis, "why_not", lambda engine, environment: "cannot be installed on Python 3.99")
+    monkeypatch.setattr(environments, "why_not", lambda engine, environment: "cannot be installed on Python 3.99")
     row = answer(capsys, "install", "drake", "--yes", code=3)["drake"]
     assert row["problem"] == "cannot be installed on Python 3.99"
     assert commands() == []

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from simspec.engines.kit import beside
+from simspec.engines.kit import contract
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EngineError
 from tests.conftest import ALONE
@@ -42,11 +42,11 @@ def test_two_that_clash_are_refused_in_either_order(monkeypatch):
     """An engine whose package is loaded, or whose neighbour is, says so in place of a segmentation fault."""
     one, other = (find_engine(name) for name in sorted(engines())[:2])
     monkeypatch.setattr(one, "CLASHES", {"json": "of the test"})
-    monkeypatch.setattr(beside, "_LOADED", {})
+    monkeypatch.setattr(contract, "_LOADED", {})
     with pytest.raises(EngineError, match="has json: of the test"):
-        beside.enter(one)
+        contract.enter(one)
     monkeypatch.setattr(one, "CLASHES", {"there_is_none": "of the test"})
     monkeypatch.setattr(other, "DISTRIBUTION", "there_is_none")
-    beside.enter(one)
+    contract.enter(one)
     with pytest.raises(EngineError, match=f"has the engine {one.NAME}: of the test"):
-        beside.enter(other)
+        contract.enter(other)

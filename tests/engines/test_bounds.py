@@ -9,8 +9,8 @@ import pytest
 
 import simspec
 from simspec.compiler import compile_world
-from simspec.engines.kit.bounds import of_mobility, of_thinnest, under_weight
 from simspec.engines.kit.registry import engines
+from simspec.engines.kit.settings import of_mobility, of_thinnest, under_weight
 from simspec.errors import EXIT_WRONG, SpecError
 from simspec.option_checks import check_options, deep_contact
 from simspec.world.contact_pairs import heaviest, thinnest

@@ -17,8 +17,7 @@ from simspec.control.law import Control, ControlError
 from simspec.control.native import fed_forward
 from simspec.control.reference import reference
 from simspec.dynamics.oracle import Oracle
-from simspec.engines.kit.capabilities import Capability
-from simspec.engines.kit.native_law import NativeLaw, ServoLaw
+from simspec.engines.kit.capabilities import Capability, NativeLaw, ServoLaw
 from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify

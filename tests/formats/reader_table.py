@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from simspec.audit.exported import reader_losses, readers
-from simspec.engines.kit.effects import REFUSED
+from simspec.engines.kit.foreign import REFUSED
 from simspec.formats.kit.contract import formats
 from tests.formats.exported_worlds import LAYOUTS, NAMES, exported_world
 

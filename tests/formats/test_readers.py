@@ -21,7 +21,7 @@ from simspec.audit.exported import (
 )
 from simspec.audit.libraries import LIBRARIES
 from simspec.audit.meaning import Meaning
-from simspec.engines.kit.effects import CASES, FILE, REFUSED, Effect, Exported, foreseen
+from simspec.engines.kit.foreign import CASES, FILE, REFUSED, Effect, Exported, foreseen
 from simspec.engines.kit.process import Operation, start
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError

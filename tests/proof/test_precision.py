@@ -9,8 +9,8 @@ import pytest
 
 from simspec.contact.rules import Rules
 from simspec.dynamics.oracle import Oracle
+from simspec.engines.kit.capabilities import DOUBLE, SINGLE
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.precision import DOUBLE, SINGLE
 from simspec.proof import control, dry_friction, forces, motion
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.precision import PRECISIONS

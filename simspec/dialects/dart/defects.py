@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from simspec.dialects.kit.defects import (
     BELTS,
     CONSTRAINTS,
+    FILES,
     FRAMES,
     GROUND,
     MARGINS,
@@ -18,14 +19,14 @@ from simspec.dialects.kit.defects import (
     floats,
     nudged,
     one,
+    reordered,
     scaled,
     sidecar,
     turned_axis,
     xml,
 )
-from simspec.dialects.kit.mesh_defects import FILES, reordered
+from simspec.dialects.kit.file_mutations import INERT as OF_MESHES
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
-from simspec.dialects.kit.obj_mutations import INERT as OF_MESHES
 from simspec.formats.kit.text import numbers
 from simspec.formats.skel.format import WORLD
 from simspec.language.vocabulary import JOINT_KINDS

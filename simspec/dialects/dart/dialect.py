@@ -21,11 +21,9 @@ from simspec.dialects.dart.sidecar import (
     ShapeEntry,
     WeldedNode,
 )
-from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
 from simspec.dialects.kit.joints import springs_of
-from simspec.dialects.kit.settings import NeededSetting
-from simspec.dialects.kit.sidecar import Sidecar, common_fields
-from simspec.dialects.kit.target import Target, known
+from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields, known
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import recentre_free_roots
 from simspec.formats.skel import format

@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 
 from simspec.dialects.dart.contact import check_filter
 from simspec.dialects.dart.sidecar import DartSidecar, ShapeEntry
-from simspec.dialects.kit.joints import UNREADABLE, add_springs
-from simspec.dialects.kit.passive import fluid_of, with_passive
+from simspec.dialects.kit.joints import UNREADABLE, add_springs, fluid_of, with_passive
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.skel import reading as skel
 from simspec.language.vocabulary import SCALAR_JOINTS

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import Addition, Inert
-from simspec.dialects.kit.world_mutations import table
+from simspec.dialects.kit.mutations import Addition, Inert, table
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
@@ -20,7 +19,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "hardness": "Drake has one hardness, by a rule of its own: no file has a number for it",
 }
 
-# The complete self-test; see ``dialects/kit/world_mutations.py``.
+# The complete self-test; see ``dialects/kit/mutations.py``.
 
 TABLE = table(
     {"contact_approximation": ("auto", "sap", "tamsi")},

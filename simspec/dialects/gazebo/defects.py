@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
-from simspec.dialects.kit.mutations import Addition, Inert
-from simspec.dialects.kit.world_mutations import SYMMETRIC, WORLD, table
+from simspec.dialects.kit.mutations import SYMMETRIC, WORLD, Addition, Inert, table
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
@@ -22,7 +21,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     "hardness": "DART's contacts have the common hardness alone, which has no numbers",
 }
 
-# The complete self-test; see ``dialects/kit/world_mutations.py``.
+# The complete self-test; see ``dialects/kit/mutations.py``.
 
 NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")
 

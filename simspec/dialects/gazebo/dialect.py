@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from simspec.dialects.kit.world_document import WorldDialect
+from simspec.dialects.kit.world import WorldDialect
 from simspec.support.declarations import BETWEEN_JOINTS, Table
 from simspec.support.features import Feature
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
-from simspec.dialects.kit.json_mutations import json_mutations, printed
+from simspec.dialects.kit.file_mutations import (
+    Tree,
+    json_mutations,
+    obj_mutations,
+    printed,
+    vrml_mutations,
+    xml_mutations,
+)
 from simspec.dialects.kit.mutations import Files, Mutation, MutationTable
-from simspec.dialects.kit.obj_mutations import obj_mutations
-from simspec.dialects.kit.vrml_mutations import vrml_mutations
-from simspec.dialects.kit.xml_mutations import Tree, xml_mutations
 
 
 def mutations(files: Files, table: MutationTable) -> Iterator[Mutation]:
@@ -41,3 +46,98 @@ def _made(name: str, text: str) -> Callable[[str, str, MutationTable], Iterator[
     if text.lstrip().startswith("<"):
         return xml_mutations
     raise ValueError(f"{name} is neither XML, JSON, OBJ nor VRML")
+
+
+# Several mutations of the same files at once, where they are in different elements.
+
+BRACKETS: Mapping[str, tuple[str, str]] = {".json": ("[{", "]}"), ".obj": ("\n", "\n")}
+"""By the end of a file's name what begins and ends the innermost part that a change belongs to; of XML files the tag."""
+TAG = ("<", ">")
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """A mutation as an edit of the unchanged text: ``text`` instead of what stands from ``start`` to ``stop``. What stands from
+    ``low`` to ``high`` is the tag, list, mapping or line that the edit is in, or all that it touches."""
+
+    mutation: Mutation
+    start: int
+    stop: int
+    text: str
+    low: int
+    high: int
+
+
+class Together:
+    """Mutations of ``files`` that are made together."""
+
+    def __init__(self, files: Files):
+        self._unchanged = {name: unchanged_text(name, text) for name, text in files.items()}
+
+    def unchanged(self, file: str) -> str:
+        """The text of a file as mutations have it where they do not change it."""
+        return self._unchanged[file]
+
+    def groups(self, mutations: Iterable[Mutation]) -> list[list[Mutation]]:
+        """Each of ``mutations`` in the first group of which none changes the same element, or one around it."""
+        groups: list[list[Edit]] = []
+        for mutation in mutations:
+            edit = self._edit(mutation)
+            fitting = (group for group in groups if all(_apart(edit, other) for other in group))
+            group = next(fitting, None)
+            if group is None:
+                groups.append(group := [])
+            group.append(edit)
+        return [[edit.mutation for edit in group] for group in groups]
+
+    def files(self, group: Sequence[Mutation]) -> dict[str, str]:
+        """The texts of the files that a group changes."""
+        texts: dict[str, str] = {}
+        edits = sorted((self._edit(mutation) for mutation in group), key=lambda edit: edit.start, reverse=True)
+        for edit in edits:
+            file = edit.mutation.file
+            text = texts.get(file, self._unchanged[file])
+            texts[file] = text[: edit.start] + edit.text + text[edit.stop :]
+        return texts
+
+    def _edit(self, mutation: Mutation) -> Edit:
+        before, after = self._unchanged[mutation.file], mutation.text
+        start = _same(before, after)
+        most = min(len(before), len(after)) - start
+        end = _same(before[::-1], after[::-1], most)
+        stop = len(before) - end
+        ending = next((ending for ending in BRACKETS if mutation.file.endswith(ending)), "")
+        opening, closing = BRACKETS.get(ending, TAG)
+        # where something is doubled, the same text may come from several places
+        first = min(start, min(len(before), len(after)) - _same(before[::-1], after[::-1]))
+        low = _outwards(before, range(first - 1, -1, -1), opening, closing, 0)
+        high = _outwards(before, range(stop, len(before)), closing, opening, len(before))
+        return Edit(mutation, start, stop, after[start : len(after) - end], low, high)
+
+
+def _outwards(text: str, way: range, closing: str, opening: str, end: int) -> int:
+    """Where the part that a way begins in is left, by the first mark of ``closing`` that closes none of ``opening`` on the way;
+    ``end`` where it is not."""
+    depth = 0
+    nested = closing not in TAG  # between two tags the part is that from the one to the other
+    for at in way:
+        if text[at] in closing:
+            if depth == 0:
+                return at
+            depth -= 1
+        elif nested and text[at] in opening:
+            depth += 1
+    return end
+
+
+def _apart(one: Edit, other: Edit) -> bool:
+    return one.mutation.file != other.mutation.file or one.high < other.low or other.high < one.low
+
+
+def _same(one: str, other: str, most: int | None = None) -> int:
+    """How many characters two texts begin with in common, of at most so many."""
+    low, high = 0, min(len(one), len(other)) if most is None else most
+    while low < high:
+        middle = (low + high + 1) // 2
+        low, high = (middle, high) if one[low:middle] == other[low:middle] else (low, middle - 1)
+    return low

@@ -6,13 +6,15 @@ sidecar's JSON must have (``sidecar_fields.py``).
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from simspec.dialects.kit.passive import Passive, passive_of
-from simspec.dialects.kit.target import Target
+from simspec.contact.plan import ContactPlan
+from simspec.contact.rules import Rules
+from simspec.dialects.kit.joints import Passive, passive_of
 from simspec.errors import SpecError
 from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
 from simspec.formats.kit.text import json_text
@@ -21,7 +23,38 @@ from simspec.outputs.reading import read_text
 from simspec.reading import NotReadableError, parse_json
 from simspec.world.actions import JointSum
 from simspec.world.canonical import sha256
-from simspec.world.types import Constraint, Follow, Vector3, World
+from simspec.world.contact_pairs import Pair
+from simspec.world.types import Constraint, Follow, Surface, Vector3, World
+
+# What a dialect must know of the engine it writes for.
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What a dialect must know of the engine it writes for; data, given by the engine's module."""
+
+    engine: str
+    rules: Rules
+    """How the engine combines the numbers of two shapes."""
+    plan: ContactPlan
+    """The numbers that shapes get, and the layers of their copies."""
+    settings: Mapping[str, bool | int | float | str]
+    pair_settings: Mapping[Pair, Mapping[str, bool | int | float | str]] = field(default_factory=dict)
+    """Settings of pairs of materials, which replace ``settings`` in their contacts."""
+
+    def between(self, pair: Pair) -> Target:
+        """The target with the settings that are in force between two materials (sorted names)."""
+        own = self.pair_settings.get(pair)
+        return dataclasses.replace(self, settings={**self.settings, **own}) if own else self
+
+
+def known(numbers: Surface, quantity: str) -> float:
+    """A number that the plan gives a shape. Raises ValueError where it gives none."""
+    value: float | None = getattr(numbers, quantity)
+    if value is None:
+        raise ValueError(f"the contact plan lacks the {quantity} of {numbers}")
+    return value
+
 
 SIDECAR = "sidecar.json"
 SIDECAR_SCHEMA = 2

@@ -5,8 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from xml.etree.ElementTree import Element, SubElement
 
-from simspec.dialects.kit.defects import Plant, flipped_product, floats, nudged, one, scaled, turned_axis, xml
-from simspec.dialects.kit.mesh_defects import FILES, reordered
+from simspec.dialects.kit.defects import (
+    FILES,
+    Plant,
+    flipped_product,
+    floats,
+    nudged,
+    one,
+    reordered,
+    scaled,
+    turned_axis,
+    xml,
+)
 from simspec.formats.kit.text import number, numbers
 from simspec.formats.mjcf.format import MODEL
 

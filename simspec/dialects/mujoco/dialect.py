@@ -4,27 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar, Final
 
 from simspec.control.native import natives
-from simspec.dialects.kit.contract import Dialect, Lowered
-from simspec.dialects.kit.settings import NeededSetting
-from simspec.dialects.kit.sidecar import Sidecar, common_fields
-from simspec.dialects.kit.target import Target
-from simspec.dialects.mujoco.apart import sites_apart
-from simspec.dialects.mujoco.bodies import actuators, lower_body, restless_bodies
-from simspec.dialects.mujoco.choices import (
-    COMPILER,
-    FLAGS,
-    GEOM_DEFAULTS,
-    JOINT_DEFAULTS,
-    OPTION,
-    SETTINGS,
-    SIZE,
-    SOLVERS,
-)
+from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
+from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields
 from simspec.dialects.mujoco.contact import (
+    check_friction,
+    check_laws,
     classes,
     contact_reference,
     dry_reference,
@@ -35,22 +23,42 @@ from simspec.dialects.mujoco.contact import (
     limit_reference,
     pair_defaults,
 )
-from simspec.dialects.mujoco.contact_checks import check_friction, check_laws
-from simspec.dialects.mujoco.names import KEYFRAME
-from simspec.dialects.mujoco.sidecar import MujocoSidecar
+from simspec.dialects.mujoco.sidecar import (
+    ACTUATOR,
+    COMPILER,
+    FLAGS,
+    GEOM_DEFAULTS,
+    JOINT_DEFAULTS,
+    KEYFRAME,
+    MATERIAL_CLASS,
+    NO_RATING,
+    OPTION,
+    SETTINGS,
+    SIZE,
+    SOLVERS,
+    VISUAL_CLASS,
+    MujocoSidecar,
+)
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import recentre_free_roots
+from simspec.formats.mjcf import tree
 from simspec.formats.mjcf.bodies import (
     CONES,
+    DEFAULT_COLOUR,
+    GROUPS,
     KINDS,
     ONE_NUMBER,
+    BodyRow,
+    body_of,
     carrier_frames,
     depth_first,
     equalities,
     file_name,
     fluid_options,
     frame_sites,
+    geom_of,
     heightfields_of,
+    joint_attributes,
     keyframe,
     meshes_of,
     no_more_than_its_weight,
@@ -58,9 +66,19 @@ from simspec.formats.mjcf.bodies import (
     sites_of,
     tendons,
 )
-from simspec.formats.mjcf.contact import arena_megabytes, collision_masks
+from simspec.formats.mjcf.contact import Kind, arena_megabytes, collision_masks
 from simspec.formats.mjcf.reading import MjcfDocument
-from simspec.formats.mjcf.tree import Attributes, MjcfDefault, MjcfExclude, MjcfModel
+from simspec.formats.mjcf.tree import (
+    Attributes,
+    MjcfBody,
+    MjcfDefault,
+    MjcfExclude,
+    MjcfGeom,
+    MjcfInertial,
+    MjcfModel,
+    MjcfSite,
+    Value,
+)
 from simspec.support.declarations import (
     LUMPED,
     Level,
@@ -75,11 +93,156 @@ from simspec.support.declarations import (
     unsupported_if,
 )
 from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.world import frames
 from simspec.world.constraints import anchors
 from simspec.world.contact_pairs import excluded_pairs
 from simspec.world.inertia import least_moment, rigid_members
-from simspec.world.kinematics import absorbed
-from simspec.world.types import ReadBack, Surface, World
+from simspec.world.kinematics import absorbed, free_rigid, rigid_groups
+from simspec.world.types import Joint, Pose, Quaternion, ReadBack, Shape, Surface, World
+
+# Frames of one body that MuJoCo takes for one though they are two, told by other axes that mean the same.
+#
+# MuJoCo does not compute the pose of an inertial frame, a geom or a site that is as its body's frame, or, of geoms, as the
+# inertial frame, and compares with a tolerance of 1e-6 (m, and of a quaternion's components). A mass matrix is then wrong by
+# up to 1e-6 of itself (measured: 1.3e-8 in a humanoid that was stored in single precision). It does so only where the axes are
+# near to each other. So where frames are near and not equal, principal axes are named in another order, shapes turned by half
+# a turn that leaves them as they are, and both sites of a constraint turned alike.
+
+NEAR: Final = 2e-6
+"""Frames whose positions (m) and quaternions differ by less are taken for one; MuJoCo's own bound is half of it."""
+SAME: Final = 1e-12
+"""Frames that differ by less are one to the precision of the proof."""
+CYCLE: Final[Quaternion] = (0.5, 0.5, 0.5, 0.5)
+"""The turn that brings x to y, y to z and z to x."""
+HALF_TURNS: Final[tuple[Quaternion, ...]] = ((0.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))
+TURNS: Final[Mapping[str, tuple[Quaternion, ...]]] = {
+    **dict.fromkeys(("sphere", "box", "cylinder", "capsule", "ellipsoid"), HALF_TURNS),
+    "plane": HALF_TURNS[:1],
+}
+"""Turns about its own axes that leave a geom as it is, by its type; a mesh has none."""
+
+
+def taken_for_one(frame: Pose, other: Pose) -> bool:
+    """Whether MuJoCo takes two frames, or their axes, for one though they are two."""
+    axes = min(
+        max(abs(a - sign * b) for a, b in zip(frame.quaternion, other.quaternion, strict=True)) for sign in (1.0, -1.0)
+    )
+    away = max(abs(a - b) for a, b in zip(frame.position, other.position, strict=True))
+    return axes < NEAR and (axes > SAME or SAME < away < NEAR)
+
+
+def apart(body: MjcfBody) -> MjcfBody:
+    """The body, with an inertial frame and geoms that MuJoCo does not take for what they are not."""
+    inertial = body.inertial and _inertial(body.inertial)
+    others = [Pose()] if inertial is None else [Pose(), Pose(inertial.position, inertial.orientation)]
+    geoms = tuple(_geom(geom, others) for geom in body.geoms)
+    return dataclasses.replace(body, inertial=inertial, geoms=geoms)
+
+
+def _inertial(inertial: MjcfInertial) -> MjcfInertial:
+    if not taken_for_one(Pose(inertial.position, inertial.orientation), Pose()):
+        return inertial
+    x, y, z = inertial.moments
+    turn = frames.multiply(inertial.orientation, CYCLE)
+    return dataclasses.replace(inertial, orientation=turn, moments=(y, z, x))
+
+
+def _geom(geom: MjcfGeom, others: Sequence[Pose]) -> MjcfGeom:
+    orientations = [geom.orientation]
+    orientations += [frames.multiply(geom.orientation, turn) for turn in TURNS.get(geom.type, ())]
+    for orientation in orientations:
+        if not any(taken_for_one(Pose(geom.position, orientation), other) for other in others):
+            return dataclasses.replace(geom, orientation=orientation)
+    return geom
+
+
+def sites_apart(sites: Mapping[str, tuple[MjcfSite, ...]]) -> dict[str, tuple[MjcfSite, ...]]:
+    """The sites of bodies, in pairs of which each constraint holds the frames together."""
+    pair = {site.name: site.name.rpartition("/")[0] for held in sites.values() for site in held}
+    turned = {
+        pair[site.name]
+        for held in sites.values()
+        for site in held
+        if taken_for_one(Pose(site.position, site.orientation), Pose())
+    }
+    return {
+        body: tuple(
+            dataclasses.replace(site, orientation=frames.multiply(site.orientation, CYCLE))
+            if pair[site.name] in turned
+            else site
+            for site in held
+        )
+        for body, held in sites.items()
+    }
+
+
+# Bodies as MJCF has them for MuJoCo: depth first, joints with their numbers, shapes of the classes of their materials.
+
+
+def lower_body(
+    row: BodyRow, masks: Mapping[Kind, Attributes], restless: bool, sites: tuple[tree.MjcfSite, ...] = ()
+) -> tree.MjcfBody:
+    """One body; ``masks`` by kind of shape, ``restless``: it must never fall asleep."""
+    body = row.body
+    geoms = tuple(_geom_element(shape, masks.get((body.collision_group, shape.material), ())) for shape in body.shapes)
+    joints = tuple(_joint(joint, frame) for joint, frame in row.joints)
+    return apart(body_of(row, joints, geoms, (("sleep", "never"),) if restless else (), sites))
+
+
+def _joint(joint: Joint, frame: Pose) -> tree.MjcfJoint:
+    more = joint_attributes(joint, frame)
+    ratings = (joint.velocity_limit, joint.effort_limit)
+    if ratings != (None, None):
+        more.append(("user", tuple(NO_RATING if rating is None else rating for rating in ratings)))
+    return tree.MjcfJoint(joint.name, joint.kind, tuple(more))
+
+
+def _geom_element(shape: Shape, mask: Attributes) -> tree.MjcfGeom:
+    more: list[tuple[str, Value]] = []
+    if shape.collision:
+        more.extend(mask)
+        if shape.margin:
+            more.append(("margin", shape.margin))
+        if any(shape.surface_velocity):
+            more.append(("surfacevel", shape.surface_velocity))
+    group = GROUPS[shape.collision, shape.visual]
+    if group:
+        more.append(("group", group))
+    if shape.colour != DEFAULT_COLOUR:
+        more.append(("rgba", shape.colour))
+    class_name = MATERIAL_CLASS + shape.material if shape.collision else VISUAL_CLASS
+    return geom_of(shape, class_name, tuple(more))
+
+
+def actuators(world: World) -> Iterator[tree.MjcfActuator]:
+    """A position actuator for each natively driven joint; without kp a velocity actuator."""
+    for controller in natives(world):
+        for name, kp, kd, limit in zip(
+            controller.joints, controller.kp, controller.kd, controller.effort_limits, strict=True
+        ):
+            more: list[tuple[str, Value]] = [("kp", kp)] if kp else []
+            more += [("kv", kd), *ACTUATOR, ("forcelimited", limit is not None)]
+            if limit is not None:
+                more.append(("forcerange", (-limit, limit)))
+            yield tree.MjcfActuator("position" if kp else "velocity", name, name, tuple(more))
+
+
+def restless_bodies(world: World) -> frozenset[str]:
+    """The topmost moving body of each of MuJoCo's trees that must stay awake: all but single free bodies.
+
+    A joint that nobody drives may stand still for ten steps and go on (a pendulum where it turns), and efforts of zero do not
+    keep a tree awake.
+    """
+    allowed, groups, inside = free_rigid(world), rigid_groups(world), absorbed(world)
+    return frozenset(
+        inside.get(body.name, body.name)
+        for body in world.bodies
+        if groups[body.name] == body.name != "world"
+        and (body.joint.parent is None or groups[body.joint.parent] == "world")
+        and body.joint.kind != "fixed"
+        and body.name not in allowed
+    )
+
 
 LEAST_INERTIA = 1e-15
 """kg and kg m²: less of a body on a joint, with nothing heavier fixed to it, is refused (mjMINVAL)."""

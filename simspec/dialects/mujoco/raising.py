@@ -11,11 +11,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final, TypeVar
 
-from simspec.dialects.mujoco.assets import read_assets
-from simspec.dialects.mujoco.chains import Chain, chains, origins
-from simspec.dialects.mujoco.names import NO_RATING
-from simspec.dialects.mujoco.sidecar import MujocoSidecar
-from simspec.dialects.mujoco.surface import CommonLaw, surface
+from simspec.dialects.mujoco.sidecar import NO_RATING, Chain, MujocoSidecar, chains, origins
+from simspec.dialects.mujoco.surface import CommonLaw, read_assets, surface
 from simspec.formats.kit.contract import restore_frames, tensor
 from simspec.formats.kit.text import finite_numbers
 from simspec.formats.mjcf.bodies import world_name

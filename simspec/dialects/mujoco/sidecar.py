@@ -3,14 +3,136 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
 
-from simspec.dialects.kit.settings import wrong_pair_settings, wrong_settings
+from simspec.dialects.kit.contract import NeededSetting, wrong_pair_settings, wrong_settings
 from simspec.dialects.kit.sidecar import Sidecar
-from simspec.dialects.mujoco.choices import SETTINGS
+from simspec.formats.mjcf.bodies import DEFAULT_COLOUR
+from simspec.formats.mjcf.tree import Attributes
+from simspec.world import frames
 from simspec.world.kinematics import CARRYING, is_carrier, owner_of
-from simspec.world.types import Quaternion
+from simspec.world.types import Pose, Quaternion
+
+# Names that mean the same to whoever writes a model for MuJoCo, reads it, or loads it.
+
+KEYFRAME: Final = "initial"
+"""The keyframe that holds the world's initial state."""
+NO_RATING: Final = -1.0
+"""In a joint's user data: no velocity or effort rating."""
+NATIVE: Final = "native"
+COULOMB: Final = "coulomb"
+"""What the setting ``friction`` may be. Under coulomb, friction takes back slip at once, and what that does to the normal
+direction is corrected outside, at every step (``engines/mujoco/stepping.py``): no cushion, and no pairs for friction's sake."""
+
+# What is a choice of how simspec tells MuJoCo a world, and not the world's: each row with its reason.
+#
+# Nothing is left to MuJoCo's defaults: what all joints, shapes or explicit pairs share stands once in the file's ``<default>``.
+
+COMPILER: Final[Attributes] = (
+    ("angle", "radian"),
+    ("autolimits", False),  # a limit holds where ``limited`` says so, not where a range happens to stand
+    ("inertiafromgeom", False),  # mass properties are the world's, never made from shapes
+    ("balanceinertia", False),  # no silent repair of an inertia
+    ("boundmass", 0),
+    ("boundinertia", 0),
+    ("settotalmass", -1),
+    ("alignfree", False),  # a free body's frame is not moved into its principal axes
+    ("discardvisual", False),
+    ("fusestatic", False),  # bodies joined rigidly stay bodies
+    ("usethread", False),
+)
+FLAGS: Final[tuple[tuple[str, bool], ...]] = (
+    ("constraint", True),
+    ("equality", True),
+    ("frictionloss", True),
+    ("limit", True),
+    ("contact", True),
+    ("spring", True),
+    ("damper", True),
+    ("gravity", True),
+    ("clampctrl", True),
+    ("filterparent", False),  # which bodies touch is said pair by pair, equally in every engine
+    ("actuation", True),
+    ("refsafe", True),
+    ("sensor", True),
+    ("midphase", True),
+    ("eulerdamp", False),  # damping is explicit in time: −d v with the velocity before the step
+    ("autoreset", False),  # a state that is not finite is a result, not a reason to begin again
+    ("nativeccd", True),
+    ("override", False),
+    ("energy", False),
+    ("fwdinv", False),
+    ("invdiscrete", False),
+)
+"""Flags that every supported version knows; ``warmstart``, ``island`` and ``multiccd`` are settings. Newer versions have
+further flags, all off unless asked for (``sleep``, by ``sleeping``); the engine's module checks them after loading."""
+OPTION: Final[Attributes] = (
+    ("integrator", "Euler"),  # semi-implicit: what all engines do
+    ("jacobian", "auto"),
+    ("density", 0.0),
+    ("viscosity", 0.0),
+    ("wind", (0.0, 0.0, 0.0)),
+    ("magnetic", (0.0, 0.0, 0.0)),
+    ("noslip_tolerance", 1e-6),
+    ("ccd_iterations", 50),
+)
+SIZE: Final[Attributes] = (("nuser_jnt", 2),)
+"""``user`` of a joint: its velocity and its effort rating, ``NO_RATING`` for none. Neither is enforced; MJCF's own
+``actuatorfrcrange`` would be, on actuators only."""
+JOINT_DEFAULTS: Final[Attributes] = (
+    ("pos", (0.0, 0.0, 0.0)),
+    ("ref", 0.0),
+    ("limited", False),
+    ("margin", 0.0),
+    ("actuatorfrclimited", False),
+    ("actuatorgravcomp", False),
+    ("damping", 0.0),
+    ("frictionloss", 0.0),
+    ("armature", 0.0),
+    ("stiffness", 0.0),
+    ("springref", 0.0),
+    ("user", (NO_RATING, NO_RATING)),
+)
+GEOM_DEFAULTS: Final[Attributes] = (
+    ("group", 0),
+    ("contype", 1),
+    ("conaffinity", 1),
+    ("condim", 1),
+    ("friction", (0.0, 0.0, 0.0)),
+    ("priority", 0),  # equal priorities: the larger friction holds
+    ("solmix", 1.0),
+    ("margin", 0.0),
+    ("gap", 0.0),
+    ("mass", 0.0),
+    ("rgba", DEFAULT_COLOUR),
+)
+ACTUATOR: Final[Attributes] = (
+    ("ctrllimited", False),
+    ("gear", (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)),  # gains are on the joint's side
+)
+"""Of position and velocity actuators, the engine's own controllers (law ``native``)."""
+
+MATERIAL_CLASS: Final = "material/"
+"""Prefix of the class of a material; shapes that only show are of class ``visual``."""
+VISUAL_CLASS: Final = "visual"
+SOLVERS: Final[Mapping[str, str]] = {"newton": "Newton", "cg": "CG", "pgs": "PGS"}
+SETTINGS: Final[Mapping[str, NeededSetting]] = {
+    "solver": NeededSetting(str, tuple(SOLVERS)),
+    "friction": NeededSetting(str, (NATIVE, COULOMB)),
+    **dict.fromkeys(("iterations", "ls_iterations", "noslip_iterations", "explicit_pairs_limit"), NeededSetting(int)),
+    **dict.fromkeys(("tolerance", "ls_tolerance", "ccd_tolerance", "impratio", "high_impratio"), NeededSetting(float)),
+    **dict.fromkeys(("warmstart", "island", "multiccd"), NeededSetting(bool)),
+    **dict.fromkeys(("contact_error_reduction", "contact_impedance"), NeededSetting(float, by_pair=True)),
+    **dict.fromkeys(("friction_rate", "friction_share", "friction_cushion"), NeededSetting(float, by_pair=True)),
+    **dict.fromkeys(("limit_error_reduction", "limit_impedance", "dry_friction_impedance"), NeededSetting(float)),
+    "arena": NeededSetting(int, optional=True),
+    "sleeping": NeededSetting(bool, optional=True),
+    "sleep_tolerance": NeededSetting(float, optional=True),
+}
+"""Settings that an engine of this dialect must have; the last three are absent where they are off."""
 
 UNIT = 1e-9
 """By how much the length of a quaternion may miss 1: far more than round-off, far less than an error."""
@@ -51,3 +173,33 @@ class MujocoSidecar(Sidecar):
         if fixed != set(self.fixed_joints):
             wrong = sorted(fixed ^ set(self.fixed_joints))
             raise ValueError(f"sidecar.fixed_joints and the fixed bodies of sidecar.bodies differ in {wrong}")
+
+
+# Bodies with several joints, for those who read a file or a model: what each joint of a body moves in the world.
+#
+# Nothing here is known to what writes them (``formats/mjcf/bodies.py``).
+
+Chain = tuple[tuple[str, Quaternion], ...]
+"""Names of the world's bodies that the joints of one body move, in order, itself last, each with the orientation of its frame
+in the body's, all joints at zero."""
+
+
+def chains(sidecar: MujocoSidecar) -> Mapping[str, Chain]:
+    """The chain of each body of the file, by its name in the world; of one on a single joint, or on none, itself alone."""
+    turns = sidecar.carriers or {}
+    above: dict[str, list[tuple[str, Quaternion]]] = {}
+    for body in sidecar.bodies:
+        if body.name in turns:
+            above.setdefault(owner_of(body.name), []).append((body.name, frames.normalise(turns[body.name])))
+    return {
+        body.name: (*above.get(body.name, ()), (body.name, frames.IDENTITY))
+        for body in sidecar.bodies
+        if body.name not in turns
+    }
+
+
+def origins(place: Pose, in_body: Sequence[Pose]) -> list[Pose]:
+    """Of frames in one body's frame, which stands at ``place`` in its parent's: the first in the parent's, and each further one
+    in that before it."""
+    first = frames.compose(place, in_body[0])
+    return [first, *(frames.compose(frames.inverse(one), other) for one, other in pairwise(in_body))]

@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from simspec.dialects.kit.sidecar import Sidecar
-from simspec.dialects.kit.target import Target
-from simspec.dialects.kit.world_document import WorldDialect
-from simspec.dialects.kit.world_sidecar import WorldSidecar
+from simspec.dialects.kit.sidecar import Sidecar, Target
+from simspec.dialects.kit.world import WorldDialect, WorldSidecar
 from simspec.formats.world.tree import JsonWorld
 from simspec.support.declarations import Refinement, Support, Table, unsupported_if
 from simspec.support.features import Feature

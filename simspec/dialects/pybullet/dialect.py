@@ -12,12 +12,9 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from simspec.contact.parts import Part
-from simspec.dialects.kit.contract import Dialect, Lowered
-from simspec.dialects.kit.coordinates import Coordinates
-from simspec.dialects.kit.joints import armature_of, springs_of
-from simspec.dialects.kit.settings import NeededSetting
-from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, common_fields
-from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
+from simspec.dialects.kit.joints import Coordinates, armature_of, springs_of
+from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
 from simspec.dialects.pybullet.contact import (
     LINK_MARGIN,
     collision_filter,

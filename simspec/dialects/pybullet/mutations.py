@@ -6,8 +6,8 @@ does not. See ``dialects/kit/mutations.py``.
 
 from __future__ import annotations
 
+from simspec.dialects.kit.file_mutations import INERT as OF_MESHES
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
-from simspec.dialects.kit.obj_mutations import INERT as OF_MESHES
 from simspec.language.vocabulary import JOINT_KINDS
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar", "spherical")

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
-from simspec.dialects.kit.passive import fluid_of, with_passive
+from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs, fluid_of, with_passive
 from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, PybulletSidecar
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.urdf.reading import (

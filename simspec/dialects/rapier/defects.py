@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.dialects.kit import law_defects
+from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
-from simspec.dialects.kit.law_defects import ADDED_LAW
-from simspec.dialects.kit.mutations import Addition, Inert
-from simspec.dialects.kit.world_mutations import INERTIAL, SYMMETRIC, WORLD, in_single_precision, table
+from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, Addition, Inert, in_single_precision, table
+from simspec.dialects.kit.world_defects import ADDED_LAW
 
 DEFECTS: Mapping[str, Plant | str] = {
-    **law_defects.DEFECTS,
+    **world_defects.LAW_DEFECTS,
     "hardness": "Rapier's contacts have the common hardness alone, which has no numbers",
     "free armature": "Rapier has no armature of free bodies",
     "ball armature": "Rapier has no armature of balls",
@@ -20,7 +19,7 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(MARGINS, "Rapier's contact begins where shapes touch"),
 }
 
-# The complete self-test; see ``dialects/kit/world_mutations.py``.
+# The complete self-test; see ``dialects/kit/mutations.py``.
 
 NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
 

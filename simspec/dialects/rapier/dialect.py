@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from simspec.dialects.kit.world_laws import LawDialect
+from simspec.dialects.kit.world import LawDialect
 
 
 class RapierDialect(LawDialect):

@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 from simspec.dialects.kit.defects import (
     BELTS,
     CONSTRAINTS,
+    FILES,
     FRAMES,
     GROUND,
     MARGINS,
@@ -18,15 +19,15 @@ from simspec.dialects.kit.defects import (
     floats,
     nudged,
     one,
+    reordered,
     scaled,
     sidecar,
     text_of,
     turned_axis,
     xml,
 )
-from simspec.dialects.kit.mesh_defects import FILES, reordered
+from simspec.dialects.kit.file_mutations import INERT as OF_MESHES
 from simspec.dialects.kit.mutations import Addition, Inert, MutationTable
-from simspec.dialects.kit.obj_mutations import INERT as OF_MESHES
 from simspec.formats.kit.text import numbers
 
 ARM, BALL, CUBE = "base.urdf", "ball.urdf", "cube.urdf"

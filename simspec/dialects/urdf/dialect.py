@@ -12,10 +12,8 @@ from typing import ClassVar
 
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.kit.contract import Dialect, Lowered
-from simspec.dialects.kit.coordinates import Coordinates
-from simspec.dialects.kit.joints import armature_of, springs_of
-from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, common_fields
-from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.joints import Coordinates, armature_of, springs_of
+from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
 from simspec.dialects.urdf.raising import raised
 from simspec.dialects.urdf.sidecar import (
     BESIDE,

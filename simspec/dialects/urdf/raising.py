@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
-from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs
-from simspec.dialects.kit.passive import fluid_of, with_passive
+from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs, fluid_of, with_passive
 from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.urdf.reading import (

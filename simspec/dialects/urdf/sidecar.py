@@ -9,8 +9,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from simspec.dialects.kit.instances import check_by_body, check_coordinates, check_every_body, check_unit
-from simspec.dialects.kit.joints import Armature, Spring, check_of_bodies
+from simspec.dialects.kit.joints import (
+    Armature,
+    Spring,
+    check_by_body,
+    check_coordinates,
+    check_every_body,
+    check_of_bodies,
+    check_unit,
+)
 from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import NamePairs, Names, check_distinct, check_known
 from simspec.language.vocabulary import HARDNESS_KINDS, PRIMITIVE_SHAPES

@@ -8,11 +8,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Final
 
 from simspec.contact.plan import ContactPlan
-from simspec.dialects.kit.contract import Dialect, Lowered
+from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
 from simspec.dialects.kit.joints import springs_of
-from simspec.dialects.kit.settings import NeededSetting
-from simspec.dialects.kit.sidecar import Sidecar, common_fields
-from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields
 from simspec.dialects.webots.nodes import (
     bounding,
     contact_properties,

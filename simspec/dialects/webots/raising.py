@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from simspec.dialects.kit.joints import UNREADABLE, add_springs
-from simspec.dialects.kit.passive import fluid_of, with_passive
+from simspec.dialects.kit.joints import UNREADABLE, add_springs, fluid_of, with_passive
 from simspec.dialects.webots.nodes import check_neutral
 from simspec.dialects.webots.sidecar import ShapeEntry, WebotsSidecar
 from simspec.formats.kit.contract import restore_frames

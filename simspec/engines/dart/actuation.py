@@ -9,8 +9,8 @@ import numpy as np
 
 from simspec.engines.dart.coordinates import Tree
 from simspec.engines.dart.simulation import Simulation
+from simspec.engines.kit.arrays import motor_limit, motor_rate
 from simspec.engines.kit.contract import Actuation, Engine
-from simspec.engines.kit.motors import motor_limit, motor_rate
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.kinematics import natively_driven, trees
 from simspec.world.types import World

@@ -33,21 +33,17 @@ from simspec.engines.dart.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.dart.inventory import chosen_solver, expected, inventory, neutral
 from simspec.engines.dart.readback import SHAPE_KINDS, read_back
 from simspec.engines.dart.simulation import Simulation, import_dartpy
-from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs
 from simspec.engines.kit.blunt import BLUNT, blunted
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
 from simspec.engines.kit.foreign import Own, Reads
-from simspec.engines.kit.labels import expected_labels
-from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.outside import computed, constraints_felt
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
-from simspec.engines.kit.recovery import Recovery
-from simspec.engines.kit.refinements import NO_FRICTION
+from simspec.engines.kit.inventory import expected_labels
+from simspec.engines.kit.refinements import NO_FRICTION, armature_felt
 from simspec.engines.kit.settings import Setting, resolve_settings
-from simspec.engines.kit.stepped import SteppedEngine
+from simspec.engines.kit.simulated import SteppedEngine
 from simspec.errors import EngineError
 from simspec.support.declarations import (
     AS_EFFORTS,

@@ -15,9 +15,18 @@ import numpy as np
 from simspec.engines.dart.coordinates import JOINT_KINDS, NAME
 from simspec.engines.dart.nodes import shape_nodes
 from simspec.engines.dart.readback import SHAPE_KINDS
-from simspec.engines.kit.captured import captured
-from simspec.engines.kit.effects import REFUSED, Effect
-from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_links, box_support, told_apart
+from simspec.engines.kit.foreign import (
+    MESH,
+    REFUSED,
+    Effect,
+    HeldLink,
+    Own,
+    Reads,
+    bodies_of_links,
+    box_support,
+    told_apart,
+)
+from simspec.engines.kit.messages import captured
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames

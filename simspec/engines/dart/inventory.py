@@ -15,8 +15,7 @@ from simspec.contact.parts import parts
 from simspec.contact.plan import ContactPlan
 from simspec.engines.dart.nodes import collision_nodes
 from simspec.engines.dart.simulation import Simulation
-from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named_set
-from simspec.engines.kit.labels import sidecar_labels
+from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named_set, sidecar_labels
 from simspec.world.contact_pairs import frictionless, only_free_spheres
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import VELOCITY_SIZE, Body, EngineValue, PlainValue, World

@@ -14,7 +14,7 @@ import numpy as np
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.coordinates import NAME, Coordinates, Efforts, Turner, vector_of
 from simspec.engines.dart.nodes import Nodes
-from simspec.engines.kit.captured import captured
+from simspec.engines.kit.messages import captured
 from simspec.errors import EngineError, not_importable
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.skel.format import WORLD

@@ -35,17 +35,13 @@ from simspec.engines.drake.inventory import expected, inventory, neutral
 from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import NATIVE, JointServos, Simulation, contacts, pd_controllers_hold
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
-from simspec.engines.kit.bounds import under_weight
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import COMMON, NO_SNAPSHOTS_YET, Capability, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
 from simspec.engines.kit.foreign import Own, Reads
-from simspec.engines.kit.labels import expected_labels
-from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.outside import computed, constraints_felt
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
-from simspec.engines.kit.recovery import COMMON, Recovery
-from simspec.engines.kit.settings import Group, Setting, written_settings
-from simspec.engines.kit.stepped import SteppedEngine
+from simspec.engines.kit.inventory import expected_labels
+from simspec.engines.kit.settings import Group, Setting, under_weight, written_settings
+from simspec.engines.kit.simulated import SteppedEngine
 from simspec.support.declarations import (
     AS_EFFORTS,
     FRAMES_ALONGSIDE,

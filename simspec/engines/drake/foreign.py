@@ -14,8 +14,17 @@ import numpy as np
 
 from simspec.engines.drake.building import CONE, NAME, warnings_into
 from simspec.engines.drake.readback import JOINT_KINDS, SIZES, pose_of
-from simspec.engines.kit.effects import REFUSED, Effect
-from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_links, support, told_apart
+from simspec.engines.kit.foreign import (
+    MESH,
+    REFUSED,
+    Effect,
+    HeldLink,
+    Own,
+    Reads,
+    bodies_of_links,
+    support,
+    told_apart,
+)
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames

@@ -28,8 +28,7 @@ from simspec.engines.drake.readback import (
     surface,
 )
 from simspec.engines.drake.simulation import Simulation
-from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named_set
-from simspec.engines.kit.labels import sidecar_labels
+from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named_set, sidecar_labels
 from simspec.formats.kit.contract import recentre_free_roots
 from simspec.world import frames
 from simspec.world.contact_pairs import solid_shapes

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.native import natives
-from simspec.dialects.kit.world_sidecar import WorldSidecar
+from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.drake.approximations import asked_approximation
 from simspec.engines.drake.building import NAME, build, is_servo, warnings_into
 from simspec.engines.drake.coordinates import Coordinates

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.engines.kit import hulls
-from simspec.engines.kit.compiled import Compiled
+from simspec.engines.kit.compiled import Compiled, Needs
 from simspec.engines.kit.hulls import check_solid
-from simspec.engines.kit.needs import Needs
 from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD as SDF_WORLD

@@ -28,18 +28,16 @@ from simspec.engines.gazebo.approximations import (
 from simspec.engines.gazebo.inventory import expected, inventory
 from simspec.engines.gazebo.readback import read_back
 from simspec.engines.gazebo.simulation import Simulation
-from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.labels import expected_labels
-from simspec.engines.kit.needs import Needs
-from simspec.engines.kit.outside import computed, constraints_felt
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
-from simspec.engines.kit.refinements import no_friction, planes_still
+from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
+from simspec.engines.kit.inventory import expected_labels
+from simspec.engines.kit.refinements import armature_felt, no_friction, planes_still
 from simspec.engines.kit.settings import Group, Setting, resolve_settings
-from simspec.engines.kit.stepped import SteppedEngine
+from simspec.engines.kit.simulated import SteppedEngine
 from simspec.support.declarations import (
     AS_EFFORTS,
     BETWEEN_JOINTS,

@@ -14,8 +14,7 @@ from simspec.contact.plan import ContactPlan
 from simspec.engines.gazebo.building import asked
 from simspec.engines.gazebo.readback import held_body, held_unit, unit_name
 from simspec.engines.gazebo.simulation import Simulation
-from simspec.engines.kit.inventory import Carrier, expected_apart, named_set
-from simspec.engines.kit.labels import sidecar_labels
+from simspec.engines.kit.inventory import Carrier, expected_apart, named_set, sidecar_labels
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.inertia import NO_INERTIA, lumped
 from simspec.world.kinematics import rigid_groups, trees

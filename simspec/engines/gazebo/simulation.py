@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.kit.world_sidecar import WorldSidecar
+from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.gazebo.building import (
     CONE,
     DETECTOR,

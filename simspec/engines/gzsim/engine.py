@@ -18,11 +18,11 @@ from simspec.engines.gzsim import bindings
 from simspec.engines.gzsim.readback import read_back
 from simspec.engines.gzsim.simulation import Simulation
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.needs import Needs
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.settings import Setting
-from simspec.engines.kit.stepped import SteppedEngine
+from simspec.engines.kit.simulated import SteppedEngine
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.support.declarations import (
     AS_EFFORTS,

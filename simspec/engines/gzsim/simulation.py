@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.dialects.kit.world_sidecar import WorldSidecar
+from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.gazebo.building import STANDS_FOR, proper
 from simspec.engines.gzsim.bindings import NAME, bindings
 from simspec.engines.gzsim.server import Before, Server

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from simspec.errors import EngineError
 from simspec.world.rotations import cross, rotate
 
 CONTACT_FIELDS: Mapping[str, tuple[int, ...]] = {
@@ -110,3 +112,43 @@ def restore_velocities(poses: np.ndarray, velocities: np.ndarray, offsets: np.nd
         poses[moved, :3] -= lever
         velocities[moved, :3] -= cross(velocities[moved, 3:], lever)
     return poses, velocities
+
+
+# Numbers for an engine of single precision, which takes zero or infinity in silence for those that it has not.
+
+LARGEST, SMALLEST = float(np.finfo(np.float32).max), float(np.finfo(np.float32).tiny)
+"""Numbers of single precision."""
+
+
+def held_by(engine: str, values: Iterable[float], what: str) -> tuple[float, ...]:
+    """Numbers that ``engine`` can hold. Raises EngineError for others."""
+    found = tuple(values)
+    for value in found:
+        if not math.isfinite(value) or abs(value) > LARGEST or 0.0 < abs(value) < SMALLEST:
+            raise EngineError(engine, f"has single precision, in which there is no {value!r} ({what})")
+    return found
+
+
+def demand_held(engine: str, values: np.ndarray, what: str) -> None:
+    """Raise EngineError for a state or an effort that ``engine`` cannot hold. What is below its smallest number becomes zero
+    there, which is right to 1e-38 of its unit: other engines' states have such rests."""
+    held_by(engine, np.where(np.abs(values) < SMALLEST, 0.0, values).tolist(), what)
+
+
+# Controllers of engines that set velocities: what gains are to them.
+
+
+def motor_rate(stiffness: np.ndarray, damping: np.ndarray, timestep: float) -> np.ndarray:
+    """How fast (1/s) a motor that sets velocities takes back an error: kp / (kd + dt kp); 0 without kp.
+
+    Such a motor makes v' = v* + rate (q* − q). That is the law kp (q* − q) + kd (v* − v) at the end of the step, of a joint
+    whose inertia is nothing beside kd dt + kp dt²: kp (q* + dt v* − q − dt v') + kd (v* − v') = 0.
+    """
+    divisor = damping + timestep * stiffness
+    rate: np.ndarray = np.divide(stiffness, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
+    return rate
+
+
+def motor_limit(stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """The largest effort of such motors: none where a joint has neither kp nor kd."""
+    return np.where((stiffness > 0.0) | (damping > 0.0), limit, 0.0)

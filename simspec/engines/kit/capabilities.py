@@ -7,9 +7,11 @@ The core is what nothing works without: ``load``, ``read_back``, ``set_state``, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn
 
 from simspec.errors import EngineError
 
@@ -103,3 +105,76 @@ def _defines(engine: type, method: str, base: type) -> bool:
     """Whether the class that ``engine`` has a method from is not ``base``, and does not lack it."""
     definer = next(parent for parent in engine.__mro__ if method in vars(parent))
     return definer is not base and not isinstance(vars(definer)[method], Lacking)
+
+
+# The law that an engine's own controllers follow, as a declaration that tests compare with its closed form.
+
+
+class ServoLaw(StrEnum):
+    """How an engine's own controller of one joint acts, with gains kp and kd, targets q* and v*, and an effort limit."""
+
+    EXPLICIT_SPRING = "explicit_spring"
+    """clip(kp (q* − q) + kd (v* − v)), by the state before the step."""
+    IMPLICIT_SPRING = "implicit_spring"
+    """clip(kp (q* − q − dt v') + kd (v* − v')), by the velocity v' after the step."""
+    MOTOR = "motor"
+    """Whatever effort within the limit makes v' = v* + kp/(kd + dt kp) (q* − q), or comes nearest."""
+
+
+@dataclass(frozen=True)
+class NativeLaw:
+    """What an engine's own controllers do."""
+
+    law: ServoLaw
+    accuracy: float
+    """rad from the closed form within a second, for a wheel of 0.02 kg m²: measured, rounded up."""
+    implicit_damping: bool = False
+    """Whether the joint's own damping d acts by the velocity after the step where a controller is at its limit, which makes it
+    weaker by 1 + dt d / I."""
+
+    residual: float = 0.0
+    """Share of a joint's momentum that the engine's solver may leave out in each step, its relative tolerance: at speed v as if
+    by a damping of ``residual`` I / dt."""
+
+    @property
+    def sags(self) -> bool:
+        """Whether a constant load moves the joint away from its target, as it does with a spring."""
+        return self.law is not ServoLaw.MOTOR
+
+
+# The numbers that an engine computes with: data, which engines declare (``Engine.PRECISION``) and proofs go by.
+
+DOUBLE: Final = "double"
+SINGLE: Final = "single"
+ROUNDING: Final[Mapping[str, float]] = {DOUBLE: 2.0**-53, SINGLE: 2.0**-24}
+"""By precision how far a number may be off from what it stands for, relative: half the spacing of its digits."""
+
+# How fast an engine takes an overlap of two bodies back, as it declares it.
+
+COMMON_SHARE = 0.01
+"""Of an overlap, taken back in each step: the common law of contact (docs/records/contact.md)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """In a step of dt an overlap r decreases by min(share · r, speed · dt).
+
+    share   of the overlap (β)
+    speed   m/s, the most with which it is taken back
+    why     what the largest speed comes from; empty where there is none
+    """
+
+    share: float = COMMON_SHARE
+    speed: float = math.inf
+    why: str = ""
+
+    def taken_back(self, overlap: float, steps: int, timestep: float) -> float:
+        """The part of an overlap (m) that is taken back in so many steps of ``timestep`` (s)."""
+        left = max(0.0, overlap)
+        begun = left
+        for _ in range(steps):
+            left -= min(self.share * left, self.speed * timestep)
+        return begun - left
+
+
+COMMON = Recovery()

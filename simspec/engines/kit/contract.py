@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.metadata
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,14 +19,20 @@ import numpy as np
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.engines.kit.arrays import CollisionUnit, bodies_of
-from simspec.engines.kit.capabilities import Capability, check_capabilities
+from simspec.engines.kit.capabilities import (
+    COMMON,
+    DOUBLE,
+    ROUNDING,
+    Capability,
+    NativeLaw,
+    Recovery,
+    check_capabilities,
+)
+from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
-from simspec.engines.kit.native_law import NativeLaw
-from simspec.engines.kit.needs import Needs
-from simspec.engines.kit.precision import DOUBLE, ROUNDING
-from simspec.engines.kit.recovery import COMMON, Recovery
 from simspec.engines.kit.settings import Setting, Value
+from simspec.errors import EngineError
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.features import Feature
 from simspec.world.types import EngineValue, PairContact, ReadBack, World
@@ -338,3 +345,23 @@ class Actuation:
     def step(self) -> None:
         """One step under the efforts that were given for it."""
         self._engine.step(1, self._effort)
+
+
+# Engines that may not be in one process: both bring a library of one name, and each would take the other's objects.
+#
+# simspec gives every engine a process of its own. What loads engines itself is told here, before a process dies of it.
+
+_LOADED: dict[str, type[Engine]] = {}
+"""Engines that this process has loaded, whose libraries stay in it."""
+
+
+def enter(engine: type[Engine]) -> None:
+    """Count ``engine`` as loaded into this process. Raises EngineError where it clashes with what is in it."""
+    for package, why in engine.CLASHES.items():
+        if package in sys.modules:
+            raise EngineError(engine.NAME, f"cannot be loaded into a process that has {package}: {why}")
+    for other in _LOADED.values():
+        why = other.CLASHES.get(engine.DISTRIBUTION, "")
+        if why:
+            raise EngineError(engine.NAME, f"cannot be loaded into a process that has the engine {other.NAME}: {why}")
+    _LOADED[engine.NAME] = engine

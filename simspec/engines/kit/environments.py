@@ -5,21 +5,244 @@ A folder ``engines/NAME@VERSION`` is one environment, whole or begun (``outputs/
 
 from __future__ import annotations
 
+import importlib.metadata
+import re
+import subprocess
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
+from simspec.engines.kit.compiled import package_version
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.diagnosis import requirements
 from simspec.engines.kit.identity import EngineId, parse
 from simspec.engines.kit.installed import too_old
+from simspec.engines.kit.installing import how_to_install, why_not
 from simspec.engines.kit.registry import engines, find_engine
-from simspec.engines.kit.released import package_of
-from simspec.errors import EngineError, SpecError
-from simspec.isolated import isolated
+from simspec.errors import EngineError, SpecError, clipped, visible
+from simspec.isolated import ELSEWHERE, isolated
 from simspec.outputs.begun import is_complete
 from simspec.outputs.cache import data_folder, written_by_others
+
+# The released versions of an engine that the package index has for this Python, by the ordinary client of it.
+
+PATIENCE: Final = 120.0
+"""s that the client may take for the list of one package."""
+_LISTED = re.compile(r"^Available versions:(.*)$", re.MULTILINE)
+
+
+def released_versions(engine: type[Engine], first: str, last: str) -> list[str]:
+    """The released versions from ``first`` to ``last``, in order, pre-releases left out.
+
+    Raises EngineError where the engine comes with no package of Python, or the index cannot be queried.
+    """
+    if not engine.DISTRIBUTION:
+        raise EngineError(engine.NAME, "comes with the machine, not with pip: it has one version there")
+    lowest, highest = _version(engine, first), _version(engine, last)
+    found: dict[Version, str] = {}
+    for name, rule in _packages(engine):
+        if not _reaches(engine, rule, lowest, highest):
+            continue
+        for word in _listed(engine, name):
+            version = _release(word)
+            if version is not None and lowest <= version <= highest and package_of(engine, version) == name:
+                found[version] = word
+    return [found[version] for version in sorted(found)]
+
+
+def in_order(engine: type[Engine], words: Iterable[str]) -> list[str]:
+    """Versions that somebody names, in order, each once. Raises EngineError for what is no version."""
+    named = {_version(engine, word): word for word in words}
+    return [named[version] for version in sorted(named)]
+
+
+def same_version(one: str, other: str) -> bool:
+    """Whether two words name one version: 3.4 and 3.4.0 do."""
+    try:
+        return Version(one) == Version(other)
+    except InvalidVersion:
+        return False
+
+
+def package_of(engine: type[Engine], version: Version) -> str:
+    """The package that brings a version of an engine."""
+    former = (name for rule, name in engine.FORMER_DISTRIBUTIONS.items() if SpecifierSet(rule).contains(version))
+    return next(former, engine.DISTRIBUTION)
+
+
+def _packages(engine: type[Engine]) -> list[tuple[str, str]]:
+    """The packages that bring some version of an engine, each with the rule of its versions ("": those of no other)."""
+    return [(engine.DISTRIBUTION, ""), *((name, rule) for rule, name in engine.FORMER_DISTRIBUTIONS.items())]
+
+
+def _reaches(engine: type[Engine], rule: str, lowest: Version, highest: Version) -> bool:
+    """Whether a package may have versions between two: of one with a rule no end needs to be its own, so that it is asked
+    unless both ends lie on one side."""
+    rules = [SpecifierSet(rule)] if rule else [SpecifierSet(one) for one in engine.FORMER_DISTRIBUTIONS]
+    inside = [any(one.contains(end) for one in rules) for end in (lowest, highest)]
+    return any(inside) if rule else not all(inside)
+
+
+def _listed(engine: type[Engine], package: str) -> Sequence[str]:
+    """The client's listing of a package. It is started from the root, so that no file of the user's is imported."""
+    words = isolated("-m", "pip", "--disable-pip-version-check", "--no-input", "index", "versions", package)
+    try:
+        done = subprocess.run(
+            words,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            cwd=ELSEWHERE,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise EngineError(
+            engine.NAME, f"the package index gave no versions of {package} within {PATIENCE:g} s"
+        ) from None
+    except OSError as error:
+        raise EngineError(engine.NAME, f"pip cannot be started: {error.strerror}") from None
+    listed = _LISTED.search(done.stdout)
+    if done.returncode or listed is None:
+        said = (done.stderr.strip() or done.stdout.strip() or "nothing").splitlines()[-1]
+        why = f"pip index versions {package} ended with code {done.returncode}: {clipped(visible(said))}"
+        raise EngineError(engine.NAME, f"{why}; --versions A,B,C gives them without the index")
+    return [word.strip() for word in listed[1].split(",") if word.strip()]
+
+
+def _version(engine: type[Engine], word: str) -> Version:
+    try:
+        return Version(word)
+    except InvalidVersion:
+        raise EngineError(engine.NAME, f"{word!r} is not a version that pip knows") from None
+
+
+def _release(word: str) -> Version | None:
+    try:
+        version = Version(word)
+    except InvalidVersion:
+        return None
+    return None if version.is_prerelease else version
+
+
+# What is there of an engine, and what is missing and why: asked of package metadata, pkg-config and the compiler.
+
+
+class State(StrEnum):
+    """How far an engine is installed."""
+
+    WHOLE = "installed"
+    HALF = "half installed"
+    OTHER_VERSION = "other version"
+    ABSENT = "not installed"
+    IMPOSSIBLE = "cannot be installed"
+    FILES = "its files alone"
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What is there of an engine. ``problems``: each thing that is missing or wrong; ``install``: the words that install it."""
+
+    state: State
+    version: str | None
+    problems: tuple[str, ...]
+    install: str
+
+
+def diagnose(engine: type[Engine], environment: Mapping[str, str] | None = None) -> Diagnosis:
+    """What is there of ``engine`` in this interpreter and on this machine. ``environment`` overrides markers of packages."""
+    install = how_to_install(engine)
+    if alone := engine.files_alone():
+        lacking = [_reason(engine, error) for error in engine.NEEDS.lacking()]
+        return Diagnosis(State.FILES, None, (alone, *lacking), install)
+    if engine.version() is None and (why := why_not(engine, dict(environment or {}))) is not None:
+        return Diagnosis(State.IMPOSSIBLE, None, (why,), install)
+    absent, wrong = _known_packages(engine, environment)
+    lacking = [_reason(engine, error) for error in engine.NEEDS.lacking()]
+    there = _version_of(engine)
+    problems = (*wrong, *absent, *lacking)
+    if there is None:
+        state = State.ABSENT
+    elif wrong:
+        state = State.OTHER_VERSION
+    else:
+        state = State.HALF if absent or lacking else State.WHOLE
+    return Diagnosis(state, there, problems, install)
+
+
+def compile_parts(engine: type[Engine]) -> tuple[str, ...]:
+    """Why parts of the engine cannot be compiled and loaded, after trying to: each problem in a line or more."""
+    problems = []
+    for part in engine.NEEDS.parts:
+        try:
+            part.check()
+        except EngineError as error:
+            problems.append(_reason(engine, error))
+    return tuple(problems)
+
+
+def _reason(engine: type[Engine], error: EngineError) -> str:
+    return str(error).removeprefix(f"{engine.NAME}: ")
+
+
+def _version_of(engine: type[Engine]) -> str | None:
+    """The version of what there is of the engine itself, also where what it needs beside is missing."""
+    library = engine.NEEDS.library
+    return engine.version() or (package_version(library.split()[0]) if library else None)
+
+
+def _known_packages(engine: type[Engine], environment: Mapping[str, str] | None) -> tuple[list[str], list[str]]:
+    """Packages of its extra that are not installed, and those in versions that simspec does not ask for."""
+    absent, wrong = [], []
+    for requirement in requirements(engine.EXTRA, environment) if engine.EXTRA else ():
+        names = engine.distributions() if requirement.name == engine.DISTRIBUTION else (requirement.name,)
+        found = next((version for name in names if (version := _installed(name)) is not None), None)
+        asked = f"simspec[{engine.EXTRA}] asks for {requirement.name}{requirement.specifier}"
+        if found is None:
+            absent.append(f"{requirement.name} is not installed: {asked}")
+        elif not _contains(requirement, found):
+            wrong.append(f"{requirement.name} {found} is installed: {asked}")
+    library = engine.NEEDS.library
+    if library and package_version(library) is None and (found := package_version(library.split()[0])) is not None:
+        wrong.append(f"version {found} of its library is installed: it asks for {library}")
+    return absent, wrong
+
+
+def _contains(requirement: Requirement, version: str) -> bool:
+    """Whether a version is one of those asked for; what is no version is not."""
+    try:
+        return requirement.specifier.contains(version, prereleases=True)
+    except InvalidVersion:
+        return not requirement.specifier
+
+
+def _installed(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def requirements(extra: str, environment: Mapping[str, str] | None = None) -> Iterator[Requirement]:
+    """The packages that an extra of simspec pulls here, extras of simspec followed, as its own metadata say."""
+    for line in importlib.metadata.requires("simspec") or ():
+        requirement = Requirement(line)
+        marker = requirement.marker
+        if marker is None or not marker.evaluate({**(environment or {}), "extra": extra}):
+            continue
+        if marker.evaluate({**(environment or {}), "extra": ""}):
+            continue  # of simspec itself, whatever the extra
+        if requirement.name == "simspec":
+            for other in requirement.extras:
+                yield from requirements(other, environment)
+        else:
+            yield requirement
+
 
 FOLDER: Final = "engines"
 BESIDE: Final = ("numpy",)

@@ -8,8 +8,8 @@ import platform
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.needs import Needs
 from simspec.engines.kit.registry import engines
 
 

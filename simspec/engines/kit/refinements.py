@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from simspec.support.declarations import Level, Refinement, unsupported_if
-from simspec.world.contact_pairs import Pair, frictionless, meeting_kinds, meeting_laws, solid_shapes
+from simspec.support.declarations import Level, Refinement, Table, never, unsupported_if
+from simspec.support.features import Feature
+from simspec.world.contact_pairs import CollisionFilter, Pair, frictionless, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.inertia import lumped
-from simspec.world.kinematics import rigid_groups, trees
+from simspec.world.kinematics import natively_driven, rigid_groups, trees
 from simspec.world.types import Body, Shape, World
 
 Refine = Callable[[World], Refinement | None]
@@ -100,3 +101,59 @@ def approximate_pairs(told: Mapping[Pair, str], short: str) -> Refinement:
     """Approximate, with what is told of each pair of kinds of shapes; ``short`` is one line on what is lost."""
     how = "; ".join(f"{one} and {other}: {lost}" for (one, other), lost in told.items())
     return Refinement(Level.APPROXIMATE, how, short)
+
+
+# Declarations of engines that simspec gives no joints: all of it follows from why.
+
+JOINTS = (Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_SEVERAL)
+OF_JOINTS = (
+    *(Feature.LIMIT_POSITION, Feature.DAMPING, Feature.BALL_DAMPING, Feature.SPRING, Feature.BALL_SPRING),
+    *(Feature.DRY_FRICTION, Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.CONTROL, Feature.CONSTRAINT_COUPLING),
+    *(Feature.SUM, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
+)
+"""What acts on joints alone."""
+
+
+def jointless(engine: str, drift: str, moved_by: str) -> Table:
+    """The declarations of an engine without joints. ``drift``: why; ``moved_by``: what of its own would move them."""
+    nothing = f"there are no joints that it could act on: {drift}"
+    return {
+        **dict.fromkeys(JOINTS, never(drift)),
+        **dict.fromkeys(OF_JOINTS, never(nothing)),
+        Feature.FREE_ARMATURE: never(
+            f"{engine} has no armature of free bodies, and contact would ignore a computed one"
+        ),
+        Feature.BALL_LIMIT: never("world.json has no limits of balls"),
+        Feature.CONTROL_NATIVE: never(f"simspec gives {engine} no joints, which its {moved_by} would move"),
+        Feature.CONSTRAINT_LOOP: never(f"loops are closed by joints: {drift}"),
+    }
+
+
+# Armature that simspec computes outside an engine, as an effort before every step: in which worlds that is exact.
+
+
+def armature_felt(world: World, title: str, impulses: Callable[[str, Sequence[Body]], str | None]) -> Refinement | None:
+    """Not supported where something in a tree with armature would not feel it: a controller of the engine (``title``), what
+    ``impulses`` names, or contact. What they say of constraints is the engine's to say, in ``impulses``.
+
+    ``impulses`` is given the name of a body whose joint has armature and all bodies of its tree, and gives the
+    reason why what else the engine solves in the tree would not feel it; None where it would.
+    """
+    allowed, groups = CollisionFilter(world), rigid_groups(world)
+    for bodies in trees(world).values():
+        armed = next((body.name for body in bodies if body.joint.armature), None)
+        if armed is None:
+            continue
+        if served := natively_driven(bodies, world):
+            return unsupported_if(
+                f"{served[0]!r} has {title}'s own controller, whose impulses would ignore the armature"
+            )
+        if (why := impulses(armed, bodies)) is not None:
+            return unsupported_if(why)
+        for body in bodies:
+            for other in world.bodies:
+                if groups[body.name] != "world" and allowed.may_touch(body.name, other.name):
+                    return unsupported_if(
+                        f"{body.name!r} may touch {other.name!r}, and contact would ignore the armature"
+                    )
+    return None

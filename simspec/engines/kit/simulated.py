@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from simspec.engines.kit.arrays import restore_velocities
-from simspec.engines.kit.beside import enter
-from simspec.engines.kit.contract import Engine
+from simspec.dialects.kit.joints import Passive
+from simspec.engines.kit.arrays import pick_blocks, restore_velocities
+from simspec.engines.kit.contract import Engine, enter
+from simspec.engines.kit.efforts import BeforeSteps
+from simspec.world.actions import JointSum
+from simspec.world.types import Constraint, ReadBack
 
 
 class Simulated(Protocol):
@@ -78,3 +81,94 @@ class SimulatedEngine(Engine, Generic[S], abstract=True):
         sim, self._sim = self._sim, None
         if sim is not None:
             sim.close()
+
+
+# What engines share that are given efforts before each of their steps, for what they do not have themselves.
+
+
+class Given(Simulated, Protocol):
+    """A loaded world that is stepped under an effort. What follows here is the engine's own, without what it is given."""
+
+    @property
+    def passive(self) -> Passive | None:
+        """The forces that act at all times and that it is given."""
+        ...
+
+    @property
+    def constraints(self) -> Sequence[Constraint]:
+        """The constraints whose forces it is given."""
+        ...
+
+    @property
+    def sums(self) -> Sequence[JointSum]:
+        """The springs and dampers along sums of positions that it is given."""
+        ...
+
+    def advance(self, count: int, effort: np.ndarray | None) -> None:
+        """Step ``count`` times under a constant effort (nv,), None = zero."""
+        ...
+
+
+class Stepped(Given, Protocol):
+    """The same of an engine that tells masses, forces of inertia and energies."""
+
+    def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The parts of M at the present state, armature included, each with its places in v: what is between them is zero."""
+        ...
+
+    def bias(self) -> np.ndarray:
+        """h (nv,) at the present state, in M v̇ + h = τ."""
+        ...
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic and potential energy (J)."""
+        ...
+
+
+G = TypeVar("G", bound=Given)
+T = TypeVar("T", bound=Stepped)
+
+
+class GivenEngine(SimulatedEngine[G], Generic[G], abstract=True):
+    """An engine whose simulation is given, before every step, the forces that it does not have (:class:`BeforeSteps`)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._before: BeforeSteps | None = None
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self._before = None
+        super().load(folder, sidecar)
+        told = self._simulation
+        before = BeforeSteps(self, told.passive, told.constraints, told.sums)
+        self._before = before if before.needed else None
+
+    def _held(self) -> ReadBack:
+        """What the engine itself holds, with its inventory and its neutral values."""
+        raise NotImplementedError
+
+    def read_back(self) -> ReadBack:
+        held = self._held()
+        return held if self._before is None else self._before.told(held)
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        if self._before is None:
+            self._simulation.advance(count, effort)
+            return
+        for _ in range(count):
+            self._simulation.advance(1, self._before.effort(effort))
+
+
+class SteppedEngine(GivenEngine[T], Generic[T], abstract=True):
+    """The same of an engine that tells masses, forces of inertia and energies."""
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        return pick_blocks(blocks, self._simulation.mass_parts())
+
+    def bias_force(self) -> np.ndarray:
+        bias = self._simulation.bias()
+        return bias if self._before is None else self._before.bias_force(bias)
+
+    def energy(self) -> tuple[float, float]:
+        kinetic, potential = self._simulation.energy()
+        return kinetic, potential + (0.0 if self._before is None else self._before.potential())

@@ -82,7 +82,7 @@ def _work(folder: Path, request: dict[str, Any]) -> tuple[dict[str, Any], list[A
     import numpy as np
 
     from simspec.engines.kit.attempts import attempt
-    from simspec.engines.kit.doing import tell_into
+    from simspec.engines.kit.messages import tell_into
 
     tell_into(folder)
     if request.get("schema") != SCHEMA:

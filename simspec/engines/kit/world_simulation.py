@@ -10,13 +10,13 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from simspec.contact.plan import ContactPlan, contact_plan
-from simspec.dialects.kit.passive import Passive
-from simspec.dialects.kit.world_sidecar import WorldSidecar
+from simspec.dialects.kit.joints import Passive
+from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.building import STATIC, Walk
-from simspec.engines.kit.labels import expected_labels
+from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.settings import written_settings
-from simspec.engines.kit.stepped import Stepped, SteppedEngine
+from simspec.engines.kit.simulated import Stepped, SteppedEngine
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.world.format import WorldJson

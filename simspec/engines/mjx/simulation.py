@@ -14,14 +14,56 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.engines.kit.arrays import sorted_pairs
-from simspec.engines.mjx.held import Held
-from simspec.engines.mjx.importing import Modules, begin, import_mjx
-from simspec.engines.mjx.programs import Programs, as_numpy
+from simspec.engines.mjx.programs import Modules, Programs, as_numpy, begin, import_mjx
 from simspec.engines.mujoco.readback import CONE_NAMES
 from simspec.engines.mujoco.rewritten import RewrittenSimulation
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.world.types import Body, Quaternion, ReadBack
+
+# What MJX holds, looked at as if it were an ``mjModel``: so that what reads MuJoCo's model reads MJX's, field by field.
+#
+# An ``mjx.Model`` has MuJoCo's fields under MuJoCo's names, as arrays of JAX or numpy. What MJX does not take over, since it
+# does not compute with it (names of things, user data, options of MuJoCo's own solvers), is what the ``mjModel`` has that it
+# was made of: so a file that says something else than the world is noticed there, too.
+
+
+class HeldOption:
+    """The options of an ``mjx.Model``, those of its implementation among them."""
+
+    def __init__(self, option: Any, file: Any):
+        self._option, self._file = option, file
+
+    def __getattr__(self, name: str) -> Any:
+        return _plain(_either(self._option, self._file, name))
+
+
+class Held:
+    """The fields of an ``mjx.Model`` as numpy's arrays, under the names of ``mjModel``. ``file``: the model it was made of."""
+
+    def __init__(self, model: Any, file: Any):
+        self._model, self.file = model, file
+        self.opt = HeldOption(model.opt, file.opt)
+
+    def __getattr__(self, name: str) -> Any:
+        return _plain(_either(self._model, self.file, name))
+
+
+def _either(held: Any, file: Any, name: str) -> Any:
+    """A field of MJX's own class, or of its implementation, or else of the file."""
+    if name.startswith("__"):
+        raise AttributeError(name)
+    if name in type(held).__dataclass_fields__ and name != "_impl":
+        return getattr(held, name)
+    own = held._impl
+    if name in type(own).__dataclass_fields__:
+        return getattr(own, name)
+    return getattr(file, name)
+
+
+def _plain(value: Any) -> Any:
+    return np.asarray(value) if hasattr(value, "shape") else value
+
 
 CONE_OF_FILE = "file.opt.cone"
 """In the inventory: the cone that stands in the file, where MJX is given another."""

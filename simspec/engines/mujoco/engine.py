@@ -7,19 +7,18 @@ from pathlib import Path
 from typing import ClassVar
 
 from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability, NativeLaw, ServoLaw
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
-from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.settings import Setting, resolve_settings
-from simspec.engines.mujoco.actuation import NATIVE as NATIVE_CONTROL
-from simspec.engines.mujoco.actuation import explicit_servos_hold
+from simspec.engines.mujoco.approximations import DEVIATIONS as HALF_DEPTH_DEVIATIONS
+from simspec.engines.mujoco.approximations import HEIGHT_FIELDS
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
 from simspec.engines.mujoco.expectation import Expectation
 from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_OWN, load
-from simspec.engines.mujoco.ground import HEIGHT_FIELDS
-from simspec.engines.mujoco.half_depth import DEVIATIONS as HALF_DEPTH_DEVIATIONS
 from simspec.engines.mujoco.inventory import expected_inventory
+from simspec.engines.mujoco.joints import NATIVE as NATIVE_CONTROL
+from simspec.engines.mujoco.joints import explicit_servos_hold
 from simspec.engines.mujoco.readback import UNREADABLE
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco

@@ -12,8 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.engines.kit.effects import Effect
-from simspec.engines.kit.foreign import MESH, UNNAMED, Own, Reads, support
+from simspec.engines.kit.foreign import MESH, UNNAMED, Effect, Own, Reads, support
 from simspec.engines.mujoco.readback import CONE_NAMES, HALVED, JOINT_KINDS, SHAPE_KINDS, VISIBLE_GROUPS
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import tensor

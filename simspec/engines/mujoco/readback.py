@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.mujoco.chains import Chain, chains, origins
-from simspec.dialects.mujoco.names import KEYFRAME, NO_RATING
-from simspec.dialects.mujoco.sidecar import MujocoSidecar
+from simspec.dialects.mujoco.sidecar import KEYFRAME, NO_RATING, Chain, MujocoSidecar, chains, origins
 from simspec.dialects.mujoco.surface import CommonLaw, surface
 from simspec.engines.mujoco.inventory import Inventory
 from simspec.errors import EngineError

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simspec.dialects.mujoco.names import COULOMB, NATIVE
-from simspec.engines.kit.bounds import COARSE, SHARE, of_thinnest
-from simspec.engines.kit.settings import ByPair, Group, Setting
+from simspec.dialects.mujoco.sidecar import COULOMB, NATIVE
+from simspec.engines.kit.settings import COARSE, SHARE, ByPair, Group, Setting, of_thinnest
 
 _RIGID = ByPair(("common",))
 _SLIDING = ByPair(("common",), ("elliptic",), friction=True)

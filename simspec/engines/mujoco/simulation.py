@@ -15,18 +15,13 @@ import numpy as np
 
 from simspec.control.native import Servos
 from simspec.dialects.kit.sidecar import SidecarBody
-from simspec.dialects.mujoco.chains import chains
-from simspec.dialects.mujoco.choices import FLAGS
-from simspec.dialects.mujoco.names import COULOMB, KEYFRAME, NATIVE
-from simspec.dialects.mujoco.sidecar import MujocoSidecar
+from simspec.dialects.mujoco.sidecar import COULOMB, FLAGS, KEYFRAME, NATIVE, MujocoSidecar, chains
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs
+from simspec.engines.kit.capabilities import Recovery
 from simspec.engines.kit.contract import Actuation, Engine
-from simspec.engines.kit.recovery import Recovery
-from simspec.engines.mujoco.actuation import Drive, JointArrays
-from simspec.engines.mujoco.between import Between
-from simspec.engines.mujoco.coulomb import Coulomb
-from simspec.engines.mujoco.equality import Equalities
+from simspec.engines.mujoco.joints import Between, Drive, JointArrays
 from simspec.engines.mujoco.readback import JOINT_KINDS, frame_sites, read_back
+from simspec.engines.mujoco.stepping import Coulomb, Equalities
 from simspec.errors import EngineError, not_importable
 from simspec.formats.mjcf.bodies import file_name
 from simspec.formats.mjcf.format import MODEL

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.dialects.kit.world_laws import LawSidecar
+from simspec.dialects.kit.world import LawSidecar
 from simspec.engines.kit import hulls
-from simspec.engines.kit.compiled import Compiled
+from simspec.engines.kit.compiled import Compiled, Needs
 from simspec.engines.kit.hulls import check_solid
-from simspec.engines.kit.needs import Needs
 from simspec.errors import EngineError
 from simspec.formats.world.tree import (
     AxisJoint,

@@ -15,17 +15,15 @@ import numpy as np
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
-from simspec.engines.kit.bounds import of_mobility
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.labels import expected_labels
-from simspec.engines.kit.needs import Needs
-from simspec.engines.kit.outside import computed, constraints_felt
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
+from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import planes_still
-from simspec.engines.kit.settings import Group, Setting, written_settings
-from simspec.engines.kit.stepped import SteppedEngine
+from simspec.engines.kit.settings import Group, Setting, of_mobility, written_settings
+from simspec.engines.kit.simulated import SteppedEngine
 from simspec.engines.ode import building
 from simspec.engines.ode.approximations import (
     CASES,

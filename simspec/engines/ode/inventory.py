@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.inventory import Carrier, expected_apart, named_set
-from simspec.engines.kit.labels import sidecar_labels
+from simspec.engines.kit.inventory import Carrier, expected_apart, named_set, sidecar_labels
 from simspec.engines.ode.building import ERROR_REDUCTION, SOLVERS
 from simspec.engines.ode.readback import asked, told_law
 from simspec.engines.ode.simulation import Simulation

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.kit.world_laws import LawSidecar
+from simspec.dialects.kit.world import LawSidecar
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.hulls import DOUBTED
 from simspec.engines.ode.building import NAME, Built, Integers, library, pointer

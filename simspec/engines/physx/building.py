@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from simspec.dialects.physx.dialect import PhysxSidecar
+from simspec.engines.kit.arrays import held_by
 from simspec.engines.kit.building import PlacedBody, Unit, Walk, refuse
-from simspec.engines.kit.single import held_by
 from simspec.errors import EngineError
 from simspec.formats.world.tree import FreeJoint, JsonBody
 from simspec.world import frames

@@ -11,12 +11,10 @@ from typing import ClassVar
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.jointless import jointless
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
-from simspec.engines.kit.precision import SINGLE
-from simspec.engines.kit.refinements import no_friction, planes_still, still_or_light
+from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.refinements import jointless, no_friction, planes_still, still_or_light
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.physx.approximations import BOXES, DEVIATIONS, MASS_RATIO, MESHES, SELF_LOCKING, boxes, meshes

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_apart, named_set
-from simspec.engines.kit.labels import sidecar_labels
+from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_apart, named_set, sidecar_labels
 from simspec.engines.physx.building import SCALE, touches
 from simspec.engines.physx.readback import kind_of
 from simspec.engines.physx.simulation import Simulation

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from simspec.dialects.kit.joints import Armature, Spring
+from simspec.engines.kit.arrays import motor_limit, motor_rate
 from simspec.engines.kit.contract import Actuation, Engine
-from simspec.engines.kit.motors import motor_limit, motor_rate
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import UNCLAMPED, Tree, told_turn
 from simspec.support.declarations import Refinement, unsupported_if

@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.bounds import COARSE, SHARE, of_thinnest
 from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
-from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.settings import COARSE, SHARE, Group, Setting, of_thinnest
 from simspec.support.declarations import Level, Refinement, Support
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import constrained_trees

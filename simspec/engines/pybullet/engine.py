@@ -22,17 +22,14 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.pybullet.sidecar import NO_LINKS, TREE_SIZE, PybulletSidecar
-from simspec.engines.kit.armature import armature_felt
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
 from simspec.engines.kit.foreign import Own, Reads
-from simspec.engines.kit.labels import expected_labels
-from simspec.engines.kit.native_law import NativeLaw, ServoLaw
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
-from simspec.engines.kit.recovery import Recovery
-from simspec.engines.kit.refinements import only_balls_slide
+from simspec.engines.kit.inventory import expected_labels
+from simspec.engines.kit.refinements import armature_felt, only_balls_slide
 from simspec.engines.kit.settings import Setting, Value, resolve_settings
 from simspec.engines.kit.simulated import SimulatedEngine
 from simspec.engines.pybullet.actuation import NATIVE, Efforts, JointArrays, JointServos, Probe, no_dry_friction

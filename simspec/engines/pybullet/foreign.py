@@ -13,9 +13,18 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.engines.kit.captured import captured
-from simspec.engines.kit.effects import REFUSED, Effect
-from simspec.engines.kit.foreign import MESH, HeldLink, Own, Reads, bodies_of_links, support, told_apart
+from simspec.engines.kit.foreign import (
+    MESH,
+    REFUSED,
+    Effect,
+    HeldLink,
+    Own,
+    Reads,
+    bodies_of_links,
+    support,
+    told_apart,
+)
+from simspec.engines.kit.messages import captured
 from simspec.engines.pybullet.simulation import GREETING
 from simspec.engines.pybullet.trees import JOINT_KINDS, told_turn
 from simspec.errors import EngineError

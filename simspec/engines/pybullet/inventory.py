@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from simspec.engines.kit.inventory import listed, named_set
-from simspec.engines.kit.labels import sidecar_labels
+from simspec.engines.kit.inventory import listed, named_set, sidecar_labels
 from simspec.engines.pybullet.bullet_file import COLLIDER, Block, colliders, dump, plain
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import Tree, told_turn

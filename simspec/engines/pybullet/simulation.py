@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from simspec.dialects.pybullet.sidecar import CollisionFilter, PybulletSidecar
-from simspec.engines.kit.captured import captured
+from simspec.engines.kit.messages import captured
 from simspec.engines.pybullet.constraints import WHOLE, hold
 from simspec.engines.pybullet.geometry import faces_told, with_stl
 from simspec.engines.pybullet.trees import Called, Frames, Loader, Recording, Sleepers, carriers, rub, told_turn

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from simspec.engines.kit.arrays import held_by
 from simspec.engines.kit.building import PlacedBody, PlacedShape, Walk, refuse
-from simspec.engines.kit.single import held_by
 from simspec.engines.kit.world_simulation import only_common, positive_definite
 from simspec.errors import EngineError
 from simspec.formats.world.tree import JsonBody, JsonShape

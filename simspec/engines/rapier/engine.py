@@ -9,12 +9,10 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.jointless import jointless
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
-from simspec.engines.kit.precision import SINGLE
-from simspec.engines.kit.refinements import only_balls_slide, planes_still, still_or_light
+from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.refinements import jointless, only_balls_slide, planes_still, still_or_light
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.rapier.approximations import (

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_apart, named_set
-from simspec.engines.kit.labels import sidecar_labels
+from simspec.engines.kit.inventory import NEUTRAL, Carrier, Items, below, expected_apart, named_set, sidecar_labels
 from simspec.engines.rapier.building import SCALE
 from simspec.engines.rapier.readback import inertial, kind_of
 from simspec.engines.rapier.simulation import Simulation

@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.kit.world_laws import LawSidecar
-from simspec.engines.kit.arrays import ContactRow, contact_arrays, empty_contacts
-from simspec.engines.kit.single import demand_held
+from simspec.dialects.kit.world import LawSidecar
+from simspec.engines.kit.arrays import ContactRow, contact_arrays, demand_held, empty_contacts
 from simspec.engines.kit.world_simulation import FreeBodySimulation
 from simspec.engines.rapier.building import NAME, SCALE, SQUARE, Built
 from simspec.errors import EngineError

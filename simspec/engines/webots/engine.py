@@ -15,14 +15,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.contact.rules import Rules
-from simspec.engines.kit.bounds import of_mobility
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.needs import Needs
-from simspec.engines.kit.passive import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
+from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.refinements import no_friction, planes_still
-from simspec.engines.kit.settings import Group, Setting
-from simspec.engines.kit.stepped import GivenEngine
+from simspec.engines.kit.settings import Group, Setting, of_mobility
+from simspec.engines.kit.simulated import GivenEngine
 from simspec.engines.webots.program import INSTALLED
 from simspec.engines.webots.readback import read_back
 from simspec.engines.webots.simulation import Simulation

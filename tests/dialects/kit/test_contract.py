@@ -9,10 +9,8 @@ import pytest
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.dialects.kit.contract import Dialect, Lowered
-from simspec.dialects.kit.settings import NeededSetting
-from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, common_fields
-from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
+from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
 from simspec.errors import UnsupportedError
 from simspec.formats.kit.contract import Format
 from simspec.support.declarations import EXACT

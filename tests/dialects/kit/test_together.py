@@ -8,9 +8,8 @@ import json
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.dialects.kit.mutating import mutations
+from simspec.dialects.kit.mutating import Together, mutations
 from simspec.dialects.kit.mutations import MutationTable
-from simspec.dialects.kit.together import Together
 
 FILES = {
     "model.xml": '<root><a name="one" size="1 0"/><b><a name="two" size="1 2"/><a size="1 2"/></b><m>3</m><m>3</m></root>',

@@ -9,7 +9,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.dialects.mujoco import mutation_additions as additions
-from simspec.dialects.mujoco.mutation_inert import INERT
+from simspec.dialects.mujoco.mutations import INERT
 from simspec.errors import UnsupportedError
 from simspec.formats.mjcf.reading import CHILDREN
 from simspec.proof.mutation_worlds import WORLDS

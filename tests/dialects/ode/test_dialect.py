@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from simspec.compiler import target_of
-from simspec.dialects.kit.world_laws import LawSidecar
+from simspec.dialects.kit.world import LawSidecar
 from simspec.dialects.ode.dialect import OdeDialect
 from simspec.engines.ode.engine import Ode
 from simspec.proof.comparator import compare

@@ -13,8 +13,7 @@ from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.defects import NAMES
-from simspec.dialects.kit.sidecar import SIDECAR
-from simspec.dialects.kit.target import Target
+from simspec.dialects.kit.sidecar import SIDECAR, Target
 from simspec.dialects.urdf.defects import DEFECTS
 from simspec.dialects.urdf.dialect import UrdfDialect
 from simspec.dialects.urdf.sidecar import UrdfSidecar

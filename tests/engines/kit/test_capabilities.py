@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import MEANING, METHODS, Capability, Lacking
+from simspec.engines.kit.capabilities import MEANING, METHODS, Capability, Lacking, NativeLaw, ServoLaw
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError
 from simspec.report import matrix

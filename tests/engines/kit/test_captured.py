@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from simspec.engines.kit.captured import captured
+from simspec.engines.kit.messages import captured
 
 
 def put(text: str) -> None:

@@ -12,9 +12,8 @@ from simspec import selection
 from simspec.comparison.study import missing_engines
 from simspec.engines.drake.engine import Drake
 from simspec.engines.kit import installed, process, registry
-from simspec.engines.kit.compiled import Compiled
+from simspec.engines.kit.compiled import Compiled, Needs
 from simspec.engines.kit.installing import how_to_install, not_installed, why_not
-from simspec.engines.kit.needs import Needs
 from simspec.errors import EngineError
 from tests.files import program
 

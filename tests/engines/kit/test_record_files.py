@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simspec.engines.kit import record_files
+from simspec.engines.kit import recorder
 from simspec.engines.kit.arrays import CONTACT_FIELDS
-from simspec.engines.kit.record_files import Columns, Contacts
+from simspec.engines.kit.recorder import Columns, Contacts
 
 
 def read(folder, name, described):
@@ -25,7 +25,7 @@ def test_rows_are_stored_once_and_in_order(rows, bodies, chunk):
     shapes = {"pose": (bodies, 7), "time": ()}
     wanted = np.arange(rows * (7 * bodies + 1), dtype=float).reshape(rows, 7 * bodies + 1)
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(record_files, "CHUNK_BYTES", chunk)
+        patch.setattr(recorder, "CHUNK_BYTES", chunk)
         columns = Columns(shapes, Path(f"{folder}/0."))
         for row in wanted:
             columns.row()[:] = row
@@ -39,7 +39,7 @@ def test_rows_are_stored_once_and_in_order(rows, bodies, chunk):
 @given(counts=st.lists(st.integers(0, 7), max_size=30), chunk=st.integers(1, 20))
 def test_contacts_are_stored_once_and_with_their_rows(counts, chunk):
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(record_files, "CONTACT_CHUNK", chunk)
+        patch.setattr(recorder, "CONTACT_CHUNK", chunk)
         contacts = Contacts(Path(f"{folder}/0."))
         begun = 0
         for row, count in enumerate(counts):

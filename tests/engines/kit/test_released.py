@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
-from simspec.engines.kit import released
+from simspec.engines.kit import environments
+from simspec.engines.kit.environments import in_order, released_versions, same_version
 from simspec.engines.kit.registry import find_engine
-from simspec.engines.kit.released import in_order, released_versions, same_version
 from simspec.errors import EngineError
 from tests.files import program
 
@@ -57,7 +57,7 @@ def test_a_client_that_hangs_or_is_not_there_is_an_error(log, monkeypatch):
         raise subprocess.TimeoutExpired("pip", 1.0)
 
     with monkeypatch.context() as patch:
-        patch.setattr(released.subprocess, "run", hanging)
+        patch.setattr(environments.subprocess, "run", hanging)
         with pytest.raises(EngineError, match="gave no versions of mujoco within"):
             released_versions(MUJOCO, "3.3.7", "3.4.0")
     monkeypatch.setattr(sys, "executable", "/no/python")

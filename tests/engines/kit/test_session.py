@@ -13,9 +13,8 @@ from simspec.contact.rules import Rules
 from simspec.dialects.kit.sidecar import SIDECAR, SIDECAR_SCHEMA
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
-from simspec.engines.kit.capabilities import METHODS, Capability
+from simspec.engines.kit.capabilities import METHODS, Capability, NativeLaw, ServoLaw
 from simspec.engines.kit.contract import Engine
-from simspec.engines.kit.native_law import NativeLaw, ServoLaw
 from simspec.engines.kit.operations import OPERATIONS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.session import Condition, Session

@@ -7,7 +7,7 @@ import os
 
 import pytest
 
-from simspec.engines.mjwarp import importing
+from simspec.engines.mjwarp import programs
 from simspec.engines.mjwarp.engine import MjWarp
 from simspec.outputs import filled
 
@@ -34,16 +34,16 @@ def there(folder) -> list[str]:
 
 
 def test_those_made_last_stay(folder):
-    filled.hold(folder, importing.MADE, 6)
+    filled.hold(folder, programs.MADE, 6)
     assert len(there(folder)) == 6
     os.close(filled._held.pop())
-    filled.hold(folder, importing.MADE, 3)
+    filled.hold(folder, programs.MADE, 3)
     assert there(folder) == ["wp_3", "wp_4", "wp_5"]
 
 
 def test_what_warp_does_not_make_stays(folder):
     (folder / "1.18.0" / "mine").mkdir()
-    filled.hold(folder, importing.MADE, 1)
+    filled.hold(folder, programs.MADE, 1)
     assert there(folder) == ["wp_5"]
     assert (folder / "1.18.0" / "mine").is_dir()
 
@@ -51,22 +51,22 @@ def test_what_warp_does_not_make_stays(folder):
 def test_a_folder_that_others_can_write_is_not_used(folder):
     folder.chmod(0o777)
     with pytest.raises(PermissionError, match="everybody can write"):
-        filled.hold(folder, importing.MADE, 1)
+        filled.hold(folder, programs.MADE, 1)
     assert len(there(folder)) == 6
 
 
 def test_nothing_is_removed_while_another_uses_it(folder):
-    filled.hold(folder, importing.MADE, 6)
-    filled.hold(folder, importing.MADE, 3)  # flock is of an open file: in one process as in two
+    filled.hold(folder, programs.MADE, 6)
+    filled.hold(folder, programs.MADE, 3)  # flock is of an open file: in one process as in two
     assert len(there(folder)) == 6
     while filled._held:
         os.close(filled._held.pop())
-    filled.hold(folder, importing.MADE, 3)
+    filled.hold(folder, programs.MADE, 3)
     assert len(there(folder)) == 3
 
 
 def test_it_is_used_as_long_as_the_process_lives(folder):
-    filled.hold(folder, importing.MADE, 6)
+    filled.hold(folder, programs.MADE, 6)
     lock = os.open(folder / filled.LOCK, os.O_RDWR)
     with pytest.raises(BlockingIOError):
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -79,7 +79,7 @@ def test_a_cache_that_cannot_be_written_is_told_and_not_used(tmp_path, monkeypat
     (tmp_path / "simspec").write_text("a file")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     said: list[str] = []
-    place = importing._place(said)
+    place = programs._place(said)
     assert place.is_dir()
     assert not place.is_relative_to(tmp_path / "simspec")
     (line,) = said
@@ -88,5 +88,5 @@ def test_a_cache_that_cannot_be_written_is_told_and_not_used(tmp_path, monkeypat
 
 @installed
 def test_an_engine_at_work_says_so():
-    importing.begin([])
+    programs.begin([])
     assert filled._held

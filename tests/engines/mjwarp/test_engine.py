@@ -12,10 +12,11 @@ import pytest
 import simspec
 from simspec.compiler import compile_world
 from simspec.engines.kit.settings import check_settings
-from simspec.engines.mjwarp import importing, programs
+from simspec.engines.mjwarp import programs
+from simspec.engines.mjwarp import programs as importing
 from simspec.engines.mjwarp.engine import MjWarp
-from simspec.engines.mjwarp.held import LACKED, Held
-from simspec.engines.mjwarp.importing import begin
+from simspec.engines.mjwarp.programs import begin
+from simspec.engines.mjwarp.simulation import LACKED, Held
 from simspec.engines.mujoco import fields, inventory
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError

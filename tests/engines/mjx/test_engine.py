@@ -10,10 +10,11 @@ import pytest
 
 import simspec
 from simspec.compiler import compile_world
-from simspec.engines.mjx import kept, programs
+from simspec.engines.mjx import programs
+from simspec.engines.mjx import programs as kept
 from simspec.engines.mjx.engine import Mjx
-from simspec.engines.mjx.held import Held
-from simspec.engines.mjx.importing import begin
+from simspec.engines.mjx.programs import begin
+from simspec.engines.mjx.simulation import Held
 from simspec.engines.mujoco import fields, inventory
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError

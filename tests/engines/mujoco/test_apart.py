@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.dialects.mujoco.apart import apart, sites_apart, taken_for_one
+from simspec.dialects.mujoco.dialect import apart, sites_apart, taken_for_one
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.engines.mujoco.engine import MuJoCo

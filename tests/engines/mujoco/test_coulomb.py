@@ -11,7 +11,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.engines.kit.operations import OPERATIONS
-from simspec.engines.mujoco import coulomb as mujoco_coulomb
+from simspec.engines.mujoco import stepping as mujoco_coulomb
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.contact import friction, leaning
@@ -129,7 +129,7 @@ def test_an_off_centre_hit_of_balls_of_unequal_mass(load):
 
 def test_one_solve_is_not_enough(load, monkeypatch):
     """The loop is what does it: without it a third of an impact's friction is wrong, and bodies are thrown up or sink."""
-    monkeypatch.setattr(mujoco_coulomb, "MOST_SOLVES", 1)
+    monkeypatch.setattr(mujoco_coulomb, "MOST_FRICTION_SOLVES", 1)
     engine = load(coulomb(scene(box("one", (0.0, 0.0, 0.42), (5.0, 0.0, 0.0)), friction=1.0)))
     normal, before, after = landed(engine, 0.4)
     assert abs((before[0] - after[0]) / (1.0 * (normal + G * DT)) - 1.0) > 0.3
@@ -314,7 +314,7 @@ def test_what_the_engine_holds_is_what_the_mode_asks_for(load):
 
 
 def test_what_did_not_converge_is_counted_and_said(load, monkeypatch):
-    monkeypatch.setattr(mujoco_coulomb, "MOST_SOLVES", 2)
+    monkeypatch.setattr(mujoco_coulomb, "MOST_FRICTION_SOLVES", 2)
     engine = load(heap())
     engine.step(600)
     (line,) = engine.log()

@@ -19,7 +19,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.dialects.webots.raising import raised
 from simspec.dialects.webots.sidecar import WebotsSidecar
-from simspec.engines.kit.diagnosis import State, diagnose
+from simspec.engines.kit.environments import State, diagnose
 from simspec.engines.kit.session import Session
 from simspec.engines.ode.engine import Ode
 from simspec.engines.webots import program
