@@ -9,10 +9,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from simspec import numerals
 from simspec.errors import Location, Problem, SpecError
+from simspec.formats.kit.xml_elements import XmlElement, XmlError, parse_xml
 from simspec.language.foreign import Account, Fate, Severity
 
 LARGEST_FILE: Final = 64 * 2**20
@@ -45,10 +46,6 @@ _TAG: Final = re.compile(r"<[A-Za-z_][^<>]*>")
 _TOUCHING: Final = re.compile("""("[^"]*"|'[^']*')(?=[A-Za-z_])""")
 """A value of an attribute that the name of the next one follows without a space."""
 _FIRST_TAG: Final = re.compile(rb"<([A-Za-z_][\w:.-]*)")
-_ROOT_TAG: Final = re.compile(r"<[A-Za-z_][^\s/>]*")
-_PREFIX: Final = re.compile(r"Namespace prefix ([A-Za-z_][\w.-]{0,40}) ")
-MOST_PREFIXES: Final = 20
-"""Prefixes that a file uses without declaring them."""
 _DECLARATION: Final = re.compile(r"<\?xml\s[^<>]*\?>")
 IDENTIFYING: Final = ("name", "id", "class", "joint", "link")
 """Attributes by which a message tells an element from others of its tag."""
@@ -337,61 +334,22 @@ def outermost(content: bytes) -> bytes:
 
 def parse(content: bytes, file: str) -> Element:
     """The outermost element of an XML file, taken. Raises SpecError with the place for what is damaged, too large or hostile:
-    no document type, no entities, UTF-8 only."""
-    from lxml import etree  # type: ignore[import-untyped]  # it has no types
-
-    if len(content) > LARGEST_FILE or content.count(b"<") > MOST_TAGS or content.count(b"=") > MOST_ATTRIBUTES:
-        found = f"{len(content):,} bytes, {content.count(b'<'):,} tags, {content.count(b'='):,} attributes"
+    no document type, no entities, UTF-8 only. What readers of robots accept is mended: XML declarations anywhere and of any
+    version, ``--`` in comments, no space between attributes, prefixes without declaration."""
+    tags, attributes = content.count(b"<"), content.count(b"=")
+    if len(content) > LARGEST_FILE or tags > MOST_TAGS or attributes > MOST_ATTRIBUTES:
+        found = f"{len(content):,} bytes, {tags:,} tags, {attributes:,} attributes"
         allowed = f"{LARGEST_FILE:,} bytes, {MOST_TAGS:,} tags, {MOST_ATTRIBUTES:,} attributes"
-        problem = Problem(
-            "the file is too large", location=Location(file, 1, 1), found=found, allowed=allowed, hint=SPLIT
-        )
-        raise SpecError([problem])
+        place = Location(file, 1, 1)
+        raise SpecError([Problem("the file is too large", location=place, found=found, allowed=allowed, hint=SPLIT)])
     text = _text(content, file)
-    parser = etree.XMLParser(
-        encoding="utf-8",  # whatever the file says of itself
-        resolve_entities=False,
-        load_dtd=False,
-        no_network=True,
-        huge_tree=False,
-        remove_comments=True,
-        remove_pis=True,
-    )
-    for _ in range(MOST_PREFIXES):
+    mended = (text, _TAG.sub(lambda tag: _TOUCHING.sub(r"\1 ", tag.group()), without_comments(text.encode()).decode()))
+    for attempt in mended:
         try:
-            return _tree(etree.fromstring(text.encode(), parser), file)
-        except etree.XMLSyntaxError as error:
-            mended = _mended(text, str(error.msg))
-            if mended is None:
-                place = Location(file, error.lineno or 1, max(1, error.offset or 1))
-                raise SpecError([Problem(f"not XML: {str(error.msg)[:200]}", location=place)]) from None
-            text = mended
-    problem = Problem(
-        "too many prefixes that are not declared", location=Location(file, 1, 1), allowed=str(MOST_PREFIXES)
-    )
+            return _elements(parse_xml(attempt.encode(), file, "utf-8", numerals.SPACE), file)
+        except XmlError as error:
+            problem = Problem(f"not XML: {error.why}", location=Location(file, error.line, error.column))
     raise SpecError([problem])
-
-
-def _mended(text: str, error: str) -> str | None:
-    """The text without what a strict reader refuses, and the readers of robots' languages do not, with its lines where they
-    were: prefixes that are not declared, ``--`` in comments, no space between two attributes. None for any other error."""
-    unknown = _PREFIX.match(error)
-    mended = text
-    if unknown is not None:
-        mended = _declared(text, unknown[1])
-    elif error.startswith(("Double hyphen within comment", "Comment must not contain '--'")):
-        mended = without_comments(text.encode()).decode()
-    elif error.startswith("attributes construct error"):
-        mended = _TAG.sub(lambda tag: _TOUCHING.sub(r"\1 ", tag.group()), text)
-    return mended if mended != text else None
-
-
-def _declared(text: str, prefix: str) -> str:
-    """The text with a prefix declared in its outermost element: files that extend a language by words of their own often leave
-    that out."""
-    outermost = _ROOT_TAG.search(text)
-    end = outermost.end() if outermost is not None else 0
-    return f'{text[:end]} xmlns:{prefix}="{prefix}"{text[end:]}'
 
 
 def _text(content: bytes, file: str) -> str:
@@ -407,42 +365,25 @@ def _text(content: bytes, file: str) -> str:
             line = text.count("\n", 0, text.index(word)) + 1
             hint = "remove it; simspec reads no document types and no entities"
             raise SpecError([Problem(f"{word} is not read", location=Location(file, line, 1), hint=hint)])
-    return _without_declaration(text)
-
-
-def _without_declaration(text: str) -> str:
-    """The text without the XML declaration, its lines where they were. Files of robots declare versions that there are not, or
-    declare below a comment; what a declaration may say, its encoding, is not believed anyway."""
+    # without the XML declaration, whose encoding is not believed; lines stay where they are
     start = _ROOT.search(text)
     before = text[: start.start()] if start is not None else ""
     return _DECLARATION.sub(lambda found: "\n" * found.group().count("\n"), before, count=1) + text[len(before) :]
 
 
-def _tree(root: Any, file: str) -> Element:
-    """The elements of lxml as our own, without recursion."""
-    top = _element(root, file, None)
-    waiting = [(root, top, 1)]
+def _elements(root: XmlElement, file: str) -> Element:
+    """An XML file as elements that remember what is taken, without recursion; declarations of namespaces are left out."""
+    top: Element | None = None
+    waiting: list[tuple[XmlElement, Element | None, int]] = [(root, None, 1)]
     while waiting:
-        node, element, depth = waiting.pop()
+        read, parent, depth = waiting.pop()
+        attributes = {name: value for name, value in read.attributes.items() if not name.startswith("xmlns")}
+        element = Element(read.tag, attributes, Location(file, read.line, 1), read.text, parent)
         if depth > DEEPEST:
-            raise element.error(f"more than {DEEPEST} elements within each other")
-        for below in node:
-            child = _element(below, file, element)
-            element._children.append(child)
-            waiting.append((below, child, depth + 1))
+            raise (parent or element).error(f"more than {DEEPEST} elements within each other")
+        if parent is not None:
+            parent._children.append(element)
+        top = top or element
+        waiting.extend((child, element, depth + 1) for child in reversed(read.children))
+    assert top is not None
     return top.take()
-
-
-def _element(node: Any, file: str, parent: Element | None) -> Element:
-    location = Location(file, node.sourceline or 1, 1)
-    attributes = {_name(node, name): value for name, value in node.attrib.items()}
-    return Element(_name(node, str(node.tag)), attributes, location, (node.text or "").strip(numerals.SPACE), parent)
-
-
-def _name(node: Any, name: str) -> str:
-    """A name as the file writes it, with its prefix rather than what that stands for."""
-    if not name.startswith("{"):
-        return name
-    space, _, local = name[1:].partition("}")
-    prefix = next((known for known, stands_for in node.nsmap.items() if stands_for == space and known), None)
-    return f"{prefix}:{local}" if prefix else local

@@ -75,3 +75,10 @@ def test_what_readers_of_robots_accept_and_a_strict_one_does_not_is_read():
         parse(b"<a b='1' b='2'/>", "r.xml")
     with pytest.raises(SpecError, match="not XML"):
         parse(b"<a b=1/>", "r.xml")
+    with pytest.raises(SpecError, match=r"r\.xml:3:\d+: not XML: mismatched tag in <b> of line 2"):
+        parse(b"<a>\n<b>\n</a>", "r.xml")
+
+
+def test_an_element_of_several_lines_is_placed_where_it_begins():
+    (inner,) = parse(b"<a>\n<b\n c='1'\n/></a>", "r.xml").look()
+    assert inner.location.line == 2

@@ -14,6 +14,7 @@ from simspec.dialects.dart.contact import check_filter
 from simspec.dialects.dart.sidecar import DartSidecar, ShapeEntry
 from simspec.dialects.kit.joints import UNREADABLE, add_springs, fluid_of, with_passive
 from simspec.formats.kit.contract import restore_frames
+from simspec.formats.kit.xml_elements import XmlElement
 from simspec.formats.skel import reading as skel
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -88,7 +89,7 @@ def raised(document: skel.SkelDocument, sidecar: DartSidecar) -> ReadBack:
     )
 
 
-def _needed(item: skel.SkelItem, value: Value | None, tag: str) -> Value:
+def _needed(item: XmlElement, value: Value | None, tag: str) -> Value:
     """What a file of this dialect always says. Raises ValueError where it does not."""
     if value is None:
         raise item.refused(f"has no <{tag}>")
@@ -130,7 +131,7 @@ def _joint(joint: skel.SkelJointItem, places: Mapping[str, Pose]) -> Joint:
     kind = KINDS.get(joint.type)
     if kind is None:
         raise item.refused(f"the type {joint.type!r} is not known here")
-    if any(item.numbers("transformation", 6) or (1.0,)):
+    if any(item.numbers_of("transformation", 6) or (1.0,)):
         raise item.refused("is not at its child's frame")
     above = _needed(item, joint.parent, "parent")
     parent = None if above == "world" else above
@@ -167,8 +168,8 @@ def _with_state(read: Joint, joint: skel.SkelJointItem) -> Joint:
     count = COORDINATES[read.kind]
     if not count:
         return read
-    position = _needed(joint.item, joint.item.numbers("init_pos", count), "init_pos")
-    velocity = _needed(joint.item, joint.item.numbers("init_vel", count), "init_vel")
+    position = _needed(joint.item, joint.item.numbers_of("init_pos", count), "init_pos")
+    velocity = _needed(joint.item, joint.item.numbers_of("init_vel", count), "init_vel")
     if read.kind == "ball":
         return replace(read, position=frames.normalise(exponential_of(position)), velocity=velocity)
     if read.kind == "free":
@@ -252,7 +253,7 @@ def _shapes(
             if not visual:
                 raise ValueError(f"body {own!r} has too few visual shapes for {name!r}")
             element = visual.pop(0)
-            red, green, blue, opacity = _needed(element.item, element.item.numbers("color", 4), "color")
+            red, green, blue, opacity = _needed(element.item, element.item.numbers_of("color", 4), "color")
             read.append(replace(_shape(name, element, meshes), colour=(red, green, blue, opacity)))
         if not read:
             raise ValueError(f"shape {name!r} is neither visual nor collision")

@@ -14,9 +14,9 @@ from typing import Final
 from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs, fluid_of, with_passive
 from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, PybulletSidecar
 from simspec.formats.kit.contract import restore_frames
+from simspec.formats.kit.xml_elements import XmlElement
 from simspec.formats.urdf.reading import (
     WRITTEN,
-    Node,
     UrdfDocument,
     UrdfJointNode,
     UrdfLinkNode,
@@ -139,7 +139,7 @@ class _File:
         return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface, meshes, base_margin)
 
 
-def _is_own(node: Node, path: str) -> bool:
+def _is_own(node: XmlElement, path: str) -> bool:
     """Whether a strange element is one of PyBullet's, as simspec writes it."""
     attributes: Iterable[str] = ()
     if path == "robot/link/contact":
@@ -154,7 +154,7 @@ def _is_own(node: Node, path: str) -> bool:
 # --- parts of a file ----------------------------------------------------------------------------------------------
 
 
-def _surface(contact: Node) -> Surface:
+def _surface(contact: XmlElement) -> Surface:
     """A link's contact. Two links' springs stand in series and their dampers add up: a pair has half and twice as much."""
 
     def value(name: str) -> float:
@@ -168,7 +168,7 @@ def _surface(contact: Node) -> Surface:
     return Surface(sliding, spinning, rolling, restitution, spring)
 
 
-def _geometry(geometry: Node, meshes: Mapping[str, tuple[float, ...]]) -> tuple[str, tuple[float, ...]]:
+def _geometry(geometry: XmlElement, meshes: Mapping[str, tuple[float, ...]]) -> tuple[str, tuple[float, ...]]:
     if geometry.tag == "capsule":
         return "capsule", (geometry.need_number("radius"), geometry.need_number("length"))
     if geometry.tag == "plane":

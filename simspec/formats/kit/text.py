@@ -13,7 +13,6 @@ from typing import Any, Final
 from simspec import numerals
 from simspec.resources import resource_folder
 from simspec.world.canonical import to_plain
-from simspec.world.shapes import field_of
 from simspec.world.types import Shape, World
 
 
@@ -144,6 +143,8 @@ def field_files(sizes: Iterable[tuple[float, ...]]) -> dict[str, str]:
 
 @functools.lru_cache(maxsize=64)
 def _field_text(size: tuple[float, ...]) -> str:
+    from simspec.world.shapes import field_of
+
     points, triangles = field_of(size).closed()
     rows = (triangles + 1).tolist()
     text: str = (

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from simspec.formats.kit.text import finite_numbers
-from simspec.formats.kit.xml_elements import MOST_ATTRIBUTES, Element, read_xml
+from simspec.formats.kit.xml_elements import MOST_ATTRIBUTES, XmlElement, read_xml
 
 # --- language ---
 
@@ -103,7 +103,7 @@ def defaults_of(section: str, tag: str) -> tuple[str, ...]:
 class MjcfFrame:
     """A ``frame`` or ``replicate`` around an element, and what is around that, up to its body."""
 
-    element: Element
+    element: XmlElement
     outer: MjcfFrame | None
 
 
@@ -111,8 +111,7 @@ class MjcfFrame:
 class MjcfItem:
     """An element as the language's defaults complete it."""
 
-    file: str
-    element: Element
+    element: XmlElement
     class_name: str
     """The class of defaults that it takes, by itself or from the bodies around it."""
     defaults: Mapping[str, str]
@@ -135,9 +134,7 @@ class MjcfItem:
 
     def refused(self, why: str) -> ValueError:
         """The error of something that is wrong with it, with file, line and name."""
-        name = self.element.attributes.get("name")
-        called = f"<{self.tag}>" if name is None else f"<{self.tag}> {name[:200]!r}"
-        return ValueError(f"{self.file}:{self.element.line}: {called}: {why}")
+        return self.element.refused(why)
 
     def text(self, name: str) -> str:
         """An attribute. Raises ValueError, with the place, where neither it nor its class states one."""
@@ -189,7 +186,7 @@ class MjcfDocument:
     """One file. Sections that stand several times are one; of attributes that stand several times the last holds."""
 
     file: str
-    root: Element
+    root: XmlElement
     """All of it as it stands."""
     compiler: MjcfItem
     option: MjcfItem
@@ -204,11 +201,11 @@ class MjcfDocument:
     """Depth first, as in the file."""
     sections: Mapping[str, tuple[MjcfItem, ...]]
     """What stands in each other section (``contact``, ``actuator``, ``keyframe``, ``asset``, …), in order."""
-    includes: tuple[Element, ...]
+    includes: tuple[XmlElement, ...]
     """References to other files, which are not read: where there is one, what it holds is missing here."""
     missing_classes: frozenset[str]
     """Classes that are asked for and are not here: only where there are includes."""
-    unknown: tuple[Element, ...]
+    unknown: tuple[XmlElement, ...]
     """Elements of names that the language, as known here, does not have there; they stay in ``root`` and in their place."""
     meshes: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """The vertices (flat, m) of the files of convex hulls in the folder, by relative path."""
@@ -232,7 +229,7 @@ class MjcfClasses:
     Raises ValueError, with the line, for classes without a name, names that stand twice, and more attributes than are read.
     """
 
-    def __init__(self, root: Element, file: str):
+    def __init__(self, root: XmlElement, file: str):
         self._file = file
         self._count = 0
         self._together: dict[tuple[int, ...], Mapping[str, str]] = {}
@@ -257,7 +254,7 @@ class MjcfClasses:
             self.by_name[name] = MjcfClass(name, parent, self._with_own(self.by_name[parent].elements, element))
             waiting.extend((child, name) for child in reversed(element.all("default")))
 
-    def find(self, name: str, element: Element) -> MjcfClass:
+    def find(self, name: str, element: XmlElement) -> MjcfClass:
         """A class that ``element`` names; the outermost answers to ``main`` too. Raises ValueError where there is none."""
         known = self.by_name.get(self.main if name == MAIN else name)
         if known is not None:
@@ -267,7 +264,7 @@ class MjcfClasses:
         self.missing.add(name)
         return MjcfClass(name, None, {})
 
-    def taken(self, element: Element, section: str, inherited: str) -> tuple[str, Mapping[str, str]]:
+    def taken(self, element: XmlElement, section: str, inherited: str) -> tuple[str, Mapping[str, str]]:
         """The class of an element in a section, and what it takes from there; ``inherited`` holds where it names none."""
         tags = defaults_of(section, element.tag)
         if not tags:
@@ -283,7 +280,7 @@ class MjcfClasses:
             self._counted(element, len(self._together[key]))
         return name, self._overridden(element, self._together[key], element.attributes)
 
-    def _with_own(self, outer: Mapping[str, Mapping[str, str]], element: Element) -> Mapping[str, Mapping[str, str]]:
+    def _with_own(self, outer: Mapping[str, Mapping[str, str]], element: XmlElement) -> Mapping[str, Mapping[str, str]]:
         """The defaults of a class: those around it, overridden by its own."""
         own = [child for child in element.children if child.tag not in ("default", "include")]
         if not own:
@@ -305,7 +302,7 @@ class MjcfClasses:
         self._counted(element, len(resolved))
         return resolved
 
-    def _overridden(self, element: Element, earlier: Mapping[str, str], own: Mapping[str, str]) -> Mapping[str, str]:
+    def _overridden(self, element: XmlElement, earlier: Mapping[str, str], own: Mapping[str, str]) -> Mapping[str, str]:
         """``earlier`` without what ``own`` says in another way: one orientation, in whichever words."""
         if earlier.keys().isdisjoint(ORIENTATIONS) or ORIENTATIONS.isdisjoint(own):
             return earlier
@@ -313,13 +310,13 @@ class MjcfClasses:
         self._counted(element, len(left))
         return left
 
-    def _counted(self, element: Element, attributes: int) -> None:
+    def _counted(self, element: XmlElement, attributes: int) -> None:
         self._count += attributes
         if self._count > MOST_DEFAULTS:
             raise self._refused(element, f"classes of defaults with more than {MOST_DEFAULTS:,} attributes together")
 
-    def _refused(self, element: Element, why: str) -> ValueError:
-        return ValueError(f"{self._file}:{element.line}: {why}")
+    def _refused(self, element: XmlElement, why: str) -> ValueError:
+        return element.error(why)
 
 
 MERGED: Final = ("compiler", "option", "size", "statistic", "default", "worldbody", "include")
@@ -334,7 +331,7 @@ def read_document(path: Path) -> MjcfDocument:
     return document_of(read_xml(path), path.name)
 
 
-def document_of(root: Element, file: str) -> MjcfDocument:
+def document_of(root: XmlElement, file: str) -> MjcfDocument:
     """The document of a parsed file, called ``file`` in errors. Raises ValueError as :func:`read_document`."""
     if root.tag != "mujoco":
         raise ValueError(f"{file}:{root.line}: the root is <{root.tag[:60]}>, should be <mujoco>")
@@ -342,7 +339,7 @@ def document_of(root: Element, file: str) -> MjcfDocument:
 
 
 class _Reader:
-    def __init__(self, root: Element, file: str):
+    def __init__(self, root: XmlElement, file: str):
         self._root, self._file = root, file
         self._includes = tuple(element for element in root.walk() if element.tag == "include")
         self._classes = MjcfClasses(root, file)
@@ -372,20 +369,20 @@ class _Reader:
             tuple(_unknown(self._root)),
         )
 
-    def _merged(self, elements: tuple[Element, ...]) -> MjcfItem:
+    def _merged(self, elements: tuple[XmlElement, ...]) -> MjcfItem:
         """Elements that stand for one, as one; the root, without attributes, where there are none."""
         if not elements:
-            empty = Element(self._root.tag, self._root.line, {}, ())
-            return MjcfItem(self._file, empty, self._classes.main, {})
+            empty = XmlElement(self._root.tag, self._root.line, {}, (), file=self._file)
+            return MjcfItem(empty, self._classes.main, {})
         earlier: dict[str, str] = {}
         for element in elements[:-1]:
             earlier.update(element.attributes)
-        return MjcfItem(self._file, elements[-1], self._classes.main, earlier)
+        return MjcfItem(elements[-1], self._classes.main, earlier)
 
-    def _item(self, element: Element, section: str, inherited: str, frame: MjcfFrame | None = None) -> MjcfItem:
+    def _item(self, element: XmlElement, section: str, inherited: str, frame: MjcfFrame | None = None) -> MjcfItem:
         """An element of a section, with the defaults of its class or of ``inherited``."""
         name, defaults = self._classes.taken(element, section, inherited)
-        return MjcfItem(self._file, element, name, defaults, frame)
+        return MjcfItem(element, name, defaults, frame)
 
     # --- bodies ---------------------------------------------------------------------------------------------------
 
@@ -394,7 +391,7 @@ class _Reader:
         world: list[MjcfItem] = []
         bodies: list[tuple[MjcfItem, int | None, list[MjcfItem]]] = []
         # (element, its body's place, class that holds there, frame around it)
-        waiting: list[tuple[Element, int | None, str, MjcfFrame | None]] = [
+        waiting: list[tuple[XmlElement, int | None, str, MjcfFrame | None]] = [
             (element, None, section.attributes.get("childclass", self._classes.main), None)
             for section in reversed(self._root.all("worldbody"))
             for element in reversed(section.children)
@@ -409,7 +406,7 @@ class _Reader:
             if "childclass" in element.attributes:
                 self._classes.find(inherited, element)
             if element.tag == "body":
-                bodies.append((MjcfItem(self._file, element, inherited, {}, frame), body, []))
+                bodies.append((MjcfItem(element, inherited, {}, frame), body, []))
                 body, frame = len(bodies) - 1, None
             else:
                 frame = MjcfFrame(element, frame)
@@ -417,7 +414,7 @@ class _Reader:
         return tuple(world), tuple(MjcfBodyItem(item, parent, tuple(items)) for item, parent, items in bodies)
 
 
-def _unknown(root: Element) -> Iterator[Element]:
+def _unknown(root: XmlElement) -> Iterator[XmlElement]:
     """Elements that the language does not have where they stand; what is in them is theirs, and not looked at."""
     waiting = [(root, True)]
     while waiting:

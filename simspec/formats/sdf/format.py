@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Final
 
 from simspec.formats.kit.contract import Format, Plain, losses
 from simspec.formats.kit.text import environment, mesh_file, mesh_files, number
-from simspec.formats.kit.xml_elements import Element, read_xml
+from simspec.formats.kit.xml_elements import XmlElement, read_xml
 from simspec.formats.sdf import tree
 from simspec.formats.sdf.plain import SIZES, SUPPORT, loops_within, more_losses, plain_tree
 from simspec.formats.sdf.tree import SdfJoint, SdfLink, SdfShape, SdfWorld
@@ -159,7 +159,7 @@ class Sdf(Format):
         """Whether some tree has a loop that is closed at zero: of others, and of profile 1.6, files have none."""
         return any(loops_within(world, bodies) for bodies in trees(world).values())
 
-    def read(self, folder: Path) -> Element:
+    def read(self, folder: Path) -> XmlElement:
         """The outermost element of ``world.sdf`` in ``folder``: its meaning is the importer's matter.
 
         Raises FileNotFoundError; SpecError where it cannot be read; ValueError, which names file and line, where it is no SDF.

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
-from simspec.formats.kit.text import finite_numbers
-from simspec.formats.kit.xml_elements import Element, read_xml
+from simspec.formats.kit.xml_elements import XmlElement, read_xml
 from simspec.world import frames
 from simspec.world.types import Inertial, Pose, Quaternion, Vector3
 
@@ -72,70 +71,11 @@ there."""
 
 
 @dataclass(frozen=True, slots=True)
-class SkelItem:
-    """An element of the file."""
-
-    file: str
-    element: Element
-
-    def refused(self, why: str) -> ValueError:
-        """The error of something that is wrong with it, with file, line and name."""
-        name = self.element.attributes.get("name")
-        called = f"<{self.element.tag}>" if name is None else f"<{self.element.tag}> {name[:200]!r}"
-        return ValueError(f"{self.file}:{self.element.line}: {called}: {why}")
-
-    def all(self, tag: str) -> tuple[SkelItem, ...]:
-        """The elements of this tag in it."""
-        return tuple(SkelItem(self.file, child) for child in self.element.children if child.tag == tag)
-
-    def find(self, tag: str) -> SkelItem | None:
-        """The one element of this tag in it; None without one. Raises ValueError where there are several."""
-        elements = self.all(tag)
-        if len(elements) > 1:
-            raise self.refused(f"has {len(elements)} <{tag}>, should have one")
-        return elements[0] if elements else None
-
-    def attribute(self, name: str) -> str:
-        """An attribute. Raises ValueError where it is missing."""
-        if name not in self.element.attributes:
-            raise self.refused(f"no attribute {name!r}")
-        return self.element.attributes[name]
-
-    def text(self, tag: str) -> str | None:
-        """The text of an element in it; None without one."""
-        item = self.find(tag)
-        return None if item is None else item.element.text
-
-    def numbers(self, tag: str, count: int | None = None) -> tuple[float, ...] | None:
-        """The numbers of an element in it; None without one. Raises ValueError where they are none, not finite, or not
-        ``count``."""
-        item = self.find(tag)
-        if item is None:
-            return None
-        try:
-            return finite_numbers(item.element.text, count)
-        except ValueError as error:
-            raise item.refused(str(error)) from None
-
-    def number(self, tag: str) -> float | None:
-        """The one number of an element in it; None without one."""
-        values = self.numbers(tag, 1)
-        return None if values is None else values[0]
-
-    def flag(self, tag: str) -> bool | None:
-        """Whether an element in it says true; None without one. Raises ValueError for other words than true and false."""
-        text = self.text(tag)
-        if text not in ("true", "false", None):
-            raise self.refused(f"<{tag}> is {text[:60]!r}, should be true or false")
-        return None if text is None else text == "true"
-
-
-@dataclass(frozen=True, slots=True)
 class SkelShapeItem:
     """A shape with its pose in the body; ``kind`` is the tag of its geometry, ``values`` the numbers in that by their tags,
     ``file`` the name of a mesh's file, None of others."""
 
-    item: SkelItem
+    item: XmlElement
     kind: str
     values: Mapping[str, tuple[float, ...]]
     pose: Pose | None
@@ -147,7 +87,7 @@ class SkelShapeItem:
 class SkelBodyItem:
     """A body with its pose in the world at zero configuration."""
 
-    item: SkelItem
+    item: XmlElement
     name: str
     pose: Pose | None
     inertial: Inertial | None
@@ -160,7 +100,7 @@ class SkelBodyItem:
 class SkelAxisItem:
     """An axis of a joint, with its limits and its losses."""
 
-    item: SkelItem
+    item: XmlElement
     xyz: Vector3 | None
     lower: float | None
     upper: float | None
@@ -174,7 +114,7 @@ class SkelAxisItem:
 class SkelJointItem:
     """A joint of the file's ``type``; ``pose`` in its child. ``position`` and ``velocity`` are the file's coordinates."""
 
-    item: SkelItem
+    item: XmlElement
     name: str
     type: str
     parent: str | None
@@ -189,7 +129,7 @@ class SkelJointItem:
 class SkeletonItem:
     """One tree of bodies."""
 
-    item: SkelItem
+    item: XmlElement
     name: str
     mobile: bool | None
     bodies: tuple[SkelBodyItem, ...]
@@ -200,7 +140,7 @@ class SkeletonItem:
 class SkelDocument:
     """A whole file."""
 
-    item: SkelItem
+    item: XmlElement
     """Its root element."""
     timestep: float | None
     gravity: Vector3 | None
@@ -212,15 +152,15 @@ class SkelDocument:
 
 def strangers(document: SkelDocument) -> Iterator[str]:
     """What the file has beyond ``LANGUAGE``: elements and attributes that no typed part holds, each with file and line."""
-    for element in document.item.element.walk():
+    for element in document.item.walk():
         attributes, children = LANGUAGE.get(element.tag, ((), {}))
         for name in element.attributes:
             if name not in attributes:
-                yield str(SkelItem(document.item.file, element).refused(f"the attribute {name!r} is not known here"))
+                yield str(element.refused(f"the attribute {name!r} is not known here"))
         if element.tag in LANGUAGE:
             for child in element.children:
                 if child.tag not in children:
-                    yield str(SkelItem(document.item.file, child).refused(f"is not known here in <{element.tag}>"))
+                    yield str(child.refused(f"is not known here in <{element.tag}>"))
 
 
 FILE_NAME = "file_name"
@@ -233,9 +173,9 @@ def read_document(path: Path) -> SkelDocument:
     return document_of(read_xml(path), path.name)
 
 
-def document_of(root: Element, file: str) -> SkelDocument:
+def document_of(root: XmlElement, file: str) -> SkelDocument:
     """The document of a parsed file, called ``file`` in errors. Raises ValueError as :func:`read_document`."""
-    item = SkelItem(file, root)
+    item = root
     if root.tag != "skel":
         raise item.refused("the root should be <skel>")
     world = item.find("world")
@@ -244,8 +184,8 @@ def document_of(root: Element, file: str) -> SkelDocument:
     physics = world.find("physics")
     timestep = gravity = detector = None
     if physics is not None:
-        timestep, gravity = physics.number("time_step"), _vector(physics, "gravity")
-        detector = physics.text("collision_detector")
+        timestep, gravity = physics.number_of("time_step"), _vector(physics, "gravity")
+        detector = physics.text_of("collision_detector")
     return SkelDocument(item, timestep, gravity, detector, tuple(map(_skeleton, world.all("skeleton"))))
 
 
@@ -262,34 +202,34 @@ def without_visual_shapes(text: str) -> tuple[str, bool]:
     return (ElementTree.tostring(tree, encoding="unicode"), True) if visual else (text, False)
 
 
-def _skeleton(item: SkelItem) -> SkeletonItem:
+def _skeleton(item: XmlElement) -> SkeletonItem:
     return SkeletonItem(
         item,
-        item.attribute("name"),
-        item.flag("mobile"),
+        item.word("name"),
+        item.flag_of("mobile"),
         tuple(map(_body, item.all("body"))),
         tuple(map(_joint, item.all("joint"))),
     )
 
 
-def _body(item: SkelItem) -> SkelBodyItem:
+def _body(item: XmlElement) -> SkelBodyItem:
     return SkelBodyItem(
         item,
-        item.attribute("name"),
+        item.word("name"),
         _pose(item),
         _inertial(item.find("inertia")),
-        item.flag("gravity"),
+        item.flag_of("gravity"),
         tuple(map(_shape, item.all("visualization_shape"))),
         tuple(map(_shape, item.all("collision_shape"))),
     )
 
 
-def _inertial(item: SkelItem | None) -> Inertial | None:
+def _inertial(item: XmlElement | None) -> Inertial | None:
     """Mass properties. Raises ValueError where some of them are missing: a program would invent them."""
     if item is None:
         return None
-    mass, centre, tensor = item.number("mass"), _vector(item, "offset"), item.find("moment_of_inertia")
-    moments = [] if tensor is None else [tensor.number(name) for name in MOMENTS]
+    mass, centre, tensor = item.number_of("mass"), _vector(item, "offset"), item.find("moment_of_inertia")
+    moments = [] if tensor is None else [tensor.number_of(name) for name in MOMENTS]
     xx, yy, zz, xy, xz, yz = moments or [None] * 6
     if (
         mass is None
@@ -301,55 +241,55 @@ def _inertial(item: SkelItem | None) -> Inertial | None:
     return Inertial(mass, centre, (xx, yy, zz, xy, xz, yz))
 
 
-def _shape(item: SkelItem) -> SkelShapeItem:
+def _shape(item: XmlElement) -> SkelShapeItem:
     geometry = item.find("geometry")
-    if geometry is None or len(geometry.element.children) != 1:
+    if geometry is None or len(geometry.children) != 1:
         raise item.refused("has no single geometry")
-    kind = SkelItem(item.file, geometry.element.children[0])
-    file = kind.text(FILE_NAME) if kind.element.tag == "mesh" else None
-    tags = (child.tag for child in kind.element.children if file is None or child.tag != FILE_NAME)
-    values = {tag: kind.numbers(tag) or () for tag in tags}
-    return SkelShapeItem(item, kind.element.tag, values, _pose(item), item.numbers("color"), file)
+    kind = geometry.children[0]
+    file = kind.text_of(FILE_NAME) if kind.tag == "mesh" else None
+    tags = (child.tag for child in kind.children if file is None or child.tag != FILE_NAME)
+    values = {tag: kind.numbers_of(tag) or () for tag in tags}
+    return SkelShapeItem(item, kind.tag, values, _pose(item), item.numbers_of("color"), file)
 
 
-def _joint(item: SkelItem) -> SkelJointItem:
-    parent, child, axis = item.text("parent"), item.text("child"), item.find("axis")
+def _joint(item: XmlElement) -> SkelJointItem:
+    parent, child, axis = item.text_of("parent"), item.text_of("child"), item.find("axis")
     if not child:
         raise item.refused("has no <child>")
     return SkelJointItem(
         item,
-        item.attribute("name"),
-        item.attribute("type"),
+        item.word("name"),
+        item.word("type"),
         parent,
         child,
         _pose(item),
         None if axis is None else _axis(axis),
-        item.numbers("init_pos"),
-        item.numbers("init_vel"),
+        item.numbers_of("init_pos"),
+        item.numbers_of("init_vel"),
     )
 
 
-def _axis(item: SkelItem) -> SkelAxisItem:
+def _axis(item: XmlElement) -> SkelAxisItem:
     limit, dynamics = item.find("limit"), item.find("dynamics")
     names = ("damping", "friction", "spring_rest_position", "spring_stiffness")
-    lower, upper = (None, None) if limit is None else (limit.number("lower"), limit.number("upper"))
+    lower, upper = (None, None) if limit is None else (limit.number_of("lower"), limit.number_of("upper"))
     return SkelAxisItem(
         item,
         _vector(item, "xyz"),
         lower,
         upper,
-        *(None if dynamics is None else dynamics.number(name) for name in names),
+        *(None if dynamics is None else dynamics.number_of(name) for name in names),
     )
 
 
-def _vector(item: SkelItem, tag: str) -> Vector3 | None:
-    values = item.numbers(tag, 3)
+def _vector(item: XmlElement, tag: str) -> Vector3 | None:
+    values = item.numbers_of(tag, 3)
     return None if values is None else (values[0], values[1], values[2])
 
 
-def _pose(item: SkelItem) -> Pose | None:
+def _pose(item: XmlElement) -> Pose | None:
     """The <transformation> of an element: a position, then rotations about the x, the new y and the new z axis."""
-    values = item.numbers("transformation", 6)
+    values = item.numbers_of("transformation", 6)
     if values is None:
         return None
     turn = frames.IDENTITY

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
-from simspec import numerals
 from simspec.errors import SpecError
+from simspec.formats.kit.xml_elements import XmlElement, parse_xml
 from simspec.outputs.reading import files_below, read_bytes
 from simspec.world.types import Vector3
 
@@ -62,80 +62,10 @@ WRITTEN: Final[Language] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """The line of a file that an element begins in, or ends in where it is longer than one."""
-
-    file: str
-    line: int
-
-    def __str__(self) -> str:
-        return f"{self.file}:{self.line}"
-
-
-@dataclass(frozen=True, slots=True)
-class Node:
-    """An element as it stands in the file; comments are left out."""
-
-    tag: str
-    place: Place
-    attributes: Mapping[str, str]
-    children: tuple[Node, ...] = ()
-    text: str = ""
-
-    def child(self, tag: str) -> Node | None:
-        """The first element of this tag; None where there is none."""
-        return next((child for child in self.children if child.tag == tag), None)
-
-    def all(self, tag: str) -> tuple[Node, ...]:
-        """All elements of this tag."""
-        return tuple(child for child in self.children if child.tag == tag)
-
-    def need(self, tag: str) -> Node:
-        """The first element of this tag. Raises ValueError where there is none."""
-        found = self.child(tag)
-        if found is None:
-            raise self.error(f"<{self.tag}> has no <{tag}>")
-        return found
-
-    def word(self, name: str) -> str:
-        """The text of an attribute. Raises ValueError where there is none."""
-        if name not in self.attributes:
-            raise self.error(f"<{self.tag}> has no attribute {name!r}")
-        return self.attributes[name]
-
-    def numbers(self, name: str, count: int) -> tuple[float, ...] | None:
-        """``count`` finite numbers of an attribute; None where there is no such attribute. Raises ValueError for others."""
-        text = self.attributes.get(name)
-        if text is None:
-            return None
-        try:
-            return numerals.numbers(text, count)
-        except numerals.NumeralError:
-            what = "a finite number" if count == 1 else f"{count} finite numbers"
-            raise self.error(f"{name}={text[:60]!r} of <{self.tag}>, should be {what}") from None
-
-    def number(self, name: str) -> float | None:
-        """One finite number of an attribute; None where there is no such attribute. Raises ValueError for others."""
-        values = self.numbers(name, 1)
-        return None if values is None else values[0]
-
-    def need_number(self, name: str) -> float:
-        """One finite number of an attribute. Raises ValueError where there is none."""
-        self.word(name)
-        value = self.number(name)
-        assert value is not None
-        return value
-
-    def error(self, why: str) -> ValueError:
-        """The error of this element."""
-        return ValueError(f"{self.place}: {why}")
-
-
-@dataclass(frozen=True, slots=True)
 class UrdfOriginNode:
     """Position (m) and fixed-axis angles (rad); each None where the file does not say it."""
 
-    node: Node
+    node: XmlElement
     xyz: Vector3 | None
     rpy: Vector3 | None
 
@@ -144,7 +74,7 @@ class UrdfOriginNode:
 class UrdfInertialNode:
     """Mass (kg) and inertia (ixx, iyy, izz, ixy, ixz, iyz; kg m²) about ``origin``, in its axes."""
 
-    node: Node
+    node: XmlElement
     origin: UrdfOriginNode | None
     mass: float
     inertia: tuple[float | None, ...]
@@ -154,7 +84,7 @@ class UrdfInertialNode:
 class UrdfMaterialNode:
     """The material of a visual: its name, and its colour where it stands there."""
 
-    node: Node
+    node: XmlElement
     name: str | None
     rgba: tuple[float, ...] | None
 
@@ -163,10 +93,10 @@ class UrdfMaterialNode:
 class UrdfShapeNode:
     """A ``visual`` or a ``collision``; ``geometry`` is the one element in its ``geometry``, of the language or not."""
 
-    node: Node
+    node: XmlElement
     name: str | None
     origin: UrdfOriginNode | None
-    geometry: Node
+    geometry: XmlElement
     material: UrdfMaterialNode | None = None
 
 
@@ -174,7 +104,7 @@ class UrdfShapeNode:
 class UrdfLinkNode:
     """A link, with its shapes in the order of the file."""
 
-    node: Node
+    node: XmlElement
     name: str
     inertial: UrdfInertialNode | None
     visuals: tuple[UrdfShapeNode, ...]
@@ -185,7 +115,7 @@ class UrdfLinkNode:
 class UrdfLimitNode:
     """A joint's ``limit``: position (rad, m), effort (N m, N), velocity (rad/s, m/s)."""
 
-    node: Node
+    node: XmlElement
     lower: float | None
     upper: float | None
     effort: float | None
@@ -196,7 +126,7 @@ class UrdfLimitNode:
 class UrdfDynamicsNode:
     """A joint's damping (N m s/rad, N s/m) and dry friction (N m, N)."""
 
-    node: Node
+    node: XmlElement
     damping: float | None
     friction: float | None
 
@@ -205,7 +135,7 @@ class UrdfDynamicsNode:
 class UrdfJointNode:
     """A joint; its ``type`` may be one that the language does not have."""
 
-    node: Node
+    node: XmlElement
     name: str
     type: str
     parent: str
@@ -220,7 +150,7 @@ class UrdfJointNode:
 class UrdfRobotNode:
     """One file: links and joints in its order; ``root``: the link that is no joint's child."""
 
-    node: Node
+    node: XmlElement
     name: str
     links: tuple[UrdfLinkNode, ...]
     joints: tuple[UrdfJointNode, ...]
@@ -239,7 +169,7 @@ class UrdfDocument:
 class UnknownPart:
     """What is not of the language: an element, or an attribute (``name``) of one; ``path``: the tags from the root to it."""
 
-    node: Node
+    node: XmlElement
     path: str
     name: str | None = None
 
@@ -250,7 +180,7 @@ def strangers(robot: UrdfRobotNode, language: Language = LANGUAGE) -> Iterator[U
     yield from _strangers(robot.node, robot.node.tag, language)
 
 
-def _strangers(node: Node, path: str, language: Language) -> Iterator[UnknownPart]:
+def _strangers(node: XmlElement, path: str, language: Language) -> Iterator[UnknownPart]:
     attributes, elements = language[node.tag]
     yield from (UnknownPart(node, path, name) for name in node.attributes if name not in attributes)
     seen: set[str] = set()
@@ -266,11 +196,6 @@ def _strangers(node: Node, path: str, language: Language) -> Iterator[UnknownPar
 
 LARGEST_FILE: Final = 64 * 2**20
 """Bytes of one file; that of a tree of 10,000 links has 10 million."""
-MOST_TAGS: Final = 2_000_000
-"""Beginnings and ends of elements in one file: each takes up to 500 bytes of memory. A link with its joint has some 40."""
-DEEPEST: Final = 64
-"""Elements within each other; the language has five."""
-
 Part = TypeVar("Part")
 
 
@@ -285,51 +210,16 @@ def read_folder(folder: Path) -> UrdfDocument:
 
 def read_robot(content: bytes, file: str) -> UrdfRobotNode:
     """One file; ``file`` is its name in errors and places. Raises ValueError with the place."""
-    node = parse(content, file)
+    try:
+        content.decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{file}:1: not UTF-8 at byte {error.start}") from None
+    node = parse_xml(content, file, "utf-8")
     if node.tag != "robot":
         raise node.error(f"<{node.tag[:60]}> is the outermost element, should be <robot>")
     links = _distinct([_link(child) for child in node.all("link")], "links")
     joints = _distinct([_joint(child) for child in node.all("joint")], "joints")
     return UrdfRobotNode(node, node.word("name"), links, joints, _root(node, links, joints))
-
-
-def parse(content: bytes, file: str) -> Node:
-    """The outermost element of an XML file. Raises ValueError with the place for what is damaged, too large or hostile."""
-    from lxml import etree  # type: ignore[import-untyped]  # it has no types
-
-    start = Place(file, 1)
-    if len(content) > LARGEST_FILE or content.count(b"<") > MOST_TAGS:
-        raise ValueError(f"{start}: more than the {LARGEST_FILE:,} bytes or {MOST_TAGS:,} tags that are read")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{start}: not UTF-8 at byte {error.start}") from None
-    for word in ("<!DOCTYPE", "<!ENTITY"):
-        if word in text:
-            raise ValueError(f"{file}:{text[: text.index(word)].count(chr(10)) + 1}: {word} is not read")
-    parser = etree.XMLParser(
-        encoding="utf-8",  # whatever the file says of itself
-        resolve_entities=False,
-        load_dtd=False,
-        no_network=True,
-        huge_tree=False,
-        remove_comments=True,
-        remove_pis=True,
-    )
-    try:
-        root = etree.fromstring(text.encode(), parser)
-    except etree.XMLSyntaxError as error:
-        line = error.lineno or 1
-        raise ValueError(f"{file}:{line}: not XML: {str(error.msg)[:200]}") from None
-    return _node(root, file, 1)
-
-
-def _node(element: Any, file: str, depth: int) -> Node:
-    place = Place(file, element.sourceline)
-    if depth > DEEPEST:
-        raise ValueError(f"{place}: more than {DEEPEST} elements within each other")
-    children = tuple(_node(child, file, depth + 1) for child in element)
-    return Node(str(element.tag), place, dict(element.attrib), children, (element.text or "").strip())
 
 
 def _distinct(parts: Sequence[Part], what: str) -> tuple[Part, ...]:
@@ -343,7 +233,7 @@ def _distinct(parts: Sequence[Part], what: str) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _root(node: Node, links: Sequence[UrdfLinkNode], joints: Sequence[UrdfJointNode]) -> str:
+def _root(node: XmlElement, links: Sequence[UrdfLinkNode], joints: Sequence[UrdfJointNode]) -> str:
     """The one link from which joints lead to all others. Raises ValueError where there is none."""
     names = {link.name for link in links}
     below: dict[str, list[str]] = {}
@@ -371,34 +261,34 @@ def _root(node: Node, links: Sequence[UrdfLinkNode], joints: Sequence[UrdfJointN
 # --- parts --------------------------------------------------------------------------------------------------------
 
 
-def _of(node: Node, tag: str, read: Callable[[Node], Part]) -> Part | None:
+def _of(node: XmlElement, tag: str, read: Callable[[XmlElement], Part]) -> Part | None:
     """The first element of this tag, read; None where there is none."""
     child = node.child(tag)
     return None if child is None else read(child)
 
 
-def _vector(node: Node, name: str) -> Vector3 | None:
+def _vector(node: XmlElement, name: str) -> Vector3 | None:
     values = node.numbers(name, 3)
     return None if values is None else (values[0], values[1], values[2])
 
 
-def _origin(node: Node) -> UrdfOriginNode:
+def _origin(node: XmlElement) -> UrdfOriginNode:
     return UrdfOriginNode(node, _vector(node, "xyz"), _vector(node, "rpy"))
 
 
-def _inertial(node: Node) -> UrdfInertialNode:
+def _inertial(node: XmlElement) -> UrdfInertialNode:
     inertia = node.need("inertia")
     values = tuple(inertia.number(name) for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
     return UrdfInertialNode(node, _of(node, "origin", _origin), node.need("mass").need_number("value"), values)
 
 
-def _material(node: Node) -> UrdfMaterialNode:
+def _material(node: XmlElement) -> UrdfMaterialNode:
     colour = node.child("color")
     rgba = None if colour is None else colour.numbers("rgba", 4)
     return UrdfMaterialNode(node, node.attributes.get("name"), rgba)
 
 
-def _shape(node: Node) -> UrdfShapeNode:
+def _shape(node: XmlElement) -> UrdfShapeNode:
     geometry = node.need("geometry")
     if len(geometry.children) != 1:
         raise geometry.error(f"<geometry> has {len(geometry.children)} elements, should have one")
@@ -411,7 +301,7 @@ def _shape(node: Node) -> UrdfShapeNode:
     )
 
 
-def _link(node: Node) -> UrdfLinkNode:
+def _link(node: XmlElement) -> UrdfLinkNode:
     return UrdfLinkNode(
         node,
         node.word("name"),
@@ -421,7 +311,7 @@ def _link(node: Node) -> UrdfLinkNode:
     )
 
 
-def _joint(node: Node) -> UrdfJointNode:
+def _joint(node: XmlElement) -> UrdfJointNode:
     axis = node.child("axis")
     return UrdfJointNode(
         node,

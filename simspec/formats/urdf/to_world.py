@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from simspec.formats.kit.text import FIELDS
+from simspec.formats.kit.xml_elements import XmlElement
 from simspec.formats.urdf.reading import (
-    Node,
     UrdfDocument,
     UrdfInertialNode,
     UrdfLinkNode,
@@ -51,7 +51,7 @@ def check_empty(link: UrdfLinkNode) -> None:
         raise link.node.error(f"link {link.name!r} stands for the world, and has a mass or shapes")
 
 
-def size_of(geometry: Node, meshes: Mapping[str, tuple[float, ...]] = MappingProxyType({})) -> Size:
+def size_of(geometry: XmlElement, meshes: Mapping[str, tuple[float, ...]] = MappingProxyType({})) -> Size:
     """The kind and size of a geometry of the language. ``meshes``: the vertices of convex hulls, and the sizes of height
     fields, by the name of their file; other meshes are not read. Raises ValueError for others."""
     if geometry.tag == "mesh":
@@ -83,7 +83,7 @@ def check_meshes(document: UrdfDocument) -> None:
 
 
 def shapes_of(
-    link: UrdfLinkNode, size: Callable[[Node], Size] = size_of, unseen: Callable[[Size], bool] | None = None
+    link: UrdfLinkNode, size: Callable[[XmlElement], Size] = size_of, unseen: Callable[[Size], bool] | None = None
 ) -> dict[str, WorldShape]:
     """The shapes of a link by name; a ``visual`` and a ``collision`` of one name are one shape.
 
