@@ -56,7 +56,7 @@ def report_error(error: SimspecError, as_json: bool) -> int:
 
         sys.stdout.write(text(error_data(error)))
     else:
-        from simspec.report.terminal import show_error
+        from simspec.report.problems import show_error
 
         show_error(error)
     return error.exit_code

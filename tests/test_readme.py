@@ -17,7 +17,7 @@ import pytest
 import simspec
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.report.console import Screen
-from simspec.report.terminal import show_not_taken
+from simspec.report.problems import show_not_taken
 from simspec.selection import available
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -28,7 +28,7 @@ import readme  # noqa: E402 - a script beside the package
 FIRST = "simspec run specs/double-pendulum.yaml --all-engines"
 """The command of the first comparison."""
 TOLD = """
-from simspec.report.terminal import certificate_notes
+from simspec.report.certificate import certificate_notes
 counts = {name: sum(check.count for check in proof.checks) for name, proof in certificate.engines.items()}
 import json
 print(json.dumps([counts, certificate_notes(certificate)]))

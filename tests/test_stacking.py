@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.analysis.failures import first_failure
+from simspec.analysis.validity import first_failure
 from simspec.runner.execution import run
 from simspec.runner.expectations import evaluate
 from simspec.world.kinematics import poses

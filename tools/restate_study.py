@@ -19,8 +19,7 @@ from simspec.outputs.marker import STUDY
 from simspec.outputs.writing import write_folder
 from simspec.report.page.document import page as html
 from simspec.report.plain import PAGE_FILE as HTML_FILE
-from simspec.report.study.page_section import study_parts, study_tables
-from simspec.report.study.pages import stored_sheet
+from simspec.report.study.pages import stored_table, study_parts, study_tables
 from simspec.report.study.sentences import said_of
 from simspec.stored import StudyTables, read_as
 
@@ -36,7 +35,7 @@ def main(folder: Path, store: Path) -> None:
             shown["said"] = list(said_of(shown["name"], shown["records"])) or shown["said"]
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     tables = read_as(StudyTables, text, TABLES_FILE)
-    made = {name: {one.name: stored_sheet(one) for one in own} for name, own in tables.sweeps.items()}
+    made = {name: {one.name: stored_table(one) for one in own} for name, own in tables.sweeps.items()}
     models = json.loads((folder / MODELS_FILE).read_text(encoding="utf-8"))
     models["study_sha256"] = hashlib.sha256(text.encode()).hexdigest()
     files = {

@@ -22,7 +22,7 @@ from simspec.engines.kit.registry import engines, find_engine
 from simspec.project import load_project
 from simspec.proof.complete import complete_self_test
 from simspec.proof.complete_verdicts import CompleteTest, Verdict
-from simspec.report.complete import COLUMNS, inert_reasons
+from simspec.report.certificate import COLUMNS, inert_reasons
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "concepts" / "proof.md"

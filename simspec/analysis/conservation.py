@@ -12,13 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.analysis.contacts import demand_contacts
+from simspec.analysis.distributions import Pair, demand_contacts, durations, pair_numbers
+from simspec.comparison.common import CONTACT_BYTES, common_sides, named_pair
+from simspec.errors import Problem, SpecError
 from simspec.mapped import parts
 from simspec.runner import metrics
+from simspec.runner.metrics import Penetration, deepest_penetration
 from simspec.runner.run import Run
+from simspec.world.contact_pairs import solid_shapes
 from simspec.world.kinematics import layout_of
 from simspec.world.passive_forces import JointSums
-from simspec.world.types import World
+from simspec.world.shapes import SHAPES
+from simspec.world.types import Body, World
 
 Numbers = NDArray[np.float64]
 
@@ -219,3 +224,115 @@ def _momentum(run: Run, touching: NDArray[np.bool_]) -> tuple[Drift | None, Drif
         for values, scale in zip((linear, angular), scales, strict=True)
     ]
     return found[0], found[1]
+
+
+# How far free bodies are moved from where they began: sideways, down, and whether one has left its place.
+#
+# For what is to stay where it is: towers, piles, boxes on a slope. Down is along gravity; without gravity nothing is down, and
+# every way is sideways.
+
+LEFT = 1.0
+"""Of its size that a body is moved sideways by when it has left its place: the centre is then beyond the edge of an equal body
+below. Size: the radius of the largest sphere inside its largest shape, half the width of a cube."""
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """How far the free bodies with collision shapes are moved.
+
+    sideways  the largest distance (m) across gravity of any body from where it began, over all records
+    down      how far (m) along gravity the body that is lowest beside its beginning is at the end; 0 where none is lower
+    whose     the body that is moved sideways furthest
+    left      when (s) a body had first left its place; None: none did
+    bodies    how many bodies these are
+    """
+
+    sideways: float
+    down: float
+    whose: str
+    left: float | None
+    bodies: int
+
+
+def displacement(run: Run) -> Displacement:
+    """How far the free bodies of a run are moved. Raises SpecError for a run without records, and where no free body has a
+    collision shape. A place that is not a number is infinitely far away."""
+    places = {index: body for index, body in enumerate(run.world.bodies) if body.joint.kind == "free" and _size(body)}
+    if not places:
+        raise SpecError([Problem(f"{run.world.name}: no free body has a collision shape")])
+    if "pose" not in run.arrays or not len(run.time):
+        raise SpecError([Problem(f"{run.world.name} in {run.engine}: poses were not recorded")])
+    gravity = np.asarray(run.world.physics.gravity, dtype=float)
+    size = float(np.linalg.norm(gravity))
+    along = gravity / size if size else np.zeros(3)
+    furthest, lowest, whose = -1.0, 0.0, ""
+    first = len(run.time)
+    for index, body in places.items():
+        moved = np.asarray(run.arrays["pose"][:, index, :3]) - np.asarray(run.arrays["pose"][0, index, :3])
+        down = moved @ along
+        sideways = np.linalg.norm(moved - down[:, None] * along, axis=1)
+        down, sideways = (np.where(np.isfinite(one), one, np.inf) for one in (down, sideways))
+        if sideways.max() > furthest:
+            furthest, whose = float(sideways.max()), body.name
+        lowest = max(lowest, float(down[-1]))
+        away = sideways > LEFT * _size(body)
+        first = min(first, int(np.argmax(away)) if away.any() else first)
+    left = float(run.time[first]) if first < len(run.time) else None
+    return Displacement(furthest, lowest, whose, left, len(places))
+
+
+def _size(body: Body) -> float:
+    """The size (m) of a body's largest collision shape; 0 where it has none."""
+    shapes = solid_shapes(body)
+    return max((SHAPES[shape.kind].inner_radius(shape.size) for shape in shapes), default=0.0)
+
+
+# How deep bodies overlap in a run: the deepest, over time, by pair, and for how long.
+
+
+@dataclass(frozen=True)
+class Depths:
+    """Overlaps of a run.
+
+    deepest  the deepest of all: depth (m), time (s), bodies (:func:`simspec.runner.metrics.deepest_penetration`)
+    depth    (rows,) the deepest overlap of each recorded row, m; 0 where nothing overlaps
+    pairs    the deepest overlap (m) of each pair that overlapped, of shapes where the run tells them
+    mean     the mean depth (m) over the time in which something overlaps; 0 where nothing ever does
+    """
+
+    deepest: Penetration
+    depth: NDArray[np.float64]
+    pairs: dict[Pair, float]
+    mean: float
+    _lasting: NDArray[np.float64]
+
+    def share_deeper(self, depth: float) -> float:
+        """The share of the recorded time in which something overlaps by more than ``depth`` (m)."""
+        total = float(self._lasting.sum())
+        return float(self._lasting[self.depth > depth].sum()) / total if total else 0.0
+
+
+def penetration(run: Run) -> Depths:
+    """The overlaps of a run. Raises SpecError where contacts were not recorded. A distance that is not a number is infinitely
+    deep: it hides any other."""
+    demand_contacts(run)
+    row, distance = run.arrays["contact.row"], run.arrays["contact.distance"]
+    depth = np.zeros(len(run.time))
+    pairs: dict[int, float] = {}
+    sides = common_sides([run])
+    for part in parts(len(row), CONTACT_BYTES, row, distance, run.arrays[sides.arrays[0]]):
+        overlap = -distance[part]
+        overlap = np.where(np.isnan(overlap), np.inf, overlap)
+        np.maximum.at(depth, row[part].astype(np.int64), overlap)
+        kinds, place = np.unique(pair_numbers(run, part, sides), return_inverse=True)
+        largest = np.zeros(len(kinds))
+        np.maximum.at(largest, place, overlap)
+        for kind, value in zip(kinds.tolist(), largest.tolist(), strict=True):
+            if value > 0.0:
+                pairs[kind] = max(pairs.get(kind, 0.0), value)
+    lasting = durations(run)
+    overlapping = lasting * (depth > 0.0)
+    inside = overlapping > 0.0
+    mean = float((depth[inside] * overlapping[inside]).sum() / overlapping.sum()) if inside.any() else 0.0
+    named = {named_pair(sides.names, kind): value for kind, value in pairs.items()}
+    return Depths(deepest_penetration(run.world, run.arrays), depth, named, mean, lasting)

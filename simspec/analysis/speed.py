@@ -5,13 +5,27 @@ Each run was a process of its own. Figures of two machines are never put togethe
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
-from simspec.analysis.intervals import LEVEL, Interval, Spread, ratio, spread
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.analysis.tables import LEVEL, Interval, Spread, ratio, spread
+from simspec.comparison.floor import FLOOR_FACTOR
+from simspec.comparison.runs import QUANTITIES, summary
+from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import Problem, SpecError
+from simspec.language.strict import near
+from simspec.runner.expectations import evaluate
+from simspec.runner.metrics import contact_counts
 from simspec.runner.run import Run
+from simspec.world.kinematics import coordinates
+from simspec.world.types import World
 
 FIGURES = {
     "real_time_factor": "",
@@ -137,3 +151,250 @@ def speed_ratio(first: Speed, second: Speed, name: str = "real_time_factor", lev
     where either has fewer than two processes. Raises SpecError for two machines."""
     _demand_one("machines", {first.machine, second.machine})
     return ratio(first[name], second[name], level)
+
+
+# How the speed of a run changes while it runs: what the steps between recorded rows took, beside the contacts there.
+
+Numbers = NDArray[np.float64]
+INTERVALS = 20
+"""Intervals of a table, at most."""
+
+
+@dataclass(frozen=True)
+class Paced:
+    """What of one run is needed here, so that its states need not be kept: recorded times (rows,), s; ``seconds`` (rows,
+    ``SECONDS``), None where the engine's program does not say; number of contact points (rows,), None where not recorded."""
+
+    label: str
+    time: Numbers
+    seconds: Numbers | None
+    contacts: NDArray[np.int64] | None
+
+
+def paced(run: Run) -> Paced:
+    """That of a run. Raises SpecError where it recorded nothing."""
+    if not run.recorded:
+        raise SpecError([Problem(f"{run.label} recorded nothing: {run.failed}")])
+    contacts = contact_counts(run.arrays) if "contact.row" in run.arrays else None
+    seconds = None if run.seconds is None else np.array(run.seconds)
+    return Paced(run.label, np.array(run.time), seconds, contacts)
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Speed over simulated time. ``intervals``: begin and end of each, s. For each the median over runs: ``seconds`` that were
+    spent in it, by the names of ``SECONDS``; simulated time over wall and processor time of the steps; the mean number of
+    contact points in its records. None where it was not measured in every run, or was too short for the clock."""
+
+    label: str
+    intervals: tuple[tuple[float, float], ...]
+    seconds: dict[str, tuple[float | None, ...]]
+    real_time_factors: tuple[float | None, ...]
+    cpu_factors: tuple[float | None, ...]
+    contacts: tuple[float | None, ...]
+
+
+def over_time(runs: Sequence[Paced], intervals: int = INTERVALS) -> Pace:
+    """The speed over time of repeats of one run, in at most so many ``intervals`` of equally many records (the last may have
+    fewer).
+
+    Raises SpecError for no runs, for runs of several engines, and for runs that recorded at different times.
+    """
+    _demand_repeats(runs)
+    first = runs[0]
+    rows = len(first.time) - 1
+    each = max(1, -(-rows // intervals))
+    edges = [*range(0, rows, each), rows]
+    parts = list(itertools.pairwise(edges))
+    spent = {
+        name: tuple(_median([_spent(run, column, part) for run in runs]) for part in parts)
+        for column, name in enumerate(SECONDS)
+    }
+    passed = [float(first.time[end] - first.time[begin]) for begin, end in parts]
+    return Pace(
+        first.label,
+        tuple((float(first.time[begin]), float(first.time[end])) for begin, end in parts),
+        spent,
+        tuple(_factor(*pair) for pair in zip(passed, spent["step"], strict=True)),
+        tuple(_factor(*pair) for pair in zip(passed, spent["step_cpu"], strict=True)),
+        tuple(_median([_contacts(run, part) for run in runs]) for part in parts),
+    )
+
+
+def _demand_repeats(runs: Sequence[Paced]) -> None:
+    if not runs:
+        raise SpecError([Problem("there are no runs to take the speed of")])
+    first = runs[0]
+    for run in runs:
+        if run.label != first.label or not np.array_equal(run.time, first.time):
+            raise SpecError([Problem("speed over time needs runs of one engine that recorded at the same times")])
+
+
+def _spent(run: Paced, column: int, part: tuple[int, int]) -> float | None:
+    return None if run.seconds is None else float(run.seconds[part[1], column] - run.seconds[part[0], column])
+
+
+def _contacts(run: Paced, part: tuple[int, int]) -> float | None:
+    return None if run.contacts is None else float(run.contacts[part[0] + 1 : part[1] + 1].mean())
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    measured = [value for value in values if value is not None]
+    return median(measured) if len(measured) == len(values) else None
+
+
+def _factor(passed: float, spent: float | None) -> float | None:
+    return passed / spent if spent else None
+
+
+@dataclass(frozen=True)
+class StepCost:
+    """What a step costs, in seconds by the names of ``SECONDS``, over repeats of one run, which do the same arithmetic.
+
+    quiet   of each interval between two records the fastest repeat: what disturbs a machine for a while disturbs one of them
+    median  of the repeats as they were
+    """
+
+    label: str
+    steps: int
+    repeats: int
+    quiet: dict[str, float]
+    median: dict[str, float]
+
+
+def step_cost(runs: Sequence[Paced], steps: int) -> StepCost | None:
+    """The cost of a step of runs of so many ``steps``; None where a run was not measured, or has no step.
+
+    Raises SpecError for no runs, for runs of several engines, and for runs that recorded at different times: they are not the
+    same arithmetic.
+    """
+    _demand_repeats(runs)
+    measured = [run.seconds for run in runs if run.seconds is not None]
+    if len(measured) < len(runs) or not steps:
+        return None
+    spent = np.stack([np.diff(seconds, axis=0) for seconds in measured])
+    fastest, whole = spent.min(axis=0).sum(axis=0), np.median(spent.sum(axis=1), axis=0)
+    quiet, usual = (
+        {name: float(value) / steps for name, value in zip(SECONDS, one, strict=True)} for one in (fastest, whole)
+    )
+    return StepCost(runs[0].label, steps, len(runs), quiet, usual)
+
+
+# Single numbers of a run by name: its quantities at the end, what its expectations measured, and its last coordinates.
+#
+# Names are those that tables, baselines and runs have: ``deepest penetration``, ``expectation 1 displacement``, ``arm.z``.
+
+MOST_NAMED = 40
+"""Names that an error lists; the others are counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunFigure:
+    """``value`` in ``unit``; ``size``: of the numbers that it was computed from, which says what round-off can be in it."""
+
+    value: float
+    unit: str
+    size: float
+
+
+def figure_names(world: World) -> list[str]:
+    """The names of the figures that runs of ``world`` may have."""
+    known = coordinates(world)
+    expected = [_expected(number, one.kind) for number, one in enumerate(world.expectations, 1)]
+    return [*expected, *(name for name, _ in QUANTITIES), *known.q, *known.v]
+
+
+def find_figure(world: World, word: str) -> str:
+    """The figure that ``word`` names: its name, the name with ``_`` or ``-`` for blanks, an expectation by its number or, where
+    there is one of the kind, by its kind. Raises SpecError with the names that there are."""
+    names = figure_names(world)
+    if word in names:
+        return word
+    kinds = [one.kind for one in world.expectations]
+    found = {_plain(name): name for name in reversed(names)}
+    for number, kind in enumerate(kinds, 1):
+        found[_plain(f"expectation {number}")] = _expected(number, kind)
+        if kinds.count(kind) == 1:
+            found.setdefault(_plain(kind), _expected(number, kind))
+    if (name := found.get(_plain(word))) is not None:
+        return name
+    told = ", ".join(names[:MOST_NAMED]) + (f", and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
+    problem = Problem(f"no run of {world.name} has a figure {word!r}", found=word, allowed=told, hint=near(word, names))
+    raise SpecError([problem])
+
+
+def read_figure(run: Run, name: str) -> RunFigure:
+    """The figure ``name`` (:func:`figure_names`) of a run. Raises SpecError where the run does not have it."""
+    if name in run.coordinates.q_columns or name in run.coordinates.v_columns:
+        return _coordinate(run, name)
+    for number, outcome in enumerate(evaluate(run), 1):
+        if name != _expected(number, outcome.kind):
+            continue
+        if outcome.measured is None:
+            raise SpecError([Problem(f"{name} was not measured: {outcome.detail}")])
+        return RunFigure(outcome.measured, outcome.unit, _largest(run, outcome.unit, outcome.measured))
+    values, units = summary(run), dict(QUANTITIES)
+    if name not in values:
+        raise SpecError(
+            [Problem(f"this run has no {name}: what it follows from was not recorded", hint="record.channels")]
+        )
+    return RunFigure(values[name], units[name], alike_size(values, units[name]))
+
+
+def half_width(run: Run, size: float, noise: float) -> float:
+    """Half of the interval of numbers that are not distinguished from one of this ``size``: between two of them lies
+    ``FLOOR_FACTOR`` times the ``noise`` of repeats, and at least :func:`rounding` on each side."""
+    return max(0.5 * FLOOR_FACTOR * noise, rounding(run, size))
+
+
+def rounding(run: Run, size: float) -> float:
+    """Round-off that another processor may add: one rounding in each step, of a number of this size."""
+    return float(run.provenance.get("steps", len(run.time))) * 2.0**-52 * size
+
+
+def alike_size(values: Mapping[str, float], unit: str) -> float:
+    """The largest of all quantities of one unit: a small one of them may be the difference of large ones."""
+    units = dict(QUANTITIES)
+    return max(
+        (abs(value) for name, value in values.items() if units[name] == unit and math.isfinite(value)), default=0.0
+    )
+
+
+def _expected(number: int, kind: str) -> str:
+    return f"expectation {number} {kind}"
+
+
+def _plain(word: str) -> str:
+    return " ".join(word.replace("_", " ").replace("-", " ").replace(",", " ").casefold().split())
+
+
+def _coordinate(run: Run, name: str) -> RunFigure:
+    position = name in run.coordinates.q_columns
+    array, columns = ("q", run.coordinates.q_columns) if position else ("v", run.coordinates.v_columns)
+    value = float(run.arrays[array][-1, columns[name]][0])
+    unit = dict(_units(run.world, position)).get(columns[name].start, "")
+    return RunFigure(value, unit, _largest(run, unit, value))
+
+
+def _units(world: World, position: bool) -> Iterator[tuple[int, str]]:
+    """The unit of each column of q, or of v."""
+    known = coordinates(world)
+    columns = known.q_columns if position else known.v_columns
+    kinds = {body.joint.name: body.joint.kind for body in world.bodies}
+    for joint, kind in kinds.items():
+        if joint not in columns:
+            continue
+        part = columns[joint]
+        for offset, column in enumerate(range(part.start, part.stop)):
+            linear = kind == "slide" or (kind == "free" and offset < 3)
+            angle = "rad" if kind == "hinge" or not position else ""
+            yield column, ("m" if linear else angle) + ("" if position else "/s")
+
+
+def _largest(run: Run, unit: str, value: float) -> float:
+    """The largest number in a run that a figure of ``unit`` may be computed from."""
+    last = {"m": ("pose", slice(0, 3)), "m/s": ("velocity", slice(0, 3)), "rad/s": ("velocity", slice(3, 6))}
+    if unit not in last or not run.recorded:
+        return max(1.0, abs(value)) if unit in ("", "rad") else abs(value)
+    array, part = last[unit]
+    return max(abs(value), float(np.abs(run.arrays[array][-1, :, part]).max(initial=0.0)))

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from simspec.analysis.intervals import LEVEL, Interval, share
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.analysis.tables import LEVEL, Interval, share
 from simspec.errors import Problem, SpecError
 from simspec.markup import length
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
+from simspec.world.shapes import SHAPES
+from simspec.world.types import Body, Expectation
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,3 +150,234 @@ def _missed(trials: Sequence[Trial]) -> list[Trial]:
 
 def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+# What happened first in a run that does not do what is expected of it, from its recorded motion.
+#
+# Looked at are places (``at_target``, ``position``): the first expectation that fails, the body that is farthest from its place
+# then, and what that body and the driven joints did until then. All is found to a recorded row: an event between two rows has
+# the time of the later one.
+
+KINDS: Mapping[str, str] = {
+    "no-result": "the run ended early",
+    "off-trajectory": "a driven joint was far from its trajectory",
+    "overlap": "the body overlapped another one deeply",
+    "left-its-place": "the body was at its place, and left it",
+    "not-moved": "the body stayed where it was",
+    "not-lifted": "the body did not rise by half of what its place needs",
+    "dropped": "the body came down on its way",
+    "missed": "the body did not come to its place",
+    "not-recorded": "its motion was not recorded",
+    "other": "another expectation failed",
+}
+"""What can have happened first."""
+TRACKING = 0.2
+"""rad, or 0.2 m of a slide: a controller that follows its trajectory stays far below it."""
+DEEP = 0.1
+"""Share of the inner radius of the thinner of two bodies: below it an overlap is how an engine models contact. So is one that
+is not deeper than those before, while expectations held."""
+FALLEN = 2.0
+"""How many tolerances of its place a body comes down when it falls."""
+RISEN = 0.5
+"""Share of the way up below which a body was not lifted."""
+PLACES = ("at_target", "position")
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """What happened first.
+
+    kind      word of :data:`KINDS`
+    time      when it first shows (s); None where that is not known
+    what      the joint, the other body, a figure; "" where there is no more to say
+    expected  index of the first expectation that failed; None where the run gave no result
+    at        its time (s); None for the end of the run, or all of it
+    body      the body that was farthest from its place then; "" where the expectation is none of places
+    away      how far (m)
+    """
+
+    kind: str
+    time: float | None
+    what: str
+    expected: int | None = None
+    at: float | None = None
+    body: str = ""
+    away: float | None = None
+
+    def __str__(self) -> str:
+        when = "" if self.time is None else f" at {self.time:.4g} s"
+        told = f"{KINDS[self.kind]}{when}{f' ({self.what})' if self.what else ''}"
+        if self.away is None:
+            return told
+        end = "at the end" if self.at is None else f"at {self.at:.4g} s"
+        return f"{told}; {self.body} {length(self.away)} off its place {end}"
+
+
+def first_failure(run: Run, outcomes: Sequence[Outcome]) -> Failure | None:
+    """What happened first in a run with the outcomes of its expectations; None where all are met."""
+    if run.failed is not None:
+        return _ended(run, run.failed)
+    pairs = zip(run.world.expectations, outcomes, strict=True)
+    missed = [(index, one, outcome) for index, (one, outcome) in enumerate(pairs) if not outcome.passed]
+    if not missed:
+        return None
+    end = float(run.time[-1]) if run.recorded else 0.0
+    index, asked, outcome = min(missed, key=lambda entry: (_time(entry[1], end), entry[0]))
+    at = _given(asked).get("at")
+    if asked.kind not in PLACES:
+        detail = f": {outcome.detail}" if outcome.detail else ""
+        return Failure("other", None, f"{asked.kind.replace('_', ' ')}{detail}", index, at)
+    targets = {name: place for name, place in _targets(asked).items() if name in run.index}
+    if not run.recorded or not targets:
+        return Failure("not-recorded", None, outcome.detail, index, at)
+    begun = max((_time(one, end) for one in run.world.expectations if _time(one, end) < _time(asked, end)), default=0.0)
+    return _of_place(run, asked, index, targets, _row(run, begun), _row(run, _time(asked, end)))
+
+
+def _ended(run: Run, why: str) -> Failure:
+    """What happened first in a run that ended early: a joint that left its trajectory before, or that it ended."""
+    if not run.recorded:
+        return Failure("no-result", None, why)
+    event = _off_trajectory(run, len(run.time) - 1)
+    if event is None:
+        return Failure("no-result", float(run.time[-1]), "; ".join(part for part in (why, _unseen(run)) if part))
+    return Failure(event[1], float(run.time[event[0]]), f"{event[2]}; {KINDS['no-result']}: {why}")
+
+
+def _of_place(
+    run: Run, asked: Expectation, index: int, targets: Mapping[str, NDArray[np.float64]], begin: int, end: int
+) -> Failure:
+    """What happened first to the body that is farthest from its place in row ``end``; ``begin``: the row of the expectation
+    before."""
+    poses = run.arrays["pose"]
+    away = {name: float(np.linalg.norm(poses[end, run.index[name], :3] - place)) for name, place in targets.items()}
+    body = max(away, key=lambda name: np.inf if np.isnan(away[name]) else away[name])
+    tolerance = float(_given(asked)["tolerance"])
+    path = poses[: end + 1, run.index[body], :3]
+    events = [
+        _off_trajectory(run, end),
+        _overlap(run, body, begin, end),
+        _left(path, targets[body], tolerance),
+        _on_its_way(path[begin:], targets[body], tolerance, _up(run), begin),
+    ]
+    row, kind, what = min((event for event in events if event is not None), key=lambda event: event[0])
+    unseen = _unseen(run) if kind != "off-trajectory" else ""
+    told = "; ".join(part for part in (what, unseen) if part)
+    return Failure(kind, float(run.time[row]), told, index, _given(asked).get("at"), body, away[body])
+
+
+Event = tuple[int, str, str]
+"""The row in which something first shows, its kind, and what it is of."""
+
+
+def _off_trajectory(run: Run, end: int) -> Event | None:
+    """The first row in which a driven joint is far from its trajectory."""
+    rows: list[Event] = []
+    for name in _driven(run) if "control.target" in run.arrays else ():
+        off = np.abs(run.target(name)[: end + 1] - run.q(name)[: end + 1])
+        far = np.flatnonzero(off > TRACKING)
+        if len(far):
+            rows.append((int(far[0]), "off-trajectory", f"{name} by {off[far[0]]:.2g}"))
+    return min(rows, default=None)
+
+
+def _driven(run: Run) -> dict[str, float]:
+    """The largest tracking error of each driven joint in the whole run, rad or m; 0 where only the engine knows it."""
+    told: Mapping[str, Any] = run.provenance.get("control", {})
+    return {name: error or 0.0 for name, error in zip(told.get("joints", ()), told.get("error", ()), strict=True)}
+
+
+def _unseen(run: Run) -> str:
+    """What the run says of joints that were far from their trajectory in no recorded row, or later."""
+    name, error = max(_driven(run).items(), key=lambda item: item[1], default=("", 0.0))
+    return f"{name} was up to {error:.2g} off its trajectory at some time" if error > TRACKING else ""
+
+
+def _overlap(run: Run, body: str, begin: int, end: int) -> Event | None:
+    """The first row, from that of the expectation before on, in which a body overlaps another one by more than DEEP, and by
+    more than any two bodies did until then."""
+    if "contact.distance" not in run.arrays:
+        return None
+    rows, bodies = np.asarray(run.arrays["contact.row"]), np.asarray(run.arrays["contact.body"])
+    own = np.flatnonzero((rows >= begin) & (rows <= end) & (bodies == run.index[body]).any(axis=1))
+    overlaps = -np.asarray(run.arrays["contact.distance"])
+    harmless = float(overlaps[rows < begin].max(initial=0.0))
+    depth = overlaps[own]
+    thin = np.array([_inner_radius(one) for one in run.world.bodies])
+    bound = np.maximum(harmless, DEEP * thin[bodies[own].astype(np.int64)].min(axis=1))
+    deep = np.flatnonzero(~(depth <= bound))
+    if not len(deep):
+        return None
+    first = deep[np.argmin(rows[own[deep]])]
+    other = next((int(k) for k in bodies[own[first]] if k != run.index[body]), run.index[body])
+    return int(rows[own[first]]), "overlap", f"{length(float(depth[first]))} with {run.world.bodies[other].name}"
+
+
+def _inner_radius(body: Body) -> float:
+    """The radius (m) of the largest sphere in the thinnest of a body's shapes."""
+    radii = [SHAPES[shape.kind].inner_radius(shape.size) for shape in body.shapes if shape.collision]
+    return min(radii, default=np.inf)
+
+
+def _left(path: NDArray[np.float64], target: NDArray[np.float64], tolerance: float) -> Event | None:
+    """The first row in which a body that was at its place is not there any more, for good."""
+    inside = np.flatnonzero(np.linalg.norm(path - target, axis=1) <= tolerance)
+    if not len(inside) or inside[-1] == len(path) - 1:
+        return None
+    return int(inside[-1]) + 1, "left-its-place", ""
+
+
+def _on_its_way(
+    path: NDArray[np.float64], target: NDArray[np.float64], tolerance: float, up: NDArray[np.float64] | None, begin: int
+) -> Event:
+    """What a body did that never came to its place: the row that shows it, the last one where all of them do."""
+    last = begin + len(path) - 1
+    if np.linalg.norm(path - path[0], axis=1).max() <= tolerance:
+        return last, "not-moved", ""
+    if up is None:
+        return last, "missed", ""
+    height, wanted = path @ up, float(target @ up)
+    needed = wanted - float(height[0])
+    if needed > tolerance and height.max() - height[0] < RISEN * needed:
+        return last, "not-lifted", ""
+    highest = np.maximum.accumulate(height)
+    # what is carried over its place comes down to it
+    fallen = highest - height > FALLEN * tolerance + np.maximum(0.0, highest - max(wanted, float(height[0])))
+    below = np.flatnonzero(fallen & (height < wanted - tolerance))
+    if len(below):
+        return begin + int(below[0]), "dropped", ""
+    return last, "missed", ""
+
+
+def _up(run: Run) -> NDArray[np.float64] | None:
+    """The direction against gravity; None without any."""
+    gravity = np.array(run.world.physics.gravity)
+    pull = float(np.linalg.norm(gravity))
+    return -gravity / pull if pull > 0.0 else None
+
+
+def _given(asked: Expectation) -> dict[str, Any]:
+    """The parameters of an expectation by name."""
+    return dict(asked.parameters)
+
+
+def _time(asked: Expectation, end: float) -> float:
+    """When an expectation can be seen to fail: at its time, else at the end."""
+    parameters = _given(asked)
+    return float(next((parameters[name] for name in ("at", "until") if name in parameters), end))
+
+
+def _targets(asked: Expectation) -> dict[str, NDArray[np.float64]]:
+    return {name: np.array(place) for name, place in _places(_given(asked))}
+
+
+def _places(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    if "targets" in parameters:
+        yield from parameters["targets"]
+    else:
+        yield parameters["body"], parameters["xyz"]
+
+
+def _row(run: Run, time: float) -> int:
+    """The recorded row next to a time."""
+    return int(np.abs(run.time - time).argmin())

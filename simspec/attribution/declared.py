@@ -21,8 +21,7 @@ import numpy as np
 
 from simspec.attribution.candidates import Candidate, Kind, Pair
 from simspec.attribution.configuration import Configuration, Floats
-from simspec.attribution.intervals import Interval
-from simspec.attribution.judge import Swap
+from simspec.attribution.measure import Interval, Swap
 from simspec.attribution.windows import Windows, exact, touching_pairs
 from simspec.compiler import needed_decisions
 from simspec.engines.kit.capabilities import Recovery

@@ -1,21 +1,35 @@
-"""What is measured of pairs of configurations: the gap at the ends of windows, of whole runs, and what a change moves."""
+"""Swaps: measured in windows, and judged by the share of the gap that they close."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.attribution.candidates import Pair
-from simspec.attribution.configuration import Asking, Configuration, Floats, run_operation, windows_operation
-from simspec.attribution.contact import FirstContact, contact_questions, first_contact
-from simspec.attribution.windows import Windows, ends, gaps, ordered_poses, poses_at_ends, question
+from simspec.attribution.candidates import CAUSES, Candidate, Kind, Pair
+from simspec.attribution.configuration import Asking, Configuration, run_operation, windows_operation
+from simspec.attribution.configuration import Floats as ConfigurationFloats
+from simspec.attribution.windows import (
+    ALL,
+    CLASSES,
+    FirstContact,
+    Windows,
+    contact_questions,
+    ends,
+    first_contact,
+    gaps,
+    ordered_poses,
+    poses_at_ends,
+    question,
+)
 from simspec.comparison.floor import FLOOR_FACTOR, perturbation_of
 from simspec.engines.kit.process import Answer, side_by_side
-from simspec.errors import EngineError
+from simspec.errors import EngineError, SpecError
 from simspec.runner.case import moved_states
+
+# What is measured of pairs of configurations: the gap at the ends of windows, of whole runs, and what a change moves.
 
 RUN = "whole run"
 """The class of what windows do not show: the runs from their own beginnings, at the ends of all windows."""
@@ -35,13 +49,13 @@ class Gap:
     """A gap (m): of each window and body (k, bodies), and the mean of whole runs (rows) by body (bodies); None where that was
     not asked for."""
 
-    windows: Floats
-    run: Floats | None = None
+    windows: ConfigurationFloats
+    run: ConfigurationFloats | None = None
 
     @property
-    def of_windows(self) -> Floats:
+    def of_windows(self) -> ConfigurationFloats:
         """Of each window (k,): the sum over the bodies."""
-        total: Floats = self.windows.sum(axis=-1)
+        total: ConfigurationFloats = self.windows.sum(axis=-1)
         return total
 
 
@@ -50,11 +64,11 @@ class Gaps:
 
     def __init__(self, windows: Windows, asking: Asking):
         self.windows, self._asking = windows, asking
-        self._ends: dict[tuple[object, ...], Floats] = {}
-        self._runs: dict[tuple[object, ...], Floats] = {}
+        self._ends: dict[tuple[object, ...], ConfigurationFloats] = {}
+        self._runs: dict[tuple[object, ...], ConfigurationFloats] = {}
         self.quiet: NDArray[np.bool_] = np.ones(len(windows.numbers), dtype=bool)
         """The windows (k,) whose own noise does not hide the gap of the two sides."""
-        self.shift: Callable[[Pair], Floats] | None = None
+        self.shift: Callable[[Pair], ConfigurationFloats] | None = None
         """By how much (k, bodies, 3) the second side's ends are moved, since declared laws say so; see ``declared.py``."""
         self.not_finite = 0
         """Windows that are not looked at, since a state at their end is not finite."""
@@ -85,7 +99,7 @@ class Gaps:
         self.quiet = noise.of_windows <= np.maximum(NEGLIGIBLE, gap.of_windows / FLOOR_FACTOR)
         return gap, noise, first_contact(pair, [ours[1], theirs[1]]) if contact else None
 
-    def _finite(self, pair: Pair, poses: list[Floats]) -> list[Floats]:
+    def _finite(self, pair: Pair, poses: list[ConfigurationFloats]) -> list[ConfigurationFloats]:
         """The poses (k, bodies, 7) of the first side, of the second, and of the first moved, without the windows at whose end
         one of them is not finite; these are not looked at. Raises EngineError where none is left."""
         finite = [np.isfinite(pose).all(axis=(1, 2)) for pose in poses]
@@ -132,7 +146,9 @@ class Gaps:
         run = None if parts[0].run is None or parts[1].run is None else parts[0].run + parts[1].run
         return Gap(parts[0].windows + parts[1].windows, run)
 
-    def _between(self, first: Configuration, second: Configuration, runs: bool, shift: Floats | None = None) -> Gap:
+    def _between(
+        self, first: Configuration, second: Configuration, runs: bool, shift: ConfigurationFloats | None = None
+    ) -> Gap:
         world = self.windows.world
         theirs = self._end(second)
         if shift is not None:
@@ -145,13 +161,13 @@ class Gaps:
         rows = min(map(len, poses))
         return Gap(found, gaps(world, poses[0][:rows], poses[1][:rows]).mean(axis=0))
 
-    def _end(self, side: Configuration) -> Floats:
+    def _end(self, side: Configuration) -> ConfigurationFloats:
         if side.key not in self._ends:
             (answer,) = self._asking.ask(side, question(side, self.windows))
             self._ends[side.key] = ends(side, self.windows, answer)
         return self._ends[side.key]
 
-    def _whole(self, side: Configuration) -> Floats:
+    def _whole(self, side: Configuration) -> ConfigurationFloats:
         """Poses (rows, bodies, 7) of a run, at the ends of all windows."""
         q, v = side.initial
         key = (*side.key, q.tobytes(), v.tobytes())
@@ -164,3 +180,250 @@ class Gaps:
                 raise EngineError(side.engine, f"the state is not finite after step {answer.result['failed']['step']}")
             self._runs[key] = ordered_poses(side.world, self.windows.world, answer.arrays["pose"])
         return self._runs[key]
+
+
+# Intervals of shares: how far a share depends on which windows a run happens to have.
+#
+# Windows are drawn again with replacement, class by class, in blocks of neighbours, since what one window shows the next one
+# shows again; a share is computed from each draw. The generator's seed is fixed: the same windows give the same intervals.
+
+Floats = NDArray[np.float64]
+DRAWS = 400
+"""Draws of an interval: the limits of 95 % then stand on ten draws at each end."""
+LIMITS = (0.025, 0.975)
+"""Quantiles of the draws that an interval lies between: 95 % of them are inside."""
+SEED = 12
+FEWEST = 4
+"""Windows of a class below which nothing is drawn: their share has no interval."""
+Interval = tuple[float, float]
+
+
+class Draws:
+    """Weights of windows in draws with replacement, by class: (DRAWS, k), rows that sum to one."""
+
+    def __init__(self, windows: Windows, counting: NDArray[np.bool_]):
+        generator = np.random.default_rng(SEED)
+        self._weights: dict[str, Floats] = {}
+        shares, totals = windows.weights(counting), np.zeros((DRAWS, len(counting)))
+        drawn = True
+        for index, name in enumerate(CLASSES):
+            places = np.flatnonzero((windows.kinds == index) & windows.counted(counting))
+            if not len(places):
+                continue
+            weights = np.zeros((DRAWS, len(counting)))
+            np.add.at(weights, (np.arange(DRAWS)[:, None], places[_blocks(generator, len(places))]), 1.0 / len(places))
+            if len(places) >= FEWEST:
+                self._weights[name] = weights
+            else:
+                drawn = False
+            totals += shares[name] * weights
+        if drawn:
+            self._weights[ALL] = totals
+
+    def share(self, gap: Floats, whole: Floats) -> dict[str, Interval]:
+        """By class the interval of 1 − mean(gap)/mean(whole), of gaps (k,) of the same windows."""
+        intervals = {}
+        for name, weights in self._weights.items():
+            means = weights @ whole
+            if (means > 0.0).all():
+                low, high = np.quantile(1.0 - (weights @ gap) / means, LIMITS)
+                intervals[name] = (float(low), float(high))
+        return intervals
+
+
+def _blocks(generator: np.random.Generator, count: int) -> NDArray[np.int64]:
+    """Indices (DRAWS, count) of ``count`` things: blocks of neighbours that begin anywhere, the last continued by the first."""
+    size = max(1, round(count ** (1.0 / 3.0)))
+    number = -(-count // size)
+    begins = generator.integers(0, count, size=(DRAWS, number, 1))
+    return ((begins + np.arange(size)) % count).reshape(DRAWS, -1)[:, :count].astype(np.int64)
+
+
+def above(interval: Interval | None) -> bool:
+    """Whether a share with this interval may be claimed: all of it is on one side of zero. Without an interval it may."""
+    return interval is None or interval[0] > 0.0 or interval[1] < 0.0
+
+
+# What swaps close of a gap, each by itself and together; what of that may be claimed.
+
+SMALLEST_SHARE = 0.01
+"""A smaller share is not claimed."""
+SMALLEST_EFFECT = 1e-6
+"""What moves a side by less than this part of the gap is not said to act. So small, since the engines' own differences may be
+thousands of times what a setting does; above it, and above the noise, a side with another value does move otherwise."""
+ENOUGH = 0.99
+"""Share from which nothing more is looked for."""
+
+
+@dataclass(frozen=True)
+class Swap:
+    """A candidate and what came of it, by class.
+
+    gap       what is left (m)
+    share     of the gap that it closes, where that may be claimed; ``interval``: where it lies, with other windows of the run
+    effect    how far the swap moves the sides themselves, as a part of the gap, where that is more than their noise
+    failed    why it could not be tried
+    """
+
+    name: str
+    kind: str
+    group: str
+    values: tuple[str, str]
+    gap: Mapping[str, float] = field(default_factory=dict)
+    share: Mapping[str, float] = field(default_factory=dict)
+    interval: Mapping[str, Interval] = field(default_factory=dict)
+    effect: Mapping[str, float] = field(default_factory=dict)
+    failed: str | None = None
+
+    @property
+    def largest(self) -> float:
+        """The largest share of any class."""
+        return max(self.share.values(), default=0.0)
+
+    @property
+    def acts(self) -> bool:
+        """Whether it moves anything."""
+        return bool(self.effect)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Swaps made together: their names, the gap that they leave by class (m), and the share that they close, with intervals."""
+
+    names: tuple[str, ...]
+    gap: Mapping[str, float]
+    share: Mapping[str, float]
+    interval: Mapping[str, Interval] = field(default_factory=dict)
+
+
+class Judge:
+    """What swaps close of the gap of a pair. ``floor``: by class the noise (m)."""
+
+    def __init__(self, asked: Gaps, pair: Pair, gap: Gap, floor: Mapping[str, float], progress: Callable[..., None]):
+        self._asked, self._pair, self._whole, self._floor, self._progress = asked, pair, gap, floor, progress
+        self._runs = gap.run is not None
+        self._draws = Draws(asked.windows, asked.quiet)
+        self.gap = self.means(gap)
+
+    def means(self, gap: Gap) -> dict[str, float]:
+        """By class the mean gap (m)."""
+        means = {
+            name: float(value) for name, value in self._asked.windows.means(gap.of_windows, self._asked.quiet).items()
+        }
+        return means if gap.run is None else {**means, RUN: float(gap.run.sum())}
+
+    def with_runs(self) -> Judge:
+        """The same, of whole runs, too. Raises EngineError."""
+        gap = self._asked.of(self._pair, runs=True)
+        return Judge(self._asked, self._pair, gap, self._floor, self._progress)
+
+    @property
+    def telling(self) -> tuple[str, ...]:
+        """The classes with a gap that is more than round-off."""
+        return tuple(name for name, whole in self.gap.items() if whole > negligible(self._floor.get(name, 0.0)))
+
+    def shares(self, gap: Mapping[str, float]) -> dict[str, float]:
+        """The share that is closed, by class, of the gaps that are more than round-off."""
+        return {name: 1.0 - gap[name] / self.gap[name] for name in self.telling if name in gap}
+
+    def intervals(self, gap: Gap) -> dict[str, Interval]:
+        """Where these shares lie, with other windows."""
+        intervals = self._draws.share(gap.of_windows, self._whole.of_windows)
+        return {name: intervals[name] for name in self.telling if name in intervals}
+
+    def open(self, gap: Mapping[str, float]) -> bool:
+        """Whether anything worth asking about is left."""
+        return any(share < ENOUGH for share in self.shares(gap).values())
+
+    def claimed(self, share: Mapping[str, float], intervals: Mapping[str, Interval] | None = None) -> dict[str, float]:
+        """The shares that may be claimed: above the smallest one, above what the floor would make, and of one sign whatever
+        windows the run has."""
+        intervals = intervals or {}
+        return {
+            name: value
+            for name, value in share.items()
+            if abs(value) >= self._least(name, SMALLEST_SHARE) and above(intervals.get(name))
+        }
+
+    def _least(self, name: str, smallest: float) -> float:
+        return max(smallest, FLOOR_FACTOR * self._floor.get(name, 0.0) / self.gap[name])
+
+    def each(self, candidates: Sequence[Candidate]) -> list[Swap]:
+        """Each candidate by itself, in their order."""
+        with side_by_side(AT_ONCE) as pool:
+            jobs = [pool.submit(self._one, candidate) for candidate in candidates]
+            swaps: list[Swap] = []
+            for job, candidate in zip(jobs, candidates, strict=True):
+                self._progress(f"swapping {candidate.name}", len(swaps) / len(candidates))
+                swaps.append(job.result())
+        return swaps
+
+    def _one(self, candidate: Candidate) -> Swap:
+        facts = candidate.name, candidate.kind.value, candidate.group, candidate.values
+        try:
+            changed = candidate.apply(self._pair)
+            gap = self._asked.of(changed, self._runs)
+            moved = self._asked.moved(self._pair, changed, self._runs) if candidate.kind in CAUSES else None
+        except (SpecError, EngineError) as error:
+            return Swap(*facts, failed=str(error).splitlines()[0])
+        left, intervals = self.means(gap), self.intervals(gap)
+        return Swap(
+            *facts,
+            left,
+            self.claimed(self.shares(left), intervals),
+            intervals,
+            {} if moved is None else self._effect(moved),
+        )
+
+    def _effect(self, moved: Gap) -> dict[str, float]:
+        parts = {name: value / self.gap[name] for name, value in self.means(moved).items() if name in self.telling}
+        return {name: part for name, part in parts.items() if part >= self._least(name, SMALLEST_EFFECT)}
+
+    def together(self, candidates: Sequence[Candidate], swaps: Iterable[Swap]) -> tuple[Joint, Pair, Gap]:
+        """All differences of the two sides' values, and of the other candidates those that close more of the gap when added to
+        those before them, the largest share first. And the pair that they leave, with its gap."""
+        tried = [(swap, candidate) for swap, candidate in zip(swaps, candidates, strict=True) if swap.failed is None]
+        tried.sort(key=lambda both: (both[1].kind is not Kind.DIFFERENCE, -both[0].largest))
+        pair, gap, names, about = self._pair, self._whole, list[str](), set[str]()
+        for swap, candidate in tried:
+            given = candidate.kind is Kind.DIFFERENCE
+            if about & set(candidate.about) or not (given or (swap.largest > 0.0 and self.open(self.means(gap)))):
+                continue
+            self._progress(f"adding {candidate.name}")
+            joint = self._joint(pair, candidate)
+            if joint is None or not (given or self._better(self.means(gap), self.means(joint[1]))):
+                continue
+            pair, gap = joint
+            names.append(candidate.name)
+            about |= set(candidate.about)
+        means = self.means(gap)
+        return Joint(tuple(names), means, self.shares(means), self.intervals(gap) if names else {}), pair, gap
+
+    def _joint(self, pair: Pair, candidate: Candidate) -> tuple[Pair, Gap] | None:
+        """The pair with one more change, and its gap; None where that is not possible: each by itself could be tried, and the
+        share of this one stays in what is left."""
+        try:
+            changed = candidate.apply(pair)
+            return changed, self._asked.of(changed, self._runs)
+        except (SpecError, EngineError):
+            return None
+
+    def _better(self, before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+        """Whether a share worth telling is closed in some class, and less is opened in the others."""
+        old, new = self.shares(before), self.shares(after)
+        steps = self.claimed({name: new[name] - old[name] for name in new if name in old})
+        return bool(steps) and sum(steps.values()) > 0.0
+
+
+def useful(swaps: Iterable[Swap]) -> list[Swap]:
+    """The swaps that close a share, the largest first."""
+    return sorted((swap for swap in swaps if swap.largest > 0.0), key=lambda swap: -swap.largest)
+
+
+def acting(swaps: Iterable[Swap]) -> list[Swap]:
+    """The causes that move a side: first the values that the two sides were given differently, then settings away from their
+    defaults; of each the largest share first, then the largest effect."""
+    found = [swap for swap in swaps if swap.acts or swap.largest > 0.0]
+    return sorted(
+        found, key=lambda swap: (swap.kind != Kind.DIFFERENCE.value, -swap.largest, -max(swap.effect.values()))
+    )

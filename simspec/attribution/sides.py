@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from simspec.attribution.configuration import Asking, Configuration
+from simspec.attribution.configuration import Asking, Configuration, ModelProof, prove
 from simspec.attribution.explanation import Explanation, explain_sides
-from simspec.attribution.models import ModelProof, prove
 from simspec.attribution.windows import MOST_WINDOWS
 from simspec.engines.kit.process import DEADLINE
 from simspec.engines.kit.warm import WarmProcesses
@@ -52,7 +51,7 @@ def explain(
     names    what the two are called (default: world and engine)
     pythons  interpreters of engines, by label
     deadline seconds that one engine process may take
-    proofs   whether each side's engine holds its world (:func:`simspec.attribution.models.proof_of`); ``verify``: prove it here
+    proofs   whether each side's engine holds its world (``configuration.proof_of``); ``verify``: prove it here
     progress told what is being done
 
     Both begin short windows in states of the first side's run, and the gap at the windows' ends is measured; then one thing

@@ -18,7 +18,7 @@ from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
 from simspec.language.document import read_text
 from simspec.language.load import Spec
 from simspec.outputs.writing import write_file
-from simspec.report.reasons import link
+from simspec.report.matrix import link
 from simspec.report.screen import say
 from simspec.resources import resource_folder
 from simspec.selection import NotTaken, Selection, named, refusal

@@ -21,8 +21,7 @@ from simspec.outputs.targets import demand, file_problem
 from simspec.outputs.writing import write_file
 from simspec.report.audit import audit_data, audit_sections, audit_suites, pair_data, show_audit, show_pair
 from simspec.report.page.document import is_page, page
-from simspec.report.progress import progress
-from simspec.report.screen import say
+from simspec.report.screen import progress, say
 
 
 def audit(options: AuditOptions) -> int:

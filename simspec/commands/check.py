@@ -13,12 +13,12 @@ from simspec.language.losses import repaired, repairs_data
 from simspec.option_checks import check_options
 from simspec.plausibility.examine import examine
 from simspec.plausibility.findings import Plausibility
-from simspec.report.plausibility import as_problems, plausibility_data, plausibility_lines
+from simspec.report.model_files import as_problems, plausibility_data, plausibility_lines
 from simspec.report.screen import console, say
 from simspec.world.canonical import sha256
 
 if TYPE_CHECKING:
-    from simspec.report.refusals import WaysOut
+    from simspec.report.problems import WaysOut
 
 
 def check(options: CheckOptions) -> int:
@@ -47,7 +47,7 @@ def check(options: CheckOptions) -> int:
                 problems.extend(check_options(world, spec.locate))
         except UnsupportedError as error:
             from simspec.commands.accept import is_writable
-            from simspec.report.refusals import brief, ways_out
+            from simspec.report.problems import brief, ways_out
 
             problems.extend(error.problems)
             short += brief(error.problems)
@@ -61,7 +61,7 @@ def check(options: CheckOptions) -> int:
     if problems:
         if not ways:
             raise SpecError(problems)
-        from simspec.report.refusals import with_endings
+        from simspec.report.problems import with_endings
 
         raise with_endings(problems, ways, () if options.verbose else (*short, "-v prints each in full"))
     if options.as_json:
@@ -72,7 +72,7 @@ def check(options: CheckOptions) -> int:
         warned = f", {count} warning{'s' if count > 1 else ''}" if count else ""
         say(f"{name}: ok, {len(world.bodies)} bodies, world {sha256(world)[:12]}{warned}")
         if repairs := repaired(loaded.spec.source.all()):
-            from simspec.report.imported import repairs_table
+            from simspec.report.model_files import repairs_table
 
             console().print(repairs_table(repairs))
         for line in plausibility_lines(plausibility, options.verbose, warned=True):

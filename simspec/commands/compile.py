@@ -16,7 +16,7 @@ from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
 from simspec.outputs.targets import check_folder, demand, folder_problem
-from simspec.report.refusals import WaysOut, ways_out, with_endings
+from simspec.report.problems import WaysOut, ways_out, with_endings
 from simspec.report.screen import console, say
 from simspec.selection import Selection
 from simspec.world.canonical import sha256

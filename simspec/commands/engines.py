@@ -22,9 +22,9 @@ from simspec.outputs.targets import check_file
 from simspec.project import LARGEST, PROJECT_FILE, Project, find_project, load_project, parse_project
 from simspec.proof.fall import fall
 from simspec.report import engine_pages, matrix
-from simspec.report.kit import table
+from simspec.report.matrix import engine_tables
 from simspec.report.screen import console, say
-from simspec.report.terminal import engine_tables
+from simspec.report.table import Table
 
 WORKS, FAILS, NOT_TRUSTED = "works", "fails", "not trusted"
 NOTHING = "names no interpreters and no folders: it needs no trust"
@@ -93,12 +93,12 @@ def doctor(options: DoctorOptions) -> int:
     if options.as_json:
         print_json({"engines": rows, "broken": broken, "walls": walls()._asdict(), "exit_code": code})
         return code
-    shown = table("Engines", "engine", "version", "state", "falling ball", "s", "missing or wrong, and the way out")
+    shown = Table("Engines", "engine", "version", "state", "falling ball", "s", "missing or wrong, and the way out")
     for label, row in rows.items():
         way = [f"-> {row['install']}"] if row["problems"] and row["install"] else []
         off = "" if row["height_error"] is None else f"{row['speed_error']:.0e}, {row['height_error']:.1e} m off"
         took = "" if row["seconds"] is None else f"{row['seconds']:.1f}"
-        shown.add_row(label, row["version"] or "none", row["state"], off, took, "\n".join([*row["problems"], *way]))
+        shown.add(label, row["version"] or "none", row["state"], off, took, "\n".join([*row["problems"], *way]))
     console().print(shown)
     for name, why in broken.items():
         say(f"{name}: {why}")
@@ -219,9 +219,9 @@ def _list(as_json: bool) -> int:
     if not rows:
         say("no project file is trusted")
         return EXIT_OK
-    shown = table("Trusted project files", "file", "state")
+    shown = Table("Trusted project files", "file", "state")
     for row in rows:
-        shown.add_row(str(row["file"] or row["record"]), row["state"])
+        shown.add(str(row["file"] or row["record"]), row["state"])
     console().print(shown)
     return EXIT_OK
 

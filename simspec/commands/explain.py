@@ -9,9 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from simspec.analysis.run_figures import find_figure
-from simspec.attribution.configuration import Configuration
-from simspec.attribution.models import ModelProof, model_lines, proof_of, prove
+from simspec.analysis.speed import find_figure
+from simspec.attribution.configuration import Configuration, ModelProof, model_lines, proof_of, prove
 from simspec.attribution.sides import explain as explain_sides
 from simspec.attribution.sides import side_of_run
 from simspec.commands.experiment_options import BisectOptions, ExplainOptions
@@ -38,12 +37,11 @@ from simspec.outputs.marker import STORE, STUDY
 from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import open_folder
 from simspec.report import differences
-from simspec.report.attribution import explanation_data, show_explanation
-from simspec.report.bisect import bisect_data, bisect_lines
+from simspec.report.experiments import bisect_data, bisect_lines
+from simspec.report.explanations import explanation_data, show_explanation
 from simspec.report.plain import diff_data, plain
-from simspec.report.progress import progress
-from simspec.report.screen import console, say
-from simspec.report.session import show_diff
+from simspec.report.screen import console, progress, say
+from simspec.report.studies import show_diff
 from simspec.runner.run import Run
 from simspec.runner.store import load_run
 from simspec.world.types import World

@@ -27,7 +27,8 @@ from simspec.outputs.marker import PLAIN
 from simspec.outputs.targets import LARGEST_OWN, demand, file_problem, folder_problem
 from simspec.outputs.writing import update_folder, write_file
 from simspec.reading import NotReadableError, read_bytes
-from simspec.report.losses import losses_table, reader_lines
+from simspec.report.model_files import losses_table_losses as losses_table
+from simspec.report.model_files import reader_lines
 from simspec.report.screen import console, say
 from simspec.world.canonical import sha256
 

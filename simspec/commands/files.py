@@ -31,9 +31,9 @@ from simspec.outputs.marker import MESHES
 from simspec.outputs.targets import LARGEST_OWN, NEVER, check_file, demand, file_problem, folder_problem
 from simspec.outputs.writing import write_file, write_folder
 from simspec.reading import read_bytes
-from simspec.report.imported import losses_table, repairs_table
+from simspec.report.model_files import losses_table, repairs_table
+from simspec.report.problems import show_warnings
 from simspec.report.screen import console, say
-from simspec.report.terminal import show_warnings
 
 STARTER = """\
 # yaml-language-server: $schema=simspec.schema.json

@@ -73,7 +73,7 @@ def load_spec(
     if options.strict and found:
         raise SpecError(found)
     if found and not options.as_json:
-        from simspec.report.terminal import show_warnings
+        from simspec.report.problems import show_warnings
 
         show_warnings(found)
     return Loaded(spec, world, found, sets, spec_file(name))
@@ -92,7 +92,7 @@ def accepted_sets(options: Options, name: str, sets: list[str] | None = None, st
     from simspec.engines.kit.identity import engine_name, engine_version
     from simspec.engines.kit.registry import engines
     from simspec.language.strict import near
-    from simspec.report.refusals import EVERY
+    from simspec.report.problems import EVERY
     from simspec.support.features import Feature
 
     features = {feature.value for feature in Feature}

@@ -17,8 +17,7 @@ from simspec.outputs.targets import LARGEST_OWN
 from simspec.outputs.writing import write_file
 from simspec.project import Interpreters
 from simspec.report.screen import say
-from simspec.report.study.page_section import TABLES_FILE, study_tables
-from simspec.report.study.pages import Mark, filled, marks
+from simspec.report.study.pages import TABLES_FILE, Mark, filled, marks, study_tables
 from simspec.stored import StudyTables
 
 STUDIES = "studies"

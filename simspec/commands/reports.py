@@ -48,8 +48,7 @@ class Reports:
 
     def demand(self) -> None:
         """Raise SpecError, with every problem, when one of the files may not be written: before any work is done."""
-        from simspec.report.junit import own_junit
-        from simspec.report.summary import own_summary
+        from simspec.report.ci_files import own_junit, own_summary
 
         targets = [(self.junit, own_junit), (self.summary, own_summary)]
         demand(file_problem(path, ours) for path, ours in targets if path is not None)
@@ -64,9 +63,7 @@ class Reports:
         as_json: bool = False,
     ) -> None:
         """Write all reports. With ``as_json`` annotations go to standard error, which CI systems read as well."""
-        from simspec.report.annotations import annotation_lines
-        from simspec.report.junit import junit, own_junit
-        from simspec.report.summary import LARGEST, own_summary, summary
+        from simspec.report.ci_files import LARGEST, annotation_lines, junit, own_junit, own_summary, summary
 
         if self.junit is not None:
             write_file(self.junit, junit(suites), own_junit)
@@ -136,7 +133,7 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
     from simspec.report.page.document import Part, is_page, page
     from simspec.report.plain import PAGE_FILE
     from simspec.report.stored_study import load_study
-    from simspec.report.study.page_section import study_parts, study_tables
+    from simspec.report.study.pages import study_parts, study_tables
     from simspec.runner.store import is_run
 
     if out is None and len(folders) != 1:

@@ -23,16 +23,22 @@ from simspec.experiments.machine import disturbances, this_machine
 from simspec.experiments.timing import TimedCase, timed_runs
 from simspec.outputs.targets import demand, file_problem
 from simspec.outputs.writing import write_file
-from simspec.report.baseline import Baseline, baseline_of, own_baseline, read_baseline
-from simspec.report.compared import Comparison, compare, comparison_data
-from simspec.report.final import ends
+from simspec.report.baseline import (
+    Baseline,
+    Comparison,
+    baseline_of,
+    compare,
+    comparison_data,
+    comparison_lines,
+    comparison_suite,
+    own_baseline,
+    read_baseline,
+    show_comparison,
+)
 from simspec.report.plain import study_data
-from simspec.report.progress import progress
-from simspec.report.refusals import with_ways_out
-from simspec.report.regressions import comparison_lines, comparison_suite, show_comparison
-from simspec.report.screen import console, say
-from simspec.report.session import show_run
-from simspec.report.terminal import show_not_taken
+from simspec.report.problems import show_not_taken, with_ways_out
+from simspec.report.screen import console, progress, say
+from simspec.report.studies import ends, show_run
 from simspec.report.tested import skipped_suites, study_suites
 from simspec.runner.case import Case
 from simspec.runner.run import Run

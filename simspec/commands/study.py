@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import hashlib
 import itertools
@@ -34,20 +33,16 @@ from simspec.language.study_specs import StudySource, SweepOfStudy, load_study_f
 from simspec.outputs.marker import STORE, STUDY
 from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import change_file, open_folder, write_folder
-from simspec.report.kit import table
+from simspec.report.experiments import proof_words
 from simspec.report.page.document import page as html
-from simspec.report.page.sheets import Sheet, sheet
 from simspec.report.plain import PAGE_FILE as HTML_FILE
-from simspec.report.progress import duration, progress
-from simspec.report.screen import console, say
-from simspec.report.study.cases import unfailed
-from simspec.report.study.done import Done, Explained, Shown
-from simspec.report.study.markdown import markdown
-from simspec.report.study.measured import counted, measured
-from simspec.report.study.page_section import SCHEMA, TABLES_FILE, study_parts
-from simspec.report.study.registry import shown_of
-from simspec.report.sweep import proof_words
-from simspec.report.terminal import show_error
+from simspec.report.problems import show_error
+from simspec.report.screen import console, duration, progress, say
+from simspec.report.study.pages import SCHEMA, TABLES_FILE, study_parts
+from simspec.report.study.runs import Done, Explained, StudyTable
+from simspec.report.study.tables import counted, measured, shown_of
+from simspec.report.study.validity import unfailed
+from simspec.report.table import Table, html_data, markdown
 from simspec.resources import resource_folder
 from simspec.stored import StudyTables, read_as
 
@@ -166,7 +161,7 @@ def _show(
 ) -> int:
     """Write, publish and print the results; the exit code."""
     parts = [(one, shown_of(one)) for one in done]
-    made = {one.sweep.name: {shown.name: sheet(shown.table) for shown in own} for one, own in parts}
+    made = {one.sweep.name: {shown.name: shown for shown in own} for one, own in parts}
     code = max((_code(one) or EXIT_FAILED * bool(unfailed(one)) for one in done), default=EXIT_OK)
     code = max([code, *(exit_code(second, one.sweep.words.show) for one in done for _, second in one.moved)])
     command = f"simspec study {options.study}{' --small' if options.small else ''}"
@@ -184,7 +179,7 @@ def _show(
         return code
     for one, own in parts:
         for shown in own:
-            console().print(shown.table)
+            console().print(shown)
         if one.outcome.invalid:
             show_error(SpecError(one.outcome.invalid))
     for line in data["said"]:
@@ -207,7 +202,7 @@ def exit_code(outcome: Outcome, show: Collection[str]) -> int:
 def study_data(
     source: StudySource,
     done: Sequence[Done],
-    parts: Sequence[tuple[Done, Sequence[Shown]]],
+    parts: Sequence[tuple[Done, Sequence[StudyTable]]],
     small: bool,
     command: str,
     absent: Mapping[str, str] = MappingProxyType({}),
@@ -268,17 +263,16 @@ def _failed(done: Done) -> str:
     return told if by_contact == count else f"proof FAILED for {counted(count - by_contact, 'model')}; {told}"
 
 
-def _plain(shown: Shown) -> dict[str, Any]:
+def _plain(shown: StudyTable) -> dict[str, Any]:
     """What is shown, as plain data."""
     return {
         "name": shown.name,
-        **dataclasses.asdict(sheet(shown.table)),
-        "said": list(shown.said),
+        **html_data(shown),
         "records": list(shown.records),
     }
 
 
-def page(source: StudySource, made: Mapping[str, Mapping[str, Sheet]], data: Mapping[str, Any]) -> str:
+def page(source: StudySource, made: Mapping[str, Mapping[str, Table]], data: Mapping[str, Any]) -> str:
     """A study as a page of Markdown."""
     parts = [f"# {source.name}", "", source.data.description, ""]
     if data["small"]:
@@ -295,7 +289,7 @@ def page(source: StudySource, made: Mapping[str, Mapping[str, Sheet]], data: Map
 def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_json: bool) -> int:
     store, index = stored_index(place)
     took, proofs = proof_seconds(index, store), []
-    shown = table(
+    shown = Table(
         f"{source.name}: to do",
         "sweep",
         "engine",
@@ -320,7 +314,7 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
             total += (seconds or 0.0) if cost.runs[engine] else 0.0
             time = "not measured yet" if seconds is None else f"about {duration(seconds)}"
             time = time if cost.runs[engine] else "–"
-            shown.add_row(one.name, engine, f"{cost.runs[engine]:,}", f"{runs:,}", f"{cost.steps[engine]:,}", time)
+            shown.add(one.name, engine, f"{cost.runs[engine]:,}", f"{runs:,}", f"{cost.steps[engine]:,}", time)
             told.append(
                 {"sweep": one.name, "engine": engine, "to_do": cost.runs[engine], "runs": runs}
                 | {"steps": cost.steps[engine], "seconds": seconds}

@@ -31,12 +31,10 @@ from simspec.outputs.marker import STORE, STUDY
 from simspec.outputs.targets import demand, file_problem, folder_problem
 from simspec.outputs.writing import open_folder, write_file
 from simspec.project import Interpreters, load_project
-from simspec.report.progress import progress
-from simspec.report.screen import console, say
-from simspec.report.sweep import CSV_FIRST, csv_text, groups, outcome_data, show_outcome, show_plan
-from simspec.report.swept import sweep_suites
-from simspec.report.terminal import show_error, show_not_taken
-from simspec.report.tested import skipped_suites
+from simspec.report.experiments import CSV_FIRST, csv_text, groups, outcome_data, show_outcome, show_plan
+from simspec.report.problems import show_error, show_not_taken
+from simspec.report.screen import console, progress, say
+from simspec.report.tested import skipped_suites, sweep_suites
 from simspec.selection import Selection
 
 RUNS: Final = Path("runs")

@@ -17,12 +17,10 @@ from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.outputs.marker import COMPILED, STUDY
 from simspec.outputs.targets import demand, existing_name_problem, folder_problem
 from simspec.outputs.writing import add_file
-from simspec.report import terminal
-from simspec.report.complete import complete_data, show_complete
+from simspec.report.certificate import complete_data, self_test_table, show_certificate, show_complete
 from simspec.report.plain import certificate_data
-from simspec.report.progress import progress
-from simspec.report.refusals import with_ways_out
-from simspec.report.screen import console, say
+from simspec.report.problems import show_not_taken, with_ways_out
+from simspec.report.screen import console, progress, say
 from simspec.report.tested import certificate_suites, skipped_suites
 from simspec.selection import Selection
 from simspec.world.types import World
@@ -113,8 +111,8 @@ def _verify(options: VerifyOptions, loaded: Loaded, selection: Selection) -> int
         )
     else:
         screen = console()
-        terminal.show_not_taken(selection, screen)
-        terminal.show_certificate(certificate, screen)
+        show_not_taken(selection, screen)
+        show_certificate(certificate, screen)
         if options.contact:
             for plot in show_contact(certificate, world, screen):
                 screen.print(f"{plot}: written", soft_wrap=True)
@@ -129,8 +127,8 @@ def _verify(options: VerifyOptions, loaded: Loaded, selection: Selection) -> int
 
 def show_contact(certificate: Certificate, world: World, screen: Console) -> list[Path]:
     """Print every contact figure, and draw required against measured friction; returns the plots' files."""
-    from simspec.report.contact import contact_table
-    from simspec.report.polar import polar_plot
+    from simspec.report.certificate import contact_table
+    from simspec.report.figures import polar_plot
 
     figures = {name: proof.contact for name, proof in certificate.engines.items() if proof.contact}
     if not figures:
@@ -152,7 +150,7 @@ def self_test(engines: Sequence[str], pythons: Mapping[str, str], as_json: bool)
         print_json({"planted": result.planted, "caught": result.caught, "outcomes": result.outcomes})
     else:
         screen = console()
-        screen.print(terminal.self_test_table(result))
+        screen.print(self_test_table(result))
         screen.print(f"caught {result.caught} of {result.planted} planted defects")
     return EXIT_OK if result.passed else EXIT_FAILED
 

@@ -1,20 +1,25 @@
-"""Two runs at the times that both recorded: their poses and the engines' own noise, looked at block by block."""
+"""Records that two runs have in common: times, bodies, and sides of contacts."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simspec.comparison.floor import DEVIATION_BYTES, Floor
 from simspec.errors import Problem, SpecError
 from simspec.language.vocabulary import TREE_JOINTS
-from simspec.mapped import parts, zeros
+from simspec.mapped import block_rows, parts, release, zeros
 from simspec.runner import metrics
+from simspec.runner.labels import SEPARATOR, labels_of, shapes_of, side_names
 from simspec.runner.run import Run
 from simspec.world.kinematics import layout_of
 from simspec.world.types import Inertial, Joint
+
+# Two runs at the times that both recorded: their poses and the engines' own noise, looked at block by block.
 
 
 class Common:
@@ -160,3 +165,223 @@ def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
             [Problem(f"{a.label} and {b.label} have no recorded time in common{but}", found=told, hint=hint)]
         )
     return rows_a[:count], rows_b[:count]
+
+
+# What touches in several runs, by names that all of them tell: shapes, or groups of shapes of a body that one of them does not
+# tell apart, or bodies where one did not record shapes.
+
+Element = tuple[str, str]
+"""A body, and a shape of it; "" for the body as a whole."""
+NAMED = 3
+"""Shapes of a group that a name lists; more are counted."""
+
+
+@dataclass(frozen=True)
+class Sides:
+    """The sides of contacts of some runs.
+
+    names    what may touch, by number: a body's name where that is all of its shapes, else with the shapes in brackets
+    numbers  for each run the number of each of its own sides
+    arrays   for each run the array (contacts, 2) of its own sides: ``contact.shape``, or ``contact.body``
+    notes    why contacts are matched by less than single shapes, where they are
+    """
+
+    names: tuple[str, ...]
+    numbers: tuple[NDArray[np.int64], ...]
+    arrays: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def common_sides(runs: Sequence[Run], by: str = "shape") -> Sides:
+    """The finest sides that all ``runs`` tell; ``by``: ``shape``, or ``body`` for bodies alone. Raises ValueError for
+    another."""
+    if by not in ("shape", "body"):
+        raise ValueError(f"contacts are matched by shape or by body, not by {by!r}")
+    arrays = tuple("contact.shape" if by == "shape" and _tells_shapes(run) else "contact.body" for run in runs)
+    told = [_sides(run, array) for run, array in zip(runs, arrays, strict=True)]
+    above: dict[Element, Element] = {}
+
+    def top(element: Element) -> Element:
+        while above.setdefault(element, element) != element:
+            element = above[element]
+        return element
+
+    for sides in told:
+        for first, *others in sides:
+            for other in others:
+                above[top(other)] = top(first)
+            top(first)
+    members: dict[Element, list[str]] = {}
+    for element in above:
+        members.setdefault(top(element), []).append(element[1])
+    solid: dict[str, set[str]] = {}
+    for run in runs:
+        for body in run.world.bodies:
+            solid.setdefault(body.name, set()).update(shape.name for shape in body.shapes if shape.collision)
+    number = {element: place for place, element in enumerate(members)}
+    names = tuple(_name(body, shapes, solid[body]) for (body, _), shapes in members.items())
+    numbers = tuple(np.array([number[top(first)] for first, *_ in sides], dtype=np.int64) for sides in told)
+    notes = (
+        [note for run, array in zip(runs, arrays, strict=True) for note in _notes(run, array)] if by == "shape" else []
+    )
+    return Sides(names, numbers, arrays, tuple(dict.fromkeys(notes)))
+
+
+def _tells_shapes(run: Run) -> bool:
+    return "contact.shape" in run.arrays
+
+
+def _sides(run: Run, array: str) -> list[list[Element]]:
+    """The elements of each of a run's own sides, by its number in ``array``."""
+    if array == "contact.body":
+        return [[(body.name, ""), *((body.name, shape.name) for shape in body.shapes)] for body in run.world.bodies]
+    body_of = {shape: body for body, shape in shapes_of(run.world)}
+    labels = side_names(run.world, labels_of(run.provenance))
+    return [[(body_of[shape], shape) for shape in label.split(SEPARATOR)] for label in labels]
+
+
+def _name(body: str, shapes: Sequence[str], solid: set[str]) -> str:
+    if "" in shapes or solid <= set(shapes):
+        return body
+    listed = ", ".join(shapes[:NAMED])
+    return f"{body} ({listed})" if len(shapes) <= NAMED else f"{body} ({listed} and {len(shapes) - NAMED} more)"
+
+
+def _notes(run: Run, array: str) -> list[str]:
+    if array == "contact.body":
+        told = any(len(body.shapes) > 1 for body in run.world.bodies)
+        why = f"{run.label} does not tell the shapes of contacts: they are matched by bodies"
+        return [why] if told and len(run.arrays.get("contact.row", ())) else []
+    grouped = {shape for group in labels_of(run.provenance).groups or () for shape in group}
+    bodies = ", ".join(dict.fromkeys(body for body, shape in shapes_of(run.world) if shape in grouped))
+    why = f"{run.label} does not tell some shapes of {bodies} apart in contact: they are matched together"
+    return [why] if grouped else []
+
+
+# The contacts of two runs: when a body first touched something, and when other pairs first touch in one than in the other.
+#
+# ``contact.row`` never falls (of an engine's answer and of a stored run that is checked), so that what is of a time is found by
+# bisection, and all of it is gone through block by block.
+
+CONTACT_BYTES = 200
+"""Of temporary arrays for each contact."""
+
+
+def first_touches(runs: Sequence[Run], names: Sequence[str]) -> dict[str, float]:
+    """For every body the first time (s) at which any run recorded a contact of it, or of a body of its tree."""
+    touched: dict[str, float] = {}
+    for run in runs:
+        if "contact.row" not in run.arrays:
+            continue
+        first = _first_rows(run)
+        models: dict[str, float] = {}
+        for body, row in zip(run.world.bodies, first, strict=True):
+            if row >= 0:
+                models[body.model] = min(models.get(body.model, np.inf), float(run.time[row]))
+        for body in run.world.bodies:
+            if body.model in models:
+                touched[body.name] = min(touched.get(body.name, np.inf), models[body.model])
+    return {name: touched[name] for name in names if name in touched}
+
+
+def _first_rows(run: Run) -> np.ndarray:
+    """The first row with a contact of each body (bodies,); −1 where there is none."""
+    row, body = run.arrays["contact.row"], run.arrays["contact.body"]
+    first = np.full(len(run.world.bodies), -1, dtype=np.int64)
+    for part in parts(len(row), CONTACT_BYTES, row, body):
+        touching = body[part].astype(np.int64).ravel()
+        new = np.flatnonzero(first[touching] < 0)
+        bodies, place = np.unique(touching[new], return_index=True)
+        first[bodies] = row[part][new[place] // 2]
+        if (first >= 0).all():
+            break
+    return first
+
+
+@dataclass(frozen=True, slots=True)
+class FirstContactDifference:
+    """The first common time (s) at which other pairs touch in one run than in the other: the pairs that touch in the first
+    only,
+    and in the second only, by the names of :class:`simspec.comparison.common.Sides`."""
+
+    time: float
+    first_only: tuple[tuple[str, str], ...]
+    second_only: tuple[tuple[str, str], ...]
+
+
+def first_difference(common: Common, a: Run, b: Run, by: str = "shape") -> FirstContactDifference | None:
+    """The first common time at which other pairs of shapes (or what of them both runs tell) touch in one run than in the other;
+    None where the same do at all times, or contacts were not recorded."""
+    if "contact.row" not in a.arrays or "contact.row" not in b.arrays:
+        return None
+    known = common_sides((a, b), by)
+    count = len(known.names)
+    sides = sides_of((a, b), (common.rows_a, common.rows_b), known)
+    first, arrays = 0, [one for side in sides for one in (side.row, side.own, side.rows)]
+    while first < common.rows:
+        last = min(common.rows, *(side.until(first) for side in sides))
+        one, other = (side.pairs(first, last, count) for side in sides)
+        different = np.setxor1d(one, other, assume_unique=True)
+        if len(different):
+            row = different.min() // count**2
+            alone = different[different // count**2 == row]
+            of_first = np.isin(alone, one)
+            time = float(common.time(np.array([row]))[0])
+            only = [
+                tuple(sorted(named_pair(known.names, int(pair) % count**2) for pair in chosen))
+                for chosen in (alone[of_first], alone[~of_first])
+            ]
+            return FirstContactDifference(time, only[0], only[1])
+        first = last
+        for array in arrays:
+            release(array)
+    return None
+
+
+def named_pair(names: Sequence[str], number: int) -> tuple[str, str]:
+    """The names (sorted) of a pair, from its number: one · names + other."""
+    one, other = sorted(names[index] for index in divmod(number, len(names)))
+    return one, other
+
+
+def sides_of(runs: Sequence[Run], rows: Sequence[np.ndarray], known: Sides) -> list[Side]:
+    """The contacts of each run at the given rows of it (of common times), by the sides that all tell."""
+    sides = zip(runs, rows, known.arrays, known.numbers, strict=True)
+    return [Side(run, own_rows, array, index) for run, own_rows, array, index in sides]
+
+
+class Side:
+    """The contacts of a run. ``rows``: its rows that are of common times; ``array``: its own sides, ``index``: their
+    numbers."""
+
+    def __init__(self, run: Run, rows: np.ndarray, array: str, index: np.ndarray):
+        self.row, self.own = run.arrays["contact.row"], run.arrays[array]
+        self.rows, self._index, self._force = rows, index, run.arrays["contact.normal_force"]
+
+    def until(self, first: int) -> int:
+        """The end of a block of common rows from ``first`` on: one row, or as many as have no more contacts than a block."""
+        last = int(np.searchsorted(self.row, self.rows[first])) + block_rows(CONTACT_BYTES)
+        if last >= len(self.row):
+            return len(self.rows)
+        return max(first + 1, int(np.searchsorted(self.rows, self.row[last])))
+
+    def pairs(self, first: int, last: int, count: int) -> np.ndarray:
+        """What touches at the common rows ``first`` … ``last − 1``: each pair once for each row, as the number
+        (row · count + one) · count + other; ``count``: how many sides there are."""
+        at, pair, _ = self._contacts(first, last, count)
+        return np.unique(at * count**2 + pair)
+
+    def forces(self, first: int, last: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Every contact at the common rows ``first`` … ``last − 1``: its common row (n,), its pair as the number
+        one · count + other (n,), and its normal force (n,), N."""
+        at, pair, chosen = self._contacts(first, last, count)
+        return at, pair, self._force[chosen]
+
+    def _contacts(self, first: int, last: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Common row, number of the pair, and place in the run's arrays of every contact, (n,) each."""
+        begin, end = np.searchsorted(self.row, [self.rows[first], self.rows[last - 1] + 1])
+        row = self.row[begin:end]
+        at = first + np.searchsorted(self.rows[first:last], row)
+        common = self.rows[at] == row
+        pair = np.sort(self._index[self.own[begin:end].astype(np.int64)], axis=1)
+        return at[common], (pair[:, 0] * count + pair[:, 1])[common], begin + np.flatnonzero(common)

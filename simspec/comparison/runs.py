@@ -8,11 +8,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from simspec.comparison.common import Common, moving_in_common
-from simspec.comparison.contacts import FirstContactDifference, first_difference, first_touches
-from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations
-from simspec.comparison.horizon import horizon
-from simspec.comparison.sides import common_sides
+from simspec.comparison.common import (
+    Common,
+    FirstContactDifference,
+    common_sides,
+    first_difference,
+    first_touches,
+    moving_in_common,
+)
+from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations, horizon
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.markup import html_table, length
 from simspec.runner import metrics
@@ -104,7 +108,7 @@ class Diff:
 
     horizon     time (s) up to which positions are compared: there ``FLOOR_FACTOR`` times the engines' own noise grows past
                 the tolerance, and further on two runs of the *same* engine differ without bound. None = to the end: noise
-                that stays at a level ends nothing (see :mod:`simspec.comparison.horizon`).
+                that stays at a level ends nothing (see :mod:`simspec.comparison.floor`).
     bodies      one entry per moving body that both have, worst in position first
     joints      one entry per hinge, slide and ball joint that both have, worst in rad or m first
     quantities  energy, momentum, contacts, spread: they are compared over the whole time, so also past the horizon
@@ -308,60 +312,45 @@ def _nothing(common: Common, horizon_row: int) -> str:
 
 
 class Departures:
-    """How far each body of two runs departs, gathered from one block of rows after the other."""
+    """How far each body of two runs departs, gathered from one block of rows after the other. Arrays (2, bodies): in position
+    (m) and in angle (rad)."""
 
     def __init__(self, common: Common, tolerance: float, angle_tolerance: float):
-        self._common, self._tolerances = common, (tolerance, angle_tolerance)
+        self._common, self._tolerances = common, np.array([tolerance, angle_tolerance])[:, None, None]
         bodies, never = common.bodies, common.rows
         self.rows = 0
         self.squares = np.zeros((2, bodies))
-        """Sums of squared deviations, in position and angle."""
-        self.largest, self.angle = np.zeros(bodies), np.zeros(bodies)
-        self.at, self.angle_at = np.zeros((2, bodies), dtype=np.int64)
-        """The rows of the largest deviations in position and in angle."""
+        """Sums of squared deviations."""
+        self.largest, self.at = np.zeros((2, bodies)), np.zeros((2, bodies), dtype=np.int64)
+        """The largest deviations, and their rows."""
         self.out, self.hidden = np.full(bodies, never), np.full(bodies, never)
-        """The first row out of tolerance, and the first of which that cannot be told."""
-        self.at_out = np.zeros((2, bodies))
-        self.exceeded = np.zeros((2, bodies), dtype=bool)
-        """Deviations in position and angle at the first row out of tolerance, and which of these two were out of it."""
+        """(bodies,): the first row out of tolerance, and the first at which noise may hide that."""
+        self.at_out, self.exceeded = np.zeros((2, bodies)), np.zeros((2, bodies), dtype=bool)
+        """Deviations at the first row out of tolerance, and which of these two were out of it."""
 
     def add(self, part: slice) -> None:
         """Take the next block of rows."""
-        position, angle = deviations(*self._common.poses(part))
-        own_position, own_angle = self._common.noise(np.arange(part.start, part.stop)[:, None])
-        tolerance, angle_tolerance = self._tolerances
-        both = np.stack([position, angle])
-        most = np.stack(
-            [
-                np.maximum(tolerance, FLOOR_FACTOR * own_position),
-                np.maximum(angle_tolerance, FLOOR_FACTOR * own_angle),
-            ]
-        )
-        # what is not finite is out of every tolerance
-        beyond_both = (both > most) | ~np.isfinite(both)
+        both = np.stack(deviations(*self._common.poses(part)))
+        noise = np.stack(self._common.noise(np.arange(part.start, part.stop)[:, None]))
+        finite = np.isfinite(both)
+        # a deviation that is not finite is out of every tolerance
+        beyond_both = (both > np.maximum(self._tolerances, FLOOR_FACTOR * noise)) | ~finite
         out = beyond_both.any(axis=0)
         before = self.out.copy()
-        # what deviates more than the tolerance may be noise; and that two runs meet within less than their noise is luck
-        hidden = (np.maximum(position, own_position) > tolerance) | (np.maximum(angle, own_angle) > angle_tolerance)
+        # a deviation above the tolerance may be noise, and two runs that meet within less than their noise may do so by chance
+        hidden = (np.maximum(both, noise) > self._tolerances).any(axis=0)
         for first, beyond in ((self.out, out), (self.hidden, hidden)):
             np.minimum(first, np.where(beyond.any(axis=0), part.start + beyond.argmax(axis=0), first), out=first)
         for k in np.flatnonzero(self.out < before):
-            self.at_out[:, k], self.exceeded[:, k] = (
-                both[:, out[:, k].argmax(), k],
-                beyond_both[:, out[:, k].argmax(), k],
-            )
-        order = np.where(np.isfinite(position), position, np.inf)
-        place, every = order.argmax(axis=0), np.arange(len(self.largest))
-        # of a number that is none no other is larger
-        larger = (order[place, every] > self.largest) & np.isfinite(self.largest)
+            row = out[:, k].argmax()
+            self.at_out[:, k], self.exceeded[:, k] = both[:, row, k], beyond_both[:, row, k]
+        order = np.where(finite, both, np.inf)
+        place = order.argmax(axis=1)
+        # nothing is larger than a deviation that is not finite
+        larger = (order.max(axis=1) > self.largest) & np.isfinite(self.largest)
         self.at = np.where(larger, part.start + place, self.at)
-        self.largest = np.where(larger, position[place, every], self.largest)
-        turned = np.where(np.isfinite(angle), angle, np.inf)
-        place = turned.argmax(axis=0)
-        larger = (turned[place, every] > self.angle) & np.isfinite(self.angle)
-        self.angle_at = np.where(larger, part.start + place, self.angle_at)
-        self.angle = np.maximum(self.angle, angle.max(axis=0))
-        self.squares += (position**2).sum(axis=0), (angle**2).sum(axis=0)
+        self.largest = np.where(larger, np.take_along_axis(both, place[:, None], axis=1)[:, 0], self.largest)
+        self.squares += (both**2).sum(axis=1)
         self.rows += part.stop - part.start
 
     def time(self, row: int) -> float:
@@ -409,18 +398,18 @@ def _body_diff(departures: Departures, body: int, name: str, touched: float | No
     position_rms, angle_rms = np.sqrt(departures.squares[:, body] / departures.rows).tolist()
     return BodyDiff(
         name,
-        float(departures.largest[body]),
+        float(departures.largest[0, body]),
         position_rms,
-        float(departures.angle[body]),
+        float(departures.largest[1, body]),
         angle_rms,
-        departures.time(departures.at[body]),
+        departures.time(departures.at[0, body]),
         first,
         None,
         cause,
         exceeded=tuple(name for name, out in zip(PARTS, departures.exceeded[:, body], strict=True) if out),
         position_out=None if first is None else float(departures.at_out[0, body]),
         angle_out=None if first is None else float(departures.at_out[1, body]),
-        time_of_largest_angle=departures.time(departures.angle_at[body]),
+        time_of_largest_angle=departures.time(departures.at[1, body]),
     )
 
 

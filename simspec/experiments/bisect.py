@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from simspec.analysis.run_figures import find_figure, half_width, read_figure
+from simspec.analysis.speed import find_figure, half_width, read_figure
 from simspec.comparison.floor import perturbation_of
 from simspec.compiler import compile_world
 from simspec.engines.kit.identity import MARK
@@ -146,7 +146,7 @@ def bisect(
     """Find which of ``versions`` of ``engine`` changed ``figure`` beyond noise.
 
     versions in order, two at least; the change is searched between the first and the last
-    figure   a number of a run (:func:`simspec.analysis.run_figures.find_figure`)
+    figure   a number of a run (:func:`simspec.analysis.speed.find_figure`)
     store    folder of stored runs, made where there is none; it may be that of a sweep
     pythons  interpreters by label (``NAME@VERSION``); a version without one must be the one that is installed here
     deadline s that the process of one run may take

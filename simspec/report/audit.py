@@ -6,23 +6,19 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from rich.table import Table
-from rich.text import Text
-
 from simspec.audit.findings import EngineAudit, FileAudit, Finding, Group, Severity, What, grouped
 from simspec.audit.pair import PairAudit
 from simspec.errors import clipped, visible
-from simspec.report.kit import table
+from simspec.report.model_files import plausibility_data, plausibility_lines
+from simspec.report.page.document import Section
 from simspec.report.page.packing import Packed
-from simspec.report.page.section import Section
-from simspec.report.page.sheets import Cell, Sheet, sheets
-from simspec.report.page.words import BAD, GOOD, PLAIN, WARNING, Sentence
+from simspec.report.page.words import Sentence
 from simspec.report.plain import plain
-from simspec.report.plausibility import plausibility_data, plausibility_lines
 from simspec.report.screen import console
+from simspec.report.table import BAD, DIM, GOOD, PLAIN, WARNING, Table, TableCell
 from simspec.report.tested import Entry, Status, Suite
 
-STYLES = {Severity.PHYSICS: "bold red", Severity.RATING: "yellow", Severity.APPEARANCE: "yellow"}
+TONES = {Severity.PHYSICS: BAD, Severity.RATING: WARNING, Severity.APPEARANCE: WARNING}
 LONGEST_VALUE = 46
 """Characters of a value in a table; JSON has it whole."""
 MOST_DEFECTS = 5
@@ -97,7 +93,7 @@ def _chosen(finding: Finding) -> str:
 def _engines(audit: FileAudit) -> Table:
     compiled = {one.engine: one for one in audit.compiled}
     right = (2, 3, 4, 5)
-    shown = table(
+    shown = Table(
         "Engines",
         "engine",
         "loads it",
@@ -111,10 +107,10 @@ def _engines(audit: FileAudit) -> Table:
     for one in audit.engines:
         proof = compiled.get(one.engine)
         silent = len(one.silent) if one.loaded else 0
-        shown.add_row(
+        shown.add(
             f"{one.engine} {one.version}".strip(),
-            Text("yes", style="green") if one.loaded else Text("dies" if one.died else "refuses", style="bold red"),
-            Text(str(silent), style="bold red" if silent else "green") if one.loaded else "–",
+            TableCell("yes", GOOD) if one.loaded else TableCell("dies" if one.died else "refuses", BAD),
+            TableCell(str(silent), BAD if silent else GOOD) if one.loaded else "–",
             str(len(one.findings) - silent) if one.loaded else "–",
             str(one.compared) if one.loaded else "–",
             f"{one.seconds:.1f}",
@@ -123,24 +119,24 @@ def _engines(audit: FileAudit) -> Table:
     return shown
 
 
-def _proof_cell(valid: bool | None, why: str) -> Text:
+def _proof_cell(valid: bool | None, why: str) -> TableCell:
     if valid:
-        return Text("certified", style="green")
+        return TableCell("certified", GOOD)
     if valid is None:
-        return Text(clipped(why, 120), style="dim")
-    return Text(clipped(f"FAILED: {why}", 160), style="bold red")
+        return TableCell(clipped(why, 120), DIM)
+    return TableCell(clipped(f"FAILED: {why}", 160), BAD)
 
 
 def _findings(audit: FileAudit, details: bool) -> Table:
     title = "What engines make of the file"
-    shown = table(title, "engine", "what", "value", "where", "file → engine", "how much, or why")
+    shown = Table(title, "engine", "what", "value", "where", "file → engine", "how much, or why")
     for group in _shown(audit, details):
         rows = group.findings if details else (group.worst,)
         for finding in rows:
             name = finding.quantity.replace("_", " ").replace("joint.", "joint ")
-            shown.add_row(
+            shown.add(
                 group.engine,
-                Text(f"{group.what}", style=STYLES.get(group.severity, "dim")),
+                TableCell(f"{group.what}", TONES.get(group.severity, DIM)),
                 name if finding.silent else f"{name} ({group.severity})",
                 _where(finding, 0 if details else len(group.findings) - 1),
                 _both(finding),
@@ -254,7 +250,6 @@ def audit_sections(audits: Sequence[FileAudit]) -> Any:
 def _section(audit: FileAudit) -> Section:
     rows = [(one.engine, f"{one.version or '–'}, {one.how}") for one in audit.engines]
     rows += [(f"{one.engine} warned", line) for one in audit.engines for line in one.log[:20]]
-    cells = tuple((Cell(visible(name)), Cell(visible(value), "wrap")) for name, value in rows)
     return Section(
         name=visible(audit.file),
         description="What physics engines make of a robot file that they load as it is, beside what the file means.",
@@ -262,9 +257,9 @@ def _section(audit: FileAudit) -> Section:
         notes=tuple(map(visible, (*choices(audit), *plausibility_lines(audit.plausibility)))),
         certificate=(),
         certificate_notes=(),
-        results=sheets(audit_tables(audit)),
-        details=sheets([_findings(audit, True)] if any(one.findings for one in audit.engines) else []),
-        provenance=Sheet("How each engine loaded the file", (Cell("engine"), Cell("")), cells),
+        results=tuple(audit_tables(audit)),
+        details=(_findings(audit, True),) if any(one.findings for one in audit.engines) else (),
+        provenance=Table("How each engine loaded the file", "engine", "", rows=rows),
         scene=None,
         caption="",
     )
@@ -283,11 +278,11 @@ def show_pair(pair: PairAudit) -> None:
         if names:
             screen.print(f"only in {side} ({len(names)}): {clipped(', '.join(names), 600)}", soft_wrap=True)
     if pair.findings:
-        shown = table("Differences", "value", "where", "A", "B", "how much")
+        shown = Table("Differences", "value", "where", "A", "B", "how much")
         for group in grouped(pair.findings):
             worst = group.worst
-            shown.add_row(
-                Text(group.quantity, style=STYLES.get(group.severity, "dim")),
+            shown.add(
+                TableCell(group.quantity, TONES.get(group.severity, DIM)),
                 _where(worst, len(group.findings) - 1),
                 clipped(worst.file_value, LONGEST_VALUE),
                 clipped(worst.engine_value, LONGEST_VALUE),

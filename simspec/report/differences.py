@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-
-from rich.table import Table
-from rich.text import Text
+from typing import Any
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor
-from simspec.comparison.runs import INCONCLUSIVE, SHOWN_BODIES, BodyDiff, Diff, out_words
+from simspec.comparison.runs import INCONCLUSIVE, QUANTITIES, SHOWN_BODIES, BodyDiff, Diff, out_words, summary
+from simspec.comparison.study import Study
 from simspec.comparison.worlds import Change
-from simspec.report.kit import length, number, table, verdict
+from simspec.report.table import (
+    BAD,
+    GOOD,
+    WARNING,
+    Table,
+    TableCell,
+    csv_text,
+    latex_text,
+    length,
+    number,
+    passed_cell,
+    records_table,
+)
 
 SHOWN_OF_ONE = 8
 """Changes of one list or mapping that are listed; a row counts the others."""
@@ -26,11 +37,11 @@ def repeatability(floors: Mapping[str, Floor]) -> Table | None:
     """Each engine's own noise."""
     if not floors:
         return None
-    repeats = table("Repeatability", "engine", "repeated run", "largest deviation", right=(2,))
+    repeats = Table("Repeatability", "engine", "repeated run", "largest deviation", right=(2,))
     words = {True: "bitwise equal", False: "bits differ", None: "not run"}
     for name, floor in floors.items():
         moved = f"  (initial state perturbed by {floor.perturbation:g})" if floor.perturbation else ""
-        repeats.add_row(name, words[floor.bitwise], length(floor.largest) + moved)
+        repeats.add(name, words[floor.bitwise], length(floor.largest) + moved)
     return repeats
 
 
@@ -38,7 +49,7 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
     """Where the engines differ: one row per pair of runs."""
     if not diffs:
         return None
-    pairs = table(
+    pairs = Table(
         f"Differences between engines  (tolerance {tolerances(diffs[0])}, or {FLOOR_FACTOR:g} × noise)",
         "runs",
         "largest",
@@ -47,20 +58,20 @@ def differences(diffs: Sequence[Diff]) -> Table | None:
         right=(3,),
     )
     for column, width in zip(pairs.columns[1:3], WIDTHS, strict=True):
-        column.max_width = width
+        column.width = width
     for diff in diffs:
         worst, out = diff.worst if told(diff) else None, diff.first_out
         noise = length(worst.floor) if worst else _noise(diff, diff.untold) if diff.untold else "–"
-        pairs.add_row(
+        pairs.add(
             f"{diff.first.split()[0]} –\n{diff.second.split()[0]}",
             "\n".join(_largest(diff)) if worst else "–",
-            Text(f"{out.body} at {out.first_out:.4g} s, {out.cause}:\n{out_words(out)}", style="yellow")
+            TableCell(f"{out.body} at {out.first_out:.4g} s, {out.cause}:\n{out_words(out)}", WARNING)
             if out
             else _stays(diff),
             f"{noise}\n{diff.compared_until:.4g} s" + ("\n(chaos)" if diff.horizon is not None else ""),
         )
     for why in dict.fromkeys(diff.not_compared for diff in diffs if diff.not_compared):
-        pairs.caption = f"{pairs.caption}\n{why}" if pairs.caption else why
+        pairs.note = f"{pairs.note}\n{why}" if pairs.note else why
     return pairs
 
 
@@ -92,24 +103,24 @@ def angle(value: float) -> str:
     return f"{value:.3g} rad" if not 0.0 < value < 1e-6 else f"{value:.1e} rad"
 
 
-def _stays(diff: Diff) -> Text:
+def _stays(diff: Diff) -> TableCell:
     """What is said of a comparison in which nothing is out of tolerance."""
     if diff.not_compared:
-        return Text("inconclusive: nothing was compared", style="yellow")
+        return TableCell("inconclusive: nothing was compared", WARNING)
     if diff.untold is not None:
-        return Text(f"inconclusive: noise {_noise(diff, diff.untold)}", style="yellow")
-    return verdict(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
+        return TableCell(f"inconclusive: noise {_noise(diff, diff.untold)}", WARNING)
+    return passed_cell(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
 
 
-def _out(diff: Diff, body: BodyDiff) -> Text:
+def _out(diff: Diff, body: BodyDiff) -> TableCell:
     """When a body was first out of tolerance."""
     if body.first_out is not None:
-        return Text(f"{body.first_out:.4g} s ({body.cause}): {out_words(body)}", style="yellow")
+        return TableCell(f"{body.first_out:.4g} s ({body.cause}): {out_words(body)}", WARNING)
     if not body.compared:
-        return Text("inconclusive: not compared", style="yellow")
+        return TableCell("inconclusive: not compared", WARNING)
     if body.inconclusive_from is not None:
-        return Text("inconclusive", style="yellow")
-    return verdict(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
+        return TableCell("inconclusive", WARNING)
+    return passed_cell(True, "never" if diff.horizon is None else f"not before {diff.compared_until:.4g} s")
 
 
 def inconclusive_note(diff: Diff) -> str | None:
@@ -142,7 +153,7 @@ def _noise(diff: Diff, body: BodyDiff) -> str:
 
 def diff_tables(diff: Diff) -> list[Table]:
     """One comparison in full: the bodies, then the quantities."""
-    bodies = table(
+    bodies = Table(
         f"{diff.first} – {diff.second}, until {diff.compared_until:.4g} s  (tolerance {tolerances(diff)})",
         "body",
         "largest",
@@ -154,7 +165,7 @@ def diff_tables(diff: Diff) -> list[Table]:
         right=(1, 2, 3, 4, 5),
     )
     for body in diff.bodies[:SHOWN_BODIES]:
-        bodies.add_row(
+        bodies.add(
             body.body,
             *(length(value if body.compared else None) for value in (body.position_largest, body.position_rms)),
             *(number(value if body.compared else None, "rad") for value in (body.angle_largest, body.angle_rms)),
@@ -162,26 +173,26 @@ def diff_tables(diff: Diff) -> list[Table]:
             _out(diff, body),
         )
     if len(diff.bodies) > SHOWN_BODIES:
-        bodies.caption = f"and {len(diff.bodies) - SHOWN_BODIES} more bodies, with smaller differences"
-    scalars = table("Quantities", "", diff.first, diff.second, "difference", right=(1, 2, 3))
+        bodies.note = f"and {len(diff.bodies) - SHOWN_BODIES} more bodies, with smaller differences"
+    scalars = Table("Quantities", "", diff.first, diff.second, "difference", right=(1, 2, 3))
     for item in diff.quantities:
         if item.first is None and item.second is None:
             continue
         gap = item.second - item.first if item.first is not None and item.second is not None else None
-        scalars.add_row(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
+        scalars.add(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
     if diff.first_contact is not None:
         one, other = (_pairs(pairs) for pairs in (diff.first_contact.first_only, diff.first_contact.second_only))
-        scalars.add_row("first contact that differs", one, other, number(diff.first_contact.time, "s"))
+        scalars.add("first contact that differs", one, other, number(diff.first_contact.time, "s"))
     return [bodies, _joints(diff), scalars] if diff.joints and told(diff) else [bodies, scalars]
 
 
 def _joints(diff: Diff) -> Table:
     """The joints whose coordinates differ most, in rad and in m."""
-    joints = table("Joint coordinates", "joint", "largest", "at", right=(1, 2))
+    joints = Table("Joint coordinates", "joint", "largest", "at", right=(1, 2))
     for unit in ("rad", "m"):
         for one in [joint for joint in diff.joints if joint.unit == unit][:SHOWN_BODIES]:
             size = angle(one.largest) if unit == "rad" else length(one.largest)
-            joints.add_row(one.joint, size, f"{one.time:.4g} s")
+            joints.add(one.joint, size, f"{one.time:.4g} s")
     return joints
 
 
@@ -193,9 +204,9 @@ def _pairs(pairs: Sequence[tuple[str, str]]) -> str:
 
 def changes(changed: Sequence[Change]) -> Table:
     """What changed between two worlds: of each list or mapping the first changes, and how many more there are. How many there
-    are in all is the caption; the JSON of the command lists every change."""
-    result = table("Changes of the world", "", "path", "before", "after")
-    signs = {"added": Text("+", style="green"), "removed": Text("-", style="red"), "changed": Text("~", style="yellow")}
+    are in all is the note; the JSON of the command lists every change."""
+    result = Table("Changes of the world", "", "path", "before", "after")
+    signs = {"added": TableCell("+", GOOD), "removed": TableCell("-", BAD), "changed": TableCell("~", WARNING)}
     groups: dict[str, list[Change]] = {}
     for change in changed:
         groups.setdefault(change.path.rpartition(".")[0], []).append(change)
@@ -206,13 +217,13 @@ def changes(changed: Sequence[Change]) -> Table:
             values = change.before if change.after is None else change.after
             is_entry = isinstance(values, dict) or (values is True and change.kind != "changed")
             cells = ("", "") if is_entry else (_value(change.before), _value(change.after))
-            result.add_row(signs[change.kind], f"{change.path}{f' ({change.joint})' if change.joint else ''}", *cells)
+            result.add(signs[change.kind], f"{change.path}{f' ({change.joint})' if change.joint else ''}", *cells)
             rows += 1
         if len(shown) < len(group) and rows < SHOWN_CHANGES:
-            result.add_row("", f"{place}: {len(group) - len(shown):,} more", "", "")
+            result.add("", f"{place}: {len(group) - len(shown):,} more", "", "")
             rows += 1
     if any(len(group) > SHOWN_OF_ONE + 1 for group in groups.values()) or rows < len(changed):
-        result.caption = f"{len(changed):,} changes in all; --json lists every one"
+        result.note = f"{len(changed):,} changes in all; --json lists every one"
     return result
 
 
@@ -224,3 +235,60 @@ def _value(value: object) -> str:
     if isinstance(value, list):
         return f"[{', '.join(_value(item) for item in value)}]"
     return str(value)
+
+
+# Tables of a study for papers and spreadsheets: CSV and LaTeX.
+
+
+def runs_table(study: Study) -> Table:
+    """A row for each run of a study: engine, failure, expectations, speed, and its quantities at the end."""
+    rows = []
+    for label, run in study.runs.items():
+        outcomes, quantities = study.outcomes.get(label, ()), summary(run)
+        rows.append(
+            {"engine": label, "version": run.provenance.get("engine_version"), "failed": run.failed}
+            | {"passed": sum(one.passed for one in outcomes), "expected": len(outcomes)}
+            | {name: getattr(run, name) for name in ("real_time_factor", "cpu_factor", "end_to_end_factor")}
+            | {f"{name}, {unit}" if unit else name: quantities.get(name) for name, unit in QUANTITIES}
+        )
+    return records_table(f"Runs of {study.world.name}", rows)
+
+
+def differences_table(study: Study) -> Table:
+    """A row for each pair of engines and body of a study."""
+    return records_table(f"Differences between engines in {study.world.name}", list(_differences(study)))
+
+
+def _differences(study: Study) -> Iterator[dict[str, Any]]:
+    for diff in study.diffs:
+        for body in diff.bodies:
+            compared = body if body.compared else None
+            yield {
+                "first": diff.first,
+                "second": diff.second,
+                "body": body.body,
+                "verdict": body.verdict,
+                "largest, m": compared and compared.position_largest,
+                "rms, m": compared and compared.position_rms,
+                "largest angle, rad": compared and compared.angle_largest,
+                "time of largest, s": compared and compared.time_of_largest,
+                "time of largest angle, s": compared and compared.time_of_largest_angle,
+                "first out, s": body.first_out,
+                "first out of": " and ".join(body.exceeded) or None,
+                "cause": body.cause or None,
+                "noise, m": body.floor,
+                "compared until, s": diff.compared_until,
+            }
+
+
+def study_tables(study: Study, form: str) -> dict[str, str]:
+    """Every table of a study by the name of its file: ``runs`` and ``differences``, as ``csv`` or ``tex``. Raises ValueError
+    for another form."""
+    if form not in ("csv", "tex"):
+        raise ValueError(f"no form of tables: {form}")
+    tables = {"runs": runs_table(study), "differences": differences_table(study)}
+    return {
+        f"{name}.{form}": csv_text(table) if form == "csv" else latex_text(table, label=f"tab:{name}")
+        for name, table in tables.items()
+        if table.rows
+    }

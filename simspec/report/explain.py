@@ -8,8 +8,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from rich.table import Table
-
 from simspec.compiler import Compiled, write_folder
 from simspec.contact.plan import ContactPlan, contact_plan
 from simspec.contact.rules import Rules
@@ -18,8 +16,8 @@ from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Value, idle_settings, pair_settings, resolve_settings
 from simspec.language.vocabulary import COMBINED_QUANTITIES
-from simspec.report.kit import table
-from simspec.report.terminal import decisions
+from simspec.report.matrix import WORDS
+from simspec.report.table import Table
 from simspec.scratch import scratch_folder
 from simspec.world.actions import Controller
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
@@ -180,10 +178,10 @@ def _told(name: str, value: Any) -> str:
 def tables(world: World, compiled: Compiled) -> list[Table]:
     """Three tables of one engine: contact, features, solver settings."""
     explanation = explained(world, compiled)
-    contact = table(f"Contact in {explanation.engine}", "materials", "law", "realisation")
+    contact = Table(f"Contact in {explanation.engine}", "materials", "law", "realisation")
     for pair in explanation.pairs:
         law = ", ".join(_told(*part) for part in (pair.law | pair.settings).items())
-        contact.add_row(f"{pair.first}, {pair.second}", law, pair.how)
+        contact.add(f"{pair.first}, {pair.second}", law, pair.how)
     costs = []
     if explanation.copies:
         costs.append(
@@ -191,38 +189,38 @@ def tables(world: World, compiled: Compiled) -> list[Table]:
         )
     if explanation.explicit:
         costs.append(f"{explanation.explicit} explicit pairs of shapes in all")
-    contact.caption = "; ".join(costs) or None
-    settings = table(f"Solver of {explanation.engine}", "setting", "value", "from", "why")
+    contact.note = "; ".join(costs)
+    settings = Table(f"Solver of {explanation.engine}", "setting", "value", "from", "why")
     for setting in explanation.settings:
         same = setting.value == setting.in_force
         shown = str(setting.value) if same else f"{setting.value}: {setting.in_force}"
         source, why = "spec" if setting.given else "default", setting.meaning
         if setting.idle:
             shown, source, why = "–", "–", f"no effect {setting.idle}"
-        settings.add_row(setting.name, shown, source, why)
+        settings.add(setting.name, shown, source, why)
     return [*([contact] if explanation.pairs else []), decisions(compiled), settings]
 
 
 def control_table(world: World) -> Table:
     """The controllers of a world: joints, law and numbers, on the joints' side of any gear."""
-    controllers = table("Control", "controller", "joints", "law", "parameters, at the joints")
+    controllers = Table("Control", "controller", "joints", "law", "parameters, at the joints")
     kinds = {body.joint.name: body.joint.kind for body in world.bodies}
     for controller in world.controllers:
         law = controller.law if controller.law == "native" else f"{controller.law}, {controller.discretisation}"
-        controllers.add_row(controller.name, ", ".join(controller.joints), law, "; ".join(_figures(controller, kinds)))
+        controllers.add(controller.name, ", ".join(controller.joints), law, "; ".join(_figures(controller, kinds)))
     if any(controller.law == "native" for controller in world.controllers):
-        controllers.caption = "native: the engine's own controller, which differs between engines"
+        controllers.note = "native: the engine's own controller, which differs between engines"
     return controllers
 
 
 def forces_table(world: World) -> Table:
     """The forces on bodies of a world, in the world's axes."""
-    forces = table("Forces on bodies", "body", "force, N", "torque, N m", "at, in its frame, m", "from", "until")
+    forces = Table("Forces on bodies", "body", "force, N", "torque, N m", "at, in its frame, m", "from", "until")
     for force in world.forces:
         vectors = (" ".join(f"{value:.4g}" for value in vector) for vector in (force.force, force.torque, force.at))
         until = "the end" if force.until is None else f"{force.until:g} s"
-        forces.add_row(force.body, *vectors, f"{force.start:g} s", until)
-    forces.caption = (
+        forces.add(force.body, *vectors, f"{force.start:g} s", until)
+    forces.note = (
         "world axes; in each step the mean over the step, as efforts on the joints from the engine's own poses"
     )
     return forces
@@ -258,3 +256,12 @@ def ways(explanation: Explained) -> Mapping[str, int]:
         else "numbers"
         for pair in explanation.pairs
     )
+
+
+def decisions(compiled: Compiled) -> Table:
+    """How each needed feature is realised in one engine."""
+    features = Table(f"Features in {compiled.engine} ({compiled.format})", "feature", "support", "realisation", "where")
+    for decision in compiled.decisions:
+        more = f" (and {len(decision.paths) - 1} more)" if len(decision.paths) > 1 else ""
+        features.add(decision.feature.value, WORDS[decision.level], decision.how, decision.paths[0] + more)
+    return features

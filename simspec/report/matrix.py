@@ -2,19 +2,114 @@
 
 from __future__ import annotations
 
-from typing import Any
+import functools
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit import capabilities
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.installing import how_to_install
 from simspec.engines.kit.registry import engines, format_of
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import formats
-from simspec.report.absent import absent
+from simspec.proof.contact.declared import EFFECTS
+from simspec.proof.contact.probe import Figure, Law
+from simspec.proof.contact.run import PROBES, widened
+from simspec.report.table import BAD, GOOD, INFO, WARNING, Table, TableCell
 from simspec.support.declarations import Absence, Level, Support, combine
 from simspec.support.features import MEANING, Feature
+from simspec.world.types import Hardness, PairContact
+
+if TYPE_CHECKING:
+    from simspec.engines.kit.installed import Instance
+
+
+# Effects of contact that are absent in an engine by its own declarations, for the support matrix: a declared deviation so
+# wide that an engine without the effect would pass (see ``proof/contact/declared.py``).
+
+FRICTION, RESTITUTION, TIMESTEP = 0.5, 0.5, 1e-3
+"""Of the laws that declarations are tried with, where a declaration does not start above these."""
+
+
+def absent(engine: type[Engine]) -> list[tuple[str, str, str]]:
+    """By effect: its name, under which law and settings it is absent from the least friction, restitution and timestep on,
+    and why."""
+    found: dict[tuple[str, str], list[Deviation]] = {}
+    for one in engine.CONTACT_DEVIATIONS:
+        if any(_shows_nothing(figure, law, one) for law in _laws(one) for figure in _figures(law, one.probe)):
+            found.setdefault((EFFECTS.get(one.probe, one.probe), one.why), []).append(one)
+    return [(effect, "; ".join(_where(some)), why) for (effect, why), some in found.items()]
+
+
+def _shows_nothing(figure: Figure, law: Law, deviation: Deviation) -> bool:
+    """Whether a figure that is furthest off passes under this declaration alone, and so shows nothing of its effect."""
+    if figure.without is None:
+        return False
+    settings = {} if deviation.setting is None else dict([deviation.setting])
+    return widened(figure, law, (deviation,), settings).absent
+
+
+def _laws(one: Deviation) -> Iterator[Law]:
+    bounces = sorted({one.restitution, _usual(RESTITUTION, one.restitution, one.below[1])})
+    for restitution, threshold in itertools.product(bounces, (0.0, 0.1)):
+        pair = PairContact(
+            "a",
+            "b",
+            _usual(FRICTION, one.friction, one.below[0]),
+            restitution,
+            restitution_threshold=threshold,
+            torsional_friction=0.01,
+            rolling_friction=0.001,
+            hardness=_hardness(one.hardness or "common"),
+        )
+        yield Law(pair, one.friction_cone or "elliptic", _usual(TIMESTEP, one.timestep, one.below[2]))
+
+
+def _usual(usual: float, least: float, below: float) -> float:
+    """The usual value, or where the declaration does not count for it one for which it does."""
+    return max(least, below / 2.0) if usual >= below else max(least, usual)
+
+
+def _hardness(kind: str) -> Hardness:
+    return Hardness(kind, time_constant=0.02, damping_ratio=1.0, stiffness=1e4, damping=100.0)
+
+
+def _figures(law: Law, probe: str) -> list[Figure]:
+    return [figure for figure in _wanted(law) if figure.probe == probe]
+
+
+@functools.cache
+def _wanted(law: Law) -> tuple[Figure, ...]:
+    """What every probe that applies wants. Thousands of declarations are tried with a few hundred laws, and the slides of one
+    law are worked out step by step."""
+    return tuple(figure for probe in PROBES.values() if probe.applies(law) for figure in probe.wanted(law))
+
+
+def _where(some: list[Deviation]) -> Iterator[str]:
+    """The conditions of declarations, each once, in words."""
+    told: dict[str, list[float]] = {}
+    for one in some:
+        parts = [
+            f"{one.setting[0]}: {one.setting[1]}" if one.setting else "",
+            f"cone {one.friction_cone}" if one.friction_cone else "",
+            f"hardness {one.hardness}" if one.hardness else "",
+        ]
+        key = ", ".join(filter(None, parts))
+        low = told.setdefault(key, [one.friction, one.restitution, one.timestep])
+        told[key] = [min(low[0], one.friction), min(low[1], one.restitution), min(low[2], one.timestep)]
+    for key, (friction, restitution, timestep) in told.items():
+        least = [
+            f"μ ≥ {friction:g}" if friction > 1e-6 else "",
+            f"e ≥ {restitution:g}" if restitution else "",
+            f"timestep ≥ {1e3 * timestep:g} ms" if timestep else "",
+        ]
+        yield ", ".join(filter(None, [key, *least])) or "always"
+
 
 MATRIX_FILE = "docs/reference/support-matrix.md"
 WORDS = {
@@ -210,3 +305,103 @@ def _range(minimum: float | None, maximum: float | None) -> str:
     if minimum is None and maximum is None:
         return ""
     return f"{'' if minimum is None else f'{minimum:g}'} … {'' if maximum is None else f'{maximum:g}'}".strip()
+
+
+# Why something is accepted or computed outside an engine, in one line, with the place where all of it is said.
+
+PAGE = MATRIX_FILE
+
+
+def link(engine: str, feature: str) -> str:
+    """Where the support matrix says how ``engine``, a name or a label, has ``feature``."""
+    return f"{PAGE}#{anchor(engine_name(engine), feature)}"
+
+
+def short_reason(engine: str, feature: str, said: str) -> str:
+    """A certificate's entry (``LEVEL: reason``) in one line: what the engine's declaration says in short.
+
+    The entry itself where that is no longer there: a certificate may be older than the engine.
+    """
+    level, _, how = said.partition(": ")
+    engine = engine_name(engine)
+    if engine not in engines() or feature not in list(Feature) or level not in list(Level):
+        return said
+    return support(engines()[engine])[Feature(feature)].brief(Level(level)) or how
+
+
+# tmp
+
+
+def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any], width: int) -> list[Table]:
+    """The engines with their versions, and what each engine of ``data`` supports."""
+    versions = Table("Engines", "engine", "version", "format", "dialect", "python", "")
+    for instance in instances:
+        versions.add(
+            instance.label,
+            instance.version or TableCell("none", BAD),
+            instance.format,
+            instance.dialect,
+            instance.python or "this one",
+            TableCell(instance.problem or "", BAD),
+        )
+    levels = {
+        name: [Level(facts["support"][feature.value]["level"]) for feature in Feature] for name, facts in data.items()
+    }
+    support = _side_by_side(
+        "Supported features  (details: simspec engines --json)",
+        "feature",
+        [feature.value for feature in Feature],
+        {name: [TableCell(WORDS[level], TONES[level]) for level in own] for name, own in levels.items()},
+        width,
+    )
+    has = {name: [facts["capabilities"][capability.value] for capability in Capability] for name, facts in data.items()}
+    abilities = _side_by_side(
+        "Capabilities",
+        "capability",
+        [capability.value for capability in Capability],
+        {name: [TableCell("yes", GOOD) if one else TableCell("no", BAD) for one in own] for name, own in has.items()},
+        width,
+    )
+    reasons = Table("Lacking capabilities", "engine", "capability", "reason")
+    for name, facts in data.items():
+        for lacking, reason in facts["lacks"].items():
+            reasons.add(name, lacking, reason)
+    return [versions, *support, *abilities, *([reasons] if reasons.rows else [])]
+
+
+GAP = 3
+"""Columns between two cells of a table."""
+EDGES = 2
+"""Columns at both ends of a table."""
+
+
+def _side_by_side(
+    title: str, first: str, names: Sequence[str], columns: Mapping[str, Sequence[TableCell]], width: int
+) -> list[Table]:
+    """A row for each of ``names`` and a cell in each column: one table, or several where cells would not fit whole."""
+    labels = EDGES + max(len(word) for word in (first, *names))
+    tables: list[list[str]] = [[]]
+    taken = labels
+    for column, cells in columns.items():
+        wide = GAP + max(len(text) for text in (column, *(cell.text for cell in cells)))
+        if taken + wide > width and tables[-1]:
+            tables.append([])
+            taken = labels
+        tables[-1].append(column)
+        taken += wide
+    made: list[Table] = []
+    for shown in tables:
+        made.append(Table(title if not made else f"{title.partition('  ')[0]}, continued", first, *shown))
+        made[-1].columns[0].wraps = False
+        for row, name in enumerate(names):
+            made[-1].add(name, *(columns[column][row] for column in shown))
+    return made
+
+
+TONES = {
+    Level.EXACT: GOOD,
+    Level.VIA_API: GOOD,
+    Level.OUTSIDE: INFO,
+    Level.APPROXIMATE: WARNING,
+    Level.UNSUPPORTED: BAD,
+}

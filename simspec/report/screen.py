@@ -1,11 +1,17 @@
-"""What is shown to people: foreign text is text, never markup, never an emoji's name, and never what a terminal obeys."""
+"""Output on terminals: names from specs are text, never markup and never control characters; progress of long work."""
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Protocol
 
 from simspec.errors import visible
+
+# What is shown to people: foreign text is text, never markup, never an emoji's name, and never what a terminal obeys.
 
 if TYPE_CHECKING:
     from simspec.report.console import Screen
@@ -29,3 +35,87 @@ def console(error: bool = False) -> Screen:
         return Screen(file=stream, width=PIPE_WIDTH, no_color=True, force_terminal=False)
     wanted = Screen(file=stream).width
     return Screen(file=stream, width=min(max(wanted, NARROWEST), WIDEST))
+
+
+# What is being done, how far it is, and how long it will take: on a terminal as it goes, elsewhere a line now and then.
+
+EVERY = 10.0
+"""s between two lines where there is no terminal: a run of a minute leaves six, and silence never means that it hangs."""
+FROM_SHARE = 0.02
+"""Share of the work from which the time left is told: before, it is a guess."""
+
+
+class Progress(Protocol):
+    """Told what is being done, and, where that is known, which share of it is."""
+
+    def __call__(self, text: str, share: float | None = None, /) -> None: ...
+
+
+class Told:
+    """The last that was told, as a line: ``running x: 45 %, about 20 s left``. ``clock`` gives seconds.
+
+    Another text is another work, unless the share goes on growing: ``3 of 40 runs`` and ``4 of 40 runs`` are one.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic):
+        self._clock = clock
+        self._text, self._share, self._since = "", 0.0, clock()
+
+    def __call__(self, text: str, share: float | None = None, /) -> None:
+        goes_on = bool(share and self._share and share >= self._share)
+        if text != self._text and not goes_on:
+            self._since = self._clock()
+        self._text, self._share = text, share or 0.0
+
+    def line(self) -> str:
+        """What to show now."""
+        passed = self._clock() - self._since
+        text = visible(self._text)
+        if self._share <= 0.0:
+            return f"{text}, for {duration(passed)}" if passed >= 1.0 else text
+        told = f"{text}: {self._share:.0%}"
+        if self._share < FROM_SHARE:
+            return told
+        return f"{told}, about {duration(passed * (1.0 - self._share) / self._share)} left"
+
+
+def duration(seconds: float) -> str:
+    """A time for reading: ``40 s``, ``3 min``, ``2 h 10 min``."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
+
+
+@contextmanager
+def progress(enabled: bool = True) -> Iterator[Progress]:
+    """A function to say what is being done, and how far it is: shown on standard error, beside a spinner on a terminal,
+    elsewhere as a line every ``EVERY`` seconds. Nothing at all where not ``enabled``."""
+    screen = console(error=True)
+    told = Told()
+    if not enabled:
+        yield told
+    elif screen.is_terminal:
+        from rich.text import Text
+
+        with screen.status("") as status:
+
+            def show(text: str, share: float | None = None, /) -> None:
+                told(text, share)
+                status.update(Text(told.line()))
+
+            yield show
+    else:
+        ended = threading.Event()
+        teller = threading.Thread(target=_tell, args=(told, ended), daemon=True, name="simspec-progress")
+        teller.start()
+        try:
+            yield told
+        finally:
+            ended.set()
+            teller.join()
+
+
+def _tell(told: Told, ended: threading.Event) -> None:
+    while not ended.wait(EVERY):
+        say(told.line(), error=True)

@@ -1,5 +1,6 @@
 """What a command found, as test reports have it: suites (a spec in an engine) of entries that passed, failed, could not be
-done, or do not apply. ``junit.py``, ``annotations.py`` and ``summary.py`` write it."""
+done, or do not apply. ``junit.py``, ``annotations.py`` and ``summary.py`` write it.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +14,12 @@ from typing import TYPE_CHECKING
 from simspec.comparison.runs import OUT, WITHIN, Diff, out_words
 from simspec.comparison.study import Study
 from simspec.errors import MOST_PROBLEMS, EngineError, Location, Problem, SimspecError, SpecError, clipped
+from simspec.experiments.index import Row
+from simspec.experiments.plan import Cell
+from simspec.experiments.sweep import Outcome as SweepOutcome
 from simspec.proof.checks import Check
+from simspec.report.certificate import level_title
 from simspec.report.differences import tolerances
-from simspec.report.terminal import level_title
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 from simspec.selection import NotTaken
@@ -23,6 +27,7 @@ from simspec.world.types import World
 
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate, EngineProof
+
 
 Locate = Callable[[str], Location | None]
 
@@ -252,3 +257,70 @@ def file_of(location: Location, environment: Mapping[str, str] = os.environ) -> 
         if root and os.path.commonpath([os.path.abspath(root), path]) == os.path.abspath(root):
             return os.path.relpath(path, root)
     return location.file
+
+
+# A sweep as suites of a test report: one for each engine, an entry for each run that was asked for.
+
+MOST_ENTRIES = 20_000
+"""Entries of one engine: further runs are counted in one. A report of more has tens of megabytes, which no CI system shows."""
+UNSUPPORTED = "does not support this world"
+
+
+def sweep_suites(outcome: SweepOutcome, rows: Iterable[tuple[Cell, Row | None]], locate: Locate) -> list[Suite]:
+    """The runs of a sweep by engine, then proofs that failed, and values that make the spec invalid.
+
+    ``locate``: gives the place of a path in the spec.
+    """
+    spec = outcome.plan.spec.name
+    entries: dict[str, list[Entry]] = {}
+    left: dict[tuple[str, Status], int] = {}
+    for cell, row in rows:
+        entry = _entry(cell, row, outcome, locate)
+        own = entries.setdefault(cell.engine, [])
+        if len(own) < MOST_ENTRIES or entry.status is Status.ERROR:
+            own.append(entry)
+        else:
+            left[cell.engine, entry.status] = left.get((cell.engine, entry.status), 0) + 1
+    for (engine, status), number in left.items():
+        why = "" if status is Status.PASSED else "more than are listed"
+        entries[engine].append(Entry(f"{number:,} more runs", status, why))
+    suites = [Suite(spec, engine, tuple(own)) for engine, own in entries.items()]
+    if outcome.unproven:
+        place = locate("name")
+        failed = [Entry("proof", Status.FAILED, why, "", place, excess=math.inf) for why in outcome.unproven.values()]
+        suites.append(Suite(spec, "proofs", tuple(failed)))
+    if outcome.invalid:
+        problems = list(outcome.invalid)
+        if outcome.invalid_count > 1:
+            problems.append(
+                Problem(f"{outcome.invalid_count:,} runs were not done: their values make the spec invalid")
+            )
+        suites += error_suites(spec, SpecError(problems))
+    return suites
+
+
+def _entry(cell: Cell, row: Row | None, outcome: SweepOutcome, locate: Locate) -> Entry:
+    place = locate("sweep")
+    name = _name(cell)
+    if row is None:
+        why = outcome.stopped.get(cell.engine, "not run")
+        return Entry(name, Status.SKIPPED, clipped(why), location=place)
+    seconds = row.process_seconds or 0.0
+    if row.failed is not None:
+        status = Status.SKIPPED if row.failed.startswith(UNSUPPORTED) else Status.ERROR
+        return Entry(name, status, clipped(row.failed), row.failed, place, seconds, math.inf)
+    if row.passed < row.expected:
+        message = f"{row.expected - row.passed} of {row.expected} expectations are not met"
+        return Entry(name, Status.FAILED, message, "", place, seconds, (row.expected - row.passed) / row.expected)
+    return Entry(name, Status.PASSED, seconds=seconds)
+
+
+def _name(cell: Cell) -> str:
+    """What a cell asks for, in a line."""
+    words = [f"run {cell.index + 1}"]
+    words += [cell.case] if cell.case is not None else []
+    words += [f"{path}={clipped(str(value), 60)}" for path, value in cell.overrides]
+    words += [f"sample {cell.sample}"] if cell.sample is not None else []
+    words += [f"seed {cell.seed}"] if cell.seed is not None else []
+    words += [f"repeat {cell.repeat}"] if cell.repeat else []
+    return ", ".join(words)

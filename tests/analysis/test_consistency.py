@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.analysis.consistency import consistency, convergence
+from simspec.analysis.horizons import consistency, convergence
 from simspec.errors import SpecError
 from tests.runner.synthetic import free_body, run, world
 

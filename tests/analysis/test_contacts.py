@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from simspec import mapped
-from simspec.analysis.contacts import compare_contacts, total_jaccard, touches
-from simspec.analysis.penetration import penetration
-from simspec.comparison.common import Common
-from simspec.comparison.contacts import first_difference
+from simspec.analysis.conservation import penetration
+from simspec.analysis.distributions import compare_contacts, total_jaccard, touches
+from simspec.comparison.common import Common, common_sides, first_difference
 from simspec.comparison.runs import diff
-from simspec.comparison.sides import common_sides
 from simspec.errors import SpecError
 from simspec.world.types import Shape
 from tests.runner.synthetic import free_body, run, world

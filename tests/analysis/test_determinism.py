@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.analysis.determinism import determinism
+from simspec.analysis.horizons import determinism
 from simspec.errors import SpecError
 from tests.runner.synthetic import column, free_body, run, world
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.analysis.displacement import displacement
+from simspec.analysis.conservation import displacement
 from simspec.errors import SpecError
 from simspec.world.types import Pose, Shape
 from tests.runner.synthetic import column, free_body, run, world

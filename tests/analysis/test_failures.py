@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.analysis.failures import KINDS, first_failure
+from simspec.analysis.validity import KINDS, first_failure
 from simspec.runner.expectations import evaluate
 from simspec.world.types import Expectation, Joint, Shape
 from tests.runner.synthetic import column, free_body, run, world

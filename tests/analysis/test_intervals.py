@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.analysis.intervals import ratio, share, spread
+from simspec.analysis.tables import ratio, share, spread
 
 
 def test_a_share_has_the_interval_of_clopper_and_pearson():

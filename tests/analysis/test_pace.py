@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.analysis.pace import over_time, paced, step_cost
+from simspec.analysis.speed import over_time, paced, step_cost
 from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import SpecError
 from tests.runner.synthetic import free_body, run, world

@@ -7,7 +7,7 @@ import contextlib
 import pytest
 
 import simspec
-from simspec.analysis.run_figures import figure_names, find_figure, half_width, read_figure
+from simspec.analysis.speed import figure_names, find_figure, half_width, read_figure
 from simspec.comparison.runs import summary
 from simspec.errors import SpecError
 from simspec.runner.expectations import evaluate

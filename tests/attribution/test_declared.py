@@ -14,9 +14,8 @@ import simspec
 from simspec.attribution import explanation as explaining
 from simspec.attribution.configuration import Asking, Configuration
 from simspec.attribution.declared import Declared, _carry, _overlaps, located
-from simspec.attribution.explanation import Explanation, explain_sides
-from simspec.attribution.judge import Joint, Swap
-from simspec.attribution.verdict import verdict
+from simspec.attribution.explanation import Explanation, explain_sides, verdict
+from simspec.attribution.measure import Joint, Swap
 from simspec.engines.dart.engine import Dart
 from simspec.engines.kit.capabilities import COMMON, Recovery
 from tests.attribution.planted import world

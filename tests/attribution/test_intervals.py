@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from simspec.attribution.intervals import FEWEST, Draws, above
+from simspec.attribution.measure import FEWEST, Draws, above
 from simspec.attribution.windows import ALL, Windows
 from tests.attribution.planted import world
 

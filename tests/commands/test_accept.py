@@ -15,7 +15,7 @@ from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import SpecError
 from simspec.language.load import load
-from simspec.report import reasons
+from simspec.report import matrix
 from simspec.report.matrix import support
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -136,7 +136,7 @@ DECLARED = list(
 )
 """Of every format and engine: what has to be accepted or asked for by name, and its short reason; once where an engine and its
 dialect of one name declare the same."""
-PAGE = Path(__file__).resolve().parents[2] / reasons.PAGE
+PAGE = Path(__file__).resolve().parents[2] / matrix.PAGE
 
 
 def test_there_is_something_to_say():
@@ -170,8 +170,8 @@ def test_every_link_leads_to_the_whole_reason():
     linked = [(name, feature) for name, feature, _ in DECLARED if name in engines()]
     assert linked
     for name, feature in linked:
-        path, _, anchor = reasons.link(name, feature).partition("#")
-        assert path == reasons.PAGE
+        path, _, anchor = matrix.link(name, feature).partition("#")
+        assert path == matrix.PAGE
         (line,) = [line for line in lines if f'<a id="{anchor}"></a>' in line]
         assert f"{name}, `{feature}`: " in line
 
@@ -184,12 +184,12 @@ def test_anchors_of_the_page_are_unique():
 def test_a_certificate_is_told_in_short_by_what_its_engine_declares():
     how = support(find_engine("mujoco"))[Feature.IMPACT_FRICTION]
     name = Feature.IMPACT_FRICTION.value
-    assert reasons.short_reason("mujoco", name, f"approximate: {how.how}") == how.short
-    assert reasons.short_reason("mujoco", name, "outside: by a loop") == how.cases[0].short
-    assert reasons.short_reason("mujoco", "no.such.feature", "approximate: x") == "approximate: x"
-    assert reasons.short_reason("another", name, "approximate: x") == "approximate: x"
-    assert reasons.short_reason("mujoco", Feature.GRAVITY.value, "approximate: x") == "x", "nothing is declared"
-    assert reasons.short_reason("mujoco", name, "no level") == "no level"
+    assert matrix.short_reason("mujoco", name, f"approximate: {how.how}") == how.short
+    assert matrix.short_reason("mujoco", name, "outside: by a loop") == how.cases[0].short
+    assert matrix.short_reason("mujoco", "no.such.feature", "approximate: x") == "approximate: x"
+    assert matrix.short_reason("another", name, "approximate: x") == "approximate: x"
+    assert matrix.short_reason("mujoco", Feature.GRAVITY.value, "approximate: x") == "x", "nothing is declared"
+    assert matrix.short_reason("mujoco", name, "no level") == "no level"
 
 
 def test_comments_and_what_is_said_are_the_short_reasons(tmp_path, capsys):
@@ -199,4 +199,4 @@ def test_comments_and_what_is_said_are_the_short_reasons(tmp_path, capsys):
     said, after = capsys.readouterr().out, path.read_text()
     short = support(find_engine(ENGINE))[Feature(NEEDED)].short
     assert f"- {NEEDED}  # {short}\n" in after
-    assert f"{NEEDED}  # {short}\n    {reasons.link(ENGINE, NEEDED)}\n" in said
+    assert f"{NEEDED}  # {short}\n    {matrix.link(ENGINE, NEEDED)}\n" in said

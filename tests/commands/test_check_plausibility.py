@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from simspec import cli
 from simspec.plausibility.findings import RULES, Finding, Grade, Plausibility, Sampling, ordered
-from simspec.report.plausibility import MOST_LINES, WIDTH, plausibility_lines
+from simspec.report.model_files import MOST_LINES, plausibility_lines
+from simspec.report.model_files import WIDTH_PLAUSIBILITY as WIDTH
 from tests.plausibility.files import urdf
 
 RUNNER = CliRunner()

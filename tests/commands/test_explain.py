@@ -9,9 +9,9 @@ import pytest
 
 import simspec
 from simspec import cli
-from simspec.attribution.models import proof_of
+from simspec.attribution.configuration import proof_of
+from simspec.attribution.explanation import verdict
 from simspec.attribution.sides import side_of_run
-from simspec.attribution.verdict import verdict
 from simspec.errors import EXIT_OK, EXIT_WRONG, EngineError, SpecError
 from simspec.runner.execution import failed_run, run
 from tests.attribution.planted import FALL, world

@@ -12,7 +12,7 @@ from simspec.compiler import compile_world
 from simspec.engines.kit.registry import engines
 from simspec.errors import Problem, Refusal, UnsupportedError
 from simspec.language.load import load
-from simspec.report.refusals import brief, ways_out
+from simspec.report.problems import brief, ways_out
 
 SPEC = """\
 simspec: 1
@@ -124,7 +124,7 @@ def test_all_that_is_missing_can_be_accepted(rig):
 
 def test_a_format_that_refuses_whatever_is_accepted_is_no_way_out(rig, monkeypatch):
     world = load(rig).resolve()
-    monkeypatch.setattr("simspec.report.refusals.acceptable", lambda world, name, pythons: name != "mujoco")
+    monkeypatch.setattr("simspec.report.problems.acceptable", lambda world, name, pythons: name != "mujoco")
     found = ways_out(refused(rig, "mujoco", "pybullet"), "rig.yaml", ("mujoco", "pybullet"), world)
     assert list(found.accepted) == ["pybullet"]
     assert list(found.unsupported) == ["mujoco"]

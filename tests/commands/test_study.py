@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec.cli import app
-from simspec.report.study.unequal import ranking
+from simspec.report.study.speed import ranking
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simspec import mapped
-from simspec.comparison.contacts import first_touches
+from simspec.comparison.common import first_touches
 from simspec.comparison.floor import load_floor, measure_floor, save_floor
 from simspec.comparison.runs import diff, summary
 from simspec.runner.expectations import evaluate

@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations, load_floor, measure_floor, save_floor
 from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, diff, summary
 from simspec.errors import SpecError
+from simspec.report.console import Screen
 from simspec.report.differences import differences
 from simspec.report.plain import diff_data
 from simspec.world import frames
@@ -443,7 +443,7 @@ def test_angles_and_joint_coordinates_are_named_with_their_times(capsys):
     assert found.worst_joint.joint == "eye"
     data = diff_data(found)
     assert [joint["joint"] for joint in data["joints"]] == ["eye", "turn", "lift"]
-    Console(width=80, no_color=True).print(differences([found]))
+    Screen(width=80, no_color=True).print(differences([found]))
     shown = capsys.readouterr().out
     assert all(len(line) <= 80 for line in shown.splitlines())
     for words in ("0.4 rad: link at 1 s", "2 rad: joint eye at 1 s", "3 mm: joint lift at 0.5 s"):

@@ -16,7 +16,7 @@ from simspec.experiments.plan import plan_sweep
 from simspec.experiments.store import Store, place_of
 from simspec.experiments.sweep import MOST_DEATHS, Outcome, sweep
 from simspec.language.load import Spec
-from simspec.report.sweep import csv_text, groups, outcome_data, results_table, short_names, show_outcome
+from simspec.report.experiments import csv_text, groups, outcome_data, results_table, short_names, show_outcome
 from simspec.runner.run import SCHEMA, Run
 from simspec.world.canonical import sha256
 
@@ -372,8 +372,8 @@ def test_groups_take_samples_and_repetitions_together(store):
     ]
     assert found[1].real_time_factor() == pytest.approx(0.1 / 0.02)
     table = results_table(found)
-    assert table.row_count == 3
-    assert [column.header for column in table.columns][:4] == ["mass", "engine", "runs", "real time"]
+    assert len(table.rows) == 3
+    assert [column.name for column in table.columns][:4] == ["mass", "engine", "runs", "real time"]
     data = outcome_data(outcome, found)
     assert len(data["runs"]) == 18
     assert data["groups"][0]["runs"] == 6

@@ -13,9 +13,18 @@ from simspec.comparison.study import Study
 from simspec.errors import SpecError
 from simspec.experiments.machine import Machine
 from simspec.experiments.timing import TIMED
-from simspec.report.baseline import Baseline, baseline_of, own_baseline, read_baseline
-from simspec.report.compared import Change, compare, comparison_data, reasons
-from simspec.report.regressions import comparison_lines, comparison_suite
+from simspec.report.baseline import (
+    Baseline,
+    Change,
+    baseline_of,
+    compare,
+    comparison_data,
+    comparison_lines,
+    comparison_suite,
+    own_baseline,
+    read_baseline,
+    reasons,
+)
 from simspec.report.tested import Status
 from simspec.runner.run import Run
 from tests.runner.synthetic import column, free_body, run, world

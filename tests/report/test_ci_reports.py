@@ -13,9 +13,7 @@ from lxml import etree
 from simspec.errors import EngineError, Location, Problem, SpecError
 from simspec.proof.certificate import EngineProof
 from simspec.proof.checks import Check
-from simspec.report.annotations import annotation_lines
-from simspec.report.junit import junit, own_junit
-from simspec.report.summary import own_summary, summary
+from simspec.report.ci_files import annotation_lines, junit, own_junit, own_summary, summary
 from simspec.report.tested import (
     Entry,
     Status,

@@ -7,15 +7,15 @@ import io
 import math
 
 import pytest
-from rich.console import Console
 
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import SpecError
 from simspec.proof.contact.probe import Figure, project
-from simspec.report import polar
-from simspec.report.contact import contact_table, deviations
+from simspec.report import figures as polar
+from simspec.report.certificate import contact_table, deviations
+from simspec.report.console import Screen
 from simspec.report.explain import explained, tables, ways
 from simspec.support.features import Feature
 from simspec.world.types import Hardness
@@ -41,7 +41,7 @@ def push(cone: str = "elliptic", scale: float = 1.0, subject: str = "rubber, ste
 
 
 def printed(*shown: object) -> str:
-    screen = Console(width=120, record=True, file=io.StringIO())
+    screen = Screen(width=120, record=True, file=io.StringIO())
     for one in shown:
         screen.print(one)
     return screen.export_text()

@@ -6,12 +6,12 @@ import io
 import json
 
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner
 
 from simspec.cli import app
 from simspec.engines.kit.registry import engines
 from simspec.language.load import Spec
+from simspec.report.console import Screen
 from simspec.report.explain import control_table
 
 SOLID = {"mass": 1, "inertia": {"principal": [1, 1, 1]}}
@@ -27,10 +27,10 @@ def row(**controller: object) -> list[str]:
     """The cells of the only controller's row, and the caption."""
     spec = Spec.from_data({"name": "x", "bodies": BODIES, "control": {"robot": controller}})
     found = control_table(spec.resolve())
-    screen = Console(width=200, record=True, file=io.StringIO())
+    screen = Screen(width=200, record=True, file=io.StringIO())
     screen.print(found)
     assert "robot" in screen.export_text()
-    return [*(next(iter(column.cells)) for column in found.columns), found.caption or ""]
+    return [*found.rows[0], found.note]
 
 
 @pytest.mark.parametrize(

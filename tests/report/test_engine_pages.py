@@ -13,7 +13,8 @@ from simspec.engines.kit.registry import engines
 from simspec.errors import SpecError
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
-from simspec.report import engine_figures, engine_pages
+from simspec.report import engine_pages
+from simspec.report import engine_pages as engine_figures
 from simspec.report.matrix import support
 from simspec.support.declarations import Level
 from simspec.support.features import Feature

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from simspec.analysis.intervals import spread
+from simspec.analysis.tables import spread
 from simspec.comparison.floor import measure_floor
 from simspec.errors import SpecError
 from simspec.report import figures

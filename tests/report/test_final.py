@@ -7,11 +7,11 @@ import io
 import math
 
 import pytest
-from rich.console import Console
 
 from simspec.errors import SpecError
 from simspec.language.load import Spec
-from simspec.report.final import MOST_ROWS, ends, final_table, shown_of
+from simspec.report.console import Screen
+from simspec.report.studies import MOST_ROWS, ends, final_table, shown_of
 from simspec.world import frames
 from simspec.world.types import Joint
 from tests.runner.synthetic import column, free_body, run, world
@@ -35,7 +35,7 @@ def two():
 
 
 def text(found) -> str:
-    screen = Console(file=io.StringIO(), width=120)
+    screen = Screen(file=io.StringIO(), width=120)
     screen.print(found)
     return screen.file.getvalue()
 

@@ -19,13 +19,12 @@ from simspec.comparison.floor import Floor, save_floor
 from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff, diff
 from simspec.comparison.study import Study
 from simspec.errors import EXIT_FAILED, EXIT_OK
-from simspec.report.differences import diff_tables, differences, inconclusive_note
-from simspec.report.junit import junit
-from simspec.report.page.words import GOOD, verdict
+from simspec.report.ci_files import junit, summary
+from simspec.report.differences import diff_tables, differences, differences_table, inconclusive_note
+from simspec.report.page.words import verdict
 from simspec.report.plain import diff_data
 from simspec.report.screen import console
-from simspec.report.summary import summary
-from simspec.report.tables import differences_table
+from simspec.report.table import GOOD
 from simspec.report.tested import study_suites
 from simspec.runner.run import Run
 from simspec.selection import named
@@ -136,7 +135,8 @@ def test_machines_are_told_so():
     assert (data["within"], data["verdict"]) == (False, INCONCLUSIVE)
     assert data["not_compared"] == found.not_compared
     assert [body["compared"] for body in data["bodies"]] == [False, False]
-    (row, _) = differences_table(nothing()).rows()
+    table = differences_table(nothing())
+    (row, _) = (dict(zip((column.name for column in table.columns), row, strict=True)) for row in table.rows)
     assert (row["verdict"], row["largest, m"], row["rms, m"]) == (INCONCLUSIVE, None, None)
     assert "nothing was compared" in found._repr_html_()
 
@@ -233,7 +233,7 @@ def test_the_quantity_that_exceeded_its_tolerance_is_named_with_its_value(capsys
     suites = study_suites(study, lambda path: None, True)
     assert "first beyond the tolerance of 1 mm and 0.001 rad at 0.2 s: angle 0.002 rad" in junit(suites)
     assert "mover at 0.2 s: angle 0.002 rad" in summary(suites, study)
-    assert [row["first out of"] for row in differences_table(study).rows()] == [None, "angle"]
+    assert [row[10] for row in differences_table(study).rows] == [None, "angle"]
     assert "angle 0.002 rad" in found._repr_html_()
 
 

@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from simspec.report import progress as module
-from simspec.report.progress import Told, duration, progress
+from simspec.report import screen as module
+from simspec.report.screen import Told, duration, progress
 
 
 class Clock:

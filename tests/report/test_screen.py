@@ -6,14 +6,13 @@ import io
 import json
 
 import pytest
-from rich.text import Text
 
 from simspec.errors import EngineError, Location, Problem, SpecError, visible
-from simspec.report import terminal
 from simspec.report.console import Screen
-from simspec.report.kit import table
 from simspec.report.plain import error_data, text
+from simspec.report.problems import show_error
 from simspec.report.screen import say
+from simspec.report.table import BAD, Table, TableCell
 
 FOREIGN = ["x[/red]y", "[bold]b", "pip install 'simspec[dart]'", ":smile:", "a\nerror: b", "a\x1b[31mb", "a\x9b31mb",
            "\x07\x08\r", "a\u2028b", "\u202eabc", "\ud800", "\x00", "[link=file:///x]y"]  # fmt: skip
@@ -38,8 +37,8 @@ def test_printed_text_is_one_line_of_what_it_is(foreign, capsys):
 
 @pytest.mark.parametrize("foreign", FOREIGN)
 def test_a_table_shows_it_whole_and_does_not_obey_it(foreign):
-    found = table(foreign, foreign, "b")
-    found.add_row(foreign, Text(foreign))
+    found = Table(foreign, foreign, "b")
+    found.add(foreign, TableCell(foreign, BAD))
     given = shown(found, terminal=False)
     lines = given.replace("─", "").replace("━", "")
     assert all(character == "\n" or character.isprintable() for character in lines)
@@ -50,11 +49,11 @@ def test_a_table_shows_it_whole_and_does_not_obey_it(foreign):
 @pytest.mark.parametrize("foreign", FOREIGN)
 def test_errors_keep_to_their_lines(foreign, capsys):
     problem = Problem(foreign, foreign, Location(foreign, 1, 2), foreign, foreign, foreign)
-    terminal.show_error(SpecError([problem]))
+    show_error(SpecError([problem]))
     said = capsys.readouterr().err
     assert said.count("\n") == 5
     assert said.count(visible(foreign)) == 6
-    terminal.show_error(EngineError("mujoco", foreign))
+    show_error(EngineError("mujoco", foreign))
     for line in capsys.readouterr().err.splitlines()[1:]:
         assert line.startswith("  | ")
     written = text(error_data(SpecError([problem])))
@@ -64,7 +63,7 @@ def test_errors_keep_to_their_lines(foreign, capsys):
 
 def test_very_many_problems_are_counted(capsys):
     error = SpecError([Problem("wrong " * 10_000, "x" * 100_000, found="f" * 10**6)] * 100_000)
-    terminal.show_error(error)
+    show_error(error)
     said = capsys.readouterr().err
     assert len(str(error)) < 200_000
     assert len(said) < 200_000

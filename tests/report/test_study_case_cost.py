@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec.cli import app
-from simspec.report.study.digits import two_digits
+from simspec.report.table import two_digits
 
 SPEC = """\
 simspec: 1

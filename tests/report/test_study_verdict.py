@@ -9,10 +9,9 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.report.page.document import page
-from simspec.report.study.page_section import study_section
-from simspec.report.study.sentences import limits, said_of
-from simspec.report.study.unequal import ranking
-from simspec.report.study.verdict import verdict
+from simspec.report.study.pages import study_section
+from simspec.report.study.sentences import limits, said_of, verdict
+from simspec.report.study.speed import ranking
 from simspec.stored import StudyTables
 from tests.report.page import study_samples as samples
 

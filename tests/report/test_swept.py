@@ -7,7 +7,7 @@ from lxml import etree
 
 from simspec import cli
 from simspec.errors import EXIT_FAILED, EXIT_WRONG
-from simspec.report import swept
+from simspec.report import tested
 from simspec.report.tested import Status
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
@@ -72,17 +72,17 @@ def test_what_may_not_be_written_is_said_first(place, capsys):
 
 def test_of_very_many_runs_the_others_are_counted(monkeypatch):
     cells = [cell(number) for number in range(7)]
-    monkeypatch.setattr(swept, "MOST_ENTRIES", 3)
-    (suite,) = swept.sweep_suites(outcome(), [(one, None) for one in cells], lambda path: None)
+    monkeypatch.setattr(tested, "MOST_ENTRIES", 3)
+    (suite,) = tested.sweep_suites(outcome(), [(one, None) for one in cells], lambda path: None)
     assert [entry.name for entry in suite.entries] == ["run 1", "run 2", "run 3", "4 more runs"]
     assert suite.count(Status.SKIPPED) == 4
     assert suite.entries[0].message == "it died 5 times"
 
 
-def cell(number: int) -> swept.Cell:
-    return swept.Cell(number, "first", None, (), None, 0, 0.0, None, "0" * 64)
+def cell(number: int) -> tested.Cell:
+    return tested.Cell(number, "first", None, (), None, 0, 0.0, None, "0" * 64)
 
 
-def outcome() -> swept.Outcome:
+def outcome() -> tested.Outcome:
     plan = type("Plan", (), {"spec": type("Spec", (), {"name": "fall"})()})()
-    return swept.Outcome(plan, None, stopped={"first": "it died 5 times"})
+    return tested.SweepOutcome(plan, None, stopped={"first": "it died 5 times"})

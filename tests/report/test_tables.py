@@ -8,12 +8,12 @@ import math
 
 import pytest
 
-from simspec.analysis.intervals import spread
-from simspec.analysis.tables import ResultTable
+from simspec.analysis.tables import ResultTable, spread
 from simspec.comparison.floor import measure_floor
 from simspec.comparison.runs import diff
 from simspec.comparison.study import Study
-from simspec.report.tables import csv_text, latex_text, study_tables
+from simspec.report.differences import study_tables
+from simspec.report.table import csv_text, latex_text
 from tests.runner.synthetic import column, free_body, run, world
 
 WORLD = world(free_body("ball_<1>"), free_body("cube"))

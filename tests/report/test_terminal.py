@@ -8,7 +8,6 @@ import itertools
 import json
 
 import pytest
-from rich.console import Console
 
 from simspec.comparison.floor import measure_floor
 from simspec.comparison.runs import diff
@@ -21,11 +20,15 @@ from simspec.proof.checks import Check
 from simspec.proof.expected import PARTS
 from simspec.proof.selftest import Outcome as DefectOutcome
 from simspec.proof.selftest import SelfTest
-from simspec.report import differences, matrix, terminal
-from simspec.report.kit import length
+from simspec.report import differences, matrix
+from simspec.report.certificate import PART_WORDS, level_title, self_test_table, show_certificate
+from simspec.report.matrix import engine_tables
 from simspec.report.plain import error_data, plain, study_data
 from simspec.report.plain import text as json_text
-from simspec.report.progress import progress
+from simspec.report.problems import show_error
+from simspec.report.screen import Screen, progress
+from simspec.report.studies import show_study
+from simspec.report.table import length
 from simspec.runner.execution import failed_run
 from simspec.runner.expectations import evaluate
 from simspec.support.features import Feature
@@ -58,14 +61,14 @@ def a_study(crashed: bool = False) -> Study:
 
 
 def shown(work, width: int = 80) -> str:
-    screen = Console(file=io.StringIO(), width=width)
+    screen = Screen(file=io.StringIO(), width=width)
     work(screen)
     return screen.file.getvalue()
 
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_a_study_fits_and_answers(width):
-    text = shown(lambda screen: terminal.show_study(a_study(), screen), width)
+    text = shown(lambda screen: show_study(a_study(), screen), width)
     assert max(len(line) for line in text.splitlines()) <= width
     for name in RATES:
         assert name in text
@@ -77,7 +80,7 @@ def test_a_study_fits_and_answers(width):
 
 
 def test_a_crash_stands_in_the_table():
-    text = shown(lambda screen: terminal.show_study(a_study(crashed=True), screen), 120)
+    text = shown(lambda screen: show_study(a_study(crashed=True), screen), 120)
     assert "SIGSEGV" in text
 
 
@@ -126,7 +129,7 @@ def a_certificate(worst: float | None = 3e-12) -> Certificate:
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_a_certificate_shows_the_worst_of_each_level_and_what_is_behind_it(width):
-    text = shown(lambda screen: terminal.show_certificate(a_certificate(), screen), width)
+    text = shown(lambda screen: show_certificate(a_certificate(), screen), width)
     assert max(len(line) for line in text.splitlines()[:14]) <= width
     lines = {line.split()[0]: line.split() for line in text.splitlines() if line.strip()}
     assert any("not compared" in line and "3.0e-12" in line for line in text.splitlines())
@@ -141,7 +144,7 @@ def test_a_certificate_shows_the_worst_of_each_level_and_what_is_behind_it(width
 
 @pytest.mark.parametrize(("worst", "words"), [(1e-3, "1.0e-03"), (None, "different kind")])
 def test_a_certificate_that_fails_says_where(worst, words):
-    text = shown(lambda screen: terminal.show_certificate(a_certificate(worst), screen), 120)
+    text = shown(lambda screen: show_certificate(a_certificate(worst), screen), 120)
     assert "NOT VALID" in text
     assert "1 FAILED" in text
     row = next(line for line in text.splitlines() if "L1 inertia" in line)
@@ -152,7 +155,7 @@ def test_errors_put_the_place_first(capsys):
     problem = Problem(
         "no such key", "bodies.ball.mas", Location("a.yaml", 3, 5), found="mas", hint="did you mean 'mass'?"
     )
-    terminal.show_error(SpecError([problem, problem]))
+    show_error(SpecError([problem, problem]))
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "a.yaml:3:5: error: bodies.ball.mas: no such key"
     assert lines[2].strip() == "hint:    did you mean 'mass'?"
@@ -160,7 +163,7 @@ def test_errors_put_the_place_first(capsys):
 
 
 def test_text_of_users_is_not_read_as_markup(capsys):
-    terminal.show_error(SpecError([Problem("found [bold]this[/bold] and [/nothing]")]))
+    show_error(SpecError([Problem("found [bold]this[/bold] and [/nothing]")]))
     assert "[bold]this[/bold] and [/nothing]" in capsys.readouterr().err
 
 
@@ -195,7 +198,7 @@ def test_the_self_test_shows_what_was_missed():
             DefectOutcome("dart", "axis", True, ("L2",)),
         )
     )
-    text = shown(lambda screen: screen.print(terminal.self_test_table(found)))
+    text = shown(lambda screen: screen.print(self_test_table(found)))
     rows = {line.split()[0]: line.split()[1:] for line in text.splitlines() if line.strip()}
     assert rows["mass"][:2] == ["L1,", "L3"]
     assert "it has no such number" in text
@@ -206,23 +209,23 @@ def test_a_level_is_called_after_what_it_checks():
     def checks(*names):
         return [Check("L7", name, 1, 1e-9, 0.0, "") for name in names]
 
-    assert terminal.level_title("L7", []) == "L7 control, step response"
-    assert terminal.level_title("L7", checks("applied forces")) == "L7 applied forces"
+    assert level_title("L7", []) == "L7 control, step response"
+    assert level_title("L7", checks("applied forces")) == "L7 applied forces"
     both = checks("prescribed motion", "step response", "step response, closed form")
-    assert terminal.level_title("L7", both) == "L7 control, step response; prescribed motion"
-    assert terminal.level_title("L6", checks("dry friction, at rest", "dry friction, sliding")) == "L6 dry friction"
-    assert terminal.level_title("L3", checks("mass matrix")) == "L3 dynamics"
+    assert level_title("L7", both) == "L7 control, step response; prescribed motion"
+    assert level_title("L6", checks("dry friction, at rest", "dry friction, sliding")) == "L6 dry friction"
+    assert level_title("L3", checks("mass matrix")) == "L3 dynamics"
     # every part that a level may lack has a word, or its level is of one thing
     for level, part in PARTS:
-        if level in terminal.PART_WORDS and part:
-            assert part.partition(",")[0] in terminal.PART_WORDS[level]
+        if level in PART_WORDS and part:
+            assert part.partition(",")[0] in PART_WORDS[level]
 
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_no_word_of_the_engines_features_is_broken(width):
     """A table of twelve engines left nine columns for each: "joint.h / inge"."""
     data = matrix.engine_data()
-    made = [one for one in terminal.engine_tables([], data, width) if str(one.title).startswith(("Supported", "Capab"))]
+    made = [one for one in engine_tables([], data, width) if str(one.title).startswith(("Supported", "Capab"))]
     out = shown(lambda screen: [screen.print(one) for one in made], width)
     names = {*(feature.value for feature in Feature), *(one.value for one in Capability), *data, *["by", "API"]}
     assert names | {"approximate", "yes", "no"} <= set(out.split())

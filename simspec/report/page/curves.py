@@ -13,9 +13,8 @@ from simspec.comparison.floor import FLOOR_FACTOR, deviations
 from simspec.comparison.study import Study
 from simspec.errors import visible
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.report.kit import length
-from simspec.report.page.frames import Frames, Rows
-from simspec.report.page.packing import Numbers, Packed
+from simspec.report.page.packing import Frames, Numbers, Packed, Rows
+from simspec.report.table import length
 from simspec.runner import metrics
 from simspec.runner.run import Run
 from simspec.runner.store import driven_joints

@@ -1,15 +1,23 @@
-"""Numbers as text of a page: rounded to 16 bits where they are for the eye, gzip, base64. ``page/src/packing.ts`` reads them.
-
-Trajectories are packed as differences in time, all low bytes before all high bytes: what changes slowly is then mostly zeros.
-"""
+"""Which recorded times a page shows, the box of its positions, and numbers packed as text: rounded to 16 bits, gzip, base64."""
 
 from __future__ import annotations
 
 import base64
 import gzip
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from simspec.mapped import parts
+from simspec.runner.metrics import moving_bodies
+from simspec.runner.run import Run
+from simspec.world.types import World
+
+# Numbers as text of a page: rounded to 16 bits where they are for the eye, gzip, base64. ``page/src/packing.ts`` reads them.
+#
+# Trajectories are packed as differences in time, all low bytes before all high bytes: what changes slowly is then mostly zeros.
 
 Numbers = NDArray[np.float64]
 Codes = NDArray[np.int16]
@@ -74,3 +82,119 @@ def turns(quaternions: Numbers) -> Codes:
     followed = quaternions.copy()
     followed[1:] *= sign[..., None]
     return np.round(np.clip(followed, -1.0, 1.0) * LARGEST_CODE).astype(np.int16)
+
+
+# Which recorded times a page shows, and the box that its positions are in.
+
+Rows = NDArray[np.int64]
+
+MOST_NUMBERS = 350_000
+"""Numbers (three of a position, four of a turn) that the playback of one run has: about 0.1 MB packed."""
+FEWEST_FRAMES, MOST_FRAMES = 200, 2000
+COARSEST = 1 / 400
+"""Largest step of packed positions, of the radius of what is looked at: beyond, it would be seen."""
+FARTHEST = 1e9
+"""Distance from the origin (m) beyond which nothing is drawn: single precision, which pictures are drawn in, ends before."""
+USUAL = (5.0, 95.0)
+"""Percentiles of the positions that the camera looks at, and that the box is limited by: a run may throw a body far away."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The rows that are shown, of some runs of one world.
+
+    ``rows``: of the longest run; a run that ended early has the first ``shown[k]`` of them. ``low`` and ``high`` (3,): the
+    box of all positions (m). ``centre`` (3,) and ``radius`` (m): the ball that most of what moves is in. ``every``: the
+    distance of the rows. ``beyond``: whether bodies leave the box, and are drawn at its edge.
+    """
+
+    rows: Rows
+    shown: tuple[int, ...]
+    time: Numbers
+    low: Numbers
+    high: Numbers
+    centre: Numbers
+    radius: float
+    every: int
+    beyond: bool
+
+    @property
+    def step(self) -> float:
+        """The largest step between two packed positions (m)."""
+        return resolution(self.low, self.high)
+
+
+def choose_frames(world: World, runs: Sequence[Run]) -> Frames:
+    """The frames of some runs of ``world`` that recorded anything: evenly spaced, with the first and the last."""
+    usable = [_rows_to_draw(run) for run in runs]
+    longest = int(np.argmax(usable))
+    count = usable[longest]
+    moving = moving_bodies(world)
+    numbers = sum(3 if turns_unseen(world, int(body)) else 7 for body in moving)
+    most = int(np.clip(MOST_NUMBERS // max(1, numbers), FEWEST_FRAMES, MOST_FRAMES))
+    every = max(1, -(-(count - 1) // (most - 1)))
+    rows = np.arange(0, count, every)
+    if rows[-1] != count - 1:
+        rows = np.append(rows, count - 1)
+    shown = tuple(int(np.searchsorted(rows, own)) for own in usable)
+    everywhere = [run.arrays["pose"][rows[:own], :, :3] for run, own in zip(runs, shown, strict=True)]
+    low, high, centre, radius, beyond = _box(world, everywhere, moving)
+    time = np.asarray(runs[longest].time[rows], dtype=np.float64)
+    return Frames(rows, shown, time, low, high, centre, radius, every, beyond)
+
+
+def _rows_to_draw(run: Run) -> int:
+    """The rows before the first that cannot be drawn; at least one."""
+    poses = run.arrays["pose"]
+    for part in parts(len(poses), 2 * poses[:1].nbytes, poses):
+        drawn = drawable(poses[part])
+        if not drawn.all():
+            first: int = part.start + int(drawn.argmin())
+            return max(1, first)
+    return len(poses)
+
+
+def drawable(poses: Numbers) -> NDArray[np.bool_]:
+    """Which rows of poses (rows, bodies, 7) can be drawn: all numbers are finite, and no body is beyond ``FARTHEST``."""
+    return np.asarray((np.abs(poses) < FARTHEST).all(axis=(1, 2)), dtype=np.bool_)
+
+
+def turns_unseen(world: World, body: int) -> bool:
+    """Whether nobody sees a body turn: all its shapes are balls about its origin."""
+    shapes = world.bodies[body].shapes
+    return all(shape.kind == "sphere" and not any(shape.pose.position) for shape in shapes)
+
+
+def _box(world: World, everywhere: Sequence[Numbers], moving: Rows) -> tuple[Numbers, Numbers, Numbers, float, bool]:
+    """The box of all positions, what the camera looks at, and whether the box had to be limited."""
+    margin = 1e-6
+    of_moving = np.concatenate([_clean(values[:, moving].reshape(-1, 3)) for values in everywhere])
+    of_all = np.concatenate([_clean(values.reshape(-1, 3)) for values in everywhere])
+    if not len(of_all):
+        of_all = np.zeros((1, 3))  # nothing can be drawn
+    if not len(of_moving):
+        of_moving = of_all
+    first, last = np.percentile(of_moving, USUAL, axis=0)
+    size = max((_reach(world, int(body)) for body in moving), default=0.0)
+    centre = 0.5 * (first + last)
+    radius = float(0.5 * np.linalg.norm(last - first) + size) or 1.0
+    low, high = of_all.min(axis=0) - margin, of_all.max(axis=0) + margin
+    beyond = resolution(low, high) > COARSEST * radius
+    if beyond:
+        reach = COARSEST * radius * 32767
+        low, high = np.maximum(low, centre - reach), np.minimum(high, centre + reach)
+        low = np.minimum(low, high - margin)  # where all of it is on one side of the centre
+    return low, high, centre, radius, beyond
+
+
+def _clean(values: Numbers) -> Numbers:
+    return values[(np.abs(values) < FARTHEST).all(axis=1)]
+
+
+def _reach(world: World, body: int) -> float:
+    """How far (m) a body's shapes reach from its origin, roughly: enough for a camera."""
+    reaches = [
+        max(map(abs, shape.pose.position)) + max(map(abs, shape.size), default=0.0)
+        for shape in world.bodies[body].shapes
+    ]
+    return min(max(reaches, default=0.0), FARTHEST)

@@ -11,10 +11,9 @@ from simspec.comparison.study import Study
 from simspec.errors import clipped
 from simspec.proof.certificate import Certificate
 from simspec.report.differences import angle, inconclusive_note, not_compared_words, tolerances
-from simspec.report.kit import length, number
+from simspec.report.table import BAD, GOOD, PLAIN, WARNING, length, listed, number
 from simspec.runner.unphysical import together
 
-GOOD, WARNING, BAD, PLAIN = "good", "warning", "bad", "plain"
 MARKS = {GOOD: "✓", WARNING: "!", BAD: "✗", PLAIN: "·"}
 """Beside the colour: what is said does not depend on seeing it."""
 MOST_FAILED = 5
@@ -46,11 +45,6 @@ def verdict(study: Study) -> list[Sentence]:
         *_speed(study),
     ]
     return [_summary(study), *parts]
-
-
-def listed(names: Sequence[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""
 
 
 def _summary(study: Study) -> Sentence:

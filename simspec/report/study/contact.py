@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 
-from rich.text import Text
-
+from simspec.comparison.runs import QUANTITIES
 from simspec.experiments.cases import world_of
 from simspec.experiments.plan import Cell
 from simspec.proof.certificate import Certificate
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import laws
-from simspec.report.contact import TITLES
-from simspec.report.kit import length, table
-from simspec.report.study.digits import two_digits
-from simspec.report.study.done import Done, Record, Shown, finite, milliseconds
-from simspec.report.study.variants import PLAIN, Variant, timesteps_of, unsupported_table, variants
+from simspec.report.certificate import TITLES
+from simspec.report.study.runs import (
+    PLAIN,
+    Done,
+    Record,
+    StudyTable,
+    Variant,
+    finite,
+    milliseconds,
+    timesteps_of,
+    unsupported_table,
+    variants,
+)
+from simspec.report.table import BAD, DIM, WARNING, TableCell, length, number, two_digits
 from simspec.world.types import PairContact
 
 
@@ -72,7 +81,7 @@ Measured = Mapping[tuple[str, str], Sequence[Figure]]
 """The figures of one proof, by the law in words and the probe."""
 
 
-def contact_tables(done: Done) -> list[Shown]:
+def contact_tables(done: Done) -> list[StudyTable]:
     """``contact``: a table for each probe that has figures, ``contact.PROBE``, and ``contact.unsupported``: what has none."""
     made = variants(done)
     steps = timesteps_of(made)
@@ -91,8 +100,8 @@ def contact_tables(done: Done) -> list[Shown]:
     ordered = {key: rows[key] for key in sorted(rows, key=lambda key: _numbers(key[1]))}
     shown = [_shown(done, made, steps, probe, ordered, note) for probe in probes]
     if not shown and unmeasured:
-        shown = [Shown("contact", table(f"{done.sweep.name}: {note}", "nothing was measured"))]
-    return [*shown, Shown("contact.unsupported", unsupported_table(done, made))]
+        shown = [StudyTable(done, "contact", note, "nothing was measured")]
+    return [*shown, unsupported_table(done, "contact", made)]
 
 
 def _shown(
@@ -102,26 +111,27 @@ def _shown(
     probe: str,
     rows: Mapping[tuple[str, str, str], Mapping[int, Mapping[float, Sequence[Figure]]]],
     note: str,
-) -> Shown:
+) -> StudyTable:
     form = FORMS.get(probe, Form(by_case=True))
     what = " (% of the expected value)" if form.share else f" ({form.unit})" if form.unit else ""
     by_case = any(case for name, _, case in rows if name == probe)
     heads = ["law", *(["probed"] if by_case else []), "settings", "engine"]
     right = range(len(heads), len(heads) + len(steps))
-    shown = table(
-        f"{done.sweep.name}: {TITLES.get(probe, probe)}: deviation{what}",
+    shown = StudyTable(
+        done,
+        f"contact.{probe}",
+        f"{TITLES.get(probe, probe)}: deviation{what}",
         *heads,
         *map(milliseconds, steps),
         right=right,
     )
-    records: list[Record] = []
     for (name, law, case), own in rows.items():
         for index, figures in own.items() if name == probe else ():
-            records += [_record(form, law, case, made[index], step, of_step) for step, of_step in figures.items()]
+            shown.records += [_record(form, law, case, made[index], step, of_step) for step, of_step in figures.items()]
             cells = [_cell(form, figures.get(step)) for step in steps]
-            shown.add_row(law, *([case] if by_case else []), made[index].label, made[index].engine, *cells)
-    shown.caption = note
-    return Shown(f"contact.{probe}", shown, records)
+            shown.add(law, *([case] if by_case else []), made[index].label, made[index].engine, *cells)
+    shown.note = note
+    return shown
 
 
 def _record(form: Form, law: str, case: str, one: Variant, step: float, figures: Sequence[Figure]) -> Record:
@@ -185,16 +195,16 @@ def _by_case(probe: str, figures: Sequence[Figure]) -> dict[str, list[Figure]]:
     return cases
 
 
-def _cell(form: Form, figures: Sequence[Figure] | None) -> Text:
+def _cell(form: Form, figures: Sequence[Figure] | None) -> TableCell:
     """The worst of some figures."""
     if not figures:
-        return Text(PLAIN, style="dim")
+        return TableCell(PLAIN, DIM)
     worst = _worst(form, figures)
     if math.isinf(worst):
-        return Text("no value", style="bold red")
+        return TableCell("no value", BAD)
     if not all(figure.passed for figure in figures):
-        return Text(two_digits(worst), style="bold red")
-    return Text(two_digits(worst), style="yellow" if any(figure.deviation for figure in figures) else "")
+        return TableCell(two_digits(worst), BAD)
+    return TableCell(two_digits(worst), WARNING if any(figure.deviation for figure in figures) else "")
 
 
 def _deviation(form: Form, figure: Figure) -> float:
@@ -206,3 +216,32 @@ def _deviation(form: Form, figure: Figure) -> float:
     if not figure.expected:
         return 0.0 if not off else math.inf
     return 100.0 * off / abs(figure.expected)
+
+
+# What runs come to: energy, penetration, contacts, speed and spread, by case, engine and timestep.
+
+
+def quantities_tables(done: Done) -> list[StudyTable]:
+    """``quantities``."""
+    made = variants(done)
+    rows = [
+        (one, timestep, {name: _medians(row.quantities.get(name) for _, row in runs) for name, _ in QUANTITIES})
+        for one in made
+        for timestep, runs in one.runs.items()
+    ]
+    shown = [(name, unit) for name, unit in QUANTITIES if any(told[name] is not None for _, _, told in rows)]
+    heads = [f"{name}, {unit}" if unit else name for name, unit in shown]
+    columns = ("settings", "engine", "timestep", *heads)
+    built = StudyTable(done, "quantities", "What runs come to", *columns, right=range(2, len(columns)))
+    for one, timestep, told in rows:
+        record = {"settings": one.label, "case": one.case, "engine": one.engine, "timestep": timestep} | told
+        built.add(
+            one.label, one.engine, milliseconds(timestep), *(number(told[name]) for name, _ in shown), record=record
+        )
+    built.note = "Medians over the runs. What a run lacks, or what was not finite, is left out"
+    return [built]
+
+
+def _medians(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None and abs(value) < float("inf")]
+    return median(known) if known else None

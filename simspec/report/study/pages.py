@@ -10,15 +10,28 @@ Each ends with ``<!-- end of study -->``. Words are separated by spaces; those w
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import shlex
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from simspec.errors import Problem, SpecError, visible
-from simspec.report.page.sheets import Cell, Sheet
-from simspec.report.study.markdown import escaped, markdown
-from simspec.stored import StoredTableShown, StudyTables
+from simspec.experiments.store import Store
+from simspec.outputs.marker import STUDY, read_marker
+from simspec.outputs.reading import read_bytes
+from simspec.proof.certificate import Certificate
+from simspec.report.page.document import Section, section
+from simspec.report.page.packing import Packed
+from simspec.report.stored_study import StoredStudy, study_of
+from simspec.report.study.charts import charts
+from simspec.report.study.runs import Done, Record, StudyTable, milliseconds
+from simspec.report.study.sentences import verdict
+from simspec.report.table import BAD, DIM, GOOD, WARNING, Table, TableCell, escaped, markdown
+from simspec.runner.run import Run
+from simspec.stored import StoredTableShown, StudyTables, read_as
+from simspec.world.canonical import sha256
 
 BEGIN = re.compile(r"<!-- study ([\w.-]+): (.*?) -->")
 END = "<!-- end of study -->"
@@ -28,6 +41,7 @@ OLDER_CELL = " (older than the code)"
 NOT_MEASURED = "Not measured yet."
 NOT_SMALL = "Not part of the small study, which these figures are of."
 BETWEEN = " | "
+TONES = (GOOD, WARNING, BAD, DIM)
 
 
 @dataclass(frozen=True)
@@ -143,7 +157,7 @@ def _table(mark: Mark, tables: StudyTables) -> StoredTableShown:
 
 
 def _markdown(shown: StoredTableShown) -> str:
-    return markdown(stored_sheet(shown))
+    return markdown(stored_table(shown))
 
 
 def _cell(mark: Mark, shown: StoredTableShown) -> str:
@@ -158,9 +172,151 @@ def _cell(mark: Mark, shown: StoredTableShown) -> str:
     return escaped(rows[0][heads.index(column)].text)
 
 
-def stored_sheet(stored: StoredTableShown, said: bool = False) -> Sheet:
-    """A stored table as a table of a page; ``said``: with its sentences."""
-    head = tuple(Cell(visible(one.text, lines=True), one.classes) for one in stored.head)
-    rows = tuple(tuple(Cell(visible(one.text, lines=True), one.classes) for one in row) for row in stored.rows)
-    sentences = tuple(map(visible, stored.said)) if said else ()
-    return Sheet(visible(stored.title), head, rows, visible(stored.note), sentences)
+def stored_table(stored: StoredTableShown, said: bool = False) -> Table:
+    """A stored table; ``said``: with its sentences."""
+    table = Table(
+        visible(stored.title), *(visible(one.text, lines=True) for one in stored.head), note=visible(stored.note)
+    )
+    for column, head in zip(table.columns, stored.head, strict=True):
+        column.right = "right" in head.classes.split()
+    for row in stored.rows:
+        tones = (next((word for word in cell.classes.split() if word in TONES), "") for cell in row)
+        table.add(*(TableCell(visible(cell.text, lines=True), tone) for cell, tone in zip(row, tones, strict=True)))
+    table.said = tuple(map(visible, stored.said)) if said else ()
+    return table
+
+
+# Runs of a study that are played back on its page: of each engine the first of the plan, where the store has it.
+
+PLAYBACK = "playback"
+TOLERANCE = 1e-3
+"""m, of the differences that the page names: that of ``simspec run``."""
+
+
+def playback_tables(done: Done) -> list[StudyTable]:
+    """``playback``: which runs are played back on the page of the study."""
+    made = StudyTable(done, PLAYBACK, "Runs that are played back", "engine", "timestep", "run", right=(1,))
+    chosen: dict[str, None] = {}
+    for cell, row in done.runs(whole=True):
+        if cell.engine in chosen:
+            continue
+        chosen[cell.engine] = None
+        made.add(cell.engine, milliseconds(row.timestep), f"{row.key[:16]}…")
+        certificate = done.outcome.index.certificates.get(cell.key)
+        made.records.append(
+            {"engine": cell.engine, "timestep": row.timestep, "run": row.key, "certificate": certificate}
+        )
+    return [made]
+
+
+def playbacks(tables: StudyTables, store: Store, packed: Packed) -> list[Section]:
+    """The parts of the page that play runs back, with their plots over time, expectations and differences.
+
+    Raises SpecError, which names the file, where a run is damaged; a run that is not in the store is left out, and named.
+    """
+    made = []
+    for sweep, own in tables.sweeps.items():
+        for shown in own:
+            if (
+                shown.name == PLAYBACK
+                and (part := _part(tables.study, sweep, shown.records, store, packed)) is not None
+            ):
+                made.append(part)
+    return made
+
+
+def _part(study: str, sweep: str, records: Sequence[Record], store: Store, packed: Packed) -> Section | None:
+    runs: dict[str, Run] = {}
+    notes: list[str] = []
+    certificates: list[Certificate] = []
+    for record in records:
+        key, engine, proof = (record.get(name) for name in ("run", "engine", "certificate"))
+        if not isinstance(key, str) or not isinstance(engine, str) or not isinstance(proof, str | None):
+            raise SpecError([Problem(f"{study}: {sweep} does not name the runs that are played back")])
+        if not store.has(key):
+            notes.append(f"{engine}: the run is not in the store {store.told}: it is not played back")
+            continue
+        runs[engine] = store.load(key)
+        text = store.certificate_text(proof) if proof else None
+        if text is not None:
+            certificates.append(Certificate.from_json(text, f"the certificate {proof}"))
+    if not runs:
+        return None
+    world = next(iter(runs.values())).world
+    others = [engine for engine, run in runs.items() if _motion(run) != _motion(next(iter(runs.values())))]
+    if others:
+        notes.append(f"{', '.join(others)}: of another world: not played back")
+        runs = {engine: run for engine, run in runs.items() if engine not in others}
+    certificate = None
+    if certificates:
+        engines = {name: proof for one in certificates for name, proof in one.engines.items()}
+        certificate = dataclasses.replace(certificates[0], engines=engines)
+    stored = StoredStudy(study_of(runs, {}, certificate, TOLERANCE), Path(), tuple(notes))
+    made = section(stored, packed)
+    title = f"{sweep}: one run of each engine at {milliseconds(world.physics.timestep)}"
+    return dataclasses.replace(made, name=visible(title), details=())
+
+
+def _motion(run: Run) -> str:
+    """What runs have in common that can be overlaid: their world without what an engine is told."""
+    return sha256(dataclasses.replace(run.world, name="", expectations=(), engines=()))
+
+
+# The tables of ``simspec study`` as parts of a page: read back from ``study.json``.
+
+TABLES_FILE = "study.json"
+SCHEMA = 2
+LARGEST = 64 * 2**20
+"""Bytes of ``study.json``."""
+
+
+def study_tables(folder: Path) -> StudyTables | None:
+    """What ``simspec study`` wrote into a folder; None where it wrote nothing there. Raises SpecError where it is damaged."""
+    path = folder / TABLES_FILE
+    marker = read_marker(folder) if folder.is_dir() else None
+    if marker is None or marker.kind != STUDY or not marker.owns(TABLES_FILE):
+        return None
+    try:
+        content = read_bytes(path, LARGEST, folder)
+    except FileNotFoundError:
+        raise SpecError([Problem(f"{path} is missing", hint="simspec study STUDY writes it")]) from None
+    tables = read_as(StudyTables, content, str(path))
+    if tables.schema_ != SCHEMA:
+        hint = "simspec study STUDY writes it anew"
+        raise SpecError([Problem(f"{path}: schema {tables.schema_}, this simspec reads {SCHEMA}", hint=hint)])
+    return tables
+
+
+def study_section(tables: StudyTables) -> Section:
+    """A study as a part of a page: what matters of it, its plots, its tables with what they say, and how it was done. Raises
+    SpecError where its figures are damaged."""
+    notes = ["The small study: fewer timesteps, seeds and repetitions." if tables.small else ""]
+    notes.append(f"Figures from elsewhere: {tables.figures}" if tables.figures else "")
+    return Section(
+        name=visible(tables.study),
+        description=visible(tables.description),
+        verdict=tuple(verdict(tables)),
+        notes=tuple(visible(note) for note in notes if note),
+        certificate=(),
+        certificate_notes=(),
+        results=tuple(stored_table(one, said=True) for own in tables.sweeps.values() for one in own),
+        details=(),
+        provenance=_provenance(tables),
+        scene=None,
+        caption="",
+        charts=tuple(charts(tables)),
+    )
+
+
+def study_parts(tables: StudyTables, store: Store | None) -> Callable[[Packed], list[Section]]:
+    """What makes the parts of a study's page: the study, then the runs that are played back where ``store`` has them."""
+
+    def parts(packed: Packed) -> list[Section]:
+        return [study_section(tables), *(playbacks(tables, store, packed) if store is not None else ())]
+
+    return parts
+
+
+def _provenance(tables: StudyTables) -> Table:
+    rows = [(one.what, one.value) for one in tables.measured] + [("how it was done", line) for line in tables.said]
+    return Table("Provenance", "", "", rows=rows, note="Each run is in the study's store, with where it came from.")

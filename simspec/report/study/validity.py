@@ -1,44 +1,65 @@
-"""Up to which timestep all that is expected holds, and how closely."""
+"""Tables of validity: up to which timestep expectations hold and models are proven, and how runs fail."""
 
 from __future__ import annotations
 
-from rich.text import Text
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
 
-from simspec.analysis.validity import limit
-from simspec.report.kit import number, table
-from simspec.report.study.done import Done, Record, Shown, elsewhere, figure_records, finite, milliseconds
-from simspec.report.study.judged import Deviation, Judged, judged, worst
+from simspec.analysis.horizons import determinism
+from simspec.analysis.validity import KINDS, limit
+from simspec.experiments.sweep import REFUSED
+from simspec.proof.certificate import Certificate
+from simspec.proof.checks import Check
+from simspec.report.study.runs import (
+    PLAIN,
+    Deviation,
+    Done,
+    Judged,
+    Record,
+    StudyTable,
+    elsewhere,
+    figure_records,
+    finite,
+    judged,
+    milliseconds,
+    worst,
+)
+from simspec.report.table import BAD, TableCell, number
 from simspec.runner.expectations import Outcome
 
+# Up to which timestep all that is expected holds, and how closely.
 
-def validity_tables(done: Done) -> list[Shown]:
+
+def validity_tables(done: Done) -> list[StudyTable]:
     """``validity``, and ``validity.deviations`` where what is expected has tolerances."""
-    made = table(f"{done.sweep.name}: Up to which timestep all that is expected holds", "engine", "limit", "runs")
-    records: list[Record] = []
+    title = "Up to which timestep all that is expected holds"
+    made = StudyTable(done, "validity", title, "engine", "limit", "runs")
     runs = judged(done)
     for engine in done.engines:
         trials = [one.trial for one in runs if one.cell.engine == engine]
         if not trials:
-            made.add_row(engine, "no runs", "0")
+            made.add(engine, "no runs", "0")
             continue
         whole = limit(trials)
-        made.add_row(engine, str(whole), str(len(trials)))
+        made.add(engine, str(whole), str(len(trials)))
         told: Record = (
             {"engine": engine, "limit": whole.timestep, "first_invalid": whole.first_invalid, "runs": len(trials)}
             | {"failure": whole.first_failure, "later_valid": list(whole.later_valid)}
             | {"fewer_seeds": list(whole.fewer_seeds)}
         )
-        records.append({**told, **_missed(whole.first_missed)})
-        records += [
+        made.records.append({**told, **_missed(whole.first_missed)})
+        made.records += [
             {"engine": engine, "timestep": timestep, "share": share.value, "runs": share.trials}
             | {"lower": share.lower, "upper": share.upper}
             for timestep, share in whole.shares.items()
         ]
     for figure in done.figures:
         if figure.quantity == "largest_valid_timestep":
-            made.add_row(elsewhere(figure), Text(f"{milliseconds(figure.values[0])}: {figure.source}"), "–")
-    known = figure_records(figure for figure in done.figures if figure.quantity == "largest_valid_timestep")
-    return [Shown("validity", made, records + known), *_deviations(done, runs)]
+            made.add(elsewhere(figure), f"{milliseconds(figure.values[0])}: {figure.source}", "–")
+    made.records += figure_records(figure for figure in done.figures if figure.quantity == "largest_valid_timestep")
+    return [made, *_deviations(done, runs)]
 
 
 def _missed(outcome: Outcome | None) -> Record:
@@ -49,31 +70,28 @@ def _missed(outcome: Outcome | None) -> Record:
     return {"missed": outcome.kind, "measured": measured, "bound": outcome.bound, "unit": outcome.unit}
 
 
-def _deviations(done: Done, runs: list[Judged]) -> list[Shown]:
+def _deviations(done: Done, runs: list[Judged]) -> list[StudyTable]:
     """The largest deviation by timestep and engine; none where nothing that is expected has a tolerance."""
     units = {one.deviation.unit for one in runs if one.deviation is not None}
     if not units:
         return []
-    title = f"{done.sweep.name}: Largest deviation from what is expected"
-    made = table(title, "timestep", *done.engines, right=range(1 + len(done.engines)))
-    records: list[Record] = []
+    title, right = "Largest deviation from what is expected", range(1 + len(done.engines))
+    made = StudyTable(done, "validity.deviations", title, "timestep", *done.engines, right=right)
     by_step: dict[float, dict[str, list[Judged]]] = {}
     for one in runs:
         by_step.setdefault(one.trial.timestep, {}).setdefault(one.cell.engine, []).append(one)
     for timestep, engines in sorted(by_step.items()):
-        made.add_row(milliseconds(timestep), *(cell(engines.get(engine, []), units) for engine in done.engines))
+        made.add(milliseconds(timestep), *(cell(engines.get(engine, []), units) for engine in done.engines))
         for engine, own in engines.items():
             largest = worst(own)
-            records.append(
+            made.records.append(
                 {"timestep": timestep, "engine": engine, "runs": len(own), "valid": valid_of(own)}
                 | {"deviation": finite(largest.value if largest else None), "unit": largest.unit if largest else None}
             )
     tolerances = sorted({(one.deviation.tolerance, one.deviation.unit) for one in runs if one.deviation is not None})
     bounds = ", ".join(str(Deviation(value, value, unit)) for value, unit in tolerances)
-    made.caption = (
-        f"Of all runs of a timestep; tolerance {bounds}. Where runs fail: how many, and their largest deviation"
-    )
-    return [Shown("validity.deviations", made, records)]
+    made.note = f"Of all runs of a timestep; tolerance {bounds}. Where runs fail: how many, and their largest deviation"
+    return [made]
 
 
 def valid_of(runs: list[Judged]) -> int:
@@ -81,11 +99,271 @@ def valid_of(runs: list[Judged]) -> int:
     return sum(one.trial.valid for one in runs)
 
 
-def cell(runs: list[Judged], units: set[str]) -> str | Text:
+def cell(runs: list[Judged], units: set[str]) -> str | TableCell:
     """The largest deviation of some runs; a share of its tolerance where there are several units."""
     if not runs:
         return "–"
     largest = worst(runs)
     told = "–" if largest is None else str(largest) if len(units) == 1 else f"{number(100.0 * largest.share)} %"
     failed = len(runs) - valid_of(runs)
-    return Text(f"fails ({failed} of {len(runs)}): {told}", style="bold red") if failed else told
+    return TableCell(f"fails ({failed} of {len(runs)}): {told}", BAD) if failed else told
+
+
+# What happened first in the runs that do not do what is expected.
+
+
+def failures_tables(done: Done) -> list[StudyTable]:
+    """``failures``: by timestep and engine, how many runs fail, and what happened first in them."""
+    columns = ("timestep", "engine", "failed", "what happened first", "for example")
+    made = StudyTable(done, "failures", "What happened first in the runs that fail", *columns, right=(0, 2))
+    runs = judged(done)
+    groups: dict[tuple[float, int], list[Judged]] = {}
+    for one in runs:
+        groups.setdefault((one.trial.timestep, done.engines.index(one.cell.engine)), []).append(one)
+    for (timestep, index), own in sorted(groups.items()):
+        failed = [one for one in own if one.failure is not None]
+        if not failed:
+            continue
+        kinds = Counter(one.failure.kind for one in failed if one.failure is not None)
+        said = ", ".join(f"{count} × {KINDS[kind]}" for kind, count in kinds.most_common())
+        shown = (milliseconds(timestep), done.engines[index], f"{len(failed)} of {len(own)}")
+        made.add(*shown, said, example(failed))
+        made.records += [_record(one) for one in failed]
+    if not made.records:
+        made.add("–", "–", f"0 of {len(runs)}", "no run failed", "–")
+    made.note = "From the recorded motion: an event between two records has the time of the later one"
+    return [made]
+
+
+def example(failed: list[Judged]) -> str:
+    """The first of some failures in words; the run without a seed comes first."""
+    first = min(failed, key=lambda one: -1 if one.cell.seed is None else one.cell.seed)
+    seed = "" if first.cell.seed is None else f"seed {first.cell.seed}: "
+    return f"{seed}{first.failure}"
+
+
+def _record(one: Judged) -> Record:
+    failure = one.failure
+    assert failure is not None, "only failed runs are recorded"
+    return {
+        "timestep": one.trial.timestep,
+        "engine": one.cell.engine,
+        "seed": one.cell.seed,
+        "kind": failure.kind,
+        "time": failure.time,
+        "what": failure.what,
+        "at": failure.at,
+        "body": failure.body,
+        "away": finite(failure.away),
+    }
+
+
+# The cases of a sweep beside the scenario itself: whether they hold, how closely, and what a step costs.
+
+
+def cases_tables(done: Done) -> list[StudyTable]:
+    """``cases``: a row for each timestep, engine and case."""
+    columns = ("timestep", "engine", "case", "valid", "largest deviation", "step", "what happened first")
+    made = StudyTable(done, "cases", "The scenario and its cases", *columns, right=(0, 3, 4, 5))
+    groups = _groups(done)
+    units = {one.deviation.unit for own in groups.values() for one in own if one.deviation is not None}
+    for (timestep, engine, case), own in groups.items():
+        valid, cost = valid_of(own), _step_cost(own)
+        failed = [one for one in own if one.failure is not None]
+        name = PLAIN if case is None else case
+        if case in done.sweep.words.fails:
+            name += " (expected to fail)"
+        told: str | TableCell = example(failed) if failed else "–"
+        if valid and case in done.sweep.words.fails:
+            told = TableCell("does NOT fail, as is expected of it", BAD)
+        shown = (milliseconds(timestep), engine, name, f"{valid} of {len(own)}", cell(own, units))
+        made.add(*shown, "–" if cost is None else f"{1e6 * cost:.1f} µs", told)
+        largest = worst(own)
+        made.records.append(
+            {"timestep": timestep, "engine": engine, "case": case, "runs": len(own), "valid": valid}
+            | {"deviation": finite(largest.value if largest else None), "unit": largest.unit if largest else None}
+            | {"step_seconds": cost, "fails": case in done.sweep.words.fails}
+        )
+    made.note = "Step: processor time of the engine's step calls, the median over runs"
+    return [made]
+
+
+def unfailed(done: Done) -> list[str]:
+    """In words: which cases were expected to fail and do what is expected of the scenario, or gave no result, which shows
+    nothing."""
+    told = []
+    for (timestep, engine, case), own in _groups(done).items() if done.sweep.words.fails else ():
+        if case not in done.sweep.words.fails:
+            continue
+        valid, lost = valid_of(own), sum(one.row.failed is not None for one in own)
+        where = f"in {engine} at {milliseconds(timestep)}"
+        if valid:
+            told.append(f"{case} was expected to fail, and {valid} of {len(own)} runs hold {where}")
+        if lost:
+            told.append(f"{case} was expected to fail, and {lost} of {len(own)} runs gave no result {where}")
+    return told
+
+
+def _groups(done: Done) -> dict[tuple[float, str, str | None], list[Judged]]:
+    """The runs by timestep, engine and case, in this order, cases as the sweep has them."""
+    sweep = done.outcome.plan.sweep
+    cases = [*([] if sweep.only_cases else [None]), *sweep.cases]
+    groups: dict[tuple[float, int, int], list[Judged]] = {}
+    for index, case in enumerate(cases):
+        for one in judged(done, case):
+            key = (one.trial.timestep, done.engines.index(one.cell.engine), index)
+            groups.setdefault(key, []).append(one)
+    return {(step, done.engines[engine], cases[case]): own for (step, engine, case), own in sorted(groups.items())}
+
+
+def _step_cost(runs: list[Judged]) -> float | None:
+    """Processor time (s) of a step: the median over runs; None where none was measured."""
+    costs = [one.row.cpu_seconds / one.row.steps for one in runs if one.row.cpu_seconds is not None and one.row.steps]
+    return median(costs) if costs else None
+
+
+# Up to which timestep models are proven, and which checks fail beyond: read from the certificates of the store.
+
+MOST_SHOWN = 3
+"""Checks of one model that are named; the others are counted."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What is known of an engine's model at a timestep: ``proven``, None where nobody verified it (``why``), and the checks
+    that failed."""
+
+    proven: bool | None
+    why: str = ""
+    failed: tuple[Check, ...] = ()
+
+
+def certified_tables(done: Done) -> list[StudyTable]:
+    """``certified``: up to which timestep each engine's model is proven; ``certified.checks``: what fails, and by how much."""
+    proofs = _proofs(done)
+    columns = ("engine", "certified up to", "first that is not", "certified again at")
+    limits = StudyTable(done, "certified", "Up to which timestep the model is proven", *columns)
+    checks = StudyTable(
+        done, "certified.checks", "Checks of the proof that fail", "timestep", "engine", "checks", right=(0,)
+    )
+    for engine in done.engines:
+        own = dict(sorted(proofs.get(engine, {}).items()))
+        largest, first, again = _limit(own)
+        nothing = "nothing was verified" if own else "no runs"
+        record = {"engine": engine, "limit": largest, "first_invalid": first, "later_valid": list(again)}
+        unverified = all(proof.proven is None for proof in own.values())
+        limit_words = nothing if unverified else _step(largest, "no timestep")
+        limits.add(engine, limit_words, _step(first, "–"), ", ".join(map(milliseconds, again)) or "–", record=record)
+    for engine in done.engines:
+        for timestep, proof in sorted(proofs.get(engine, {}).items()):
+            if proof.proven is not True:
+                told = proof.why if proof.proven is None else words(proof.failed)
+                checks.add(milliseconds(timestep), engine, told)
+            checks.records += _records(timestep, engine, proof)
+    if not checks.rows:
+        checks.add("–", "–", "none")
+    checks.note = (
+        "Worst deviation and tolerance, in units of the quantity's own scale; the worst in relation to it first"
+    )
+    return [limits, checks]
+
+
+def _proofs(done: Done) -> dict[str, dict[float, Proof]]:
+    """By engine and timestep. Several models of one timestep (values of the sweep) count as one: proven where all are."""
+    found: dict[str, dict[float, dict[str, Proof]]] = {}
+    for cell, row in done.runs():
+        models = found.setdefault(cell.engine, {}).setdefault(row.timestep, {})
+        if row.failed is not None and row.failed.startswith(REFUSED):
+            models[row.failed] = Proof(None, row.failed)
+            continue
+        key = done.outcome.index.certificates.get(cell.key)
+        name = key or "not verified"
+        if name not in models:
+            models[name] = _proof(done, key)
+    return {engine: {step: _all(list(own.values())) for step, own in steps.items()} for engine, steps in found.items()}
+
+
+def _proof(done: Done, key: str | None) -> Proof:
+    """The verdict of a certificate. Raises SpecError where it is damaged."""
+    text = done.store.certificate_text(key) if key is not None else None
+    if text is None:
+        return Proof(None, "not verified")
+    certificate = Certificate.from_json(text, f"the certificate {key}")
+    return Proof(certificate.valid, "", tuple(check for _, check in certificate.failures()))
+
+
+def _all(proofs: Sequence[Proof]) -> Proof:
+    failed = tuple(dict.fromkeys(check for proof in proofs for check in proof.failed))
+    if any(proof.proven is False for proof in proofs):
+        return Proof(False, "", failed)
+    return next((proof for proof in proofs if proof.proven is None), proofs[0])
+
+
+def _limit(proofs: Mapping[float, Proof]) -> tuple[float | None, float | None, tuple[float, ...]]:
+    """The largest timestep such that it and all smaller ones are proven, the first that is not, and later ones that are."""
+    steps = sorted(proofs)
+    first = next((step for step in steps if proofs[step].proven is not True), None)
+    good = [step for step in steps if first is None or step < first]
+    again = tuple(step for step in steps if first is not None and step > first and proofs[step].proven is True)
+    return (good[-1] if good else None), first, again
+
+
+def words(failed: Sequence[Check]) -> str:
+    """Failed checks, the worst first, each with its figure."""
+    if not failed:
+        return "nothing was compared"
+    ordered = sorted(failed, key=lambda check: -_excess(check))
+    told = [_figure(check) for check in ordered[:MOST_SHOWN]]
+    more = len(ordered) - MOST_SHOWN
+    return "; ".join([*told, *([f"and {more} more"] if more > 0 else [])])
+
+
+def _excess(check: Check) -> float:
+    """How many times its tolerance a check's worst deviation is."""
+    if check.worst is None or not check.tolerance:
+        return float("inf")
+    return check.worst / check.tolerance
+
+
+def _figure(check: Check) -> str:
+    where = f" ({check.where})" if check.where else ""
+    if check.worst is None:
+        detail = f": {check.detail}" if check.detail else ""
+        return f"{check.level} {check.name}{where}{detail}"
+    return f"{check.level} {check.name}: {number(check.worst)}, tolerance {number(check.tolerance)}{where}"
+
+
+def _step(timestep: float | None, none: str) -> str:
+    return none if timestep is None else milliseconds(timestep)
+
+
+def _records(timestep: float, engine: str, proof: Proof) -> list[Record]:
+    about = {"timestep": timestep, "engine": engine, "proven": proof.proven}
+    if not proof.failed:
+        return [about]
+    return [
+        {**about, "level": one.level, "check": one.name, "worst": one.worst, "tolerance": one.tolerance}
+        | {"where": one.where}
+        for one in proof.failed
+    ]
+
+
+# Repeated runs, compared bit for bit.
+
+
+def determinism_tables(done: Done) -> list[StudyTable]:
+    """``determinism``."""
+    made = StudyTable(done, "determinism", "The same run again", "timestep", "engine", "result", right=(0,))
+    keyed = sorted(done.runs(whole=True), key=lambda item: (item[1].timestep, done.engines.index(item[0].engine)))
+    repeats: dict[tuple[float, str, str], list[str]] = {}
+    for cell, row in keyed:
+        repeats.setdefault((row.timestep, cell.engine, repr((cell.overrides, cell.seed))), []).append(row.key)
+    for (timestep, engine, _), keys in repeats.items():
+        same = determinism([done.store.load(key) for key in keys]) if len(keys) > 1 else None
+        result = "one run only: nothing to compare" if same is None else str(same)
+        made.add(milliseconds(timestep), engine, result)
+        bitwise = None if same is None else same.bitwise
+        made.records.append(
+            {"timestep": timestep, "engine": engine, "runs": len(keys), "bitwise": bitwise, "result": result}
+        )
+    return [made]

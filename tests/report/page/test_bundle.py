@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from simspec.report.page.bundle import LIBRARIES, bundle
+from simspec.report.page.document import LIBRARIES, bundle
 
 PAGE = Path(__file__).resolve().parents[3] / "page"
 FACTS = json.loads((PAGE / "bundle" / "bundle.json").read_text(encoding="utf-8"))

@@ -1,27 +1,26 @@
-"""What a sweep came to, for people and for programs: a table of groups of runs, lines of CSV, plain data."""
+"""Sweeps and searches for a changed version: tables, lines, CSV, plain data."""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Any
+from typing import Any, Final
 
-from rich.table import Table
-from rich.text import Text
-
+from simspec.experiments.bisect import Bisection, Reading
 from simspec.experiments.cost import Estimate
 from simspec.experiments.index import Row
 from simspec.experiments.plan import Cell, Plan
 from simspec.experiments.proof_cost import ProofsLeft
 from simspec.experiments.roundings import rounded_data, rounding_lines, roundings
 from simspec.experiments.sweep import Outcome
-from simspec.report.kit import length, number, table
-from simspec.report.progress import duration
-from simspec.report.screen import console
+from simspec.report.screen import console, duration
+from simspec.report.table import BAD, Table, TableCell, length, number
+
+# What a sweep came to, for people and for programs: a table of groups of runs, lines of CSV, plain data.
 
 MOST_ROWS = 60
 """Rows of a table on a terminal; a file of CSV has all."""
@@ -123,11 +122,11 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLe
     screen.print(f"{plan.spec.name}: {len(plan):,} runs of {plan.worlds:,} sets of values in {', '.join(plan.engines)}")
     for line in [*axes(plan), *rounding_lines(plan)]:
         screen.print(f"  {line}", soft_wrap=True)
-    shown = table("To do", "engine", "runs", "steps", "time, one after the other", right=(1, 2, 3))
+    shown = Table("To do", "engine", "runs", "steps", "time, one after the other", right=(1, 2, 3))
     for engine in plan.engines:
         seconds = left.seconds[engine]
         told = "not measured yet" if seconds is None else f"about {duration(seconds)}"
-        shown.add_row(engine, f"{left.runs[engine]:,}", f"{left.steps[engine]:,}", told if left.runs[engine] else "–")
+        shown.add(engine, f"{left.runs[engine]:,}", f"{left.steps[engine]:,}", told if left.runs[engine] else "–")
     screen.print(shown)
     to_do = sum(left.runs.values())
     screen.print(f"done: {done:,}; to do: {to_do:,}{' at most' if to_do else ''}")
@@ -207,14 +206,14 @@ def results_table(found: Sequence[Group]) -> Table:
     shown = [one for one in SHOWN if any(group.quantity(one[0])[0] for group in found)]
     columns += [head for _, head, _ in shown] + ["expected"]
     count = len(columns)
-    made = table("Sweep: medians, ± half of the range", *columns, right=range(count - 3 - len(shown), count))
+    made = Table("Sweep: medians, ± half of the range", *columns, right=range(count - 3 - len(shown), count))
     for group in found[:MOST_ROWS]:
         values = dict(group.values)
-        cells: list[str | Text] = [group.case or "–"] if cased else []
+        cells: list[str | TableCell] = [group.case or "–"] if cased else []
         cells += [str(values.get(path, "–")) for path in paths]
         failed = len(group.rows) - len(group.whole)
         runs = f"{len(group.rows)}" if len(group.rows) == group.asked else f"{len(group.rows)} of {group.asked}"
-        cells += [group.engine, Text(f"{runs}, {failed} failed", style="bold red") if failed else runs]
+        cells += [group.engine, TableCell(f"{runs}, {failed} failed", BAD) if failed else runs]
         factor = group.real_time_factor()
         cells.append("–" if factor is None else f"{factor:,.0f} ×" if factor >= 100.0 else f"{factor:.3g} ×")
         for name, _, unit in shown:
@@ -224,8 +223,8 @@ def results_table(found: Sequence[Group]) -> Table:
             cells.append(told if not half else f"{told} ± {length(half) if unit == 'm' else number(half)}")
         passed, expected = sum(row.passed for row in group.rows), sum(row.expected for row in group.rows)
         told = f"{passed} of {expected}" if expected else "–"
-        cells.append(Text(told, style="bold red") if passed < expected else told)
-        made.add_row(*cells)
+        cells.append(TableCell(told, BAD) if passed < expected else told)
+        made.add(*cells)
     return made
 
 
@@ -304,4 +303,93 @@ def outcome_data(outcome: Outcome, found: Sequence[Group]) -> dict[str, Any]:
         "groups": [group.plain() for group in found],
         "runs": runs,
         "notes": outcome.notes,
+    }
+
+
+# What a search for the version that changed a figure came to, in lines and as data.
+
+MOST_SKIPPED: Final = 5
+"""Versions that could not be measured which are listed one by one; the others are counted."""
+PREFIXES: Final = ((0.1, 1.0, "m"), (1e-5, 1e-3, "mm"), (1e-8, 1e-6, "µm"))
+"""Of lengths: from which value (m) on, the factor, and the unit."""
+ASSUMES: Final = "the search assumes one change between the ends: others would not be seen"
+
+
+def bisect_lines(engine: str, done: Bisection, models: Sequence[str], more: str) -> Iterator[str]:
+    """The answer first. ``models``: what is proven of the two versions; ``more``: the command that looks further."""
+    first, last = (done.readings[done.versions[end]] for end in (0, -1))
+    if done.before is None or done.after is None:
+        yield f"{done.figure} does not change from {engine} {first.version} to {last.version}"
+        yield from _values(first, last)
+        yield f"  difference {_shown(abs(last.value - first.value), first.unit)}, within noise"
+    else:
+        span = f" ({', '.join(done.between)} or {done.after.version})" if done.between else ""
+        yield f"{engine} {done.after.version} changed {done.figure}{span}"
+        yield from _values(done.before, done.after)
+        yield f"  change {_shown(done.after.value - done.before.value, done.after.unit)}{_share(done.before, done.after)}"
+    yield from (f"  {line}" for line in models)
+    kept = sum(one.stored for one in done.readings.values())
+    stored = f", {kept} of them from stored runs" if kept else ""
+    counted = f"{len(done.readings)} of {len(done.versions)} versions from {first.version} to {last.version}"
+    yield f"measured {counted}, each once{stored}"
+    skipped = list(done.not_measured.items())
+    yield from (f"not measured: {version}: {why}" for version, why in skipped[:MOST_SKIPPED])
+    if len(skipped) > MOST_SKIPPED:
+        yield f"not measured: {len(skipped) - MOST_SKIPPED} more versions"
+    yield from (f"note: {note}" for note in done.notes)
+    if done.found:
+        if len(done.versions) > len(done.readings) + len(skipped) and not done.notes:
+            yield f"note: {ASSUMES}"
+        yield f"look further: {more}"
+
+
+def _values(*readings: Reading) -> Iterator[str]:
+    width = max(len(one.version) for one in readings)
+    for one in readings:
+        yield f"  {one.version:<{width}}  {_shown(one.value, one.unit)}, noise {_shown(one.noise, one.unit, 2)}"
+
+
+def _share(before: Reading, after: Reading) -> str:
+    return f" ({(after.value - before.value) / abs(before.value):+.1%})" if before.value else ""
+
+
+def _shown(value: float, unit: str, digits: int = 4) -> str:
+    """A number to some digits, a length with the prefix that suits it."""
+    if unit != "m" or not value:
+        return f"{value:.{digits}g} {unit}".rstrip()
+    for least, factor, prefix in PREFIXES:
+        if abs(value) >= least:
+            return f"{value / factor:.{digits}g} {prefix}"
+    return f"{value:.1e} m"
+
+
+def bisect_data(engine: str, done: Bisection, models: Sequence[str], more: str) -> dict[str, Any]:
+    """For ``--json``: everything."""
+    return {
+        "engine": engine,
+        "figure": done.figure,
+        "found": done.found,
+        "changed_in": None if done.after is None else done.after.version,
+        "between": list(done.between),
+        "before": _plain(done.before),
+        "after": _plain(done.after),
+        "versions": list(done.versions),
+        "measured": {version: _plain(done.readings[version]) for version in done.versions if version in done.readings},
+        "not_measured": dict(done.not_measured),
+        "notes": list(done.notes),
+        "models": list(models),
+        "explain": more if done.found else None,
+    }
+
+
+def _plain(one: Reading | None) -> dict[str, Any] | None:
+    if one is None:
+        return None
+    return {
+        "version": one.version,
+        "value": one.value,
+        "unit": one.unit,
+        "noise": one.noise,
+        "half_width": one.half,
+        "stored": one.stored,
     }

@@ -1,15 +1,84 @@
-"""What is implausible about a model, for people: a line for each rule, and on request each finding with reason and way out."""
+"""Repairs of imported files, losses of imports and exports, and implausible values, for people."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
-from simspec.errors import Problem
+from simspec.errors import Location, Problem
+from simspec.language.foreign import Repair
+from simspec.language.losses import Group, kind_of
 from simspec.plausibility.findings import RULES, Finding, Grade, Plausibility
 from simspec.report.plain import plain
+from simspec.report.table import Table
 
-WIDTH = 80
+if TYPE_CHECKING:
+    from simspec.audit.exported import ReaderLoss
+    from simspec.formats.kit.contract import Loss
+
+# Tables of an import: what it does not carry, and what it repaired.
+
+
+def losses_table(file: str, groups: Sequence[Group]) -> Table:
+    """One row for each kind of loss, with the place of the first and the number of all."""
+    rows = Table(f"What the import of {file} does not carry", "what", "changes", "why", "line", "count", right=(3, 4))
+    for group in groups:
+        first = group.first
+        why = f"{first.reason}; {first.hint}" if first.hint else first.reason
+        rows.add(kind_of(first), first.severity.value, why, str(first.location.line), str(group.count))
+    return rows
+
+
+def repairs_table(repairs: Sequence[Repair]) -> Table:
+    """One row for each repair."""
+    rows = Table("What was repaired", "rule", "what", "line", right=(2,))
+    for repair in repairs:
+        rows.add(repair.rule, repair.what, str(repair.location.line))
+    return rows
+
+
+# The table of what plain files of a format do not carry.
+
+WIDTH: Final = 80
+"""Columns of the lines about readers."""
+
+
+def losses_table_losses(format_name: str, losses: Sequence[Loss], locate: Callable[[str], Location | None]) -> Table:
+    """One row for each loss; of its places the first, as file and line where the spec says it, else as the path."""
+    rows = Table(f"What {format_name} does not carry", "feature", "what happens", "how", "where", "places", right=(4,))
+    for loss in losses:
+        first = loss.paths[0]
+        location = locate(first)
+        where = first if location is None else f"{location.file}:{location.line}"
+        rows.add(loss.feature, loss.fate.value, loss.how, where, str(len(loss.paths)))
+    return rows
+
+
+def reader_lines(format_name: str, losses: Sequence[ReaderLoss]) -> Iterator[str]:
+    """Which of the known readers of a format have the world's model, which another (with the number of its differences), and
+    which refuse a file."""
+    from simspec.audit.exported import readers
+    from simspec.engines.kit.foreign import REFUSED
+
+    counts: dict[str, int] = {reader.short: 0 for reader in readers(format_name)}
+    refused = {loss.reader.short for loss in losses if loss.element == REFUSED}
+    for loss in losses:
+        counts[loss.reader.short] += 1
+    same = [name for name, count in counts.items() if not count]
+    changed = [f"{name} ({count})" for name, count in counts.items() if count and name not in refused]
+    for title, names in (
+        ("read as the spec by", same),
+        ("read with differences (listed in losses.json) by", changed),
+        ("refused by", sorted(refused)),
+    ):
+        if names:
+            yield from textwrap.wrap(f"{title}: {', '.join(names)}", WIDTH, subsequent_indent="  ")
+
+
+# What is implausible about a model, for people: a line for each rule, and on request each finding with reason and way out.
+
+WIDTH_PLAUSIBILITY = 80
 """Columns of a line."""
 MOST_LINES = 10
 """Lines of rules, after which the others are counted."""
@@ -75,7 +144,7 @@ def _short(group: tuple[Finding, ...]) -> str:
     line = f", line {first.location.line}" if first.location is not None else ""
     more = f"; and {len(group) - 1} more" if len(group) > 1 else ""
     text = f"  {first.grade} {first.rule}: {figure(first)}{first.element}{line}{more}"
-    return text if len(text) <= WIDTH else f"{text[: WIDTH - 1]}…"
+    return text if len(text) <= WIDTH_PLAUSIBILITY else f"{text[: WIDTH_PLAUSIBILITY - 1]}…"
 
 
 def figure(finding: Finding) -> str:

@@ -1,18 +1,90 @@
-"""What engines refuse of a spec, in few lines: one for each feature, and two at the end with the ways out of all together."""
+"""Errors and warnings on terminals, and refusals of engines: a line for each feature, and two with the ways out."""
 
 from __future__ import annotations
 
 import shlex
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from rich.console import Console
+from rich.text import Text
+
 from simspec.compiler import OPTION_OF
 from simspec.engines.kit.identity import engine_name
-from simspec.errors import Problem, Refusal, UnsupportedError
-from simspec.selection import acceptable
+from simspec.errors import MOST_PROBLEMS, Problem, Refusal, SimspecError, SpecError, UnsupportedError
+from simspec.report.screen import console
+from simspec.report.table import Table
+from simspec.selection import Selection, acceptable
 from simspec.support.declarations import Level
 from simspec.world.types import World
+
+# tmp
+
+
+def show_error(error: SimspecError) -> None:
+    """Print an error on standard error: every problem, its place first."""
+    screen = console(error=True)
+    if not isinstance(error, SpecError):
+        screen.print(Text("error: ", style="bold red") + Text(str(error)), soft_wrap=True)
+        return
+    brief = error.brief if isinstance(error, UnsupportedError) else ()
+    for problem in error.problems[:MOST_PROBLEMS]:
+        if not (brief and isinstance(problem, Refusal)):
+            screen.print(_problem(problem, Text("error: ", style="bold red")), soft_wrap=True)
+    for line in brief:
+        screen.print(line, soft_wrap=True)
+    for line in error.more if not brief else ():
+        screen.print(line)
+    count = len(error.problems)
+    screen.print(Text(f"{count} problem{'s' if count > 1 else ''}", style="bold red"))
+    for line in error.ending if isinstance(error, UnsupportedError) else ():
+        screen.print(line, soft_wrap=True)
+
+
+def show_warnings(warnings: Sequence[Problem]) -> None:
+    """Print warnings on standard error, as errors are."""
+    screen = console(error=True)
+    for problem in warnings:
+        screen.print(_problem(problem, Text("warning: ", style="bold yellow")), soft_wrap=True)
+
+
+def _problem(problem: Problem, kind: Text) -> Text:
+    first, *rest = str(problem).split("\n")
+    place = f"{problem.location}: " if problem.location else ""
+    text = Text(place, style="bold") + kind + Text(first.removeprefix(place))
+    for line in rest:
+        text.append("\n" + line)
+    return text
+
+
+LONGEST_REASON = 600
+"""Characters of why an engine is left out: eight lines of a terminal; ``--json`` has the whole."""
+
+
+def not_run_table(reasons: Mapping[str, str], places: Mapping[str, str] | None = None) -> Table | None:
+    """The engines that were asked for and did not run, one row each; None without any."""
+    if not reasons:
+        return None
+    not_run = Table("Not run", "engine", "why")
+    for name, reason in reasons.items():
+        why = textwrap.shorten(reason, LONGEST_REASON, placeholder=" …")
+        not_run.add(name, why + (places or {}).get(name, ""))
+    return not_run
+
+
+def show_not_taken(selection: Selection, screen: Console) -> None:
+    """The engines that are left out since nobody named them, one row each; nothing where all are taken."""
+    if not selection.not_taken:
+        return
+    places = {name: f"\n{one.location}" if one.location else "" for name, one in selection.not_taken.items()}
+    screen.print(not_run_table({name: one.reason for name, one in selection.not_taken.items()}, places))
+    if asked := [name for name, refusal in selection.not_taken.items() if refusal.acceptable]:
+        screen.print(f"to accept by name what differs: simspec accept SPEC  ({', '.join(asked)})", soft_wrap=True)
+
+
+# What engines refuse of a spec, in few lines: one for each feature, and two at the end with the ways out of all together.
 
 EVERY = "all"
 """Stands for every feature with ``--accept``."""

@@ -1,11 +1,76 @@
-"""Where and when the runs of a study were made, from what they say of themselves."""
+"""All tables that a study can show, by word, and where and when its runs were measured."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from simspec.report.study.done import Done
+from simspec.report.explanations import attribution_tables
+from simspec.report.study.contact import contact_tables, quantities_tables
+from simspec.report.study.motion import (
+    conservation_tables,
+    consistency_tables,
+    displacement_tables,
+    distributions_tables,
+    divergence_tables,
+    penetration_tables,
+)
+from simspec.report.study.pages import playback_tables
+from simspec.report.study.runs import Done, StudyTable
+from simspec.report.study.sentences import said_of
+from simspec.report.study.speed import (
+    case_cost_tables,
+    cost_tables,
+    load_tables,
+    over_time_tables,
+    speed_tables,
+    unequal_tables,
+)
+from simspec.report.study.validity import (
+    cases_tables,
+    certified_tables,
+    determinism_tables,
+    failures_tables,
+    validity_tables,
+)
+
+# What a study can show (``show``), by word.
+
+SHOWN: Mapping[str, Callable[[Done], list[StudyTable]]] = {
+    "speed": speed_tables,
+    "load": load_tables,
+    "validity": validity_tables,
+    "over_time": over_time_tables,
+    "determinism": determinism_tables,
+    "playback": playback_tables,
+    "quantities": quantities_tables,
+    "unequal": unequal_tables,
+    "contact": contact_tables,
+    "certified": certified_tables,
+    "failures": failures_tables,
+    "cases": cases_tables,
+    "cost": cost_tables,
+    "displacement": displacement_tables,
+    "case_cost": case_cost_tables,
+    "divergence": divergence_tables,
+    "distributions": distributions_tables,
+    "consistency": consistency_tables,
+    "conservation": conservation_tables,
+    "penetration": penetration_tables,
+    "attribution": attribution_tables,
+}
+"""By the words of :data:`simspec.language.study.SHOWN`. A table's name begins with the word."""
+
+
+def shown_of(done: Done) -> list[StudyTable]:
+    """All tables that the study shows of a sweep, with their sentences."""
+    tables = [table for word in done.sweep.words.show for table in SHOWN[word](done)]
+    for table in tables:
+        table.said = table.said or said_of(table.name, table.records)
+    return tables
+
+
+# Where and when the runs of a study were made, from what they say of themselves.
 
 GIB = 2**30
 

@@ -1,0 +1,222 @@
+"""Output of simspec run and simspec diff: tables of one study on a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from simspec.comparison.runs import QUANTITIES, Diff, summary
+from simspec.comparison.study import Study
+from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.report import differences as report_differences
+from simspec.report.certificate import show_certificate
+from simspec.report.differences import differences, repeatability
+from simspec.report.screen import console
+from simspec.report.table import BAD, Table, TableCell, length, number, passed_cell, shortened
+from simspec.runner.expectations import Outcome
+from simspec.runner.run import Run
+from simspec.runner.unphysical import together
+from simspec.world.frames import to_rpy
+from simspec.world.kinematics import display_name, rigid_groups
+from simspec.world.types import World
+
+# Final state: the last recorded poses of some bodies, and positions of joints, engines side by side.
+
+MOST_ROWS = 16
+"""Rows of bodies, and as many of joints, that the terminal shows; the files have all."""
+
+
+def shown_bodies(world: World, show: Sequence[str]) -> list[str]:
+    """The bodies of `record.show`; where it names none, the roots that can move."""
+    names = {body.name for body in world.bodies}
+    chosen = [name for name in show if name in names]
+    if chosen or show:
+        return chosen
+    groups = rigid_groups(world)
+    # of a root with several joints the body itself, not what stands between them
+    tops = [body for body in world.bodies if body.joint.parent is None and groups[body.name] != "world"]
+    return [display_name(body.name, names) for body in tops]
+
+
+def shown_joints(world: World, show: Sequence[str]) -> list[str]:
+    """The hinges and slides of `record.show`; where it names none, all of them."""
+    movable = [body.joint.name for body in world.bodies if body.joint.kind in SCALAR_JOINTS]
+    return [name for name in show if name in movable] if show else movable
+
+
+def shown_of(run: Run) -> tuple[str, ...]:
+    """What `record.show` named when the run was made; nothing where it named nothing, or where that was not kept."""
+    spec = run.provenance.get("spec")
+    names = spec.get("show") if isinstance(spec, Mapping) else None
+    return tuple(name for name in names if isinstance(name, str)) if isinstance(names, list) else ()
+
+
+def ends(run: Run, show: Sequence[str]) -> dict[str, Any]:
+    """The last record of a run: time (s), bodies (xyz, quat) and joints (rad, m) by name; empty where nothing was recorded."""
+    if not run.recorded:
+        return {}
+    poses = run.arrays["pose"][-1]
+    return {
+        "time": float(run.time[-1]),
+        "bodies": {
+            name: {
+                "xyz": poses[run.index[name], :3].tolist(),
+                "quat": poses[run.index[name], 3:].tolist(),
+            }
+            for name in shown_bodies(run.world, show)
+        },
+        "joints": {name: float(run.q(name)[-1]) for name in shown_joints(run.world, show)},
+    }
+
+
+def final_table(runs: Mapping[str, Run], show: Sequence[str]) -> Table | None:
+    """One row per body and joint, one column per run that recorded anything; None where there is nothing to show."""
+    shown = [run for run in runs.values() if run.recorded]
+    if not shown:
+        return None
+    world = shown[0].world
+    bodies, joints = shown_bodies(world, show), shown_joints(world, show)
+    if not bodies and not joints:
+        return None
+    times = {f"{run.time[-1]:.4g} s" for run in shown}
+    when = times.pop() if len(times) == 1 else "the last record"
+    ends_by_engine = Table(
+        f"Final state at {when}  (x y z in m, roll pitch yaw; joints in rad or m)",
+        "",
+        *(run.label for run in shown),
+    )
+    for name in bodies[:MOST_ROWS]:
+        ends_by_engine.add(name, *(_pose(run.arrays["pose"][-1, run.index[name]].tolist()) for run in shown))
+    units = {body.joint.name: "rad" if body.joint.kind == "hinge" else "m" for body in world.bodies}
+    for name in joints[:MOST_ROWS]:
+        ends_by_engine.add(name, *(f"{_number(float(run.q(name)[-1]))} {units[name]}" for run in shown))
+    more = [
+        f"{len(names) - MOST_ROWS} more {noun}"
+        for names, noun in ((bodies, "bodies"), (joints, "joints"))
+        if len(names) > MOST_ROWS
+    ]
+    if more:
+        ends_by_engine.note = (
+            f"and {' and '.join(more)}: select with record.show; all are in bodies.parquet and states.parquet"
+        )
+    return ends_by_engine
+
+
+def _pose(pose: Sequence[float]) -> str:
+    if not all(map(math.isfinite, pose)):
+        return "not finite"
+    place = " ".join(_number(value) for value in pose[:3])
+    turn = " ".join(
+        f"{math.degrees(angle):.1f}".replace("-0.0", "0.0") for angle in to_rpy((pose[3], pose[4], pose[5], pose[6]))
+    )
+    return f"{place}\n{turn}°"  # two lines: three engines side by side fit 80 columns
+
+
+def _number(value: float) -> str:
+    """Four decimals: a tenth of a millimetre."""
+    return f"{value:.4f}".replace("-0.0000", "0.0000")
+
+
+# Tables of a study of runs on a terminal.
+
+
+def results(runs: Mapping[str, Run]) -> Table:
+    """What came out: one column per run, one row per quantity."""
+    shown = list(runs.values())
+    quantities = Table("Results", "", *(run.label for run in shown), right=range(1, len(shown) + 1))
+    values = [summary(run) for run in shown]
+    for name, unit in QUANTITIES:
+        cells = [values_of_run.get(name) for values_of_run in values]
+        if any(cell is not None for cell in cells):
+            quantities.add(name, *(length(cell) if unit == "m" else number(cell, unit) for cell in cells))
+    quantities.add("real-time factor of the steps", *(number(run.real_time_factor) for run in shown))
+    quantities.add("real-time factor end to end", *(number(run.end_to_end_factor) for run in shown))
+    if any("control" in run.provenance for run in shown):
+        quantities.add("control, µs per step", *(number(_per_step(run, "control")) for run in shown))
+    failures = [run.failed for run in shown]
+    if any(failures):
+        quantities.add("failed", *(TableCell(shortened(why), BAD) if why else "" for why in failures))
+    return quantities
+
+
+def _per_step(run: Run, part: str) -> float | None:
+    """Microseconds that a part of a run took for each step."""
+    seconds, steps = run.provenance.get("seconds", {}).get(part), run.provenance.get("steps")
+    return 1e6 * seconds / steps if seconds is not None and steps else None
+
+
+def expectations(outcomes: Mapping[str, Sequence[Outcome]]) -> Table | None:
+    """The expectations: one row per expectation and engine. None when the spec has none."""
+    if not any(outcomes.values()):
+        return None
+    rows = Table("Expectations", "expectation", "engine", "", "measured", "bound", "", right=(3, 4))
+    for index in range(max(len(run_outcomes) for run_outcomes in outcomes.values())):
+        for engine, row in outcomes.items():
+            outcome = row[index]
+            rows.add(
+                outcome.kind,
+                engine,
+                passed_cell(outcome.passed),
+                number(outcome.measured, outcome.unit),
+                number(outcome.bound, outcome.unit),
+                shortened(outcome.detail, 80),
+            )
+    return rows
+
+
+def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
+    """All tables of one study, in the order of the questions."""
+    for line in together({name: run.unphysical for name, run in study.runs.items() if run.recorded}):
+        screen.print(Text(f"not physical: {line}", style="bold yellow"), soft_wrap=True)
+    if study.certificate is not None:
+        show_certificate(study.certificate, screen)
+    for shown in (
+        results(study.runs),
+        final_table(study.runs, show),
+        expectations(study.outcomes),
+        repeatability(study.floors),
+        differences(study.diffs),
+    ):
+        if shown is not None:
+            screen.print(shown)
+    for hint in dict.fromkeys(one.hint for own in study.outcomes.values() for one in own if one.hint):
+        screen.print(hint, soft_wrap=True)
+    for note in dict.fromkeys(note for diff in study.diffs for note in diff.notes):
+        screen.print(f"note: {note}", soft_wrap=True)
+
+
+# What ``simspec run`` and ``simspec diff`` print when they are done.
+
+
+def show_run(study: Study, folder: Path, notes: Sequence[str], show: Sequence[str], demand_diff: bool) -> None:
+    """Print a study that was written to ``folder``. ``demand_diff``: whether its differences decide the exit code."""
+    screen = console()
+    show_study(study, screen, show)
+    for note in notes:
+        screen.print(f"note: {note}", soft_wrap=True, markup=False)
+    screen.print(f"written: {folder}", soft_wrap=True)
+    _say_untold(study.diffs if demand_diff else ())
+    for name, run in study.runs.items():
+        if run.failed is not None:
+            console(error=True).print(f"{name} failed: {run.failed}", soft_wrap=True, style="bold red")
+
+
+def show_diff(diff: Diff) -> None:
+    """Print the comparison of two runs."""
+    screen = console()
+    for table in report_differences.diff_tables(diff):
+        screen.print(table)
+    for note in diff.notes:
+        screen.print(f"note: {note}", soft_wrap=True)
+    _say_untold([diff])
+
+
+def _say_untold(diffs: Sequence[Diff]) -> None:
+    for diff in diffs:
+        if (why := report_differences.inconclusive_note(diff)) is not None:
+            console(error=True).print(why, soft_wrap=True, style="yellow", markup=False)
