@@ -3,7 +3,6 @@ terminals. Numbers and lists as cells have them."""
 
 from __future__ import annotations
 
-import csv
 import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -214,6 +213,8 @@ def escaped(text: str) -> str:
 def csv_text(table: Table | Columns, newline: str = "\r\n") -> str:
     """A table as CSV (RFC 4180, UTF-8): numbers whole, nothing for None. Texts that a spreadsheet would run begin with an
     apostrophe."""
+    import csv  # spreadsheets alone need it
+
     written = io.StringIO()
     writer = csv.writer(written, lineterminator=newline)
     shown = as_table(table)

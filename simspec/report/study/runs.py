@@ -71,7 +71,7 @@ class Done:
 
 
 class StudyTable(Table):
-    """A table that a study shows of a sweep. ``name``: unique in its sweep, for pages (``docs/guide/studies.md``); ``records``: its
+    """A table that a study shows of a sweep. ``name``: unique in its sweep (``docs/guide/studies.md``); ``records``: its
     figures as data, not rounded."""
 
     def __init__(self, done: Done, name: str, title: str, *columns: str, right: Sequence[int] = ()):
