@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -33,15 +32,13 @@ from simspec.engines.drake.building import MOST_PLANES, import_drake
 from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load, parser_parts
 from simspec.engines.drake.inventory import expected, inventory, neutral
 from simspec.engines.drake.readback import SIZES, read_back
-from simspec.engines.drake.simulation import NATIVE, JointServos, Simulation, contacts, pd_controllers_hold
-from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
+from simspec.engines.drake.simulation import NATIVE, JointServos, Simulation, pd_controllers_hold
 from simspec.engines.kit.capabilities import COMMON, NO_SNAPSHOTS_YET, Capability, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
 from simspec.engines.kit.foreign import Own, Reads
-from simspec.engines.kit.inventory import expected_labels
-from simspec.engines.kit.settings import Group, Setting, under_weight, written_settings
-from simspec.engines.kit.simulated import SteppedEngine
+from simspec.engines.kit.settings import Group, Setting, under_weight
+from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.support.declarations import (
     AS_EFFORTS,
     FRAMES_ALONGSIDE,
@@ -63,7 +60,7 @@ from simspec.support.features import Feature
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import rigid_groups
-from simspec.world.types import VELOCITY_SIZE, EngineValue, PairContact, ReadBack, World
+from simspec.world.types import VELOCITY_SIZE, PairContact, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
 _NOT_YET = "simspec does not write it for Drake"
@@ -137,7 +134,7 @@ def inertia_held(world: World) -> Refinement | None:
     return memory_covered(world)
 
 
-class Drake(SteppedEngine[Simulation]):
+class Drake(WorldEngine[Simulation]):
     """Drake's discrete MultibodyPlant, with point contact, by SAP or TAMSI."""
 
     NAME: ClassVar[str] = "drake"
@@ -363,10 +360,7 @@ class Drake(SteppedEngine[Simulation]):
         speed = 1.0 / float(settings["dissipation"])
         return Recovery(speed=speed, why=f"TAMSI takes overlaps back at {1e3 * speed:g} mm/s at most (1/dissipation)")
 
-    @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        plan = contact_plan(world, cls.RULES, cls.LAYERS)
-        return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
+    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def prepare(cls) -> None:
@@ -377,28 +371,11 @@ class Drake(SteppedEngine[Simulation]):
         import_drake()
         parser_parts()
 
-    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
-        return Simulation(folder, sidecar)
-
-    def _held(self) -> ReadBack:
-        sim = self._simulation
-        held = read_back(sim, dict(self.UNREADABLE))
-        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-
     def track(
         self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
     ) -> Servos:
         # the gains were given before the plant was finished, which is what Drake asks for; the proof compares them
         return JointServos(self._simulation, v)
-
-    def contacts(self) -> dict[str, np.ndarray]:
-        return contacts(self._simulation)
-
-    def collision_units(self) -> Sequence[CollisionUnit]:
-        return [CollisionUnit(body, (name,)) for body, name in self._simulation.built.shapes]
-
-    def detect_units(self) -> np.ndarray:
-        return sorted_pairs(self._simulation.touching())
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         import_drake()

@@ -10,8 +10,8 @@ import numpy as np
 
 from simspec.engines.drake.building import CONE, NAME, told_name
 from simspec.engines.drake.simulation import Simulation
+from simspec.engines.kit.world_simulation import free_joint
 from simspec.errors import EngineError
-from simspec.formats.kit.contract import restore_frames
 from simspec.world import frames
 from simspec.world.types import Body, EngineServo, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
 
@@ -44,16 +44,9 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     for index, held in enumerate(sim.built.bodies):
         model, name = told_name(held)
         bodies.append(Body(name, model, inertial(sim, held), _joint(sim, index, q, v), _shapes(sim, held)))
-    moved = zip(sim.names, sim.offsets.tolist(), strict=True)
-    offsets = {name: tuple(offset) for name, offset in moved if any(offset)}
-    return ReadBack(
-        restore_frames(tuple(bodies), offsets),
-        _vector(sim.plant.gravity_field().gravity_vector()),
-        float(sim.plant.time_step()),
-        CONE,
-        dict(unreadable),
-        servos=_servos(sim),
-    )
+    gravity = _vector(sim.plant.gravity_field().gravity_vector())
+    read = sim.model(bodies, gravity, float(sim.plant.time_step()), unreadable, CONE)
+    return dataclasses.replace(read, servos=_servos(sim))
 
 
 def _servos(sim: Simulation) -> tuple[EngineServo, ...]:
@@ -105,10 +98,7 @@ def _joint(sim: Simulation, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
     at = sim.coordinates.v_places[index]
     position, velocity = q[sim.coordinates.q_places[index]].tolist(), v[at].tolist()
     if kind == "free":
-        turn = frames.normalise(tuple(position[3:]))
-        angular = frames.rotate(turn, tuple(velocity[3:]))
-        name = sim.document.bodies[index].joint.name
-        return Joint(name, kind, position=(*position[:3], *turn), velocity=(*velocity[:3], *angular))
+        return free_joint(sim.document.bodies[index].joint.name, position, velocity)
     if not joint.frame_on_child().is_body_frame():
         raise EngineError(NAME, f"joint {joint.name()!r} is not at its child's frame")
     above = joint.parent_body()
@@ -146,7 +136,7 @@ def _names(sim: Simulation, held: Any, of: str) -> list[tuple[list[str], Any]]:
     own = [(inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(held)]
     name = told_name(held)[1]
     if name in sim.built.places:
-        planes = {shape.name for shape in sim.told[name].shapes if shape.kind == "plane"}
+        planes = {shape.name for shape in sim.by_name[name].shapes if shape.kind == "plane"}
         every = ((inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(sim.plant.world_body()))
         own += [(words, one) for words, one in every if words[0] in planes]
     return own

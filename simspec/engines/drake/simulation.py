@@ -17,9 +17,9 @@ from simspec.engines.drake.approximations import asked_approximation
 from simspec.engines.drake.building import NAME, build, is_servo, warnings_into
 from simspec.engines.drake.coordinates import Coordinates
 from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.world_simulation import WorldSimulation
 from simspec.errors import EngineError
-from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, parent_of, state_of
+from simspec.formats.world.tree import AxisJoint, BallJoint, initial_coordinates, parent_of
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.rotations import logarithm, unit
 from simspec.world.types import World
@@ -30,21 +30,12 @@ WHOLE = 600
 """Velocities up to which the mass matrix is asked for whole."""
 
 
-class Simulation:
+class Simulation(WorldSimulation[WorldSidecar]):
     """A loaded world."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
-        try:
-            self.document = WorldJson().read(folder)
-            told = WorldSidecar.of(sidecar)
-            told.check_document(self.document)
-        except (ValueError, FileNotFoundError) as error:
-            raise EngineError(NAME, str(error)) from error
-        self.sidecar, self.settings = sidecar, told.settings
-        self.constraints, self.sums = told.constraints or (), told.sums or ()
-        self.passive = told.passive
+        super().__init__(NAME, WorldSidecar, folder, sidecar)
         self.log: list[str] = []
-        bodies = self.document.bodies
         with warnings_into(self.log):
             try:
                 self.built = build(self.document, self.settings)
@@ -53,10 +44,8 @@ class Simulation:
             self.root = self.built.diagram.CreateDefaultContext()
         self.plant = self.built.plant
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
-        self.coordinates = Coordinates(self.built, [body.joint.kind for body in bodies])
-        self.names = [body.name for body in bodies]
-        self.told = {body.name: body for body in bodies}
-        self.offsets = np.array([body.frame_offset for body in told.bodies], dtype=float).reshape(-1, 3)
+        self.coordinates = Coordinates(self.built, [body.joint.kind for body in self.document.bodies])
+        self.by_name = {body.name: body for body in self.document.bodies}
         self.timestep = float(self.plant.time_step())
         self._losses()
         self._port = self.plant.get_applied_generalized_force_input_port()
@@ -66,14 +55,7 @@ class Simulation:
         self.shape_of = {one.id: one.shape for one in self.built.geometries}
         self._contacts = self.plant.get_contact_results_output_port() if self.built.geometries else None
         self._results: Any = None
-        q: list[float] = []
-        v: list[float] = []
-        for body in bodies:
-            position, velocity = state_of(body.joint)
-            free = isinstance(body.joint, FreeJoint)
-            q.extend(position)
-            v.extend([*velocity[:3], *_into(position, velocity[3:])] if free else velocity)
-        self.set_state(np.array(q, dtype=float), np.array(v, dtype=float))
+        self.set_state(*map(np.array, initial_coordinates(self.document)))
 
     def _index(self) -> None:
         """Drake's joints by the index of their child, and its actuators by the index of their joint, asked for once."""
@@ -248,9 +230,27 @@ class Simulation:
 
     # --- contact ----------------------------------------------------------------------------------------------
 
-    def last_contacts(self) -> Any:
-        """Drake's contacts of the last step, with their forces; None before the first, and where nothing is solid."""
-        return self._results
+    def contacts(self) -> dict[str, np.ndarray]:
+        """The contacts that the last step used, as arrays with ``CONTACT_FIELDS``."""
+        results = self._results
+        if results is None:
+            return empty_contacts()
+        touches = [_point(results.point_pair_contact_info(index)) for index in range(results.num_point_pair_contacts())]
+        touches += [
+            _surface(results.hydroelastic_contact_info(index)) for index in range(results.num_hydroelastic_contacts())
+        ]
+        if not touches:
+            return empty_contacts()
+        units = np.array([[self.shape_of[side] for side in one.ids] for one in touches], dtype=np.int64)
+        bodies = np.array([body for body, _ in self.built.shapes], dtype=np.int64)
+        return {
+            "body": bodies[units],
+            "unit": units,
+            "position": np.array([one.position for one in touches]),
+            "normal": np.array([one.normal for one in touches]),
+            "distance": -np.array([one.depth for one in touches]),
+            "normal_force": np.maximum([one.force for one in touches], 0.0),
+        }
 
     def query(self) -> Any:
         """Drake's answers on geometry at the present state."""
@@ -276,16 +276,6 @@ class Simulation:
         """What Drake said while loading."""
         return list(self.log)
 
-    def close(self) -> None:
-        """Nothing to do: Drake's diagram goes with this object."""
-
-
-def _into(position: Any, vector: Any) -> list[float]:
-    """A vector in the axes of a free body."""
-    from simspec.world import frames
-
-    return list(frames.rotate(frames.conjugate(tuple(position[3:7])), tuple(vector)))
-
 
 # What Drake says of the contacts of the last step: points of two geometries, and surfaces of hydroelastic contact.
 
@@ -302,29 +292,6 @@ class Touch:
     normal: Vector
     force: float
     depth: float
-
-
-def contacts(sim: Simulation) -> dict[str, np.ndarray]:
-    """The contacts that the last step used, as arrays with ``CONTACT_FIELDS``."""
-    results = sim.last_contacts()
-    if results is None:
-        return empty_contacts()
-    touches = [_point(results.point_pair_contact_info(index)) for index in range(results.num_point_pair_contacts())]
-    touches += [
-        _surface(results.hydroelastic_contact_info(index)) for index in range(results.num_hydroelastic_contacts())
-    ]
-    if not touches:
-        return empty_contacts()
-    units = np.array([[sim.shape_of[side] for side in one.ids] for one in touches], dtype=np.int64)
-    bodies = np.array([body for body, _ in sim.built.shapes], dtype=np.int64)
-    return {
-        "body": bodies[units],
-        "unit": units,
-        "position": np.array([one.position for one in touches]),
-        "normal": np.array([one.normal for one in touches]),
-        "distance": -np.array([one.depth for one in touches]),
-        "normal_force": np.maximum([one.force for one in touches], 0.0),
-    }
 
 
 def _point(told: Any) -> Touch:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.engines.kit import hulls
+from simspec.engines.kit.building import Unit, Walk, refuse
 from simspec.engines.kit.compiled import Compiled, Needs
 from simspec.engines.kit.hulls import check_solid
+from simspec.engines.kit.world_simulation import tensor_of
 from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD as SDF_WORLD
 from simspec.formats.sdf.format import Sdf
-from simspec.formats.world.tree import (
-    AxisJoint,
-    BallJoint,
-    FreeJoint,
-    JsonBody,
-    JsonShape,
-    JsonWorld,
-    ShapeCopy,
-    rows_of,
-)
+from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, JsonBody, JsonShape, JsonWorld, ShapeCopy
 from simspec.world.shapes import SHAPES as WORLD_SHAPES
 from simspec.world.types import Inertial, Pose
 
@@ -185,83 +177,34 @@ MOST_RESTITUTION = 1.0
 """libsdformat's bound; DART has none."""
 
 
-@dataclass(frozen=True, slots=True)
-class Unit:
-    """A copy of a collision shape: its name in the SDF text, and where it stands in the document."""
-
-    name: str
-    body: int
-    shape: int
-    material: str
-    layer: int
-
-
 class Plan:
-    """What is made of a document: the SDF text, the units of contact and what of them may touch."""
+    """The SDF text of a document, and which classes of its units touch: ``classes`` by unit, ``meet`` (classes, classes)."""
 
-    def __init__(self, document: JsonWorld):
-        self.document = document
-        rows = {body.name: row for row, body in enumerate(document.bodies)}
-        hanging = rows_of(document.bodies)
-        self.parents, self.roots, self.groups = hanging.parents, hanging.roots, hanging.groups
-        self.units = [
-            Unit(f"s{row}_{place}_{copy.layer}", row, place, shape.material, copy.layer)
-            for row, body in enumerate(document.bodies)
-            for place, shape in enumerate(body.shapes)
-            for copy in shape.copies
-        ]
-        self._by_body: dict[int, list[Unit]] = {}
-        for unit in self.units:
-            self._by_body.setdefault(unit.body, []).append(unit)
-        self._check()
+    def __init__(self, walk: Walk):
+        refuse(walk, NAME, shapes=SHAPES, servos=False, moving_planes=False)
+        self.walk, self.document = walk, walk.document
+        for solid in walk.shapes:
+            if solid.shape.kind == "mesh":
+                check_solid(NAME, solid.shape.name, solid.shape.size)
+            for copy in solid.shape.copies:
+                if copy.torsional_friction or copy.rolling_friction or copy.hardness is not None:
+                    name = solid.shape.name
+                    raise EngineError(NAME, f"has no torsional or rolling friction, and no hardness, of {name!r}")
+        self.names = [f"s{unit.of.owner.row}_{unit.of.place}_{unit.copy.layer}" for unit in walk.units]
+        """Of the units in the text."""
+        self._units_of: dict[int, list[Unit]] = {}
+        for unit in walk.units:
+            self._units_of.setdefault(unit.of.owner.row, []).append(unit)
         self.text = Sdf().write(self._world())[SDF_WORLD]
-        self.excluded = np.array(
-            sorted(
-                min(rows[one], rows[other]) * len(rows) + max(rows[one], rows[other])
-                for one, other in document.apart.bodies
-            ),
-            dtype=np.int64,
-        )
-        self.classes, self.meet = self._classes()
-
-    def _check(self) -> None:
-        for row, body in enumerate(self.document.bodies):
-            if isinstance(body.joint, AxisJoint) and body.joint.servo is not None:
-                raise EngineError(NAME, f"has no controller of its own, which joint {body.joint.name!r} has")
-            for shape in body.shapes:
-                if shape.copies and shape.kind not in SHAPES:
-                    raise EngineError(NAME, f"does not support the {shape.kind} {shape.name!r}")
-                if shape.copies and shape.kind == "plane" and self.groups[row] >= 0:
-                    raise EngineError(NAME, f"does not support the plane {shape.name!r} on a body that moves")
-                if shape.copies and shape.kind == "mesh":
-                    check_solid(NAME, shape.name, shape.size)
-                for copy in shape.copies:
-                    if copy.torsional_friction or copy.rolling_friction or copy.hardness is not None:
-                        raise EngineError(
-                            NAME, f"has no torsional or rolling friction, and no hardness, of {shape.name!r}"
-                        )
-
-    def _classes(self) -> tuple[list[int], np.ndarray]:
-        """Of each unit the number of its class, and which classes meet (classes, classes)."""
-        layers = {frozenset((one, other)): layer for one, other, layer in self.document.meets}
-        ignored = {frozenset(pair) for pair in self.document.apart.groups}
-        keys = [(self.document.bodies[unit.body].group, unit.material, unit.layer) for unit in self.units]
-        known = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-        meet = np.zeros((len(known), len(known)), dtype=np.uint8)
-        for one, row in known.items():
-            for other, column in known.items():
-                meet[row, column] = (
-                    layers.get(frozenset((one[1], other[1]))) == one[2] == other[2]
-                    and frozenset((one[0], other[0])) not in ignored
-                )
-        return [known[key] for key in keys], meet
+        self.excluded = walk.excluded_keys()
+        number = {kind: index for index, kind in enumerate(walk.kinds)}
+        self.classes = [number[unit.kind] for unit in walk.units]
+        meet = [[walk.meet(one, other) for other in number] for one in number]
+        self.meet = np.array(meet, dtype=np.uint8).reshape(len(number), len(number))
 
     # --- the text ---------------------------------------------------------------------------------------------
 
     def _world(self) -> sdf.SdfWorld:
-        members: dict[int, list[int]] = {}
-        for row, root in enumerate(self.roots):
-            members.setdefault(root, []).append(row)
         models = tuple(
             sdf.SdfModel(
                 f"t{root}",
@@ -271,44 +214,32 @@ class Plan:
                 tuple(self._link(row) for row in rows),
                 tuple(self._joint(row) for row in rows if not isinstance(self.document.bodies[row].joint, FreeJoint)),
             )
-            for root, rows in members.items()
+            for root, rows in self.walk.trees.items()
         )
         return sdf.SdfWorld("w", self.document.timestep, self.document.gravity, models)
 
     def _link(self, row: int) -> sdf.SdfLink:
-        body, parent = self.document.bodies[row], self.parents[row]
+        body, parent = self.document.bodies[row], self.walk.bodies[row].parent
         pose = Pose() if isinstance(body.joint, FreeJoint) else body.joint.origin
         inertial = Inertial(body.mass, body.centre_of_mass, body.inertia) if proper(body) else STANDS_FOR
         shapes = tuple(
             sdf.SdfShape(
-                unit.name,
-                *_written(body.shapes[unit.shape]),
-                body.shapes[unit.shape].pose,
-                self._surface(unit),
-                None,
+                self.names[unit.number], *_written(unit.of.shape), unit.of.shape.pose, _surface(unit.copy), None
             )
-            for unit in self._by_body.get(row, ())
+            for unit in self._units_of.get(row, ())
         )
         return sdf.SdfLink(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, True, shapes)
 
-    def _surface(self, unit: Unit) -> sdf.SdfSurface:
-        copy = self._copy(unit)
-        return sdf.SdfSurface(copy.friction, 0.0, min(copy.restitution, MOST_RESTITUTION), 0.0)
-
-    def _copy(self, unit: Unit) -> ShapeCopy:
-        copies = self.document.bodies[unit.body].shapes[unit.shape].copies
-        return next(copy for copy in copies if copy.layer == unit.layer)
-
     def lively(self) -> list[tuple[int, float]]:
-        """(unit, restitution) of what SDF cannot say: laws of pairs are products, of which one factor may be above 1."""
-        told = [(number, self._copy(unit).restitution) for number, unit in enumerate(self.units)]
-        return [(number, restitution) for number, restitution in told if restitution > MOST_RESTITUTION]
+        """(unit, restitution) above SDF's bound: the restitution of a pair is a product, with one factor above 1 at most."""
+        rows = [(unit.number, unit.copy.restitution) for unit in self.walk.units]
+        return [(number, restitution) for number, restitution in rows if restitution > MOST_RESTITUTION]
 
     def _joint(self, row: int) -> sdf.SdfJoint:
         """A joint of the text. Damping there is DART's own, implicit one, which with an effort against it is armature; springs
         and damping of the world are efforts."""
         joint = self.document.bodies[row].joint
-        parent = None if self.parents[row] < 0 else f"b{self.parents[row]}"
+        parent = None if self.walk.bodies[row].parent < 0 else f"b{self.walk.bodies[row].parent}"
         told = sdf.SdfJoint(f"j{row}", joint.kind, parent, f"b{row}")
         if not isinstance(joint, AxisJoint):
             return told
@@ -326,6 +257,10 @@ class Plan:
         )
 
 
+def _surface(copy: ShapeCopy) -> sdf.SdfSurface:
+    return sdf.SdfSurface(copy.friction, 0.0, min(copy.restitution, MOST_RESTITUTION), 0.0)
+
+
 def _written(shape: JsonShape) -> tuple[str, tuple[float, ...]]:
     """Kind and size of a shape in the text: a hull is given to DART's detector afterwards, in place of the ball around it."""
     if shape.kind == "mesh":
@@ -335,9 +270,13 @@ def _written(shape: JsonShape) -> tuple[str, tuple[float, ...]]:
 
 def proper(body: JsonBody) -> bool:
     """Whether SDF and its reader take the inertia of a body: a mass, and moments of something."""
-    xx, yy, zz, xy, xz, yz = body.inertia
-    moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    return bool(body.mass > 0.0 and moments[0] > 0.0 and moments[0] + moments[1] > moments[2] * (1.0 + 1e-9))
+    return proper_inertia(body.mass, body.inertia)
+
+
+def proper_inertia(mass: float, inertia: Sequence[float]) -> bool:
+    """The same of a mass and a tensor."""
+    moments = np.linalg.eigvalsh(tensor_of(inertia))
+    return bool(mass > 0.0 and moments[0] > 0.0 and moments[0] + moments[1] > moments[2] * (1.0 + 1e-9))
 
 
 def losses(document: JsonWorld) -> np.ndarray:

@@ -5,14 +5,11 @@ Facts marked *measured*: gz-physics 5.1.0, libdart 6.12.1, libsdformat 12.3.0, a
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
 from simspec.engines.gazebo import building
 from simspec.engines.gazebo.approximations import (
@@ -25,19 +22,17 @@ from simspec.engines.gazebo.approximations import (
     capsules,
     cylinders,
 )
-from simspec.engines.gazebo.inventory import expected, inventory
+from simspec.engines.gazebo.inventory import expected, inventory, neutral
 from simspec.engines.gazebo.readback import read_back
 from simspec.engines.gazebo.simulation import Simulation
-from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
-from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import armature_felt, no_friction, planes_still
-from simspec.engines.kit.settings import Group, Setting, resolve_settings
-from simspec.engines.kit.simulated import SteppedEngine
+from simspec.engines.kit.settings import Group, Setting
+from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.support.declarations import (
     AS_EFFORTS,
     BETWEEN_JOINTS,
@@ -56,7 +51,7 @@ from simspec.support.declarations import (
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import Body, EngineValue, ReadBack, World
+from simspec.world.types import Body, World
 
 TINY_FRICTION = 0.001
 """DART treats a friction coefficient of up to this as zero."""
@@ -113,7 +108,7 @@ def _friction(world: World) -> Refinement | None:
     return SWEEPS if ("contact_solver", "pgs") in world.options(Gazebo.NAME).settings and leans(world) else None
 
 
-class Gazebo(SteppedEngine[Simulation]):
+class Gazebo(WorldEngine[Simulation]):
     """gz-physics' dartsim: DART's Featherstone dynamics (semi-implicit Euler) and its boxed solvers."""
 
     NAME: ClassVar[str] = "gazebo"
@@ -267,30 +262,11 @@ class Gazebo(SteppedEngine[Simulation]):
         "collision_group": "simspec's filter has classes of shapes, in which groups are merged with materials",
     }
 
-    @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        plan = contact_plan(world, cls.RULES, cls.LAYERS)
-        return expected(world, resolve_settings(cls, world), plan) | expected_labels(cls, world)
+    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def prepare(cls) -> None:
         building.library()
-
-    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
-        return Simulation(folder, sidecar)
-
-    def _held(self) -> ReadBack:
-        sim = self._simulation
-        return dataclasses.replace(read_back(sim, dict(self.UNREADABLE)), inventory=inventory(sim), neutral={})
-
-    def contacts(self) -> dict[str, np.ndarray]:
-        return self._simulation.contacts()
-
-    def collision_units(self) -> Sequence[CollisionUnit]:
-        return [CollisionUnit(body, (name,)) for body, name in self._simulation.shapes]
-
-    def detect_units(self) -> np.ndarray:
-        return sorted_pairs(self._simulation.touching())
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         self._simulation.disable_dry_friction(v)

@@ -57,9 +57,9 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     for row, body in enumerate(sim.document.bodies):
         for name, value in _body(sim, row).items():
             found[f"body.{body.name}.{name}"] = value
-    for number, unit in enumerate(sim.plan.units):
-        held, name = held_unit(sim, number), unit_name(sim, unit)
-        found[f"unit.{name}.of"] = sim.names[unit.body]
+    for number, unit in enumerate(sim.walk.units):
+        held, name = held_unit(sim, number), unit_name(unit)
+        found[f"unit.{name}.of"] = unit.of.owner.body.name
         found[f"unit.{name}.second_friction"] = held.friction[1]
         found[f"unit.{name}.restitution"] = held.restitution
         found[f"unit.{name}.slip"] = held.slip
@@ -87,14 +87,14 @@ def _body(sim: Simulation, row: int) -> dict[str, EngineValue]:
     mass = held.inertial
     if told.mass == 0.0:  # nor a centre
         found["centre_of_mass"] = mass.centre_of_mass
-    if sim.plan.groups[row] < 0:  # of what cannot move, the read-back compares no mass where there is none
+    if not sim.walk.bodies[row].moves:  # of what cannot move, the read-back compares no mass where there is none
         found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
     return found
 
 
 def _filter(sim: Simulation) -> dict[str, EngineValue]:
     """For every copy of a shape the others that it does not touch, itself not counted."""
-    names = [unit_name(sim, unit) for unit in sim.plan.units]
+    names = [unit_name(unit) for unit in sim.walk.units]
     apart = np.zeros((len(names), len(names)), dtype=np.uint8)
     sim.library.gz_apart(sim.sim, apart.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)))
     np.fill_diagonal(apart, 0)
@@ -113,7 +113,14 @@ BIG_EXPECTED = 1e308
 NONE = (0.0, 0.0)
 
 
-def expected(world: World, settings: Settings, plan: ContactPlan) -> dict[str, EngineValue]:
+def neutral(sim: Simulation) -> dict[str, EngineValue]:
+    """None: everything is written."""
+    return {}
+
+
+def expected(
+    world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
+) -> dict[str, EngineValue]:
     """What the inventory must be under the ``settings`` that follow from ``world``."""
     carriers = [
         Carrier(f"{shape.name}.{part.layer}", body.name, part.material, part.layer)

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simspec.engines.gazebo.building import NAME, Unit, asked, hull_library
+from simspec.engines.gazebo.building import NAME, asked, hull_library
 from simspec.engines.gazebo.simulation import Simulation
+from simspec.engines.kit.building import Unit
 from simspec.engines.kit.hulls import vertices_of
+from simspec.engines.kit.world_simulation import free_joint, visual_shape
 from simspec.errors import EngineError
-from simspec.formats.kit.contract import restore_frames
 from simspec.formats.sdf.format import UNLIMITED
 from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint, JsonBody, JsonShape
 from simspec.world import frames
@@ -107,26 +108,22 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     """The model as gz-physics holds it, and its present state."""
     q, v = sim.get_state()
     units: dict[tuple[int, int], list[int]] = {}
-    for number, unit in enumerate(sim.plan.units):
-        units.setdefault((unit.body, unit.shape), []).append(number)
+    for unit in sim.walk.units:
+        units.setdefault((unit.of.owner.row, unit.of.place), []).append(unit.number)
     bodies = []
     for row, told in enumerate(sim.document.bodies):
         held = held_body(sim, row)
         shapes = tuple(_shape(sim, shape, units.get((row, place), ())) for place, shape in enumerate(told.shapes))
         bodies.append(Body(told.name, told.model, held.inertial, _joint(sim, row, told, held, q, v), shapes))
-    moved = zip(sim.names, sim.offsets.tolist(), strict=True)
-    offsets: dict[str, Vector3] = {name: tuple(offset) for name, offset in moved if any(offset)}
     world = asked(sim.library.gz_world, (sim.sim,), sim.library.gz_world_numbers())
-    return ReadBack(restore_frames(tuple(bodies), offsets), _vector(world[:3]), world[3], sim.cone, dict(unreadable))
+    return sim.model(bodies, _vector(world[:3]), world[3], unreadable, sim.cone)
 
 
 def _joint(sim: Simulation, row: int, body: JsonBody, held: HeldBody, q: np.ndarray, v: np.ndarray) -> Joint:
     joint = body.joint
     position, velocity = q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist()
     if isinstance(joint, FreeJoint):
-        turn = frames.normalise(tuple(position[3:]))
-        angular = frames.rotate(turn, tuple(velocity[3:]))
-        return Joint(joint.name, "free", position=(*position[:3], *turn), velocity=(*velocity[:3], *angular))
+        return free_joint(joint.name, position, velocity)
     parent = sim.names[held.parent] if held.parent >= 0 else None
     found = Joint(joint.name, joint.kind, parent, held.place, position=tuple(position), velocity=tuple(velocity))
     if isinstance(joint, FixedJoint):
@@ -156,9 +153,7 @@ def _joint(sim: Simulation, row: int, body: JsonBody, held: HeldBody, q: np.ndar
 
 def _shape(sim: Simulation, told: JsonShape, copies: Sequence[int]) -> Shape:
     """A collision shape as DART has it, and what is only seen, which it does not have."""
-    seen = Shape(told.name, told.kind, told.size, told.pose, collision=False, visual=told.colour is not None)
-    if told.colour is not None:
-        seen = dataclasses.replace(seen, colour=told.colour)
+    seen = visual_shape(told)
     if not copies:
         return seen
     held = [held_unit(sim, number) for number in copies]
@@ -176,9 +171,9 @@ def as_told(held: HeldUnit) -> tuple[str, tuple[float, ...], Pose]:
     return held.kind, held.size, held.pose
 
 
-def unit_name(sim: Simulation, unit: Unit) -> str:
+def unit_name(unit: Unit) -> str:
     """What a copy of a shape is called: by the shape's name and the layer."""
-    return f"{sim.document.bodies[unit.body].shapes[unit.shape].name}.{unit.layer}"
+    return f"{unit.of.shape.name}.{unit.copy.layer}"
 
 
 def _vector(values: Sequence[float]) -> Vector3:

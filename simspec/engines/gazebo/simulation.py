@@ -26,65 +26,33 @@ from simspec.engines.gazebo.building import (
     proper,
 )
 from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.building import Walk
 from simspec.engines.kit.hulls import DOUBTED
+from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, growing_pairs
 from simspec.errors import EngineError
-from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import initial_coordinates
-from simspec.language.vocabulary import QUATERNION_JOINTS
-from simspec.world.rotations import unit
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
-MANY = 4096
-"""Pairs of shapes that touch for which there is room at first."""
 MOST_CONTACTS = 1_000_000
 """Contacts that DART takes in a step; its own bound is 1,000, gz-physics' 10,000."""
 NOT_FINITE = "a state or effort is not finite, or beyond 1e100, by which gz-physics would end its process"
 
 
-class Simulation:
-    """A loaded world. Coordinates are the part in C++'s own, which are those of ``world/kinematics.py``."""
+class Simulation(WorldSimulation[WorldSidecar]):
+    """A loaded world. Coordinates are those of the part in C++, and of ``world/kinematics.py``."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
-        try:
-            self.document = WorldJson().read(folder)
-            told = WorldSidecar.of(sidecar)
-            told.check_document(self.document)
-        except (ValueError, FileNotFoundError) as error:
-            raise EngineError(NAME, str(error)) from error
-        self.sidecar, self.told = sidecar, told
-        self.constraints, self.sums, self.passive = told.constraints or (), told.sums or (), told.passive
-        bodies = self.document.bodies
-        self.names = [body.name for body in bodies]
-        self.offsets = np.array([body.frame_offset for body in told.bodies], dtype=float).reshape(-1, 3)
-        kinds = [body.joint.kind for body in bodies]
-        q = np.cumsum([0, *(POSITION_SIZE[kind] for kind in kinds)])
-        v = np.cumsum([0, *(VELOCITY_SIZE[kind] for kind in kinds)])
-        self.nq, self.nv = int(q[-1]), int(v[-1])
-        self.q_places = [slice(a, b) for a, b in zip(q[:-1].tolist(), q[1:].tolist(), strict=True)]
-        self.v_places = [slice(a, b) for a, b in zip(v[:-1].tolist(), v[1:].tolist(), strict=True)]
-        turns = [
-            range(place.stop - 4, place.stop)
-            for place, kind in zip(self.q_places, kinds, strict=True)
-            if kind in QUATERNION_JOINTS
-        ]
-        self._turns = np.array(turns, dtype=np.intp).reshape(-1, 4)
-        self.plan = Plan(self.document)
-        self.shapes = [(row, shape.name) for row, body in enumerate(bodies) for shape in body.shapes if shape.copies]
-        """(body, name) of every collision shape."""
-        self._body_of = np.array([row for row, _ in self.shapes], dtype=np.int64)
-        numbers: dict[tuple[int, int], int] = {}
-        self._shape_of = np.array(
-            [numbers.setdefault((unit.body, unit.shape), len(numbers)) for unit in self.plan.units], dtype=np.int64
-        )
+        super().__init__(NAME, WorldSidecar, folder, sidecar)
+        self.walk = Walk.of(self.document)
+        self.plan = Plan(self.walk)
+        self._shape_of = np.array([unit.of.number for unit in self.walk.units], dtype=np.int64)
         self.library = library()
         self.sim: Any = None
         self._load()
         self.set_state(*map(np.array, initial_coordinates(self.document)))
 
     def _load(self) -> None:
-        settings = self.told.settings
         try:
-            solver = str(settings["contact_solver"])
+            solver = str(self.settings["contact_solver"])
         except KeyError as error:
             raise EngineError(NAME, f"the sidecar's settings lack {error}") from error
         lib, plan = self.library, self.plan
@@ -98,19 +66,17 @@ class Simulation:
         self._done(lib.gz_bodies(self.sim, len(bodies), _texts(names), kinds.ctypes.data_as(Integers), pointer(own)))
         for row, body in enumerate(bodies):
             if not proper(body):
-                told = np.array([body.mass, *body.centre_of_mass, *body.inertia])
-                lib.gz_inertia(self.sim, row, pointer(told))
-        told_units = np.array(
-            [(unit.body, kind, plan.groups[unit.body]) for unit, kind in zip(plan.units, plan.classes, strict=True)],
-            dtype=np.int32,
-        ).reshape(-1, 3)
+                lib.gz_inertia(self.sim, row, pointer(np.array([body.mass, *body.centre_of_mass, *body.inertia])))
+        owners = [unit.of.owner for unit in self.walk.units]
+        unit_rows = [(one.row, kind, one.carrier) for one, kind in zip(owners, plan.classes, strict=True)]
+        units = np.array(unit_rows, dtype=np.int32).reshape(-1, 3)
         meet = np.ascontiguousarray(plan.meet)
         self._done(
             lib.gz_units(
                 self.sim,
-                len(plan.units),
-                _texts([unit.name for unit in plan.units]),
-                told_units.ctypes.data_as(Integers),
+                len(units),
+                _texts(plan.names),
+                units.ctypes.data_as(Integers),
                 len(meet),
                 meet.ctypes.data_as(Text),
                 len(plan.excluded),
@@ -125,8 +91,8 @@ class Simulation:
     def _hulls(self) -> dict[int, Any]:
         """The geoms of hulls, by the numbers of their units: each in place of the geom of the ball that the text has."""
         found: dict[int, Any] = {}
-        for number, one in enumerate(self.plan.units):
-            shape = self.document.bodies[one.body].shapes[one.shape]
+        for number, unit in enumerate(self.walk.units):
+            shape = unit.of.shape
             if shape.kind != "mesh":
                 continue
             space, known = self.library.gz_space(self.sim), self.library.gz_object(self.sim, number)
@@ -147,11 +113,9 @@ class Simulation:
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Put the simulation into the state (q, v). Raises EngineError for one that is not finite."""
-        q, v = np.array(q, dtype=float), np.array(v, dtype=float)
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             raise EngineError(NAME, NOT_FINITE)
-        if len(self._turns):
-            q[self._turns] = unit(q[self._turns])
+        q, v = self.normalised(q), np.array(v, dtype=float)
         self.library.gz_set(self.sim, pointer(q), pointer(v))
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -212,27 +176,15 @@ class Simulation:
         count = self.library.gz_contact_count(self.sim)
         if not count:
             return empty_contacts()
-        units, told = np.empty((count, 2), dtype=np.int32), np.empty((count, 8))
-        self.library.gz_contacts(self.sim, units.ctypes.data_as(Integers), pointer(told))
-        pairs = self._shape_of[units.astype(np.intp)]
-        return {
-            "body": self._body_of[pairs],
-            "unit": pairs,
-            "position": told[:, :3].copy(),
-            "normal": told[:, 3:6].copy(),
-            "distance": -told[:, 6],
-            "normal_force": np.maximum(told[:, 7], 0.0),
-        }
+        units, table = np.empty((count, 2), dtype=np.int32), np.empty((count, 8))
+        self.library.gz_contacts(self.sim, units.ctypes.data_as(Integers), pointer(table))
+        return contact_table(self._shape_of[units], table, [row for row, _ in self.units()])
 
     def touching(self) -> np.ndarray:
         """Pairs (n, 2) of the numbers of shapes that touch at the present state."""
-        room = MANY
-        while True:
-            pairs = np.empty((room, 2), dtype=np.int32)
-            count = self.library.gz_touching(self.sim, pairs.ctypes.data_as(Integers), room)
-            if count <= room:
-                return self._shape_of[pairs[:count].astype(np.intp)]
-            room = count
+        pairs = growing_pairs(lambda pairs, room: int(self.library.gz_touching(self.sim, pairs, room)))
+        found: np.ndarray = self._shape_of[pairs]
+        return found
 
     def disable_contact(self) -> None:
         """Nothing touches anything."""
@@ -243,9 +195,8 @@ class Simulation:
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         """Take the dry friction of the joints at the places ``v`` (n,) away."""
-        body_at = {place.start: row for row, place in enumerate(self.v_places) if place.stop > place.start}
-        for place in np.asarray(v, dtype=int).tolist():
-            self.library.gz_no_dry_friction(self.sim, body_at[place])
+        for row in self.rows_at(v):
+            self.library.gz_no_dry_friction(self.sim, row)
 
     def messages(self) -> list[str]:
         """What gz-physics said while it loaded."""

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.contact.rules import Rules
+from simspec.engines.gazebo.building import proper_inertia
 from simspec.engines.gzsim import bindings
 from simspec.engines.gzsim.readback import read_back
 from simspec.engines.gzsim.simulation import Simulation
@@ -41,7 +42,7 @@ from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.inertia import lumped
 from simspec.world.kinematics import rigid_groups
-from simspec.world.types import Inertial, ReadBack, World
+from simspec.world.types import ReadBack, World
 
 _NO_CONTACT = "simspec tells gz sim no shapes: its Python bindings tell no contacts, so that nothing could be compared"
 _GIVEN = "given as efforts at every step, explicit in time: DART's own are implicit"
@@ -72,23 +73,16 @@ def not_told(name: str | None) -> Refinement | None:
 def _all_weigh(world: World) -> Refinement | None:
     """Refused where a body moves that SDF's reader would not take."""
     groups, told = rigid_groups(world), lumped(world)
-    light = (
-        body.name
-        for body in world.bodies
-        if groups[body.name] != "world" and not _is_body(told.get(body.name, body.inertial))
+    inertials = (
+        (body.name, told.get(body.name, body.inertial)) for body in world.bodies if groups[body.name] != "world"
     )
+    light = (name for name, inertial in inertials if not proper_inertia(inertial.mass, inertial.inertia))
     name = next(light, None)
     if name is None:
         return None
     return Refinement(
         Level.UNSUPPORTED, f"SDF has no bodies without mass or a moment of inertia that move, as {name!r} does"
     )
-
-
-def _is_body(inertial: Inertial) -> bool:
-    xx, yy, zz, xy, xz, yz = inertial.inertia
-    moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    return bool(inertial.mass > 0.0 and moments[0] > 0.0 and moments[0] + moments[1] > moments[2] * (1.0 + 1e-9))
 
 
 def _whole_microseconds(world: World) -> Refinement | None:

@@ -11,8 +11,8 @@ from typing import Any
 from simspec.engines.gzsim.bindings import NAME
 from simspec.engines.gzsim.server import Server
 from simspec.engines.gzsim.simulation import Simulation
+from simspec.engines.kit.world_simulation import free_joint
 from simspec.errors import EngineError
-from simspec.formats.kit.contract import restore_frames
 from simspec.formats.sdf.format import UNLIMITED
 from simspec.formats.world.tree import AxisJoint, FreeJoint, JsonBody
 from simspec.world import frames
@@ -32,34 +32,18 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
         bodies = []
         for row, told in enumerate(sim.document.bodies):
             state = q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist()
-            joint = _free(told, *state) if isinstance(told.joint, FreeJoint) else None
+            joint = free_joint(told.joint.name, *state) if isinstance(told.joint, FreeJoint) else None
             joint = joint or dataclasses.replace(
                 _joint(sim, server, components, row), position=tuple(state[0]), velocity=tuple(state[1])
             )
             bodies.append(Body(told.name, told.model, _inertial(server, components, row), joint, _seen(told)))
-        moved = zip(sim.names, sim.offsets.tolist(), strict=True)
-        offsets: dict[str, Vector3] = {name: tuple(offset) for name, offset in moved if any(offset)}
         gravity, step = server.world.gravity(components), info.dt.total_seconds()
         if gravity is None:
             raise EngineError(NAME, "tells no gravity")
-        held.append(
-            ReadBack(
-                restore_frames(tuple(bodies), offsets),
-                _vector(gravity),
-                step,
-                sim.document.friction_cone,
-                dict(unreadable),
-            )
-        )
+        held.append(sim.model(bodies, _vector(gravity), step, unreadable))
 
     sim.asked(ask)
     return held[0]
-
-
-def _free(told: JsonBody, position: list[float], velocity: list[float]) -> Joint:
-    turn = frames.normalise(tuple(position[3:]))  # type: ignore[arg-type]
-    angular = frames.rotate(turn, tuple(velocity[3:]))  # type: ignore[arg-type]
-    return Joint(told.joint.name, "free", position=(*position[:3], *turn), velocity=(*velocity[:3], *angular))
 
 
 def _joint(sim: Simulation, server: Server, components: Any, row: int) -> Joint:

@@ -18,10 +18,10 @@ from simspec.engines.gazebo.building import STANDS_FOR, proper
 from simspec.engines.gzsim.bindings import NAME, bindings
 from simspec.engines.gzsim.server import Before, Server
 from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.world_simulation import WorldSimulation
 from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD, Sdf
-from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import (
     AxisJoint,
     FixedJoint,
@@ -31,8 +31,8 @@ from simspec.formats.world.tree import (
     initial_coordinates,
     rows_of,
 )
-from simspec.world.rotations import multiply, unit
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Inertial, Pose
+from simspec.world.rotations import multiply
+from simspec.world.types import Inertial, Pose
 
 # A world as SDF for gz sim: as Gazebo's, with the physics system that a server needs, and without shapes.
 
@@ -132,26 +132,12 @@ UNASKED = "tells nothing of its dynamics"
 NOT_FINITE = "a state or effort is not finite"
 
 
-class Simulation:
+class Simulation(WorldSimulation[WorldSidecar]):
     """A loaded world. Coordinates are those of ``world/kinematics.py``."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
-        try:
-            self.document = WorldJson().read(folder)
-            told = WorldSidecar.of(sidecar)
-            told.check_document(self.document)
-        except (ValueError, FileNotFoundError) as error:
-            raise EngineError(NAME, str(error)) from error
-        self.constraints, self.sums, self.passive = told.constraints or (), told.sums or (), told.passive
+        super().__init__(NAME, WorldSidecar, folder, sidecar)
         bodies = self.document.bodies
-        self.names = [body.name for body in bodies]
-        self.offsets = np.array([body.frame_offset for body in told.bodies], dtype=float).reshape(-1, 3)
-        kinds = [body.joint.kind for body in bodies]
-        q = np.cumsum([0, *(POSITION_SIZE[kind] for kind in kinds)])
-        v = np.cumsum([0, *(VELOCITY_SIZE[kind] for kind in kinds)])
-        self.q_places = [slice(a, b) for a, b in zip(q[:-1].tolist(), q[1:].tolist(), strict=True)]
-        self.v_places = [slice(a, b) for a, b in zip(v[:-1].tolist(), v[1:].tolist(), strict=True)]
-        self._nq, self._nv = int(q[-1]), int(v[-1])
         self._axes = [row for row, body in enumerate(bodies) if isinstance(body.joint, AxisJoint)]
         self._free = [row for row, body in enumerate(bodies) if isinstance(body.joint, FreeJoint)]
         self.plan = Plan(self.document)
@@ -164,7 +150,7 @@ class Simulation:
 
     def _own(self) -> None:
         """Damping, stiffness and rest (nq, nv) of the joints, which gz sim is given as efforts."""
-        self.damping, self._stiffness, self._rest = np.zeros(self._nv), np.zeros(self._nv), np.zeros(self._nv)
+        self.damping, self._stiffness, self._rest = np.zeros(self.nv), np.zeros(self.nv), np.zeros(self.nv)
         self._at = np.array([self.q_places[row].start for row in self._axes], dtype=np.intp)
         self._in = np.array([self.v_places[row].start for row in self._axes], dtype=np.intp)
         for row in self._axes:
@@ -180,13 +166,9 @@ class Simulation:
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Let the next step begin at (q, v). Raises EngineError for a state that is not finite."""
-        q, v = np.array(q, dtype=float), np.array(v, dtype=float)
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             raise EngineError(NAME, NOT_FINITE)
-        for row in self._free:
-            turn = slice(self.q_places[row].stop - 4, self.q_places[row].stop)
-            q[turn] = unit(q[turn])
-        self._q, self._v = q, v
+        self._q, self._v = self.normalised(q), np.array(v, dtype=float)
         self._pending = True
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -210,7 +192,7 @@ class Simulation:
 
         def before(info: Any, components: Any, step: int) -> None:
             server.watch(components)
-            server.put(components, *((self._q, self._v * SLOW) if step else (aside, np.zeros(self._nv))))
+            server.put(components, *((self._q, self._v * SLOW) if step else (aside, np.zeros(self.nv))))
 
         def after(components: Any) -> None:
             rows = range(len(self.names))
@@ -235,7 +217,7 @@ class Simulation:
 
     def advance(self, count: int, effort: np.ndarray | None) -> None:
         """Step ``count`` times under a constant effort (nv,), None = zero, and the damping and springs of the joints."""
-        given = np.zeros(self._nv) if effort is None else np.asarray(effort, dtype=float)
+        given = np.zeros(self.nv) if effort is None else np.asarray(effort, dtype=float)
         if not np.isfinite(given).all():
             raise EngineError(NAME, NOT_FINITE)
         server = self._stepping()
@@ -255,7 +237,7 @@ class Simulation:
     def _put_aside(self, info: Any, components: Any, step: int) -> None:
         """For a step whose end is of no use: what has not moved since a state before would not be told, and poses that are
         commanded would hold at the beginning of the next step, too (``server.py``)."""
-        self._stepping().put(components, self._aside(), np.zeros(self._nv))
+        self._stepping().put(components, self._aside(), np.zeros(self.nv))
 
     def _take(self, components: Any) -> None:
         self._q, self._v = self._stepping().state(components)
@@ -295,22 +277,19 @@ class Simulation:
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         """Take the dry friction of the joints at the places ``v`` (n,) away: by a new server."""
-        rows = {place.start: row for row, place in enumerate(self.v_places) if place.stop > place.start}
-        smooth = self._smooth | {rows[place] for place in np.asarray(v, dtype=int).tolist()}
+        smooth = self._smooth | set(self.rows_at(v))
         if smooth != self._smooth:
             self._smooth, self._pending = smooth, True
             self._drop()
 
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Not to be asked."""
+        """Not available, as bias force and energy."""
         raise EngineError(NAME, UNASKED)
 
     def bias(self) -> np.ndarray:
-        """Not to be asked."""
         raise EngineError(NAME, UNASKED)
 
     def energy(self) -> tuple[float, float]:
-        """Not to be asked."""
         raise EngineError(NAME, UNASKED)
 
     def messages(self) -> list[str]:

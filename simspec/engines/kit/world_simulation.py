@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -138,6 +139,7 @@ class WorldSimulation(Generic[SidecarType]):
             for place, body in zip(self.q_places, bodies, strict=True)
             if body.joint.kind in QUATERNION_JOINTS
         ]
+        self._units = [(row, one.name) for row, body in enumerate(bodies) for one in body.shapes if one.copies]
         self._quaternions = np.array(turns, dtype=np.intp).reshape(-1, 4)
 
     def normalised(self, q: np.ndarray) -> np.ndarray:
@@ -295,3 +297,27 @@ def only_common(law: PairContact) -> str | None:
     if law.hardness != Hardness():
         return "numbers beside the common hardness"
     return "a margin" if law.margin is not None else None
+
+
+def growing_pairs(query: Callable[[Any, int], int]) -> np.ndarray:
+    """The pairs (n, 2) of numbers that a function in C writes to an array with room for some; it returns how many there are."""
+    room = MANY
+    while True:
+        pairs = np.empty((room, 2), dtype=np.int32)
+        count = query(pairs.ctypes.data_as(ctypes.POINTER(ctypes.c_int)), room)
+        if count <= room:
+            return pairs[:count].astype(np.int64)
+        room = count
+
+
+def contact_table(units: np.ndarray, table: np.ndarray, bodies: Sequence[int]) -> dict[str, np.ndarray]:
+    """The arrays of :meth:`Engine.contacts` of rows (n, 8): position 3, normal 3, depth, normal force; ``units`` (n, 2):
+    numbers of shapes, ``bodies``: by these the row of the body."""
+    return {
+        "body": np.array(bodies, dtype=np.int64)[units],
+        "unit": units,
+        "position": table[:, :3].copy(),
+        "normal": table[:, 3:6].copy(),
+        "distance": -table[:, 6],
+        "normal_force": np.maximum(table[:, 7], 0.0),
+    }

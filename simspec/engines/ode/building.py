@@ -18,20 +18,12 @@ from numpy.typing import NDArray
 
 from simspec.dialects.kit.world import LawSidecar
 from simspec.engines.kit import hulls
+from simspec.engines.kit.building import PlacedBody, PlacedShape, Walk, refuse
 from simspec.engines.kit.compiled import Compiled, Needs
 from simspec.engines.kit.hulls import check_solid
+from simspec.engines.kit.world_simulation import only_common, positive_definite
 from simspec.errors import EngineError
-from simspec.formats.world.tree import (
-    AxisJoint,
-    BallJoint,
-    FixedJoint,
-    FreeJoint,
-    Joint,
-    JsonBody,
-    JsonWorld,
-    parent_of,
-)
-from simspec.world.types import Hardness, PairContact
+from simspec.formats.world.tree import AxisJoint, BallJoint, FixedJoint, FreeJoint, Joint
 
 # ODE and the part in C beside it (``shim/``), which is compiled on first use, by ctypes.
 #
@@ -227,18 +219,16 @@ Settings = Mapping[str, Any]
 
 
 class Built:
-    """``sim``: the world of the part in C. ``shapes``: (body, name) of every collision shape, in the order of their numbers."""
+    """``sim``: the world of the part in C, with the bodies and shapes of ``walk``, in their order."""
 
-    def __init__(self, library: Library, document: JsonWorld, told: LawSidecar):
-        self.library, self.document = library, document
-        self.materials = sorted({shape.material for body in document.bodies for shape in body.shapes if shape.copies})
+    def __init__(self, library: Library, walk: Walk, sidecar: LawSidecar):
+        refuse(walk, NAME, cones=CONES, shapes=SHAPES, servos=False, moving_planes=False)
+        document, settings = walk.document, sidecar.settings
+        self.library, self.walk = library, walk
+        self.materials = sorted({solid.shape.material for solid in walk.shapes})
         self.groups = sorted({body.group for body in document.bodies})
-        self.shapes: list[tuple[int, str]] = []
-        settings = told.settings
         if settings["solver"] not in SOLVERS:
             raise EngineError(NAME, f"has no solver {settings['solver']!r}")
-        if document.friction_cone not in CONES:
-            raise EngineError(NAME, f"does not support the friction cone {document.friction_cone}")
         self.sim = library.sim_new(
             numbers(document.gravity),
             document.timestep,
@@ -249,18 +239,16 @@ class Built:
             len(self.materials),
             len(self.groups),
         )
-        rows = {body.name: row for row, body in enumerate(document.bodies)}
-        moving: set[str] = set()
         try:
-            for body in document.bodies:
-                parent = parent_of(body.joint)
-                if not isinstance(body.joint, FixedJoint) or parent in moving:
-                    moving.add(body.name)
-                self._body(body, -1 if parent is None else rows[parent], body.name in moving)
-            for row, body in enumerate(document.bodies):
-                self._shapes(row, body)
-            self._laws(document, told)
-            self._filter(document, rows)
+            for placed in walk.bodies:
+                self._body(placed)
+            for solid in walk.shapes:
+                self._shape(solid)
+            self._laws(sidecar)
+            for one, other in document.apart.groups:
+                library.sim_ignore(self.sim, self.groups.index(one), self.groups.index(other))
+            keys = walk.excluded_keys().tolist()
+            library.sim_exclude(self.sim, (ctypes.c_longlong * max(1, len(keys)))(*keys), len(keys))
         except BaseException:
             self.close()
             raise
@@ -270,16 +258,16 @@ class Built:
         if sim is not None:
             self.library.sim_free(sim)
 
-    def _body(self, body: JsonBody, parent: int, moves: bool) -> None:
-        joint = body.joint
-        if moves and not body.mass and any(body.inertia):
+    def _body(self, placed: PlacedBody) -> None:
+        body, joint = placed.body, placed.body.joint
+        if placed.moves and not body.mass and any(body.inertia):
             raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no mass")
-        if moves and not body.mass and not isinstance(joint, FixedJoint):
+        if placed.moves and not body.mass and not isinstance(joint, FixedJoint):
             raise EngineError(NAME, f"does not support {body.name!r}, which moves and has no mass")
-        if moves and body.mass and not regular(body.inertia):
+        if (
+            placed.moves and body.mass and not positive_definite(body.inertia)
+        ):  # ODE would take the identity in its place
             raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no inverse")
-        if isinstance(joint, AxisJoint) and joint.servo is not None:
-            raise EngineError(NAME, f"has no controller of its own, which joint {joint.name!r} has")
         origin = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
         if not isinstance(joint, FreeJoint):
             origin = (*joint.origin.position, *joint.origin.quaternion)
@@ -287,7 +275,7 @@ class Built:
         made = self.library.sim_body(
             self.sim,
             KINDS.index(joint.kind),
-            parent,
+            placed.parent,
             numbers(origin),
             numbers(joint.axis if isinstance(joint, AxisJoint) else (0.0, 0.0, 0.0)),
             body.mass,
@@ -299,55 +287,33 @@ class Built:
         if made < 0:
             raise EngineError(NAME, f"has no memory for {body.name!r}")
 
-    def _shapes(self, row: int, body: JsonBody) -> None:
-        for shape in body.shapes:
-            if not shape.copies:
-                continue
-            made = -1
-            if shape.kind == "mesh":
-                check_solid(NAME, shape.name, shape.size)
-            if shape.kind in SHAPES:
-                size = (*shape.size, *[0.0] * SIZES)[: max(SIZES, len(shape.size))]
-                made = self.library.sim_shape(
-                    self.sim,
-                    row,
-                    SHAPES.index(shape.kind),
-                    numbers(size),
-                    len(shape.size) // 3,
-                    numbers((*shape.pose.position, *shape.pose.quaternion)),
-                    self.materials.index(shape.material),
-                    self.groups.index(body.group),
-                )
-            if made < 0:
-                where = "" if shape.kind not in SHAPES else " on a body that moves"
-                raise EngineError(NAME, f"does not support the {shape.kind} {shape.name!r}{where}")
-            self.shapes.append((row, shape.name))
-
-    def _laws(self, document: JsonWorld, told: LawSidecar) -> None:
-        for law in told.laws:
-            wrong = not_held(law)
-            if wrong:
-                raise EngineError(NAME, f"does not support {wrong} of {law.first} and {law.second}")
-            one, other = (self.materials.index(name) for name in (law.first, law.second))
-            held = (
-                law.friction,
-                law.restitution,
-                law.restitution_threshold,
-                law.rolling_friction,
-                law.torsional_friction,
-                ERROR_REDUCTION,
-                float(told.settings["softness"]),
-            )
-            self.library.sim_law(self.sim, one, other, numbers(held))
-
-    def _filter(self, document: JsonWorld, rows: Mapping[str, int]) -> None:
-        for one, other in document.apart.groups:
-            self.library.sim_ignore(self.sim, self.groups.index(one), self.groups.index(other))
-        keys = sorted(
-            min(rows[one], rows[other]) * len(rows) + max(rows[one], rows[other])
-            for one, other in document.apart.bodies
+    def _shape(self, solid: PlacedShape) -> None:
+        shape, owner = solid.shape, solid.owner
+        if shape.kind == "mesh":
+            check_solid(NAME, shape.name, shape.size)
+        size = (*shape.size, *[0.0] * SIZES)[: max(SIZES, len(shape.size))]
+        made = self.library.sim_shape(
+            self.sim,
+            owner.row,
+            SHAPES.index(shape.kind),
+            numbers(size),
+            len(shape.size) // 3,
+            numbers((*shape.pose.position, *shape.pose.quaternion)),
+            self.materials.index(shape.material),
+            self.groups.index(owner.body.group),
         )
-        self.library.sim_exclude(self.sim, (ctypes.c_longlong * max(1, len(keys)))(*keys), len(keys))
+        if made < 0:
+            raise EngineError(NAME, f"does not support the {shape.kind} {shape.name!r}")
+
+    def _laws(self, sidecar: LawSidecar) -> None:
+        for law in sidecar.laws:
+            if lacking := only_common(law):
+                raise EngineError(NAME, f"does not support {lacking} of {law.first} and {law.second}")
+            one, other = (self.materials.index(name) for name in (law.first, law.second))
+            friction = (law.friction, law.restitution, law.restitution_threshold)
+            moments = (law.rolling_friction, law.torsional_friction)
+            row = (*friction, *moments, ERROR_REDUCTION, float(sidecar.settings["softness"]))
+            self.library.sim_law(self.sim, one, other, numbers(row))
 
 
 def _losses(joint: Joint) -> tuple[float, ...]:
@@ -357,21 +323,3 @@ def _losses(joint: Joint) -> tuple[float, ...]:
     if isinstance(joint, BallJoint):
         return joint.damping, joint.spring_stiffness, 0.0, 0.0, 0.0
     return (0.0,) * 5
-
-
-def not_held(law: PairContact) -> str | None:
-    """What of a law ODE does not have; None where it has all."""
-    if law.hardness.kind != "common":
-        return f"the hardness {law.hardness.kind}"
-    if law.hardness != Hardness():
-        return "numbers beside the common hardness"
-    if law.margin is not None:
-        return "a margin"
-    return None
-
-
-def regular(inertia: tuple[float, ...]) -> bool:
-    """Whether ODE can invert a tensor: it takes one that is not positive definite for the identity, without a word."""
-    xx, yy, zz, xy, xz, yz = inertia
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return bool(np.linalg.eigvalsh(tensor)[0] > 0.0)

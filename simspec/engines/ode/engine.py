@@ -5,25 +5,20 @@ Facts marked *measured*: ODE 0.16.2 in double precision, as Debian builds it (wi
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
-from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.engines.kit.arrays import CollisionUnit, sorted_pairs
 from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
-from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import planes_still
-from simspec.engines.kit.settings import Group, Setting, of_mobility, written_settings
-from simspec.engines.kit.simulated import SteppedEngine
+from simspec.engines.kit.settings import Group, Setting, of_mobility
+from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.ode import building
 from simspec.engines.ode.approximations import (
     CASES,
@@ -59,7 +54,7 @@ from simspec.support.declarations import (
 )
 from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups, trees
-from simspec.world.types import EngineValue, ReadBack, World
+from simspec.world.types import World
 
 _NOT_YET = "simspec does not write it for ODE"
 _HULLS = (
@@ -119,7 +114,7 @@ def _light_links(world: World) -> Refinement | None:
 _planes_still = planes_still("ODE's planes cannot move, as {name} does")
 
 
-class Ode(SteppedEngine[Simulation]):
+class Ode(WorldEngine[Simulation]):
     """ODE's worlds, by dWorldStep or dWorldQuickStep."""
 
     NAME: ClassVar[str] = "ode"
@@ -259,10 +254,7 @@ class Ode(SteppedEngine[Simulation]):
         "collision_group": "ODE is told by a callback what touches, and has no groups",
     }
 
-    @classmethod
-    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        plan = contact_plan(world, cls.RULES, cls.LAYERS)
-        return expected(world, written_settings(cls, world), plan, neutral) | expected_labels(cls, world)
+    PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)
 
     @classmethod
     def overlooks(cls, world: World) -> frozenset[tuple[str, str]]:
@@ -271,23 +263,6 @@ class Ode(SteppedEngine[Simulation]):
     @classmethod
     def prepare(cls) -> None:
         building.library()
-
-    def _make(self, folder: Path, sidecar: Mapping[str, Any]) -> Simulation:
-        return Simulation(folder, sidecar)
-
-    def _held(self) -> ReadBack:
-        sim = self._simulation
-        held = read_back(sim, dict(self.UNREADABLE))
-        return dataclasses.replace(held, inventory=inventory(sim), neutral=neutral(sim))
-
-    def contacts(self) -> dict[str, np.ndarray]:
-        return self._simulation.contacts()
-
-    def collision_units(self) -> Sequence[CollisionUnit]:
-        return [CollisionUnit(body, (name,)) for body, name in self._simulation.built.shapes]
-
-    def detect_units(self) -> np.ndarray:
-        return sorted_pairs(self._simulation.touching())
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         self._simulation.disable_dry_friction(v)

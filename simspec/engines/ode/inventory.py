@@ -51,7 +51,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     for row, body in enumerate(sim.document.bodies):
         for name, value in _body(sim, row).items():
             found[f"body.{body.name}.{name}"] = value
-    for number, (row, name) in enumerate(built.shapes):
+    for number, (row, name) in enumerate(sim.units()):
         geom = lib.sim_geom(sim.sim, number)
         found[f"shape.{name}.of"] = sim.names[row]
         found[f"shape.{name}.enabled"] = bool(lib.dGeomIsEnabled(geom))
@@ -128,7 +128,7 @@ FIT = 1e-9
 
 def _filter(sim: Simulation) -> dict[str, EngineValue]:
     """For every shape the others that it does not touch, itself not counted."""
-    names = [f"{name}.0" for _, name in sim.built.shapes]  # as carriers are called: in one layer
+    names = [f"{name}.0" for _, name in sim.units()]  # as carriers are called: in one layer
     apart: dict[str, list[str]] = {name: [] for name in names}
     for one, first in enumerate(names):
         for other in range(one + 1, len(names)):

@@ -10,15 +10,14 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from simspec.engines.kit.hulls import vertices_of
+from simspec.engines.kit.world_simulation import free_joint, visual_shape
 from simspec.engines.ode.building import CONES, Mass, Numbers, numbers
 from simspec.engines.ode.simulation import Simulation, quaternions
-from simspec.formats.kit.contract import restore_frames
 from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint, JsonBody, JsonShape, parent_of
 from simspec.world import frames
 from simspec.world.inertia import NO_INERTIA
@@ -42,30 +41,17 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     """The model as ODE holds it, and its present state."""
     lib = sim.library
     q, v = sim.get_state()
-    shapes: dict[int, list[int]] = {}
-    for number, (row, _) in enumerate(sim.built.shapes):
-        shapes.setdefault(row, []).append(number)
-    bodies = tuple(
-        Body(
-            told.name,
-            told.model,
-            inertial(sim, row),
-            _joint(sim, row, told, q, v),
-            tuple(_shapes(sim, row, told, shapes.get(row, []))),
+    solid = {(one.owner.row, one.place): one.number for one in sim.built.walk.shapes}
+    bodies = []
+    for row, body in enumerate(sim.document.bodies):
+        shapes = tuple(
+            _shape(sim, row, solid[row, place], shape) if (row, place) in solid else visual_shape(shape)
+            for place, shape in enumerate(body.shapes)
         )
-        for row, told in enumerate(sim.document.bodies)
-    )
-    moved = zip(sim.names, sim.offsets.tolist(), strict=True)
-    offsets: dict[str, Vector3] = {name: tuple(offset) for name, offset in moved if any(offset)}
+        bodies.append(Body(body.name, body.model, inertial(sim, row), _joint(sim, row, body, q, v), shapes))
     x, y, z = asked(lib.dWorldGetGravity, lib.sim_world(sim.sim), 3)
-    return ReadBack(
-        restore_frames(bodies, offsets),
-        (x + 0.0, y + 0.0, z + 0.0),
-        float(lib.sim_timestep(sim.sim)),
-        CONES[lib.sim_cone(sim.sim)],
-        dict(unreadable),
-        laws=_laws(sim),
-    )
+    timestep, cone = float(lib.sim_timestep(sim.sim)), CONES[lib.sim_cone(sim.sim)]
+    return sim.model(bodies, (x + 0.0, y + 0.0, z + 0.0), timestep, unreadable, cone, _laws(sim))
 
 
 def held_mass(sim: Simulation, row: int) -> Mass | None:
@@ -101,9 +87,7 @@ def _joint(sim: Simulation, row: int, body: JsonBody, q: np.ndarray, v: np.ndarr
     joint, held = body.joint, told_body(sim, row)
     position, velocity = q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist()
     if isinstance(joint, FreeJoint):
-        turn = frames.normalise(tuple(position[3:]))
-        angular = frames.rotate(turn, tuple(velocity[3:]))
-        return Joint(joint.name, "free", position=(*position[:3], *turn), velocity=(*velocity[:3], *angular))
+        return free_joint(joint.name, position, velocity)
     x, y, z, *turn9 = held[:12]
     (turned,) = quaternions(np.array(turn9).reshape(1, 3, 3)).tolist()
     parent = parent_of(joint)
@@ -133,27 +117,13 @@ def _joint(sim: Simulation, row: int, body: JsonBody, q: np.ndarray, v: np.ndarr
     )
 
 
-def _shapes(sim: Simulation, row: int, body: JsonBody, solid: Sequence[int]) -> list[Shape]:
-    """The collision shapes as ODE has them, and what is only seen, which ODE does not have."""
-    found = []
-    numbers_of = iter(solid)
-    for told in body.shapes:
-        seen = Shape(told.name, told.kind, told.size, told.pose, collision=False, visual=told.colour is not None)
-        if told.colour is not None:
-            seen = dataclasses.replace(seen, colour=told.colour)
-        if told.copies:
-            seen = dataclasses.replace(_solid(sim, row, next(numbers_of), told), visual=seen.visual, colour=seen.colour)
-        found.append(seen)
-    return found
-
-
-def _solid(sim: Simulation, row: int, number: int, told: JsonShape) -> Shape:
+def _shape(sim: Simulation, row: int, number: int, shape: JsonShape) -> Shape:
+    """A collision shape as ODE stores it, with the visual part of the file."""
     geom = sim.library.sim_geom(sim.sim, number)
     kind = kind_of(sim, geom)
-    surfaces = (Surface(0.0, 0.0, 0.0, 0.0),)
-    return Shape(
-        told.name, kind, size_of(sim, geom, kind), pose_of(sim, row, geom, kind), visual=False, surfaces=surfaces
-    )
+    size, pose = size_of(sim, geom, kind), pose_of(sim, row, geom, kind)
+    visual, surfaces = visual_shape(shape), (Surface(0.0, 0.0, 0.0, 0.0),)
+    return dataclasses.replace(visual, kind=kind, size=size, pose=pose, collision=True, surfaces=surfaces)
 
 
 def kind_of(sim: Simulation, geom: Any) -> str:

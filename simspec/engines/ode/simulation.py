@@ -11,63 +11,34 @@ import numpy as np
 
 from simspec.dialects.kit.world import LawSidecar
 from simspec.engines.kit.arrays import empty_contacts
+from simspec.engines.kit.building import Walk
 from simspec.engines.kit.hulls import DOUBTED
+from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, growing_pairs
 from simspec.engines.ode.building import NAME, Built, Integers, library, pointer
 from simspec.errors import EngineError
-from simspec.formats.world.format import WorldJson
 from simspec.formats.world.tree import initial_coordinates, parent_of
-from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world.rotations import unit
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
-
-MANY = 4096
-"""Pairs of shapes that touch for which there is room at first."""
 
 
-class Simulation:
-    """A loaded world. Coordinates are the part in C's own, which are those of ``world/kinematics.py``."""
+class Simulation(WorldSimulation[LawSidecar]):
+    """A loaded world. Coordinates are those of the part in C, and of ``world/kinematics.py``."""
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
-        try:
-            self.document = WorldJson().read(folder)
-            told = LawSidecar.of(sidecar)
-            told.check_document(self.document)
-        except (ValueError, FileNotFoundError) as error:
-            raise EngineError(NAME, str(error)) from error
-        self.sidecar, self.told = sidecar, told
-        self.constraints, self.sums, self.passive = told.constraints or (), told.sums or (), told.passive
+        super().__init__(NAME, LawSidecar, folder, sidecar)
         self.library = library()
-        bodies = self.document.bodies
         try:
-            self.built = Built(self.library, self.document, told)
+            self.built = Built(self.library, Walk.of(self.document), self.typed)
         except (KeyError, ValueError) as error:
             raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
         self.sim = self.built.sim
-        self.names = [body.name for body in bodies]
-        self.offsets = np.array([body.frame_offset for body in told.bodies], dtype=float).reshape(-1, 3)
-        kinds = [body.joint.kind for body in bodies]
-        q = np.cumsum([0, *(POSITION_SIZE[kind] for kind in kinds)])
-        v = np.cumsum([0, *(VELOCITY_SIZE[kind] for kind in kinds)])
-        self.nq, self.nv = int(q[-1]), int(v[-1])
-        self.q_places = [slice(a, b) for a, b in zip(q[:-1].tolist(), q[1:].tolist(), strict=True)]
-        self.v_places = [slice(a, b) for a, b in zip(v[:-1].tolist(), v[1:].tolist(), strict=True)]
-        turns = [
-            range(place.stop - 4, place.stop)
-            for place, kind in zip(self.q_places, kinds, strict=True)
-            if kind in QUATERNION_JOINTS
-        ]
-        self._turns = np.array(turns, dtype=np.intp).reshape(-1, 4)
-        self._poses, self._velocities = np.zeros((len(bodies), 12)), np.zeros((len(bodies), 6))
-        self._log: list[str] = []
+        self._poses, self._velocities = np.zeros((len(self.names), 12)), np.zeros((len(self.names), 6))
         self.set_state(*map(np.array, initial_coordinates(self.document)))
 
     # --- state ------------------------------------------------------------------------------------------------
 
     def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
         """Put the simulation into the state (q, v)."""
-        q, v = np.array(q, dtype=float), np.array(v, dtype=float)
-        if len(self._turns):
-            q[self._turns] = unit(q[self._turns])
+        q, v = self.normalised(q), np.array(v, dtype=float)
         self.library.sim_set(self.sim, pointer(q), pointer(v))
 
     def get_state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -143,28 +114,13 @@ class Simulation:
         count = self.library.sim_size(self.sim, 3)
         if not count:
             return empty_contacts()
-        units, told = np.empty((count, 2), dtype=np.int32), np.empty((count, 8))
-        self.library.sim_points(self.sim, units.ctypes.data_as(Integers), pointer(told))
-        bodies = np.array([body for body, _ in self.built.shapes], dtype=np.int64)
-        unit_pairs = units.astype(np.int64)
-        return {
-            "body": bodies[unit_pairs],
-            "unit": unit_pairs,
-            "position": told[:, :3].copy(),
-            "normal": told[:, 3:6].copy(),
-            "distance": -told[:, 6],
-            "normal_force": np.maximum(told[:, 7], 0.0),
-        }
+        units, table = np.empty((count, 2), dtype=np.int32), np.empty((count, 8))
+        self.library.sim_points(self.sim, units.ctypes.data_as(Integers), pointer(table))
+        return contact_table(units.astype(np.int64), table, [row for row, _ in self.units()])
 
     def touching(self) -> np.ndarray:
         """Pairs (n, 2) of the numbers of shapes that touch at the present state."""
-        room = MANY
-        while True:
-            pairs = np.empty((room, 2), dtype=np.int32)
-            count = self.library.sim_touching(self.sim, pairs.ctypes.data_as(Integers), room)
-            if count <= room:
-                return pairs[:count].astype(np.int64)
-            room = count
+        return growing_pairs(lambda pairs, room: int(self.library.sim_touching(self.sim, pairs, room)))
 
     def disable_contact(self) -> None:
         """Nothing touches anything."""
@@ -172,9 +128,8 @@ class Simulation:
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         """Take the dry friction of the joints at the places ``v`` (n,) away."""
-        body_at = {place.start: row for row, place in enumerate(self.v_places) if place.stop > place.start}
-        for place in np.asarray(v, dtype=int).tolist():
-            self.library.sim_no_dry_friction(self.sim, body_at[place])
+        for row in self.rows_at(v):
+            self.library.sim_no_dry_friction(self.sim, row)
 
     def messages(self) -> list[str]:
         """What ODE said, and steps that had to be solved again."""

@@ -16,9 +16,9 @@ from tests.engines.gzsim.worlds import ARMS, world_of
 
 
 class OfGzSim(Plan):
-    def __init__(self, document):
-        super().__init__(document)
-        self.text = GzSimPlan(document).text()
+    def __init__(self, walk):
+        super().__init__(walk)
+        self.text = GzSimPlan(walk.document).text()
 
 
 @pytest.mark.skipif(Gazebo.version() is None, reason="gz-physics is not installed")
