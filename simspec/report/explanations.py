@@ -109,7 +109,7 @@ def _ranked(swaps: Sequence[Swap]) -> list[Swap]:
 
 
 # Where the engines of a sweep differ from its first one, and what of that has a cause: what ``simspec explain`` finds of each
-# (``docs/explain.md``).
+# (``docs/guide/explain.md``).
 
 MOST = 3
 """Causes, and choices beside them, that the table names of an engine; the records have all."""

@@ -26,7 +26,7 @@ NAME = "rapier"
 SCALE = 1024.0
 """Rapier's unit of length is 1/1024 m. Its search for nearest points ends by thresholds in its unit: with the metre it
 misses 12 % of the overlaps of a ball and a hull of 100 vertices, and stacks of boxes as hulls fall (measured;
-docs/design/adding-an-engine.md). A power of two changes no digit of a number."""
+docs/records/engine-costs.md). A power of two changes no digit of a number."""
 SQUARE = SCALE * SCALE
 """Its unit of torque, inertia and energy in 1 N m, 1 kg m² and 1 J."""
 ERROR_REDUCTION = 0.01
