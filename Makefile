@@ -9,6 +9,7 @@
 # make selftest   every change that compiled files can suffer, in every engine, and its table in docs/concepts/proof.md: about an hour
 # make certify  every shipped spec, proven in every engine that is here and supports it (nightly): about half an hour on two processors
 # make slow     tests that are left out of make test, since they take long (nightly): every defect and every probe in every engine, a bisection of installed versions, the robot's placements, the CI example from end to end: some 25 minutes
+# make nightly  slow, certify, selftest, kills, random worlds, fuzz: hours; outcomes in docs/records/nightly.md
 # make kills    compile, verify, run and a sweep, each killed 20 times at a random moment: nothing lost, nothing left: some minutes
 # make scenario-full   the robot scenario, 279 s in every engine at 1 ms: some minutes
 # make study-small   both scenarios of the study, 5 timesteps, 3 seeds, 3 engines, one pick of the robot: runs/koerber-2021-small/study.md
@@ -23,7 +24,7 @@ JOBS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); [ $$n -lt 8 ] && echo $$((n + 1
 # Tests start a thousand interpreters. Where this is set, each compiles all of simspec anew: 17 to 28 % of a short one (measured)
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: corpora engines setup demo test suite quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest certify slow kills study study-small study-contact page-bundle clean
+.PHONY: corpora engines setup demo test suite quick check types stale generated lock benchmarks scenario-full random-worlds fuzz selftest certify slow kills nightly study study-small study-contact page-bundle clean
 
 setup: .venv/ready
 
@@ -72,7 +73,7 @@ test: setup
 
 # a worker that died ends the tests: without it, the others wait for its files until somebody ends them
 suite: setup
-	$(BIN)/pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+	$(BIN)/pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --durations=10
 
 # the language, the world, formats, comparisons, reports: all that needs no engine at work
 QUICK := tests/language tests/world tests/control tests/comparison tests/report tests/dynamics \
@@ -82,7 +83,7 @@ QUICK := tests/language tests/world tests/control tests/comparison tests/report 
 quick: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pytest -q -n $(JOBS) --dist loadfile -m "not slow and not browser" $(QUICK)
+	$(BIN)/pytest -q -n $(JOBS) --dist loadfile -m "not slow and not browser" --durations=10 $(QUICK)
 
 # what is committed under generated/, docs/ and schema/, made anew
 generated: setup
@@ -141,6 +142,9 @@ certify: setup
 slow: setup
 	SIMSPEC_SLOW=all $(BIN)/pytest -q -n $(JOBS) --dist worksteal -m slow
 	SIMSPEC_SLOW=all $(BIN)/pytest -q -n $(JOBS) --dist worksteal -m "not slow" tests/proof/test_verify.py
+
+nightly: setup
+	$(BIN)/python tools/nightly.py
 
 # nothing is lost, stray or left running, whenever a command is killed
 kills: setup
