@@ -2,7 +2,7 @@
 
 A folder holds world.json, one folder of artifacts per engine, certificate.json, and the marker that says so. An engine's proof
 in the certificate belongs to exactly the hashes that it names: one that names others is dropped when the folder is written, and
-reported by :func:`check`; the others stay (``proof/keeping.py``). What others have put into the folder stays, and is read by
+reported by :func:`check`; the others stay (``proof/judge.py``). What others have put into the folder stays, and is read by
 nothing.
 """
 
@@ -28,7 +28,7 @@ from simspec.world.types import World
 
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
-    from simspec.proof.keeping import Stored
+    from simspec.proof.judge import Stored
 
 GENERATED = Path("generated")
 CERTIFICATE_FILE = "certificate.json"
@@ -87,7 +87,7 @@ def write(built: Built, folder: Path) -> Written:
 
 def _holding(content: bytes, world: World, files: Mapping[str, bytes], folder: Path) -> tuple[bytes | None, Stored]:
     """A certificate without the proofs that do not hold of ``files``, None where none does; and what became of it."""
-    from simspec.proof.keeping import Stored, still_holding
+    from simspec.proof.judge import Stored, still_holding
 
     try:
         certificate = _parsed(content, folder)
@@ -213,8 +213,7 @@ def certificate_mismatch(built: Built, folder: Path, named: bool = False) -> str
     ``named``: whether only some engines were asked for. Of the others, proofs are then reported that do not hold any more, and
     not those that are not valid and say so.
     """
-    from simspec.proof.judge import judge
-    from simspec.proof.keeping import still_holding
+    from simspec.proof.judge import judge, still_holding
 
     try:
         certificate = read_certificate(folder)
@@ -284,7 +283,7 @@ def write_certificate(certificate: Certificate, world: World, folder: Path) -> C
     An old proof that is equal in all but the seconds stays as it is: a repository should be quiet when nothing has changed.
     Raises SpecError where the files are not those that were verified.
     """
-    from simspec.proof.keeping import Stored, still_holding
+    from simspec.proof.judge import Stored, still_holding
 
     found = Stored()
 

@@ -20,8 +20,8 @@ from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
-from simspec.proof.demanded import demanded
 from simspec.proof.expected import expected, left_out
+from simspec.proof.judge import demanded
 from simspec.world.canonical import sha256
 from tests import worlds
 

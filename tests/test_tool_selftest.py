@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from simspec.engines.kit.registry import engines, find_engine
-from simspec.proof.complete_verdicts import CompleteTest, Verdict
+from simspec.proof.complete import CompleteTest, Verdict
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tools"))

@@ -35,9 +35,9 @@ from simspec.engines.kit.deviations import LIMITS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import stacks, together
-from simspec.proof.contact.held import EVERYTHING
-from simspec.proof.contact.impact import DROP_RESTITUTION
+from simspec.proof.contact import simultaneous, stacks
+from simspec.proof.contact.file_law import EVERYTHING
+from simspec.proof.contact.normal import DROP_RESTITUTION
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
 from simspec.proof.contact.run import COUPLED, PROBES, widened
 from simspec.proof.contact.worlds import drive_of, motion_of, world_of_trial
@@ -141,7 +141,7 @@ LONGEST = 22.0
 
 
 def kind_of(probe: Probe) -> str:
-    kinds = {"impact": together.PROBES, "stack": stacks.STACKING, "sliding stack": stacks.SLIDING_STACKS}
+    kinds = {"impact": simultaneous.PROBES, "stack": stacks.STACKING, "sliding stack": stacks.SLIDING_STACKS}
     found = next((kind for kind, probes in kinds.items() if probe.NAME in probes), None)
     return found or ("coupled" if probe.NAME in COUPLED else "pair")
 
@@ -440,7 +440,7 @@ def _setting(settings: Mapping[str, Any]) -> str:
 def _measured(row: Mapping[str, Any]) -> tuple[str, float, float]:
     """Probe, and the restitution and ratio of masses from which its size counts: of a ratio from the one measured before."""
     probe = str(row["probe"])
-    varied = probe.split("-")[0] in together.PROBES or probe in SLIDING
+    varied = probe.split("-")[0] in simultaneous.PROBES or probe in SLIDING
     ratio = 0.0
     if probe.startswith("stack"):
         ratios = TABLES.values["sliding stack" if probe in SLIDING else "stack"][0].ratios

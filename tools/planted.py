@@ -35,9 +35,9 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import compliance, friction, impact, oblique, run
+from simspec.proof.contact import friction, normal, oblique, run
 from simspec.proof.contact.carried import SQUEEZING
-from simspec.proof.contact.held import EVERYTHING
+from simspec.proof.contact.file_law import EVERYTHING
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
 from simspec.proof.contact.run import deviating
 from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
@@ -46,12 +46,12 @@ from simspec.support.features import Feature
 from simspec.world.types import Body, Contact, EngineOptions, Material, Physics, World
 
 SHAPE = "compliance-shape"
-COUPLED: Mapping[str, Probe] = {**run.COUPLED, SHAPE: compliance.PROBES[SHAPE]}
+COUPLED: Mapping[str, Probe] = {**run.COUPLED, SHAPE: normal.COMPLIANCE[SHAPE]}
 ONE_PAIR: Mapping[str, Probe] = {
     **friction.PROBES,
-    **impact.PROBES,
+    **normal.PROBES,
     **oblique.PROBES,
-    "compliance": compliance.PROBES["compliance"],
+    "compliance": normal.COMPLIANCE["compliance"],
 }
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
 DEADLINE = 600.0

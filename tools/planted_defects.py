@@ -11,8 +11,8 @@ from simspec.proof.contact.carried import CARRYING
 from simspec.proof.contact.leaning import JAMMING
 from simspec.proof.contact.leaning import PROBES as LEANING
 from simspec.proof.contact.probe import Law
+from simspec.proof.contact.simultaneous import PROBES as IMPACTS
 from simspec.proof.contact.spin import SLIDING_WITH_SPIN
-from simspec.proof.contact.together import PROBES as IMPACTS
 from simspec.world.reach import Reach
 from simspec.world.types import Hardness, PairContact
 

@@ -20,8 +20,7 @@ from typing import Any
 from simspec.engines.kit.installed import version_of
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.project import load_project
-from simspec.proof.complete import complete_self_test
-from simspec.proof.complete_verdicts import CompleteTest, Verdict
+from simspec.proof.complete import CompleteTest, Verdict, complete_self_test
 from simspec.report.certificate import COLUMNS, inert_reasons
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -20,7 +20,7 @@ from simspec.outputs import trust as trusted
 from simspec.outputs.reading import read_bytes
 from simspec.outputs.targets import check_file
 from simspec.project import LARGEST, PROJECT_FILE, Project, find_project, load_project, parse_project
-from simspec.proof.fall import fall
+from simspec.proof.probes import fall
 from simspec.report import engine_pages, matrix
 from simspec.report.matrix import engine_tables
 from simspec.report.screen import console, say

@@ -71,7 +71,7 @@ class Results(Arrivals):
     def _kept(self, content: bytes | None, new: Certificate) -> Mapping[str, EngineProof]:
         """The proofs of an earlier certificate that still hold beside a new one."""
         from simspec.proof.certificate import Certificate
-        from simspec.proof.keeping import still_holding
+        from simspec.proof.judge import still_holding
 
         if content is None:
             return {}

@@ -10,7 +10,7 @@ is v* − M⁻¹ Jᵀ λ (``world/constraints.py``).
 
 The oracle knows damping, springs (those along sums of joint positions too), armature, constraints and the fluid. It leaves out
 contact, position limits and dry friction: motion probes stay away from limits, and have dry friction switched off (see
-``proof/dry_friction.py`` for its own).
+``proof/forces.py`` for its own).
 """
 
 from __future__ import annotations

@@ -14,9 +14,8 @@ from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import Problem, SpecError
 from simspec.markup import html_table
 from simspec.proof.checks import TOO_CHAOTIC, Check
-from simspec.proof.contact.declared import Declared, declared
 from simspec.proof.contact.probe import Figure
-from simspec.proof.contact.scope import unmeasured
+from simspec.proof.contact.scope import Declared, declared, unmeasured
 from simspec.stored import StoredCertificate, parse, read_as
 from simspec.world.canonical import from_plain, to_plain
 
@@ -46,7 +45,7 @@ class EngineProof:
     """Every figure of the contact probes (level L5), each beside its analytic value."""
     not_compared: dict[str, str] = field(default_factory=dict)
     precision: str = DOUBLE
-    """The numbers of the engine, by which its tolerances are (``proof/precision.py``)."""
+    """The numbers of the engine, by which its tolerances are (``proof/checks.py``)."""
     contact_scope: dict[str, str] = field(default_factory=dict)
     """By kind of contact whether level L5 measured it for this world, or why not (``proof/contact/scope.py``)."""
 
@@ -72,7 +71,7 @@ class EngineProof:
     @property
     def unchecked(self) -> dict[str, str]:
         """The parts of the proof that the engine cannot be asked for, by title, with the reason that it declares."""
-        from simspec.proof.lacking import TITLES
+        from simspec.proof.expected import TITLES
 
         return {name: why for name, why in self.not_checked.items() if name in TITLES}
 
@@ -167,7 +166,7 @@ class Certificate:
         return {"oracle": self.oracle} | {name: proof.version for name, proof in self.engines.items()}
 
     def joined(self, kept: Mapping[str, EngineProof]) -> Certificate:
-        """This certificate with earlier proofs that still hold (:func:`simspec.proof.keeping.still_holding`): of other engines,
+        """This certificate with earlier proofs that still hold (:func:`simspec.proof.judge.still_holding`): of other engines,
         and of its own where an earlier one is equal in all but the seconds: a repository should be quiet when nothing has
         changed."""
         engines = {

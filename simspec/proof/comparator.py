@@ -16,13 +16,17 @@ from simspec.contact.rules import Rules, combined
 from simspec.control.native import natives
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, SCALAR_JOINTS, TREE_JOINTS
-from simspec.proof.beside_bodies import LEVELS, BesideBodies
-from simspec.proof.checks import TEXT_TOLERANCE, Check, Tally
-from simspec.proof.distances import held_apart, pose_difference, turn_between, unlikeness
-from simspec.proof.heightfields import field_distance
-from simspec.proof.hulls import hull_distance
-from simspec.proof.precision import PRECISIONS, Precision
-from simspec.proof.table import table_differences
+from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Check, Precision, Tally
+from simspec.proof.constraints import LEVELS, BesideBodies
+from simspec.proof.distances import (
+    field_distance,
+    held_apart,
+    hull_distance,
+    pose_difference,
+    table_differences,
+    turn_between,
+    unlikeness,
+)
 from simspec.world.contact_pairs import meeting_laws, shape_pairs
 from simspec.world.frames import quaternion, sorted_pair
 from simspec.world.hull import HullError, hull_within_margin, thickened

@@ -20,9 +20,8 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import angles_of, shortened
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
-from simspec.proof.checks import Check
-from simspec.proof.inside import Stops, inside
-from simspec.proof.precision import PRECISIONS, Precision, Rounded
+from simspec.proof.checks import PRECISIONS, Check, Precision, Rounded
+from simspec.proof.limits import Stops, inside
 from simspec.world.actions import Trajectory
 from simspec.world.kinematics import (
     constrained_trees,

@@ -6,20 +6,109 @@ A stored certificate is judged by the same function as a new one (:func:`shortfa
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
-from simspec.engines.kit.capabilities import DOUBLE
-from simspec.proof.chaos import chaotic
-from simspec.proof.checks import NOTHING, TOO_CHAOTIC, Check, failed
-from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK
-from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK
-from simspec.proof.motionless import motionless
-from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK, no_ball_stops, nothing_stops
-from simspec.proof.touch.plan import nothing_to_try
-from simspec.world.contact_pairs import meeting_laws
-from simspec.world.kinematics import frictional_coordinates
-from simspec.world.types import VELOCITY_SIZE, World
+import numpy as np
+
+from simspec.compiler import compile_world
+from simspec.control.native import natives
+from simspec.dialects.kit.sidecar import SIDECAR
+from simspec.dynamics.oracle import Oracle
+from simspec.engines.kit.capabilities import DOUBLE, Capability
+from simspec.engines.kit.contract import Engine
+from simspec.engines.kit.identity import engine_name
+from simspec.engines.kit.registry import find_engine
+from simspec.errors import UnsupportedError
+from simspec.proof import motion
+from simspec.proof.checks import NOTHING, PRECISIONS, TOO_CHAOTIC, Check, failed
+from simspec.proof.comparator import INVENTORY, INVENTORY_LEVEL
+from simspec.proof.contact.size import NAME as SIZE
+from simspec.proof.contact.size import size_trial
+from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, REST_CHECK, SLIDING_CHECK
+from simspec.proof.limits import BALLS_CHECK, STOPS_CHECK, followers, left_to, no_ball_stops, nothing_stops
+from simspec.proof.touch.plan import nothing_to_try, oracle_of
+from simspec.support.declarations import Level
+from simspec.support.negotiation import Decision
+from simspec.world.canonical import derived
+from simspec.world.contact_pairs import Pair, meeting_laws
+from simspec.world.kinematics import frictional_coordinates, initial_state
+from simspec.world.types import VELOCITY_SIZE, ReadBack, World
+
+# Worlds of which every motion is at a limit of a joint, where motion proofs cannot follow: why, from the world alone.
+
+LOCKED = 1e-9
+"""Share of a joint's speed that constraints leave it, below which they hold it: of what they leave free it is 0.1 and more, of
+what they hold round-off (measured: 1e-13 at most)."""
+MARGIN = 0.05
+"""Share of its range within which a joint is near a limit."""
+
+
+@derived
+def motionless(world: World) -> str:
+    """Why every motion of a world is at a limit; "" where one may be found that is not."""
+    for body in world.bodies:
+        limits = body.joint.position_limits
+        if limits is not None and limits[0] >= limits[1]:
+            return f"the limits of joint {body.joint.name!r} leave it one position, so that every motion is at a limit"
+    return (_without_room(world) or _held_at_a_limit(world)) if world.constraints else ""
+
+
+def _without_room(world: World) -> str:
+    """The same of a world in which joints that follow one other have no position at which all are inside their limits, as two
+    that turn against each other and may both turn one way only."""
+    limits = {body.joint.name: body.joint.position_limits for body in world.bodies}
+    for first, chain in followers(world).items():
+        low, high = left_to(chain, limits, MARGIN)
+        if low >= high:
+            names = ", ".join(repr(name) for name, _, _ in chain)
+            return (
+                f"no position of joint {first!r} leaves all of {names} away from their limits by {MARGIN:.0%} of their ranges, "
+                "so that every motion is at a limit"
+            )
+    return ""
+
+
+def _held_at_a_limit(world: World) -> str:
+    """The same of a world whose constraints hold a joint where it begins, and that is at a limit or beyond. It is held where it
+    cannot move at the beginning, nor where the other joints are as far inside their limits as they come: in one of the two a
+    linkage that can move may be at the end of its way."""
+    oracle = oracle_of(world)
+    start, _ = initial_state(world)
+    q = oracle.inwards(start)
+    for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
+        if body.joint.position_limits is None:
+            continue
+        low, high = body.joint.position_limits
+        own = float(q[at_q.start])
+        if low + MARGIN * (high - low) <= own <= high - MARGIN * (high - low):
+            continue
+        unit = np.zeros(oracle.nv)
+        unit[at_v.start] = 1.0
+        if all(abs(oracle.constrained_velocity(where, unit)[at_v.start]) < LOCKED for where in (start, q)):
+            at = f"at {own + 0.0:.6g}, within {MARGIN:.0%} of its range to a limit, or beyond: {low:g} to {high:g}"
+            return f"constraints hold joint {body.joint.name!r} {at}, so that every motion is at a limit"
+    return ""
+
+
+# Worlds whose contact-free motion cannot be compared, since round-off alone makes two computations of it differ.
+
+
+@derived
+def chaotic(world: World, precision: str = DOUBLE) -> str:
+    """Why level L6 cannot compare the motion of a world in numbers of a precision; "" where it can.
+
+    From the world alone, so that a certificate that says so can be judged. It costs a plan of the motion.
+    """
+    if motionless(world):
+        return ""
+    oracle: Oracle = oracle_of(world)
+    planned = motion.plan(world, oracle, PRECISIONS[precision])
+    return planned.chaos
+
 
 NOT_ASKED = "not asked for"
 """The reason of a part that the caller of ``verify`` left out."""
@@ -173,3 +262,146 @@ def judge(
         f"{title(check.level, check.name)}: {check.detail or check.worst}" for check in every if not check.passed
     ]
     return faults
+
+
+# What a proof does not check because an engine lacks what it takes (``Engine.LACKS``): parts of levels, with the reason.
+#
+# Such a part is neither passed nor failed. A certificate says that it was not checked, and a stored one is held against what
+# the engine declares, so that nothing else can hide there.
+
+MATRIX = "collision matrix"
+NEEDS: Mapping[tuple[str, str], tuple[Capability, ...]] = {
+    ("L3", "mass matrix"): (Capability.MASS_MATRIX,),
+    ("L3", "bias force"): (Capability.BIAS_FORCE,),
+    ("L3", "gravity force"): (Capability.BIAS_FORCE,),
+    (INVENTORY_LEVEL, INVENTORY): (Capability.INVENTORY,),
+    ("L4", MATRIX): (Capability.PAIR_DETECTION,),
+    ("L5", SIZE): (Capability.PAIR_DETECTION,),
+    ("L6", "motion"): (Capability.CONTACT_OFF,),
+    ("L6", SLIDING_CHECK): (Capability.CONTACT_OFF,),
+    ("L6", REST_CHECK): (Capability.CONTACT_OFF,),
+    ("L6", STOPS_CHECK): (Capability.CONTACT_OFF,),
+    ("L6", BALLS_CHECK): (Capability.CONTACT_OFF,),
+    ("L7", "step response"): (Capability.CONTACT_OFF,),
+    ("L7", FORCES_CHECK): (Capability.CONTACT_OFF,),
+    ("L7", PRESCRIBED_CHECK): (Capability.CONTACT_OFF,),
+}
+"""What each part of a proof takes beside an engine's core."""
+WITHOUT_FRICTION = (
+    *(
+        ("L6", "motion"),
+        ("L6", STOPS_CHECK),
+        ("L6", BALLS_CHECK),
+        ("L7", "step response"),
+        ("L7", FORCES_CHECK),
+        ("L7", PRESCRIBED_CHECK),
+    ),
+)
+"""The parts in which joints' dry friction is switched off, where a world has any."""
+ASKED = ("L1", "L2", "L3", "L4", "L5", "L6", "L7")
+"""The levels for which an engine is asked: all but that of the files."""
+TITLES = frozenset({title(*part) for part in NEEDS} | {level for level, _ in NEEDS} | set(ASKED))
+"""Every name under which a certificate says that a part was not checked."""
+
+
+def unchecked(world: World, engine: type[Engine]) -> dict[tuple[str, str], str]:
+    """The parts (level, name of a check) that ``engine`` cannot be asked for, with the reason that it declares."""
+    parts = {}
+    for part, capabilities in NEEDS.items():
+        taken = [*capabilities]
+        if part in WITHOUT_FRICTION and len(frictional_coordinates(world)):
+            taken.append(Capability.DRY_FRICTION_OFF)
+        reasons = [engine.LACKS[capability] for capability in taken if capability in engine.LACKS]
+        if reasons:
+            parts[part] = "; ".join(dict.fromkeys(reasons))
+    return parts
+
+
+def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[str, str]) -> dict[str, str]:
+    """The same as a certificate says it: by title, and by level where nothing of a level is left; without what ``not_compared``
+    names, which this world does not have or nobody asked for."""
+    lacking = unchecked(world, engine)
+    wanted = expected(world)
+    parts: dict[str, str] = {}
+    for (level, name), why in lacking.items():
+        if level in not_compared or title(level, name) in not_compared or wanted.get((level, name)):
+            continue
+        if (level, name) == ("L5", SIZE) and size_trial(world) is None:
+            continue
+        others = [part for part in PARTS if part[0] == level and part[1] and not wanted[part]]
+        whole = (level, "") in PARTS and level in WHOLE and all(part in lacking for part in others)
+        key = level if whole else title(level, name)
+        parts[key] = "; ".join(dict.fromkeys([*parts[key].split("; "), why])) if key in parts else why
+    return parts
+
+
+def of_files_alone(not_compared: Mapping[str, str], why: str) -> dict[str, str]:
+    """What is not checked of an engine that is not there, which ``why`` says: every level but that of the files, without those
+    that ``not_compared`` names."""
+    return {level: why for level in ASKED if level not in not_compared}
+
+
+WHOLE = ("L3", "L6", "L7")
+"""The levels that are made of named parts and nothing else."""
+
+
+UNTOLD = "the engine is told none"
+"""Why frames are not readable back."""
+
+
+def not_checked(world: World, read_back: ReadBack) -> dict[str, str]:
+    """What a read-back could not tell, with the reasons, sorted; of engines' own controllers and of frames only where the world
+    has some."""
+    left = unreadable(world, read_back.unreadable)
+    if world.frames and read_back.frames is None:
+        left["frames"] = UNTOLD
+    return dict(sorted(left.items()))
+
+
+def unreadable(world: World, declared: Mapping[str, str]) -> dict[str, str]:
+    """Of the fields that an engine declares not to be readable back those that the world has."""
+    own = natives(world)
+    return {field: why for field, why in declared.items() if own or field != "control.native"}
+
+
+# How an engine's files realise a world: the decisions on its features and the settings in force, from which follow the
+# accepted approximations of a certificate and the declared deviations that may count in it.
+
+
+@dataclass(frozen=True)
+class Realised:
+    """``approximations``: as a certificate has them; ``settings``: of the whole world, and ``pairs``, those of pairs of
+    materials, which replace them there; ``refused``: why the world cannot be compiled for the engine, "" where it can."""
+
+    approximations: Mapping[str, str]
+    settings: Mapping[str, Any]
+    pairs: Mapping[Pair, Mapping[str, Any]]
+    refused: str = ""
+
+    def between(self, pair: Pair) -> Mapping[str, Any]:
+        """The settings that are in force between two materials (sorted names)."""
+        return {**self.settings, **self.pairs.get(pair, {})}
+
+
+def approximations(decisions: Iterable[Decision]) -> dict[str, str]:
+    """The features that are approximate, or computed outside the engine, with how: those that a spec accepts by name."""
+    return {
+        decision.feature.value: f"{decision.level.value}: {decision.how}"
+        for decision in decisions
+        if decision.level in (Level.APPROXIMATE, Level.OUTSIDE)
+    }
+
+
+@derived
+def realised(world: World, engine: str, version: str) -> Realised:
+    """What compiling ``world`` for an engine (a name or label) of a version gives."""
+    label = f"{engine_name(engine)}@{version}" if find_engine(engine).version() is not None else engine
+    try:
+        compiled = compile_world(world, [label])[label]
+    except UnsupportedError as error:
+        return Realised({}, {}, {}, error.problems[0].message)
+    sidecar = json.loads(compiled.files[SIDECAR])
+    pairs = {
+        (entry["between"][0], entry["between"][1]): entry["settings"] for entry in sidecar.get("pair_settings", ())
+    }
+    return Realised(approximations(compiled.decisions), sidecar["settings"], pairs)

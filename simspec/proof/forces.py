@@ -7,7 +7,8 @@ of a step they begin and end by in the world. The oracle has them by its own Jac
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,12 @@ from numpy.typing import NDArray
 from simspec.control.forces import brought_forward, forces_to_request, in_steps
 from simspec.control.motions import curve, motions_to_request
 from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import SEED, angles_of, shortened
-from simspec.engines.kit.capabilities import DOUBLE
+from simspec.dynamics.states import SEED, angles_of, random_states, shortened
+from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
-from simspec.proof.checks import Check
-from simspec.proof.inside import inside
-from simspec.proof.motion import DISTURBED, comes_near_limits, deviation
-from simspec.proof.precision import PRECISIONS, Precision, Rounded
+from simspec.proof.checks import PRECISIONS, Check, Precision, Rounded, Tally
+from simspec.proof.limits import MIDDLE, inside
+from simspec.proof.motion import DISTURBED, comes_near_limits, couple, deviation
 from simspec.world.actions import Force, Motion
 from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.types import World
@@ -197,3 +197,235 @@ def motion_checks(followed: Followed, answer: Mapping[str, Floats]) -> list[Chec
     return [
         Check("L7", PRESCRIBED_CHECK, error.size, followed.precision.motion, float(error[instant, body]), where, detail)
     ]
+
+
+# Dry friction in joints and along sums of their positions, measured against closed forms (level L6, beside the motion, for
+# which it is switched off).
+#
+# A joint that slides is braked by f against its velocity, whatever that is; one at rest stays there while the effort that is
+# left for it is below f. Efforts are chosen by the oracle's M and h so that each joint with friction has a wanted
+# acceleration, all others none; then what must come is a motion under constant efforts, which the oracle has:
+#
+#     M a + h + f sign(v) = τ    a joint slides, to both sides, gaining speed, losing it, and from rest     a = 0
+# a joint at rest is held, just below f, to both sides
+#
+# So nothing sticks that should slide within a probe, and no law of stick and slip is needed beside the engine's own.
+
+LEVEL = "L6"
+SLIDING_CHECK, REST_CHECK = "dry friction, sliding", "dry friction, at rest"
+FRICTION_STEPS = (20, 10, 5, 2, 1)
+"""Steps of one trial: as many of these as keep all joints sliding that should; one step always does."""
+SLIDING, BELOW = 0.5, 0.99
+"""Acceleration of a joint that slides, in units of what its own friction could give it, and the share of f that must not move
+one at rest."""
+SLIDES = 1e-4
+"""Of the acceleration that its own friction gives a joint: one that constraints let slide less, as of an arm whose hand is
+welded to the world, is not compared as it slides. Soft friction holds it, which does not matter to the others."""
+RANGE, REACH = 0.05, 0.01
+"""Largest share of a joint's range, and rad or m, that a trial may cross: efforts are right where it begins. A single step may
+cross more than ``REACH``: what friction does to a speed is settled before anything moves."""
+SLIDE_TOLERANCE = 1e-8
+"""Of the speed that f alone gives in a trial: where all joints slide, friction is a constant effort, held to round-off (largest
+measured in 16 × 36 arms of 0.5 to 16 ms and f of 2e-3 to 20 N m: 5e-11)."""
+HOLD_TOLERANCE = 2e-3
+"""Of the same speed, at rest: friction is then a constraint, soft in some engines and solved in part by iterative solvers
+(largest measured in the same: 3.8e-4). A fifth of what f off by 1 % makes."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One beginning (``q``, ``v``, ``effort``), and the velocities (nv,) that must have come after ``steps``; ``name`` says
+    what is tried, ``tolerance`` how near they must be, in units of what a joint's friction alone makes of its speed."""
+
+    name: str
+    q: np.ndarray
+    v: np.ndarray
+    effort: np.ndarray
+    steps: int
+    expected: np.ndarray
+    tolerance: float
+    slides: bool = True
+    along: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """The way (nv,) of joints that slide."""
+
+
+@dataclass(frozen=True)
+class DryFriction:
+    """The trials of a world, the places in v of its joints with dry friction, and the accelerations (joints,) that their
+    friction alone gives them."""
+
+    trials: tuple[Trial, ...]
+    places: np.ndarray
+    strength: np.ndarray
+
+    def compared(self, trial: Trial) -> np.ndarray:
+        """Which of the joints are compared in a trial (joints,): those that slide, or all where constraints hold every one."""
+        if not trial.slides:
+            return np.ones(len(self.places), dtype=bool)
+        found: np.ndarray = np.abs(trial.along[self.places]) >= SLIDES * self.strength
+        return found if found.any() else np.ones(len(self.places), dtype=bool)
+
+    def operation(self, world: World) -> Operation:
+        """What an engine is asked (see ``engines/kit/worker.py``)."""
+        names = ("q", "v", "effort")
+        arrays = {name: np.array([getattr(trial, name) for trial in self.trials]) for name in names}
+        return Operation("trials", {"steps": [trial.steps for trial in self.trials]}, arrays, world)
+
+
+def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> DryFriction | None:
+    """The trials; None where nothing has dry friction."""
+    rough = frictional_coordinates(world)
+    if not len(rough):
+        return None
+    friction = np.zeros(oracle.nv)
+    room = np.full(oracle.nv, np.inf)
+    q = random_states(world, 1, SEED + 300)[0][0]
+    for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
+        friction[at_v] = body.joint.dry_friction
+        if body.joint.position_limits is not None:
+            low, high = body.joint.position_limits
+            q[at_q], room[at_v] = (low + high) / 2.0, RANGE * (high - low)
+    q, start = inside(world, q, MIDDLE), initial_state(world)[0]
+    if world.constraints:  # what is held together may not be in the middle of its range, and must not be beyond
+        couple(world, oracle, q, start)
+        q = oracle.inwards(oracle.settled(q, start))
+    places = {body.joint.name: at for body, at in zip(world.bodies, oracle.layout.velocity, strict=True)}
+    along: list[tuple[np.ndarray, float]] = []
+    for one in world.sums:
+        if one.dry_friction:
+            weights = np.zeros(oracle.nv)
+            for joint, weight in one.joints:
+                weights[places[joint]] = weight
+            along.append((weights, one.dry_friction))
+        if one.position_limits is not None:
+            low, high = one.position_limits
+            own = RANGE * (high - low) / sum(abs(weight) for _, weight in one.joints)
+            for joint, _ in one.joints:
+                room[places[joint]] = np.minimum(room[places[joint]], own)
+    whole = friction + sum((np.abs(weights) * most for weights, most in along), np.zeros(oracle.nv))
+    strength = oracle.mobility(q) * whole
+    gain = np.minimum(SLIDING * strength, room / world.physics.timestep**2)
+    side = np.where(np.random.default_rng(SEED + 301).random(oracle.nv) < 0.5, -1.0, 1.0)
+    if world.constraints:  # joints that are held together slide together
+        slides = oracle.constrained_velocity(q, gain * side)
+        gain, side = np.abs(slides), np.sign(slides)
+    rubbed = _Rubbed(friction, tuple(along))
+    trials = tuple(_trials(oracle, q, rubbed, gain, room, side))
+    if precision.name != DOUBLE:
+        floor = max(_floor(trial, oracle, rubbed, strength, rough, precision) for trial in trials if trial.slides)
+        tolerance = max(precision.sliding, precision.factor * floor)
+        trials = tuple(replace(trial, tolerance=tolerance) if trial.slides else trial for trial in trials)
+    return DryFriction(trials, rough, strength[rough])
+
+
+def _floor(
+    trial: Trial, oracle: Oracle, friction: _Rubbed, strength: np.ndarray, rough: np.ndarray, precision: Precision
+) -> float:
+    """What fewer digits of states and efforts make of the speeds of a trial, in its own units: where friction is a small part
+    of what acts, rounding is a large part of it."""
+    generator = np.random.default_rng(SEED + 302)
+    rounded, off = precision.rounding(1, generator), ROUNDING[precision.name]
+    brake = friction.against(trial.along)
+    efforts = (trial.effort * (1.0 + off * generator.choice([-1.0, 1.0], oracle.nv)) - brake, trial.effort - brake)
+    speeds = [
+        oracle.motion(trial.q, trial.v, effort, trial.steps, trial.steps, how)[1][-1]
+        for effort, how in zip(efforts, (rounded, None), strict=True)
+    ]
+    shares = np.abs(speeds[0] - speeds[1])[rough] / (strength[rough] * trial.steps * oracle.timestep)
+    return float(shares.max(initial=0.0))
+
+
+@dataclass(frozen=True)
+class _Rubbed:
+    """The dry friction of joints (nv,), and along sums: weights (nv,) and the largest force of each."""
+
+    own: np.ndarray
+    along: tuple[tuple[np.ndarray, float], ...]
+
+    def against(self, v: np.ndarray) -> np.ndarray:
+        """The effort (nv,) that overcomes the friction of motion along ``v``."""
+        total: np.ndarray = self.own * np.sign(v)
+        for weights, most in self.along:
+            total = total + weights * most * np.sign(weights @ v)
+        return total
+
+    def slide(self, speeds: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Whether, at each of some instants (n, nv), all that rubs moves the way that it does along ``v``."""
+        rough = self.own != 0.0
+        alike: np.ndarray = (speeds * np.sign(v) > 0.0)[:, rough].all(axis=1)
+        for weights, _ in self.along:
+            alike = alike & ((speeds @ weights) * np.sign(weights @ v) > 0.0)
+        return alike
+
+
+def _trials(
+    oracle: Oracle, q: np.ndarray, friction: _Rubbed, gain: np.ndarray, room: np.ndarray, side: np.ndarray
+) -> Iterator[Trial]:
+    """``gain``: the acceleration of a joint that slides; ``room``: how far it may go."""
+    rest = np.zeros(oracle.nv)
+    steps = next((count for count in FRICTION_STEPS if _way(gain, count * oracle.timestep, room)), FRICTION_STEPS[-1])
+    seconds = steps * oracle.timestep
+    for sign, word in ((side, "one way"), (-side, "the other way")):
+        for name, v, a in (
+            ("slides and gains speed", gain * seconds, gain),
+            ("slides and loses speed", 2.0 * gain * seconds, -gain),
+            ("breaks away", rest, gain),
+        ):
+            v, a = v * sign, a * sign
+            brake = friction.against(gain * sign)
+            left = oracle.bias_force(q, v) - oracle.joint_effort(q, v) + oracle.effort_for(q, a)
+            count, expected = _sliding(oracle, q, v, left, friction, gain * sign, steps)
+            name = f"{name}, {word}"
+            yield Trial(name, q, v, left + brake, count, expected, SLIDE_TOLERANCE, along=gain * sign)
+        balance = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest)
+        yield Trial(
+            f"is held, {word}",
+            q,
+            rest,
+            balance + BELOW * friction.against(gain * sign),
+            FRICTION_STEPS[0],
+            rest,
+            HOLD_TOLERANCE,
+            False,
+        )
+
+
+def _way(gain: np.ndarray, seconds: float, room: np.ndarray) -> bool:
+    """Whether no joint leaves its room, or the neighbourhood for which efforts were chosen."""
+    return bool((1.5 * gain * seconds**2 <= np.minimum(room, REACH)).all())
+
+
+def _sliding(
+    oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, friction: _Rubbed, along: np.ndarray, most: int
+) -> tuple[int, np.ndarray]:
+    """The most of ``STEPS``, up to ``most``, in which all that rubs slides the way of ``along``, and the velocities then.
+
+    A joint that comes to rest or turns round on its way is held back by less than its friction, or the other way.
+    """
+    speeds = oracle.motion(q, v, effort, most, 1)[1][1:]
+    slides = friction.slide(speeds, along)
+    until = len(slides) if slides.all() else int(np.argmin(slides))
+    steps = next(count for count in FRICTION_STEPS if count <= max(until, 1))
+    return steps, speeds[steps - 1]
+
+
+def dry_friction_checks(world: World, plan: DryFriction, answer: Mapping[str, np.ndarray], creep: float) -> list[Check]:
+    """One check for joints that slide and one for joints at rest; ``creep`` is the speed (m/s, rad/s) that the engine's solver
+    is declared to leave (``Engine.DRY_FRICTION_CREEP``)."""
+    tally = Tally()
+    every = [body.joint.name for body in world.bodies for _ in body.joint.velocity]
+    names = [every[place] for place in plan.places]
+    speeds = answer["v"][:, plan.places]
+    for row, trial in enumerate(plan.trials):
+        slides = trial.slides
+        expected = trial.expected[plan.places]
+        scale = plan.strength * trial.steps * world.physics.timestep + creep / trial.tolerance
+        shares = np.abs(speeds[row] - expected) / scale
+        for joint in np.flatnonzero(plan.compared(trial)):
+            name = names[joint]
+            detail = (
+                f"{trial.name}: {speeds[row, joint]:.6g} after {trial.steps} steps, should be {expected[joint]:.6g}"
+            )
+            check = SLIDING_CHECK if slides else REST_CHECK
+            tally.add(LEVEL, check, trial.tolerance, float(shares[joint]), f"joints.{name}", detail)
+    return tally.checks()

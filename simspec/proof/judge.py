@@ -7,32 +7,123 @@ least, and each figure of contact behind the checks of level L5.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import version
+
+import numpy as np
 
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import engines
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.checks import TEXT_TOLERANCE
+from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Precision
 from simspec.proof.comparator import FIELD, HULL, SINGLE
 from simspec.proof.contact.judged import figure_faults
 from simspec.proof.contact.run import contact_checks
 from simspec.proof.contact.scope import scope
-from simspec.proof.demanded import demanded
-from simspec.proof.expected import judge as judge_checks
-from simspec.proof.expected import title
-from simspec.proof.lacking import TITLES, UNTOLD, not_checked_parts, of_files_alone, unreadable
-from simspec.proof.precision import PRECISIONS
+from simspec.proof.control import Response
+from simspec.proof.expected import (
+    TITLES,
+    UNTOLD,
+    not_checked_parts,
+    of_files_alone,
+    realised,
+    title,
+    unreadable,
+)
+from simspec.proof.expected import (
+    judge as judge_checks,
+)
+from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, REST_CHECK, SLIDING_CHECK
+from simspec.proof.limits import TOLERANCE as STOPS_TOLERANCE
+from simspec.proof.motion import ROUND_OFF, Motion
 from simspec.proof.probes import FEW_STATES, LARGE, STATES
-from simspec.proof.realised import realised
-from simspec.proof.sum_limits import TOLERANCE as STOPS_TOLERANCE
-from simspec.world.canonical import sha256
+from simspec.proof.verify import Probes, prepare
+from simspec.world.canonical import derived, sha256
 from simspec.world.inertia import lumped
 from simspec.world.kinematics import layout_of, rigid_groups
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World
+
+# What levels L6 and L7 of a world's proof must have compared, how often and how closely: planned anew from the world, as
+# ``simspec verify`` plans it. It takes the oracle's motion, 0.1 to 7 s of processor time for the library's worlds.
+
+LEEWAY = 4.0
+"""How much larger than planned a tolerance may be that follows from a round-off floor: the floor is the worst of four disturbed
+runs, and another machine's last bits give another worst."""
+NEARLY = 0.8
+"""Share of the planned comparisons of a motion that ends where round-off grows too large: that instant is another on another
+machine."""
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """``count`` comparisons, ``least`` of them at least, within ``tolerance`` at most."""
+
+    count: int
+    least: int
+    tolerance: float
+
+
+Demands = dict[tuple[str, str], Demand]
+
+
+@derived
+def demanded(world: World, precision: str) -> Demands:
+    """By level and name the checks of L6 and L7 that a proof of ``world`` has, in numbers of ``precision``."""
+    probes = prepare(world, ("L6", "L7"), precision)
+    found: Demands = {}
+    if probes.motion is not None:
+        found["L6", "motion"] = _of_motion(probes.motion, probes.motion.precision)
+    found |= _of_friction(probes)
+    for trial in () if probes.stops is None else probes.stops.trials:
+        before = found.get(("L6", trial.check))
+        count = 1 + (0 if before is None else before.count)
+        found["L6", trial.check] = Demand(count, count, STOPS_TOLERANCE)
+    if probes.response is not None:
+        found |= _of_response(probes.response, probes.precision)
+    if probes.pushed is not None:
+        count = int(np.prod(probes.pushed.poses.shape[:2]))
+        found["L7", FORCES_CHECK] = Demand(count, count, _tolerance(probes.precision, probes.pushed.floor))
+    if probes.followed is not None:
+        count = int(np.prod(probes.followed.poses.shape[:2]))
+        found["L7", PRESCRIBED_CHECK] = Demand(count, count, probes.precision.motion)
+    return found
+
+
+def _tolerance(precision: Precision, floor: float) -> float:
+    return max(precision.tolerance(floor), precision.tolerance(LEEWAY * floor))
+
+
+def _of_motion(motion: Motion, precision: Precision) -> Demand:
+    rows, bodies = motion.poses.shape[:2]
+    least = int(NEARLY * rows) if motion.ends.startswith(ROUND_OFF) else rows
+    return Demand(rows * bodies, least * bodies, min(_tolerance(precision, motion.floor), precision.loosest))
+
+
+def _of_friction(probes: Probes) -> Demands:
+    found: Demands = {}
+    if probes.rubbing is None:
+        return found
+    for trial in probes.rubbing.trials:
+        name = SLIDING_CHECK if trial.slides else REST_CHECK
+        before = found.get(("L6", name))
+        count = int(probes.rubbing.compared(trial).sum()) + (0 if before is None else before.count)
+        floors = trial.tolerance > probes.precision.sliding and trial.slides
+        found["L6", name] = Demand(count, count, LEEWAY * trial.tolerance if floors else trial.tolerance)
+    return found
+
+
+def _of_response(response: Response, precision: Precision) -> Demands:
+    tolerance = _tolerance(precision, response.floor)
+    found = {}
+    for name, expected in (("step response", response.positions), ("step response, closed form", response.closed)):
+        if count := int((~np.isnan(expected)).sum()):
+            found["L7", name] = Demand(count, count, tolerance)
+    return found
+
 
 READ_BACK = ("L1", "L2", "L3", "L4")
 COARSEST: Mapping[str, float] = {
@@ -64,7 +155,7 @@ def judge(certificate: Certificate, world: World) -> list[str]:
 def judge_proof(engine: str, proof: EngineProof, world: World, thorough: bool = False) -> list[str]:
     """The same for one engine, by name or label. What it is said not to be asked for must be what it declares to lack.
     ``thorough``: also whether the checks of L6 and L7 are as many and as close as the world demands, which takes the
-    oracle's motion (:func:`simspec.proof.demanded.demanded`)."""
+    oracle's motion (:func:`simspec.proof.judge.demanded`)."""
     known = engines().get(engine_name(engine))
     lacking = {} if known is None else not_checked_parts(world, known, proof.not_compared)
     alone = known is not None and bool(known.FILES_ALONE) and proof.files_alone
@@ -200,3 +291,92 @@ def _contact(
     for name in sorted(made.keys() | checks.keys()):
         if made.get(name) != checks.get(name):
             yield f"L5 {name}: does not follow from its figures"
+
+
+# Which proofs of a stored certificate still hold, when other engines are verified, or files are written anew.
+#
+# An engine's proof is of its own files against the world and the oracle: no check compares two engines, so that one's proof
+# says the same whatever becomes of another's.
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What becomes of the certificate that was there: ``kept``, the proofs that hold, and ``dropped``, why each other one goes,
+    by engine; ``unread``: why the file is no certificate that could be read, None where it is one, or there is none."""
+
+    kept: Mapping[str, EngineProof] = field(default_factory=dict)
+    dropped: Mapping[str, str] = field(default_factory=dict)
+    unread: str | None = None
+
+    def without(self, engines: Collection[str]) -> Stored:
+        """The same of all other engines than those that are verified anew."""
+        kept = {name: proof for name, proof in self.kept.items() if name not in engines}
+        dropped = {name: why for name, why in self.dropped.items() if name not in engines}
+        return Stored(kept, dropped, self.unread)
+
+    def after(self, earlier: Stored) -> Stored:
+        """What became of the certificate in two steps, of which this is the second."""
+        dropped = {name: why for name, why in earlier.dropped.items() if name not in self.kept}
+        return Stored(self.kept, dropped | dict(self.dropped), earlier.unread or self.unread)
+
+    def lines(self) -> list[str]:
+        """In words, a line each: what was kept of other engines, what was dropped and why."""
+        shown = ", ".join(f"{name} {proof.version} ({proof.brief})" for name, proof in sorted(self.kept.items()))
+        said = [f"kept from before, not verified now: {shown}"] if shown else []
+        return [*said, f"dropped: {self.reasons}"] if self.reasons else said
+
+    @property
+    def reasons(self) -> str:
+        """Why proofs were dropped, or all of them, in a line; empty where none was."""
+        if self.unread is not None:
+            return f"all that was there: {self.unread}"
+        engines: dict[str, list[str]] = {}
+        for name, why in sorted(self.dropped.items()):
+            engines.setdefault(why, []).append(name)
+        return "; ".join(f"{', '.join(names)}: {why}" for why, names in engines.items())
+
+    def data(self) -> dict[str, object]:
+        """The same as plain data."""
+        kept = {
+            name: {"version": proof.version, "valid": proof.valid, "verdict": proof.verdict}
+            for name, proof in sorted(self.kept.items())
+        }
+        return {"kept": kept, "dropped": dict(self.dropped), "unread": self.unread}
+
+
+def still_holding(earlier: Certificate, world: World, files: Mapping[str, str], oracle: str | None = None) -> Stored:
+    """Which proofs of ``earlier`` hold of ``world`` and its files as they are.
+
+    ``files``: the hash of each engine's artifacts; ``oracle``: that of the certificate which they will stand in (None: their
+    own).
+    A proof holds while world, simspec, oracle and the engine's own files are those that it names. It is kept with whatever
+    verdict it has, but not where it claims to be valid and its figures do not prove this world (:mod:`simspec.proof.judge`).
+    """
+    whole = None
+    if earlier.world_sha256 != sha256(world):
+        whole = "of another world"
+    elif earlier.simspec != version("simspec"):
+        whole = f"made by simspec {earlier.simspec}, this is {version('simspec')}"
+    elif oracle is not None and earlier.oracle != oracle:
+        whole = f"held against {earlier.oracle}, this is {oracle}"
+    kept, dropped = {}, {}
+    for name, proof in earlier.engines.items():
+        why = whole or _stale(name, proof, world, files.get(name))
+        if why is None:
+            kept[name] = proof
+        else:
+            dropped[name] = why
+    return Stored(kept, dropped)
+
+
+def _stale(engine: str, proof: EngineProof, world: World, files: str | None) -> str | None:
+    """Why a proof of this world is none of an engine's files, whose hash is ``files``; None when it is one."""
+    if files is None:
+        return "its files are not there"
+    if files != proof.artifacts_sha256:
+        return "its files are others than were verified"
+    # what says itself that it is not valid claims nothing
+    if proof.valid and (found := judge_proof(engine, proof, world)):
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        return f"not valid, as it claims to be: {found[0]}{more}"
+    return None

@@ -1,7 +1,7 @@
 """Level L6: contact-free motion, step by step, against the oracle's semi-implicit Euler.
 
 The tolerance is the larger of 1e-9 and 100 × the scenario's own round-off floor: the oracle run again several times, its
-beginning changed in the last bits (of engines in single precision: ``proof/precision.py``). Below that floor no two programs
+beginning changed in the last bits (of engines in single precision: ``proof/checks.py``). Below that floor no two programs
 can agree, whatever they hold; it is printed beside the deviation. Motion is compared as far as the floor is low enough for
 the tolerance to mean something.
 """
@@ -9,7 +9,7 @@ the tolerance to mean something.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +19,53 @@ from simspec.dynamics.stability import unstable
 from simspec.dynamics.states import SEED, angles_of, random_states, shortened
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
-from simspec.proof.checks import TOO_CHAOTIC, Check
-from simspec.proof.inside import CALM, MIDDLE, Stops, calmed, followers, inside, left_to
-from simspec.proof.precision import PRECISIONS, Precision, Rounded
-from simspec.proof.resting import at_rest
+from simspec.proof.checks import PRECISIONS, TOO_CHAOTIC, Check, Precision, Rounded
+from simspec.proof.limits import CALM, MIDDLE, Stops, calmed, followers, inside, left_to
 from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.rotations import rotation_error
 from simspec.world.types import Body, Follow, Record, World
+
+# Where a mechanism rests: beginnings of motions that are too chaotic from anywhere else.
+
+RESTING_STEPS = 2000
+"""Steps in which a mechanism falls to rest: a chain of 200 links of 5 cm that begins at 1 rad comes within 0.3 rad, from where
+a motion of 2,000 steps is followed (measured)."""
+RESTING_WORK = 400_000
+"""Coordinates × steps: of larger worlds as many steps as that allows."""
+INSIDE = 0.1
+"""Share of its range by which a joint has to be inside its limits at the beginning; otherwise it begins in their middle."""
+
+
+def at_rest(world: World, oracle: Oracle, near_limits: Callable[[np.ndarray], bool]) -> np.ndarray:
+    """A position (nq,) near the world's initial one where its springs and weights balance, or that is on the way there.
+
+    The motion from rest is followed, and stopped whenever its kinetic energy falls: it then passes a lowest point of the
+    potential on its way. It ends where ``near_limits`` says that a joint comes near a limit.
+    """
+    start, _ = initial_state(world)
+    q = start.copy()
+    for body, at in zip(world.bodies, oracle.layout.position, strict=True):
+        limits = body.joint.position_limits
+        if limits is not None:
+            room = INSIDE * (limits[1] - limits[0])
+            if not limits[0] + room < float(start[at][0]) < limits[1] - room:
+                q[at] = sum(limits) / 2.0
+    if world.constraints:
+        q = oracle.inwards(oracle.settled(q, start))
+    still = np.zeros(oracle.nv)
+    v = still
+    best, energy = q, 0.0
+    for _ in range(min(RESTING_STEPS, RESTING_WORK // max(1, oracle.nv))):
+        q, v = oracle.step(q, v, still)
+        if not np.isfinite(q).all() or near_limits(q):
+            return best
+        best = q
+        kinetic, _ = oracle.energy(q, v)
+        if kinetic < energy:
+            v, kinetic = still, 0.0
+        energy = kinetic
+    return best
+
 
 STEPS = 2000
 WORK = 2_600_000

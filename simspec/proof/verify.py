@@ -24,21 +24,39 @@ from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, at_w
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, UnsupportedError
-from simspec.proof import control, dry_friction, forces, motion, sum_limits
+from simspec.proof import control, forces, limits, motion
+from simspec.proof import forces as dry_friction
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.checks import Check, failed
+from simspec.proof.checks import PRECISIONS, Check, Precision, failed
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.contact.scope import scope
 from simspec.proof.control import Response, control_checks
-from simspec.proof.dry_friction import SLIDING_CHECK, DryFriction, dry_friction_checks
-from simspec.proof.expected import left_out, shortfalls, uncomparable
-from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, Followed, Pushed, forces_checks
-from simspec.proof.lacking import MATRIX, not_checked, not_checked_parts, of_files_alone, unchecked
+from simspec.proof.expected import (
+    MATRIX,
+    approximations,
+    left_out,
+    motionless,
+    not_checked,
+    not_checked_parts,
+    of_files_alone,
+    shortfalls,
+    unchecked,
+    uncomparable,
+)
+from simspec.proof.forces import (
+    FORCES_CHECK,
+    PRESCRIBED_CHECK,
+    SLIDING_CHECK,
+    DryFriction,
+    Followed,
+    Pushed,
+    dry_friction_checks,
+    forces_checks,
+)
+from simspec.proof.limits import BALLS_CHECK, STOPS_CHECK, SumLimits, stops_checks
 from simspec.proof.motion import Motion, motion_checks
-from simspec.proof.motionless import motionless
-from simspec.proof.precision import PRECISIONS, Precision
 from simspec.proof.probes import (
     FEW_STATES,
     LARGE,
@@ -48,8 +66,6 @@ from simspec.proof.probes import (
     dynamics_operation,
     kinematics_checks,
 )
-from simspec.proof.realised import approximations
-from simspec.proof.sum_limits import BALLS_CHECK, STOPS_CHECK, SumLimits, stops_checks
 from simspec.proof.touch import plan as touch
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
@@ -133,11 +149,11 @@ def prepare(world: World, levels: Iterable[str] = LEVELS, precision: str = DOUBL
     wanted = set(levels)
     meetings = touch.meetings_of(world) if "L4" in wanted else touch.nothing(oracle)
     moving = motion.plan(world, oracle, numbers) if "L6" in wanted and not motionless(world) else None
-    rubbing = dry_friction.plan(world, oracle, numbers) if "L6" in wanted else None
+    rubbing = dry_friction.plan_friction(world, oracle, numbers) if "L6" in wanted else None
     response = control.plan(world, numbers) if "L7" in wanted else None
     pushed = forces.plan(world, oracle, numbers) if "L7" in wanted else None
     followed = forces.plan_motions(world, numbers) if "L7" in wanted else None
-    stops = sum_limits.plan(world, oracle) if "L6" in wanted else None
+    stops = limits.plan(world, oracle) if "L6" in wanted else None
     return Probes(oracle, q, v, meetings, moving, response, rubbing, pushed, followed, stops, numbers)
 
 
@@ -147,7 +163,7 @@ def _planned_for(probes: Probes, precision: Precision) -> Probes:
     return dataclasses.replace(
         probes,
         motion=probes.motion and motion.plan(world, oracle, precision),
-        rubbing=probes.rubbing and dry_friction.plan(world, oracle, precision),
+        rubbing=probes.rubbing and dry_friction.plan_friction(world, oracle, precision),
         response=probes.response and control.plan(world, precision),
         pushed=probes.pushed and forces.plan(world, oracle, precision),
         followed=probes.followed and forces.plan_motions(world, precision),

@@ -19,7 +19,7 @@ from simspec.report.table import BAD, DIM, GOOD, WARNING, Table, TableCell, pass
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate, EngineProof
     from simspec.proof.checks import Check
-    from simspec.proof.complete_verdicts import CompleteTest
+    from simspec.proof.complete import CompleteTest
     from simspec.proof.selftest import Outcome as DefectOutcome
     from simspec.proof.selftest import SelfTest
 

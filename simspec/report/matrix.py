@@ -17,9 +17,9 @@ from simspec.engines.kit.installing import how_to_install
 from simspec.engines.kit.registry import engines, format_of
 from simspec.engines.kit.settings import Setting
 from simspec.formats.kit.contract import formats
-from simspec.proof.contact.declared import EFFECTS
 from simspec.proof.contact.probe import Figure, Law
 from simspec.proof.contact.run import PROBES, widened
+from simspec.proof.contact.scope import EFFECTS
 from simspec.report.table import BAD, GOOD, INFO, WARNING, Table, TableCell
 from simspec.support.declarations import Absence, Level, Support, combine
 from simspec.support.features import MEANING, Feature

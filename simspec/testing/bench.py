@@ -19,7 +19,7 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.certificate import EngineProof
-from simspec.proof.precision import PRECISIONS
+from simspec.proof.checks import PRECISIONS
 from simspec.proof.verify import LEVELS, verify
 from simspec.support.declarations import Level, Support, combine
 from simspec.support.features import Feature

@@ -21,7 +21,7 @@ from simspec.engines.kit.arrays import CONTACT_FIELDS, SECONDS
 from simspec.engines.kit.process import Answer, Operation
 from simspec.engines.kit.settings import check_settings, idle_settings
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof import sum_limits
+from simspec.proof import limits
 from simspec.proof.checks import Check
 from simspec.proof.probes import dynamics_operation
 from simspec.proof.selftest_worlds import held, sums
@@ -176,10 +176,10 @@ class ModelSuite(Suite):
         world = bench.allowed(NEEDING[Feature.SUM_LIMITS]())
         if world is None or bench.lacks("contact_off"):
             return
-        pressed = sum_limits.plan(world, Oracle(world))
+        pressed = limits.plan(world, Oracle(world))
         assert pressed is not None
         (answer,) = bench.ask(world, pressed.operation(world))
-        assert failures(sum_limits.stops_checks(world, pressed, answer.arrays)) == []
+        assert failures(limits.stops_checks(world, pressed, answer.arrays)) == []
 
     def test_what_is_lacking_raises_when_it_is_asked_for(self, bench: Bench) -> None:
         world = bench.allowed(worlds.fall())

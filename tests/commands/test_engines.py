@@ -18,7 +18,7 @@ from simspec.engines.drake.engine import Drake
 from simspec.engines.kit import environments, registry
 from simspec.engines.kit.compiled import Compiled, Needs
 from simspec.engines.kit.environments import State, diagnose
-from simspec.proof import fall as falling
+from simspec.proof import probes as falling
 from tests.files import program
 
 REQUIRED = [

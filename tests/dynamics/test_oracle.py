@@ -12,7 +12,7 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.oracle_tree import Tree
 from simspec.dynamics.states import random_states
 from simspec.engines.kit.capabilities import SINGLE
-from simspec.proof.precision import PRECISIONS
+from simspec.proof.checks import PRECISIONS
 from simspec.proof.selftest_worlds import held, sums
 from simspec.testing import worlds as model_worlds
 from simspec.world.actions import Box, Fluid, Force

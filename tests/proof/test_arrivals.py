@@ -7,7 +7,7 @@ import pytest
 
 import simspec
 from simspec.dynamics.oracle import Oracle
-from simspec.proof import sum_limits
+from simspec.proof import limits
 
 
 def world(damping):
@@ -28,7 +28,7 @@ def arrived(damping):
     """The trial of an arrival, and the velocities with which an ideal stop leaves it: it acts in the second step."""
     one = world(damping)
     oracle = Oracle(one)
-    plan = sum_limits.plan(one, oracle)
+    plan = limits.plan(one, oracle)
     assert plan is not None
     trial = next(trial for trial in plan.trials if trial.name.startswith("arrives"))
     q, v = oracle.step(trial.q, trial.v, trial.effort)
@@ -47,10 +47,10 @@ def test_what_damping_turns_aside_is_no_fault_of_a_stop(damping):
     share = np.abs(left).max() / np.abs(trial.free).max()
     assert share > 0.01
     rows = [left if other is trial else still for other in plan.trials]
-    (check,) = sum_limits.stops_checks(one, plan, {"v": np.array(rows)})
+    (check,) = limits.stops_checks(one, plan, {"v": np.array(rows)})
     assert check.passed
     missing = [trial.free if other is trial else still for other in plan.trials]
-    (check,) = sum_limits.stops_checks(one, plan, {"v": np.array(missing)})
+    (check,) = limits.stops_checks(one, plan, {"v": np.array(missing)})
     assert not check.passed
 
 

@@ -9,11 +9,10 @@ import pytest
 
 from simspec.dynamics.oracle import Oracle
 from simspec.proof import motion
-from simspec.proof.chaos import chaotic
 from simspec.proof.checks import TOO_CHAOTIC, Check
-from simspec.proof.expected import judge, uncomparable
+from simspec.proof.expected import chaotic, judge, uncomparable
 from simspec.proof.judge import judge_proof
-from simspec.proof.resting import at_rest
+from simspec.proof.motion import at_rest
 from simspec.proof.verify import verify
 from simspec.world.types import Body, EngineOptions, Inertial, Joint, Physics, Pose, World
 

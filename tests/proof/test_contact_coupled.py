@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 import simspec
 from simspec.engines.kit.coupled import SLIDING, in_force
 from simspec.engines.kit.registry import find_engine
-from simspec.proof.contact import carried, leaning, oblique, run, scope, stacks, together
+from simspec.proof.contact import carried, leaning, oblique, run, scope, simultaneous, stacks
 from simspec.proof.contact.leaning import Rod, pile_acceleration, rod_acceleration
 from simspec.proof.contact.probe import GRAVITY
-from simspec.proof.contact.together import OPENING, Strike, impulses
+from simspec.proof.contact.simultaneous import OPENING, Strike, impulses
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world.reach import Reach, reach
@@ -340,7 +340,7 @@ EXACT = ("pybullet", "dart", "ode")
 def test_engines_keep_to_the_coupled_law(engine, name, tmp_path):
     if not installed(engine):
         pytest.skip(f"{engine} is not installed")
-    for restitution in (0.0, 0.5) if name in together.PROBES else (0.0,):
+    for restitution in (0.0, 0.5) if name in simultaneous.PROBES else (0.0,):
         wanted = coupled(restitution=restitution)
         if engine == "pybullet":  # what slides on a plane with a heavier body on it stops short, as is declared
             wanted = dataclasses.replace(wanted, reach=dataclasses.replace(ALL, plane=False))
@@ -468,7 +468,7 @@ def test_what_is_declared_off_by_default_must_be_accepted_by_name(engine, featur
 )
 def test_a_wrong_number_is_seen(name, compiled, tmp_path):
     """What DART shows under another law than the one that the figures are held against."""
-    restitution = 0.3 if name in together.PROBES else 0.0
+    restitution = 0.3 if name in simultaneous.PROBES else 0.0
     wanted = coupled(friction=0.5, restitution=restitution)
     found_figures = figures("dart", PROBES[name], wanted, tmp_path, compiled=coupled(**compiled))
     assert any(not figure.passed for figure in found_figures)

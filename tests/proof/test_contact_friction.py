@@ -12,7 +12,7 @@ import pytest
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import UnsupportedError
 from simspec.language.vocabulary import FRICTION_CONES
-from simspec.proof.contact import compliance, friction, impact, spin
+from simspec.proof.contact import friction, normal, spin
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion, project
 from simspec.support.features import Feature
 from simspec.world.reach import Reach
@@ -23,7 +23,7 @@ from tests.proof import contact_probing as probing
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
 PROBES = friction.PROBES
-ALL = {**friction.PROBES, **impact.PROBES, **compliance.PROBES, **spin.PROBES}
+ALL = {**friction.PROBES, **normal.PROBES, **normal.COMPLIANCE, **spin.PROBES}
 TIMESTEPS = (0.0005, 0.001, 0.016)
 
 

@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from simspec.proof.contact import compliance, impact
-from simspec.proof.contact.compliance import Oscillator
-from simspec.proof.contact.impact import bounce_ratio
+from simspec.proof.contact import normal
+from simspec.proof.contact.normal import Oscillator, bounce_ratio
 from simspec.proof.contact.probe import GRAVITY, Motion
 from simspec.support.features import Feature
 from simspec.world.types import Hardness
@@ -20,8 +19,8 @@ pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ENGINES = engines_with(Feature.RESTITUTION)
 DT = 0.001
-RESTITUTION, REST, OVERLAP = (impact.PROBES[name] for name in ("restitution", "rest", "overlap"))
-COMPLIANCE = compliance.PROBES["compliance"]
+RESTITUTION, REST, OVERLAP = (normal.PROBES[name] for name in ("restitution", "rest", "overlap"))
+COMPLIANCE = normal.COMPLIANCE["compliance"]
 
 
 # --- what a motion is read as -------------------------------------------------------------------------------------
@@ -63,8 +62,8 @@ def test_no_number_is_never_passed():
 
 def test_lowest_point_of_a_tilted_cube():
     turn = (math.cos(math.pi / 8), math.sin(math.pi / 8), 0.0, 0.0)  # 45° about x: it stands on an edge
-    height = impact.CUBE / 2 * math.sqrt(2.0)
-    assert impact.lowest_point("cube", np.array([0.0, 0.0, height, *turn])) == pytest.approx(0.0, abs=1e-15)
+    height = normal.CUBE / 2 * math.sqrt(2.0)
+    assert normal.lowest_point("cube", np.array([0.0, 0.0, height, *turn])) == pytest.approx(0.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("timestep", [0.0005, 0.004, 0.016])
@@ -73,7 +72,7 @@ def test_balls_arrive_with_the_asked_speed_at_the_asked_phase(timestep):
     wanted = law(timestep, restitution=0.5)
     balls = iter(RESTITUTION.trials(wanted)[0].bodies[1:])
     for speed in RESTITUTION.speeds(wanted):
-        for phase in impact.STEP_PHASES:
+        for phase in normal.STEP_PHASES:
             body = next(balls)
             height, fall = body.joint.position[2] - body.shapes[0].size[0], body.joint.velocity[2]
             while True:
@@ -93,7 +92,7 @@ def test_balls_arrive_with_the_asked_speed_at_the_asked_phase(timestep):
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8])
 def test_restitution(engine, restitution, tmp_path):
     found = figures(engine, RESTITUTION, law(restitution=restitution), tmp_path)
-    assert len(found) == len(impact.RESTITUTION_SPEEDS)
+    assert len(found) == len(normal.RESTITUTION_SPEEDS)
     assert all(figure.passed for figure in found)
 
 
@@ -130,19 +129,19 @@ def test_a_hop_at_rest_stays_below_its_bound(restitution, start):
             speed = max(-restitution * speed, -0.01 * gap)
         gap += speed
         fastest = max(fastest, abs(speed)) if step > 1000 else fastest
-    bound = impact.hop(law(timestep=0.002, restitution=restitution)) / (0.002 * GRAVITY)
+    bound = normal.hop(law(timestep=0.002, restitution=restitution)) / (0.002 * GRAVITY)
     assert bound == pytest.approx((1.0 + restitution) / (1.0 - restitution))
     assert 0.0 < fastest < bound
 
 
 def test_without_restitution_nothing_hops():
-    assert impact.hop(law(restitution=0.0)) == 0.0
-    assert impact.hop(law(restitution=1.0)) == impact.hop(law(restitution=0.8)), "beyond 0.8 deviations are declared"
+    assert normal.hop(law(restitution=0.0)) == 0.0
+    assert normal.hop(law(restitution=1.0)) == normal.hop(law(restitution=0.8)), "beyond 0.8 deviations are declared"
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_rest_at_a_restitution_between_those_that_deviations_were_measured_at(engine, tmp_path):
-    found = figures(engine, impact.Rest(), law(friction=0.8, restitution=0.4), tmp_path)
+    found = figures(engine, normal.Rest(), law(friction=0.8, restitution=0.4), tmp_path)
     assert all(one.passed for one in found if one.probe == "steady")
 
 
@@ -167,7 +166,7 @@ def test_another_error_reduction_is_measured_as_such(tmp_path):
     """A spring-damper of T = 2 ms and ζ = 1: v' = dt r/(T ζ)² less a step's gravity, in the engine that steps explicitly."""
     soft = law(friction=0.0, hardness=Hardness("time-constant", 0.002, 1.0))
     found = figures("mujoco", OVERLAP, law(friction=0.0), tmp_path, compiled=soft)
-    expected = [overlap * DT / 0.002**2 - GRAVITY * DT for overlap in impact.OVERLAPS]
+    expected = [overlap * DT / 0.002**2 - GRAVITY * DT for overlap in normal.OVERLAPS]
     assert [figure.measured for figure in found] == pytest.approx(expected, rel=0.01)
     assert not any(figure.passed for figure in found)
 

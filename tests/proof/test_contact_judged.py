@@ -8,10 +8,9 @@ import dataclasses
 import pytest
 
 from simspec.proof.certificate import Certificate
-from simspec.proof.contact.declared import declared
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import PROBES, contact_checks, laws
-from simspec.proof.contact.scope import MEASURED, unmeasured
+from simspec.proof.contact.scope import MEASURED, declared, unmeasured
 from simspec.proof.judge import judge, judge_proof
 from simspec.proof.verify import verify
 from tests import worlds

@@ -13,8 +13,8 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.registry import engines
-from simspec.proof import dry_friction
-from simspec.proof.dry_friction import REST_CHECK, SLIDING_CHECK, dry_friction_checks
+from simspec.proof import forces
+from simspec.proof.forces import REST_CHECK, SLIDING_CHECK, dry_friction_checks
 from simspec.proof.verify import verify
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -54,7 +54,7 @@ def rubbing(seed: int = 5, timestep: float = 0.001) -> World:
 # --- the probe, against a solver of stick and slip that shares nothing with it ----------------------------------------
 
 
-def stick_and_slip(world: World, plan: dry_friction.DryFriction, friction: np.ndarray) -> np.ndarray:
+def stick_and_slip(world: World, plan: forces.DryFriction, friction: np.ndarray) -> np.ndarray:
     """What a perfect engine answers: |f| ≤ F, f = −F sign(v') where a joint slides, v' = 0 where it does not, solved by
     projected Gauss-Seidel. ``friction`` (nv, 2): the limits against moving down and up."""
     oracle, found = Oracle(world), []
@@ -79,7 +79,7 @@ def stick_and_slip(world: World, plan: dry_friction.DryFriction, friction: np.nd
 @pytest.fixture(scope="module")
 def probe():
     world = rubbing()
-    plan = dry_friction.plan(world, Oracle(world))
+    plan = forces.plan_friction(world, Oracle(world))
     friction = np.zeros((Oracle(world).nv, 2))
     friction[plan.places] = np.array([[0.4], [5.0], [0.02], [0.02]])
     return world, plan, friction
@@ -133,7 +133,7 @@ def test_joints_stay_within_their_limits_and_slide_from_both_sides(probe):
 
 def test_a_world_without_dry_friction_has_no_trials():
     world = worlds.every_joint()
-    assert dry_friction.plan(world, Oracle(world)) is None
+    assert forces.plan_friction(world, Oracle(world)) is None
 
 
 # --- in the engines ---------------------------------------------------------------------------------------------------
@@ -259,7 +259,7 @@ def test_joints_that_are_held_together_are_tried_within_the_limits_of_both():
     bodies = (dataclasses.replace(turn, joint=turning), dataclasses.replace(rise, joint=limits))
     thread = Follow("thread", limits.name, turning.name, 0.0025, 0.0)
     world = dataclasses.replace(worlds.world(bodies, "thread"), constraints=(thread,))
-    made = dry_friction.plan(world, Oracle(world))
+    made = forces.plan_friction(world, Oracle(world))
     for trial in made.trials:
         assert trial.q[1] == pytest.approx(0.0025 * trial.q[0], abs=1e-12)
         assert 0.004 < trial.q[1] < 0.028

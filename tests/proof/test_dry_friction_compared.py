@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simspec.proof.dry_friction import SLIDES, DryFriction, Trial
+from simspec.proof.forces import SLIDES, DryFriction, Trial
 
 STRENGTH = np.array([2.0, 3.0])
 PLACES = np.array([1, 2])

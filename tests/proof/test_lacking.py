@@ -12,9 +12,8 @@ from simspec.dynamics.states import random_states
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.process import Operation
 from simspec.engines.kit.registry import find_engine
-from simspec.proof.expected import left_out, shortfalls
+from simspec.proof.expected import left_out, not_checked_parts, shortfalls, unchecked
 from simspec.proof.judge import judge_proof
-from simspec.proof.lacking import not_checked_parts, unchecked
 from simspec.proof.probes import dynamics_checks
 from simspec.proof.verify import prepare, verify
 from simspec.testing import worlds

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle
-from simspec.proof.expected import judge, left_out
+from simspec.proof.expected import judge, left_out, motionless
 from simspec.proof.motion import FEWEST, plan
-from simspec.proof.motionless import motionless
 from simspec.proof.verify import verify
 from simspec.world.kinematics import initial_state, layout_of
 from tests import constrained, worlds

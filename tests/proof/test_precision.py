@@ -11,9 +11,10 @@ from simspec.contact.rules import Rules
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.capabilities import DOUBLE, SINGLE
 from simspec.engines.kit.contract import Engine
-from simspec.proof import control, dry_friction, forces, motion
+from simspec.proof import control, forces, motion
+from simspec.proof import forces as dry_friction
+from simspec.proof.checks import PRECISIONS
 from simspec.proof.comparator import compare, inventory_checks
-from simspec.proof.precision import PRECISIONS
 from simspec.proof.verify import prepare
 from simspec.testing import worlds
 from simspec.testing.driving import chain, driven
@@ -113,10 +114,14 @@ def test_every_probe_of_motion_goes_by_the_numbers():
     assert pushed.tolerance == max(2e-6, 10.0 * pushed.floor)
     rubbing = worlds.world((bodies[0], rough))
     (sliding,) = {
-        trial.tolerance for trial in dry_friction.plan(rubbing, Oracle(rubbing), OF_SINGLES).trials if trial.slides
+        trial.tolerance
+        for trial in dry_friction.plan_friction(rubbing, Oracle(rubbing), OF_SINGLES).trials
+        if trial.slides
     }
     assert 1e-5 <= sliding < 1e-2
-    (sliding,) = {trial.tolerance for trial in dry_friction.plan(rubbing, Oracle(rubbing)).trials if trial.slides}
+    (sliding,) = {
+        trial.tolerance for trial in dry_friction.plan_friction(rubbing, Oracle(rubbing)).trials if trial.slides
+    }
     assert sliding == dry_friction.SLIDE_TOLERANCE == OF_DOUBLES.sliding
 
 

@@ -12,7 +12,7 @@ import pytest
 from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.states import random_states
 from simspec.proof import motion
-from simspec.proof.precision import PRECISIONS
+from simspec.proof.checks import PRECISIONS
 from simspec.proof.probes import FRAME_CHECK, _scale, dynamics_checks, dynamics_operation, kinematics_checks
 from simspec.world import frames
 from simspec.world.rotations import matrices, multiply, rotation_error

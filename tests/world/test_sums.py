@@ -13,8 +13,8 @@ from simspec.dynamics.oracle import Oracle
 from simspec.dynamics.stability import unstable
 from simspec.errors import SpecError
 from simspec.language.load import Spec
-from simspec.proof import sum_limits
-from simspec.proof.inside import Stops, inside
+from simspec.proof import limits
+from simspec.proof.limits import Stops, inside
 from simspec.proof.selftest_worlds import bench, sums
 from simspec.proof.selftest_worlds import sum_limits as limited
 from simspec.runner import metrics
@@ -156,7 +156,7 @@ def test_positions_are_brought_inside_and_to_the_limits():
     stops = Stops(world)
     moved = inside(world, np.array([1.2, -1.0]), 0.4)
     assert not stops.near(moved[None], 0.39)[0]
-    plan = sum_limits.plan(world, Oracle(world))
+    plan = limits.plan(world, Oracle(world))
     assert plan is not None
     assert len(plan.trials) == 4
     ends = sorted({round(float(stops.along.lengths(trial.q)[0]), 9) for trial in plan.trials if not trial.v.any()})
@@ -165,27 +165,27 @@ def test_positions_are_brought_inside_and_to_the_limits():
 
 def test_a_limit_that_does_not_act_is_noticed():
     world = limited("")
-    plan = sum_limits.plan(world, Oracle(world))
+    plan = limits.plan(world, Oracle(world))
     assert plan is not None
     at_rest = {"v": np.zeros((4, 2))}
-    assert [check.passed for check in sum_limits.stops_checks(world, plan, at_rest)] == [True]
+    assert [check.passed for check in limits.stops_checks(world, plan, at_rest)] == [True]
     oracle = Oracle(world)
-    steps = sum_limits.STEPS
+    steps = limits.STEPS
     free = [oracle.motion(trial.q, trial.v, trial.effort, steps, steps)[1][-1] for trial in plan.trials]
     for number in range(4):
         one = at_rest["v"].copy()
         one[number] = free[number]
-        (check,) = sum_limits.stops_checks(world, plan, {"v": one})
+        (check,) = limits.stops_checks(world, plan, {"v": one})
         assert not check.passed
         assert check.where == "constraints.tendon.sum.limits.position"
-    (check,) = sum_limits.stops_checks(world, plan, {"v": np.full((4, 2), np.nan)})
+    (check,) = limits.stops_checks(world, plan, {"v": np.full((4, 2), np.nan)})
     assert not check.passed
 
 
 def test_what_no_limit_of_a_sum_stops_says_why():
     world = limited("")
-    assert sum_limits.nothing_stops(world) == ""
-    assert "no sum" in sum_limits.nothing_stops(sums(""))
+    assert limits.nothing_stops(world) == ""
+    assert "no sum" in limits.nothing_stops(sums(""))
     bodies = tuple(
         dataclasses.replace(body, joint=dataclasses.replace(body.joint, position_limits=(-0.1, 0.3)))
         if body.joint.kind == "hinge"
@@ -193,5 +193,5 @@ def test_what_no_limit_of_a_sum_stops_says_why():
         for body in world.bodies
     )
     narrow = dataclasses.replace(world, bodies=bodies)
-    assert "joints' own limits" in sum_limits.nothing_stops(narrow)
-    assert sum_limits.plan(narrow, Oracle(narrow)) is None
+    assert "joints' own limits" in limits.nothing_stops(narrow)
+    assert limits.plan(narrow, Oracle(narrow)) is None

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.proof.contact.impact import RESTITUTION_TOLERANCE, TURNED
+from simspec.proof.contact.normal import RESTITUTION_TOLERANCE, TURNED
 from simspec.proof.contact.probe import (
     GRAVITY,
     Figure,

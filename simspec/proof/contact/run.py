@@ -30,17 +30,16 @@ from simspec.proof.checks import Check, failed
 from simspec.proof.contact import (
     cache,
     carried,
-    compliance,
     friction,
-    impact,
     leaning,
+    normal,
     oblique,
+    simultaneous,
     size,
     spin,
     stacks,
-    together,
 )
-from simspec.proof.contact.held import Held, belts, held, of_pair
+from simspec.proof.contact.file_law import Held, belts, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Probe, Trial
 from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
 from simspec.scratch import scratch_folder
@@ -55,7 +54,7 @@ COUPLED: Mapping[str, Probe] = {
     **leaning.PROBES,
     **leaning.JAMMING,
     **carried.SQUEEZING,
-    **together.PROBES,
+    **simultaneous.PROBES,
     **stacks.PROBES,
     **carried.CARRYING,
     **spin.SLIDING_WITH_SPIN,
@@ -63,9 +62,9 @@ COUPLED: Mapping[str, Probe] = {
 """Probes in which contacts depend on each other, by name."""
 PROBES: Mapping[str, Probe] = {
     **friction.PROBES,
-    **impact.PROBES,
+    **normal.PROBES,
     **oblique.PROBES,
-    **compliance.PROBES,
+    **normal.COMPLIANCE,
     **spin.PROBES,
     **COUPLED,
 }

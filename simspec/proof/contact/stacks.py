@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from simspec.proof.contact.impact import DROP_RESTITUTION, REST_DEPTH, hop
 from simspec.proof.contact.leaning import SLIP_TOLERANCE, held_way
+from simspec.proof.contact.normal import DROP_RESTITUTION, REST_DEPTH, hop
 from simspec.proof.contact.probe import (
     GRAVITY,
     Figure,

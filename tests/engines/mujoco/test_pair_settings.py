@@ -23,7 +23,7 @@ from simspec.engines.mujoco.engine import MuJoCo
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.comparator import inventory_checks
-from simspec.proof.contact.held import held, of_pair
+from simspec.proof.contact.file_law import held, of_pair
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.runner.case import Case
 from simspec.support.features import Feature

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.proof.contact.impact import RESTITUTION_TOLERANCE
+from simspec.proof.contact.normal import RESTITUTION_TOLERANCE
 from simspec.proof.contact.oblique import ABOVE_THRESHOLD, GRAZES, impact_begins, impact_ends
 from simspec.proof.contact.probe import (
     GRAVITY,

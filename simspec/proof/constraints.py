@@ -1,5 +1,6 @@
 """What holds joints and bodies together outside the tree, what acts along sums, named frames, and the fluid with the boxes
-that feel it: the part of the comparator (``comparator.py``) that is not about single bodies alone."""
+that feel it: the part of the comparator (``comparator.py``) that is not about single bodies alone.
+"""
 
 from __future__ import annotations
 
