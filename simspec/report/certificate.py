@@ -98,7 +98,7 @@ def _verdict(proof: EngineProof) -> TableCell:
     more += [f"{', '.join(levels)} not compared"] if levels else []
     more += [f"not checked: {', '.join(proof.unchecked)}"] if proof.unchecked else []
     if proof.passed and proof.files_alone:
-        return TableCell("NOT PROVEN\nits files alone (L0)", WARNING, "\n".join(more))
+        return TableCell("NOT PROVEN\nfiles only (L0)", WARNING, "\n".join(more))
     return replace(passed_cell(proof.valid, "valid", "NOT VALID"), more="\n".join(more))
 
 

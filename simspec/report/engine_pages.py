@@ -211,7 +211,7 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate]) -> lis
         "computes in": f"{engine.PRECISION} precision",
         "version that the certificates are of": ", ".join(sorted(versions)),
         "install": f"`{how_to_install(engine)}`" if how_to_install(engine) else "",
-        "proven": f"where it is not installed, its files alone (L0), which is no valid certificate: {engine.FILES_ALONE}"
+        "proven": f"files only (L0) where it is not installed, which is no valid certificate: {engine.FILES_ALONE}"
         if engine.FILES_ALONE
         else "",
         "packages of Debian": needs,
@@ -334,7 +334,7 @@ def _refusal(engine: type[Engine], world: World) -> str:
         except UnsupportedError as error:
             return PLACES.sub("", error.problems[0].message)
     if engine.FILES_ALONE:
-        return "it is supported, and what proves its files alone is no valid certificate, of which none is kept"
+        return "it is supported, and a proof of files only (L0) is no valid certificate: none is kept"
     return "it is supported, and was not certified yet"
 
 

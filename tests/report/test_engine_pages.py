@@ -78,7 +78,7 @@ def test_every_scenario_without_a_certificate_is_named_with_the_reason(page):
         assert len(lacking) == len(library) - int(count)
         assert lacking <= library
         allowed = ["does not support", "only approximately"]
-        allowed += ["proves its files alone"] if engines()[name].FILES_ALONE else []
+        allowed += ["a proof of files only"] if engines()[name].FILES_ALONE else []
         assert all(any(words in why for words in allowed) for _, why in rows)
 
 

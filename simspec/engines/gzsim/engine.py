@@ -100,10 +100,11 @@ def _without_contact(*features: Feature) -> dict[Feature, Support]:
 
 
 class GzSim(SteppedEngine[Simulation]):
-    """The simulator gz sim with its physics system, through its Python bindings, where it is installed: poses, velocities and
-    joint states of its server's components, efforts as its commands. *No real gz sim was ever run by simspec:* what is here
-    follows from its documentation and was tried on a stand-in; a proof on a machine that has gz sim is the first there is. Mass
-    matrix, bias force and all contact cannot be asked of it. Where it is not installed only the files are proven (L0)."""
+    """The simulator gz sim with its physics system, through its Python bindings: poses, velocities and joint states of its
+    server's components, efforts as its commands. Files only: where it is not installed, the files are proven (L0). *simspec
+    has never run a real gz sim:* the interface follows its documentation and was tested with a stand-in. Mass matrix, bias
+    force and
+    contact cannot be queried."""
 
     NAME: ClassVar[str] = bindings.NAME
     TITLE: ClassVar[str] = "gz sim"
@@ -112,8 +113,7 @@ class GzSim(SteppedEngine[Simulation]):
     EXTRA: ClassVar[str] = ""
     NEEDS: ClassVar[Needs] = Needs(program=bindings.INSTALLED, elsewhere=bindings.WANTED)
     FILES_ALONE: ClassVar[str] = (
-        "no gz sim is installed that simspec could run: its files are proven without it. No real gz sim has ever been run by "
-        "simspec"
+        "no gz sim is installed that simspec could run: files only. simspec has never run a real gz sim"
     )
     RULES: ClassVar[Rules] = Rules("min", "product")
     LAYERS: ClassVar[bool] = True

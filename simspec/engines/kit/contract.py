@@ -68,8 +68,9 @@ class Engine:
     NEEDS: ClassVar[Needs] = Needs()
     """What it needs of the machine beside packages of Python."""
     FILES_ALONE: ClassVar[str] = ""
-    """Of an engine whose files are proven alone where it is not installed: why, in words. Such a proof goes as far as the files
-    (L0), says so with this reason, and is never valid. Empty: one that is named and not installed is an error everywhere."""
+    """Of an engine that is proven by its files only where it is not installed: why, in words. Such a proof goes as far as
+    the files (L0), says so with this reason, and is never valid. Empty: one that is named and not installed is an error
+    everywhere."""
     CLASHES: ClassVar[Mapping[str, str]] = {}
     """Packages of Python, of other engines, that may not be in its process, each with the reason (``kit/beside.py``)."""
     PRECISION: ClassVar[str] = DOUBLE
@@ -135,7 +136,7 @@ class Engine:
 
     @classmethod
     def files_alone(cls) -> str:
-        """Why its files are proven alone here; empty where it is installed, and where it is of no use without."""
+        """Why it is proven by its files only here; empty where it is installed, and where it is of no use without."""
         return cls.FILES_ALONE if cls.FILES_ALONE and cls.version() is None else ""
 
     @classmethod

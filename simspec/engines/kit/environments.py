@@ -141,7 +141,7 @@ class State(StrEnum):
     OTHER_VERSION = "other version"
     ABSENT = "not installed"
     IMPOSSIBLE = "cannot be installed"
-    FILES = "its files alone"
+    FILES = "files only"
 
 
 @dataclass(frozen=True, slots=True)

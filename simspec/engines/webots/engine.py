@@ -163,10 +163,10 @@ _planes_still = planes_still("a Plane cannot be of a Solid that moves, as {name}
 
 
 class Webots(GivenEngine[Simulation]):
-    """Webots' copy of ODE, told by a .wbt in which nothing is left to a default. Where no Webots is installed the files alone
-    are proven, by the independent reader (L0). An installed one is started without a window, once for every state that it is
-    put into, and controlled through its Supervisor. No Webots has ever run what simspec writes: what asks it was tested with a
-    stand-in of the same interface."""
+    """Webots' copy of ODE, with a .wbt that leaves nothing to a default. Files only: where no Webots is installed, the
+    independent reader proves the files (L0). An installed Webots is started without a window, once for every state that
+    is set, and controlled through its Supervisor. simspec has never run a real Webots: the interface was tested with a
+    stand-in."""
 
     NAME: ClassVar[str] = "webots"
     TITLE: ClassVar[str] = "Webots"
@@ -174,7 +174,7 @@ class Webots(GivenEngine[Simulation]):
     DISTRIBUTION: ClassVar[str] = ""
     EXTRA: ClassVar[str] = ""
     NEEDS: ClassVar[Needs] = Needs(program=INSTALLED, elsewhere="Webots R2023b or later, as its makers offer it")
-    FILES_ALONE: ClassVar[str] = "no Webots is installed: its files (.wbt, R2023b) are proven without it"
+    FILES_ALONE: ClassVar[str] = "no Webots is installed: files only (.wbt, R2023b)"
     RULES: ClassVar[Rules] = Rules("table", "table", "table", "table", "table")
     LAYERS: ClassVar[bool] = False
     LACKS: ClassVar[Mapping[Capability, str]] = {

@@ -1,4 +1,4 @@
-"""An engine that is not run and whose files are proven alone: what says so, and that nothing calls it valid."""
+"""An engine that is proven by its files only: where that is said, and that nothing calls it valid."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_it_says_why_it_is_not_asked(tmp_path, capsys, monkeypatch):
     assert Webots.version() is None
     why = "there is none: no webots on the path, and WEBOTS_HOME is not set"
     assert not_installed(Webots) == f"not installed ({why}): {Webots.NEEDS.elsewhere}"
-    assert Webots.files_alone() == "no Webots is installed: its files (.wbt, R2023b) are proven without it"
+    assert Webots.files_alone() == "no Webots is installed: files only (.wbt, R2023b)"
     (tmp_path / "fall.yaml").write_text(SPEC, encoding="utf-8")
     for words in (("run", "fall.yaml"), ("verify", "--self-test")):
         assert cli.main([*words, "--engine", "webots"]) == EXIT_ENGINE
@@ -41,7 +41,7 @@ def test_it_says_why_it_is_not_asked(tmp_path, capsys, monkeypatch):
     assert cli.main(["engines", "install", "webots"]) == EXIT_ENGINE
     assert Webots.NEEDS.elsewhere in " ".join(capsys.readouterr().out.split())
     assert cli.main(["engines", "doctor", "webots"]) == EXIT_ENGINE
-    assert "its files alone" in " ".join(capsys.readouterr().out.split())
+    assert "files only" in " ".join(capsys.readouterr().out.split())
 
 
 def test_the_files_are_proven_and_nothing_else():
