@@ -62,29 +62,6 @@ def report_error(error: SimspecError, as_json: bool) -> int:
     return error.exit_code
 
 
-def _registered() -> typer.Typer:
-    app = typer.Typer(
-        name="simspec",
-        add_completion=False,
-        rich_markup_mode=None,
-        pretty_exceptions_enable=False,
-        context_settings={**HELP_NAMES, "max_content_width": 110},
-    )
-    engines = typer.Typer(rich_markup_mode=None, context_settings=HELP_NAMES)
-    engines.callback(invoke_without_command=True)(guarded(function_of(COMMANDS["engines"])))
-    for name in ("doctor", "install"):
-        engines.command(name)(guarded(function_of(COMMANDS[f"engines {name}"])))
-    for name in ORDER.split():
-        app.command(name)(guarded(function_of(COMMANDS[name])))
-    app.add_typer(engines, name="engines")
-    app.command("trust")(guarded(function_of(COMMANDS["trust"])))
-    return app
-
-
-app = _registered()
-
-
-@app.callback()
 def simspec_command() -> None:
     """Run one physics scenario in several engines, with proof that all simulate the same model.
 
@@ -104,9 +81,40 @@ def simspec_command() -> None:
     """
 
 
+def registered(word: str | None = None) -> typer.Typer:
+    """The command line with every command, or with the command or group ``word`` alone where there is one: building a command
+    takes as long as parsing its options."""
+    app = typer.Typer(
+        name="simspec",
+        add_completion=False,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={**HELP_NAMES, "max_content_width": 110},
+    )
+    app.callback()(simspec_command)
+    names = [*ORDER.split(), "engines", "trust"]
+    for name in [word] if word in names else names:
+        if name == "engines":
+            engines = typer.Typer(rich_markup_mode=None, context_settings=HELP_NAMES)
+            engines.callback(invoke_without_command=True)(guarded(function_of(COMMANDS["engines"])))
+            for part in ("doctor", "install"):
+                engines.command(part)(guarded(function_of(COMMANDS[f"engines {part}"])))
+            app.add_typer(engines, name="engines")
+        else:
+            app.command(name)(guarded(function_of(COMMANDS[name])))
+    return app
+
+
+def __getattr__(name: str) -> typer.Typer:
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = app = registered()
+    return app
+
+
 def help_text() -> str:
     """The text of ``simspec --help``, 100 columns wide whatever the terminal is."""
-    group = typer.main.get_command(app)
+    group = typer.main.get_command(registered())
     settings = {**group.context_settings, "terminal_width": 100, "max_content_width": 100}
     context = group.context_class(group, info_name="simspec", **settings)
     return group.get_help(context) + "\n"
@@ -131,7 +139,9 @@ def _main(arguments: list[str]) -> int:
     problem = _empty(arguments) or _not_text(arguments) or _not_numbers(arguments)
     if problem is not None:
         return report_error(SpecError([problem]), "--json" in arguments)
-    app(arguments, prog_name="simspec")  # ends with SystemExit, whose code is the command's
+    registered(next(iter(arguments), None))(
+        arguments, prog_name="simspec"
+    )  # ends with SystemExit, whose code is the command's
     return EXIT_OK
 
 

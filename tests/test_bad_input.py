@@ -71,7 +71,7 @@ import rich.table, ruamel.yaml, simspec.dynamics.oracle, simspec.language.load, 
 from simspec.engines.kit.registry import engines
 from simspec.language.foreign import importers
 
-engines(), importers()
+[*engines().values(), *importers().values()]
 
 def command(words, place, limit, before):
     os.chdir(place)

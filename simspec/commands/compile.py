@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from simspec import generated, selection
-from simspec.commands.accept import is_writable
-from simspec.commands.export import export
 from simspec.commands.loading import Loaded, load_all, spec_file
 from simspec.commands.options import names_alone, print_json
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
@@ -16,10 +14,16 @@ from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
 from simspec.outputs.targets import check_folder, demand, folder_problem
+<<<<<<< HEAD
 from simspec.report.problems import WaysOut, ways_out, with_endings
+=======
+>>>>>>> fe894fd6 (Only the command that is called is built; compile imports neither export nor the matrix, and packaging where a package is missing)
 from simspec.report.screen import console, say
 from simspec.selection import Selection
 from simspec.world.canonical import sha256
+
+if TYPE_CHECKING:
+    from simspec.report.problems import WaysOut
 
 
 def compile_specs(options: CompileOptions) -> int:
@@ -32,6 +36,8 @@ def compile_specs(options: CompileOptions) -> int:
         raise SpecError([Problem("no SPEC given, and no specs/*.yaml in the working folder")])
     if options.format_name is not None:
         shared = {name: getattr(options, name) for name in ExportOptions.TAKES if name not in ("specs", "profile")}
+        from simspec.commands.export import export
+
         return export(ExportOptions(specs=names, accept=options.accept, **shared))
     return _compile(options, names)
 
@@ -86,11 +92,16 @@ def _built(
             chosen.append(engines.for_world(world, spec.locate))
             built.append(generated.build(world, chosen[-1], spec.locate))
         except SpecError as error:
+            from simspec.commands.accept import is_writable
+            from simspec.report.problems import ways_out
+
             every.extend(error.problems)
             name = spec.source.document.file
             found = ways_out(error.problems, name, engines.engines, world, engines.pythons, is_writable(spec))
             ways |= {name: found} if found is not None else {}
     if ways:
+        from simspec.report.problems import with_endings
+
         raise with_endings(every, ways)
     demand(every)
     return built, chosen

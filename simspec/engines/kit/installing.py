@@ -5,9 +5,6 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 
-from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
-
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines
@@ -45,6 +42,9 @@ def why_not(engine: type[Engine], environment: dict[str, str] | None = None) -> 
     found = None
     if not engine.EXTRA:
         return None
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
     for line in importlib.metadata.requires("simspec") or ():
         requirement = Requirement(line)
         marker = requirement.marker
