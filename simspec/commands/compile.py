@@ -14,10 +14,6 @@ from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
 from simspec.outputs.marker import COMPILED
 from simspec.outputs.targets import check_folder, demand, folder_problem
-<<<<<<< HEAD
-from simspec.report.problems import WaysOut, ways_out, with_endings
-=======
->>>>>>> fe894fd6 (Only the command that is called is built; compile imports neither export nor the matrix, and packaging where a package is missing)
 from simspec.report.screen import console, say
 from simspec.selection import Selection
 from simspec.world.canonical import sha256

@@ -1,4 +1,4 @@
-"""``simspec diff``, ``explain`` and ``bisect``: how two runs or specs differ, and where a difference comes from."""
+"""``simspec explain`` and ``bisect``: where the difference of two runs or specs comes from."""
 
 from __future__ import annotations
 
@@ -18,11 +18,6 @@ from simspec.commands.install import installed_version
 from simspec.commands.loading import OF_A_MODEL, accepted_sets, load_spec
 from simspec.commands.options import demand_installed, demand_trusted, engine_names, interpreters, print_json
 from simspec.commands.reports import SWEEP_FOLDER
-from simspec.commands.run import diff_code
-from simspec.commands.scenario_options import DiffOptions
-from simspec.comparison.floor import load_floor
-from simspec.comparison.runs import diff as compare
-from simspec.comparison.worlds import diff_worlds
 from simspec.compiler import compile_world
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.environments import in_order, released_versions, same_version
@@ -36,12 +31,9 @@ from simspec.generated import CERTIFICATE_FILE, GENERATED, read_certificate
 from simspec.outputs.marker import STORE, STUDY
 from simspec.outputs.targets import demand, folder_problem
 from simspec.outputs.writing import open_folder
-from simspec.report import differences
 from simspec.report.experiments import bisect_data, bisect_lines
 from simspec.report.explanations import explanation_data, show_explanation
-from simspec.report.plain import diff_data, plain
-from simspec.report.screen import console, progress, say
-from simspec.report.studies import show_diff
+from simspec.report.screen import progress, say
 from simspec.runner.run import Run
 from simspec.runner.store import load_run
 from simspec.world.types import World
@@ -49,42 +41,6 @@ from simspec.world.types import World
 RUNS: Final = Path("runs")
 NEAR: Final = 6
 """Released versions that a message lists for one that does not exist."""
-
-
-def diff(options: DiffOptions) -> int:
-    """Compare the runs in two folders, or two specs."""
-    a, b = Path(options.a), Path(options.b)
-    if a.is_dir() and b.is_dir():
-        options.robot_files.check_effect()
-        return diff_runs(a, b, options.tolerance, options.as_json)
-    if a.is_dir() or b.is_dir():
-        raise SpecError([Problem(f"cannot compare {a} with {b}", allowed="two run folders, or two specs")])
-    loaded = [load_spec(options, name, check_effect=False, warn=False) for name in (options.a, options.b)]
-    options.robot_files.check_effect(*(one.spec for one in loaded))
-    return diff_specs(loaded[0].world, loaded[1].world, options.as_json)
-
-
-def diff_runs(a: Path, b: Path, tolerance: float, as_json: bool) -> int:
-    """Compare two saved runs."""
-    floors = [floor for folder in (a, b) if (floor := load_floor(folder)) is not None]
-    difference = compare(load_run(a), load_run(b), tolerance=tolerance, floor=floors)
-    if as_json:
-        print_json(diff_data(difference))
-    else:
-        show_diff(difference)
-    return diff_code([difference])
-
-
-def diff_specs(a: World, b: World, as_json: bool) -> int:
-    """Show the changes between two worlds."""
-    changes = diff_worlds(a, b)
-    if as_json:
-        print_json({"changes": plain(changes)})
-    elif changes:
-        console().print(differences.changes(changes))
-    else:
-        say("no differences")
-    return EXIT_FAILED if changes else EXIT_OK
 
 
 # --- explain ----------------------------------------------------------------------------------------------------------------

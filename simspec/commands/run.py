@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,12 @@ from typing import Any
 from rich.console import Console
 
 from simspec.commands.accept import is_writable
+from simspec.commands.diff import diff_code
 from simspec.commands.loading import OF_A_MODEL, Loaded, load_spec, source_of
 from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import reporting, reports_of, write_page
 from simspec.commands.scenario_options import RunOptions
 from simspec.commands.study_folder import Results
-from simspec.comparison.runs import Diff
 from simspec.comparison.study import Study, study
 from simspec.compiler import compile_world
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
@@ -61,11 +61,6 @@ def run(options: RunOptions) -> int:
         selection = engines_at_work(words, pythons, demand=False)
         with with_ways_out(options.spec, selection.engines, loaded.world, pythons, is_writable(loaded.spec)):
             return run_world(options, loaded.world, selection, options.out / loaded.world.name, loaded)
-
-
-def diff_code(diffs: Sequence[Diff]) -> int:
-    """The exit code of comparisons: 0 only where all are within tolerance. An inconclusive comparison has not passed."""
-    return EXIT_OK if diffs and all(diff.within for diff in diffs) else EXIT_FAILED
 
 
 def run_world(

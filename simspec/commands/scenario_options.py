@@ -350,7 +350,7 @@ class AuditOptions(Options):
     deadline: Annotated[float, Option(metavar="SECONDS", min=0.1, help="Deadline of one engine for one file.")] = 60.0
 
 
-@command("diff", "explain:diff", "a b tolerance ROBOTS allow_outside as_json")
+@command("diff", "diff:diff", "a b tolerance ROBOTS allow_outside as_json")
 class DiffOptions(Options):
     """Compare two runs or two resolved specs. Exit code 1 if they differ, or if the engines' noise makes that inconclusive.
 

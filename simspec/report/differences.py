@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from simspec.comparison.floor import FLOOR_FACTOR, Floor
 from simspec.comparison.runs import INCONCLUSIVE, QUANTITIES, SHOWN_BODIES, BodyDiff, Diff, out_words, summary
-from simspec.comparison.study import Study
 from simspec.comparison.worlds import Change
+from simspec.report.screen import console
 from simspec.report.table import (
     BAD,
     GOOD,
@@ -22,6 +22,9 @@ from simspec.report.table import (
     passed_cell,
     records_table,
 )
+
+if TYPE_CHECKING:
+    from simspec.comparison.study import Study
 
 SHOWN_OF_ONE = 8
 """Changes of one list or mapping that are listed; a row counts the others."""
@@ -292,3 +295,20 @@ def study_tables(study: Study, form: str) -> dict[str, str]:
         for name, table in tables.items()
         if table.rows
     }
+
+
+def show_diff(diff: Diff) -> None:
+    """Print the comparison of two runs."""
+    screen = console()
+    for table in diff_tables(diff):
+        screen.print(table)
+    for note in diff.notes:
+        screen.print(f"note: {note}", soft_wrap=True)
+    show_inconclusive([diff])
+
+
+def show_inconclusive(diffs: Sequence[Diff]) -> None:
+    """Print on standard error why comparisons are inconclusive."""
+    for diff in diffs:
+        if (why := inconclusive_note(diff)) is not None:
+            console(error=True).print(why, soft_wrap=True, style="yellow", markup=False)

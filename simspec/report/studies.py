@@ -200,23 +200,7 @@ def show_run(study: Study, folder: Path, notes: Sequence[str], show: Sequence[st
     for note in notes:
         screen.print(f"note: {note}", soft_wrap=True, markup=False)
     screen.print(f"written: {folder}", soft_wrap=True)
-    _say_untold(study.diffs if demand_diff else ())
+    report_differences.show_inconclusive(study.diffs if demand_diff else ())
     for name, run in study.runs.items():
         if run.failed is not None:
             console(error=True).print(f"{name} failed: {run.failed}", soft_wrap=True, style="bold red")
-
-
-def show_diff(diff: Diff) -> None:
-    """Print the comparison of two runs."""
-    screen = console()
-    for table in report_differences.diff_tables(diff):
-        screen.print(table)
-    for note in diff.notes:
-        screen.print(f"note: {note}", soft_wrap=True)
-    _say_untold([diff])
-
-
-def _say_untold(diffs: Sequence[Diff]) -> None:
-    for diff in diffs:
-        if (why := report_differences.inconclusive_note(diff)) is not None:
-            console(error=True).print(why, soft_wrap=True, style="yellow", markup=False)

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from simspec.commands import run as run_command
-from simspec.commands.explain import diff_runs
-from simspec.commands.run import diff_code
+from simspec.commands.diff import diff_code, diff_runs
 from simspec.commands.scenario_options import RunOptions
 from simspec.comparison.floor import Floor, save_floor
 from simspec.comparison.runs import INCONCLUSIVE, OUT, WITHIN, Diff, diff
