@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from simspec.comparison.runs import QUANTITIES, Diff, summary
+from simspec.comparison.runs import QUANTITIES, summary
 from simspec.comparison.study import Study
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.report import differences as report_differences
