@@ -47,7 +47,7 @@ class ChildError(ValueError):
     """The child gave no answer; the message says why."""
 
 
-def run(program: Path, arguments: Sequence[str], told: bytes, seconds: float, policy: Policy) -> bytes:
+def run(program: Path, arguments: Sequence[str], request: bytes, seconds: float, policy: Policy) -> bytes:
     """What a Python program answers to ``told`` within ``seconds``, in an empty folder. Raises ChildError where it does not end
     by itself, with code 0. The program limits its own CPU time and memory."""
     exit_if_signalled()
@@ -64,7 +64,7 @@ def run(program: Path, arguments: Sequence[str], told: bytes, seconds: float, po
             start_new_session=True,
         )
         try:
-            answered, why = exchange(process, told, seconds, LARGEST_ANSWER)
+            answered, why = exchange(process, request, seconds, LARGEST_ANSWER)
         finally:
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)

@@ -134,6 +134,25 @@ def names(wanted: Sequence[str], reserved: Sequence[str] = ()) -> list[str]:
     return [name for name in given if name is not None]
 
 
+class UniqueNames:
+    """Names of a spec, each given once."""
+
+    def __init__(self, taken: Iterable[str] = ()):
+        self.taken = set(taken)
+        self._numbers: dict[str, int] = {}
+        """The last number of each name that is wanted more than once."""
+
+    def unique(self, wanted: str) -> str:
+        """``wanted``, or it with the first number that is free."""
+        name, number = wanted, self._numbers.get(wanted, 1)
+        while name in self.taken:
+            number += 1
+            name = f"{wanted}_{number}"
+        self._numbers[wanted] = number
+        self.taken.add(name)
+        return name
+
+
 def renamed(element: Element, name: str, given: str) -> None:
     """Say of the attribute ``name`` of ``element`` that the spec calls it ``given``, where that is another name."""
     if element.attributes.get(name, "").strip() != given:
@@ -147,6 +166,20 @@ def plain(value: float) -> float:
     """The same number; a whole one as an int, and no negative zero. Those that are none (twice the half size of 1e308) are left
     to the language, which refuses them at their place."""
     return int(value) if abs(value) < WHOLE and value == math.floor(value) else value
+
+
+def tidy(value: Any, path: Path_ = (), infinite: list[Path_] | None = None) -> Any:
+    """Data with whole numbers as ints; ``infinite`` gets the paths of numbers that are not finite."""
+    if isinstance(value, dict):
+        return {key: tidy(item, (*path, key), infinite) for key, item in value.items()}
+    if isinstance(value, list):
+        return [tidy(item, (*path, index), infinite) for index, item in enumerate(value)]
+    if not isinstance(value, float):
+        return value
+    if infinite is not None and not math.isfinite(value):
+        infinite.append(path)
+        return value
+    return plain(value)
 
 
 def numbers(values: Sequence[float]) -> list[float]:

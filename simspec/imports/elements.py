@@ -230,11 +230,11 @@ class Element:
         while waiting:
             element = waiting.pop()
             if element._own is False:
-                element.set_aside(None, Fate.LOST, reason, severity)
+                element.lose(None, reason, severity)
             elif element._own is True:
                 for name in element.attributes:
                     if name not in element._taken and name not in element._fates:
-                        element.set_aside(name, Fate.LOST, reason, severity)
+                        element.lose(name, reason, severity)
                 waiting += element._children
 
     # --- setting aside ----------------------------------------------------------------------------------------
@@ -253,6 +253,14 @@ class Element:
             self._own = said
         elif name in self.attributes:
             self._fates[name] = said
+
+    def lose(self, name: str | None, reason: str, severity: Severity = Severity.PHYSICS, hint: str = "") -> None:
+        """Say that the spec does not have an attribute, or (None) this element with all that is in it and was not taken."""
+        self.set_aside(name, Fate.LOST, reason, severity, hint)
+
+    def ignore(self, name: str | None, reason: str, severity: Severity = Severity.INFORMATION) -> None:
+        """Say that an attribute, or (None) this element, has no effect in the spec."""
+        self.set_aside(name, Fate.UNUSED, reason, severity)
 
     def forget(self) -> None:
         """Take back what was read of this element and of all that is in it: it is lost as a whole."""

@@ -45,7 +45,7 @@ Value = TypeVar("Value")
 def raised(document: skel.SkelDocument, sidecar: DartSidecar) -> ReadBack:
     """The model of a document. Raises ValueError, which names the place, for what is missing, for what simspec does not say to
     DART, and where document and sidecar do not fit together."""
-    for complaint in skel.strangers(document):
+    for complaint in skel.unknown_parts(document):
         raise ValueError(complaint)
     _check_meshes(document)
     elements = {body.name: body for body in _distinct(document)}

@@ -21,7 +21,7 @@ from simspec.formats.urdf.reading import (
     UrdfJointNode,
     UrdfLinkNode,
     UrdfRobotNode,
-    strangers,
+    unknown_parts,
 )
 from simspec.formats.urdf.to_world import (
     DEFAULT_AXIS,
@@ -129,12 +129,12 @@ class _File:
     @staticmethod
     def of(robot: UrdfRobotNode, meshes: Mapping[str, tuple[float, ...]], base_margin: float) -> _File:
         """Raises ValueError for what PyBullet's dialect does not have."""
-        for stranger in strangers(robot, WRITTEN):
-            if stranger.name == "concave" and stranger.path == "robot/link/collision":
+        for unknown in unknown_parts(robot, WRITTEN):
+            if unknown.name == "concave" and unknown.path == "robot/link/collision":
                 continue  # looked at with its geometry
-            if stranger.name is not None or not _is_own(stranger.node, stranger.path):
-                what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
-                raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or that is repeated")
+            if unknown.name is not None or not _is_own(unknown.node, unknown.path):
+                what = f"the attribute {unknown.name!r} of" if unknown.name is not None else "an element"
+                raise unknown.node.error(f"{what} {unknown.path} that simspec does not write, or that is repeated")
         surface = {link.name: _surface(link.node.need("contact")) for link in robot.links}
         return _File(robot.links, {joint.child: joint for joint in robot.joints}, surface, meshes, base_margin)
 

@@ -17,7 +17,7 @@ from simspec.formats.urdf.reading import (
     UrdfLimitNode,
     UrdfLinkNode,
     UrdfRobotNode,
-    strangers,
+    unknown_parts,
 )
 from simspec.formats.urdf.to_world import (
     DEFAULT_AXIS,
@@ -56,9 +56,9 @@ def raised(document: UrdfDocument, sidecar: UrdfSidecar) -> ReadBack:
     """The model of a document and its sidecar. Raises ValueError where they do not fit together, or a file has what simspec
     does not write."""
     for robot in document.robots.values():
-        for stranger in strangers(robot, WRITTEN):
-            what = f"the attribute {stranger.name!r} of" if stranger.name is not None else "an element"
-            raise stranger.node.error(f"{what} {stranger.path} that simspec does not write, or that is repeated")
+        for unknown in unknown_parts(robot, WRITTEN):
+            what = f"the attribute {unknown.name!r} of" if unknown.name is not None else "an element"
+            raise unknown.node.error(f"{what} {unknown.path} that simspec does not write, or that is repeated")
     check_meshes(document)
     surfaces = {numbers.material: _surface(numbers) for numbers in sidecar.materials}
     beside = {entry.shape: entry for entry in sidecar.beside}

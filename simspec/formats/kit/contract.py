@@ -14,10 +14,14 @@ from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.plugins import Plugins
 from simspec.resolve.poses import direction
 from simspec.support.declarations import Level, Table, check_total
+from simspec.support.features import Feature
 from simspec.support.needs import needs
 from simspec.world import frames
 from simspec.world.inertia import lumped, lumped_gravity_scale
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World
+
+SUMS: Final = (Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION)
+"""Features along sums of joint positions."""
 
 
 class LossFate(StrEnum):
@@ -178,12 +182,12 @@ def _quaternion(values: Sequence[float]) -> Quaternion:
 
 def gather(world: World) -> World:
     """The world with the inertia of rigid groups gathered on their topmost bodies where engines ask for it."""
-    told = lumped(world)
-    if not told:
+    inertials = lumped(world)
+    if not inertials:
         return world
     bodies = (
         dataclasses.replace(
-            body, inertial=told.get(body.name, body.inertial), gravity_scale=lumped_gravity_scale(world, body)
+            body, inertial=inertials.get(body.name, body.inertial), gravity_scale=lumped_gravity_scale(world, body)
         )
         for body in world.bodies
     )

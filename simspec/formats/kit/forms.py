@@ -91,7 +91,7 @@ def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
     """Raise ValueError naming the first place where ``value`` is not of the form."""
     kind = KINDS_OF_FORMS.get(type(form))
     if kind is not None and type(value) is not kind[0]:
-        raise ValueError(f"{at} is {_told(value)}, should be {kind[1]}")
+        raise ValueError(f"{at} is {_shown(value)}, should be {kind[1]}")
     if isinstance(form, OrNull):
         if value is not None:
             check_fields(value, form.form, at)
@@ -103,7 +103,7 @@ def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
         check_fields(value, form.forms[value[KIND]], at)
     elif isinstance(form, TupleOf):
         if type(value) is not list or len(value) != len(form.forms):
-            raise ValueError(f"{at} is {_told(value)}, should be a list of {len(form.forms)}")
+            raise ValueError(f"{at} is {_shown(value)}, should be a list of {len(form.forms)}")
         for index, (item, own) in enumerate(zip(value, form.forms, strict=True)):
             check_fields(item, own, f"{at}.{index}")
     elif isinstance(form, ListOf):
@@ -125,7 +125,7 @@ def check_fields(value: Any, form: Any, at: str = "sidecar") -> None:
         for name, one in value.items():
             check_fields(one, known[name], f"{at}.{name}")
     elif form is not object and not _is(value, form):
-        raise ValueError(f"{at} is {_told(value)}, should be {WORDS[form]}")
+        raise ValueError(f"{at} is {_shown(value)}, should be {WORDS[form]}")
 
 
 @functools.cache
@@ -252,6 +252,6 @@ def _is(value: Any, form: Any) -> bool:
     return isinstance(value, (int, float)) and abs(value) <= sys.float_info.max
 
 
-def _told(value: Any) -> str:
+def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

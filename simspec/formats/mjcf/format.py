@@ -75,14 +75,8 @@ FLAGS: Final = (
 SUPPORT: Final[Table] = {
     **exactly(
         *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-        *(
-            Feature.DAMPING,
-            Feature.BALL_DAMPING,
-            Feature.ARMATURE,
-            Feature.BALL_ARMATURE,
-            Feature.SPRING,
-            Feature.BALL_SPRING,
-        ),
+        *(Feature.DAMPING, Feature.BALL_DAMPING, Feature.ARMATURE, Feature.BALL_ARMATURE),
+        *(Feature.SPRING, Feature.BALL_SPRING),
         *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
         *(Feature.SHAPE_VISUAL, Feature.SHAPE_MARGIN, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
         *(Feature.MARGIN_PAIRS, Feature.SURFACE_VELOCITY),

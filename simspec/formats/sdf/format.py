@@ -65,10 +65,10 @@ def _model(model: tree.SdfModel) -> tree.SdfModel:
 
 def _tree_joints(model: tree.SdfModel) -> Iterator[tree.SdfJoint]:
     """The joints of the tree: those that close loops stand after them, and are of links that have one already."""
-    held: set[str] = set()
+    children: set[str] = set()
     for joint in model.joints:
-        if joint.child not in held:
-            held.add(joint.child)
+        if joint.child not in children:
+            children.add(joint.child)
             yield joint
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from itertools import combinations
 from typing import Final
 
-from simspec.formats.kit.contract import Loss, LossFate, readable
+from simspec.formats.kit.contract import SUMS, Loss, LossFate, readable
 from simspec.formats.sdf import tree
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import (
@@ -48,7 +48,7 @@ def _roots(world: World) -> dict[str, str]:
 def couplings_in_trees(world: World) -> Refinement | None:
     """Not supported where a joint follows one of another tree, which is another model."""
     root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
-    across = [held.name for held in _follows(world) if root[held.joint] != root[held.leader]]
+    across = [constraint.name for constraint in _follows(world) if root[constraint.joint] != root[constraint.leader]]
     return (
         unsupported_if(f"{across[0]!r} couples joints of two models, which do not know each other's")
         if across
@@ -70,11 +70,11 @@ def loops_in_trees(world: World) -> Refinement | None:
 
 
 def _follows(world: World) -> Iterator[Follow]:
-    return (held for held in world.constraints if isinstance(held, Follow))
+    return (constraint for constraint in world.constraints if isinstance(constraint, Follow))
 
 
 def _loops(world: World) -> Iterator[Connect | Weld]:
-    return (held for held in world.constraints if not isinstance(held, Follow))
+    return (constraint for constraint in world.constraints if not isinstance(constraint, Follow))
 
 
 @derived
@@ -108,9 +108,11 @@ def mimics(world: World, bodies: tuple[Body, ...], names: Names) -> dict[str, tr
     """What joints of a tree follow, by the names of their bodies."""
     owner = {body.joint.name: body.name for body in bodies}
     return {
-        owner[held.joint]: tree.SdfMimic(names["joint", owner[held.leader]], held.ratio, held.offset)
-        for held in _follows(world)
-        if {held.joint, held.leader} <= owner.keys()
+        owner[constraint.joint]: tree.SdfMimic(
+            names["joint", owner[constraint.leader]], constraint.ratio, constraint.offset
+        )
+        for constraint in _follows(world)
+        if {constraint.joint, constraint.leader} <= owner.keys()
     }
 
 
@@ -135,7 +137,7 @@ SIZES: Final = {
 """For each kind of shape which part of its size goes into which element."""
 KINDS: Final = ("plane", *SIZES, "mesh")
 RESERVED: Final = re.compile(r"__.*__|world")
-ODD: Final = re.compile(r"[^A-Za-z0-9_-]")
+NOT_ALLOWED: Final = re.compile(r"[^A-Za-z0-9_-]")
 """What no name of a spec has, though names of placed models and of bodies between joints do."""
 SMALLEST_MASS: Final = 1e-9
 """kg, of a body that has none: the language demands a positive one."""
@@ -158,9 +160,11 @@ def _by_self_collide(world: World) -> Refinement | None:
 
 def on_or_off(world: World) -> Refinement | None:
     """That a body has a part of its weight, or more than it."""
-    odd = next((body.name for body in world.bodies if body.gravity_scale not in (0.0, 1.0)), None)
+    other = next((body.name for body in world.bodies if body.gravity_scale not in (0.0, 1.0)), None)
     return (
-        None if odd is None else unsupported_if(f"SDF has the weight of a link or none of it: {odd!r} has another part")
+        None
+        if other is None
+        else unsupported_if(f"SDF has the weight of a link or none of it: {other!r} has another part")
     )
 
 
@@ -221,12 +225,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: Support(EXACT.level, "as mimic of a joint, in SDF 1.11", refine=couplings_in_trees),
     Feature.BALL_LIMIT: never("SDF has limits along axes only"),
     Feature.FRAME: Support(Level.EXACT, "<frame>"),
-    **for_each(
-        never("SDF has nothing along sums of joint positions"),
-        Feature.SUM,
-        Feature.SUM_LIMITS,
-        Feature.SUM_DRY_FRICTION,
-    ),
+    **for_each(never("SDF has nothing along sums of joint positions"), *SUMS),
 }
 """What plain SDF carries of each feature."""
 
@@ -261,14 +260,14 @@ def more_losses(world: World) -> Iterator[Loss]:
         (Feature.TORSIONAL_FRICTION, "torsional_friction", min),
         (Feature.RESTITUTION_THRESHOLD, "restitution_threshold", max),
     ):
-        odd = tuple(
+        other = tuple(
             f"contact.pairs.{law.first}.{law.second}.{quantity}"
             for law in meeting_laws(world).values()
             if law.first != law.second
             and getattr(law, quantity) != rule(getattr(laws[law.first], quantity), getattr(laws[law.second], quantity))
         )
-        if odd:
-            yield Loss(feature.value, LossFate.APPROXIMATED, "each shape has its own material's number", odd)
+        if other:
+            yield Loss(feature.value, LossFate.APPROXIMATED, "each shape has its own material's number", other)
 
 
 def self_collide(world: World, bodies: tuple[Body, ...]) -> dict[str, bool] | None:
@@ -348,7 +347,7 @@ def _names(world: World) -> dict[tuple[str, str], str]:
         wanted += [("frame", frame.name, frame.name) for frame in world.frames if frame.body in own]
         wanted += [("constraint", loop.name, loop.name) for loop in loops_within(world, bodies)]
         for what, key, text in wanted:
-            clean = ODD.sub("_", text.removeprefix(prefix))
+            clean = NOT_ALLOWED.sub("_", text.removeprefix(prefix))
             plain = f"n{clean}" if RESERVED.fullmatch(clean) else clean
             name, count = plain, 2
             while name in taken:
@@ -436,7 +435,7 @@ def _shape(shape: Shape, laws: dict[str, PairContact], prefix: str) -> tree.SdfS
         surface = tree.SdfSurface(law.friction, law.torsional_friction, law.restitution, law.restitution_threshold)
     colour = shape.colour if shape.visual else None
     return tree.SdfShape(
-        ODD.sub("_", shape.name.removeprefix(prefix)), shape.kind, shape.size, shape.pose, surface, colour
+        NOT_ALLOWED.sub("_", shape.name.removeprefix(prefix)), shape.kind, shape.size, shape.pose, surface, colour
     )
 
 

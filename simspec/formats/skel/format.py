@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
+from simspec.formats.kit.contract import SUMS, Format, Loss, LossFate, Plain, losses
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.kit.text import environment, mesh_file, mesh_files
 from simspec.formats.skel.reading import SkelDocument
@@ -210,12 +210,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: never(".skel has no couplings of joints"),
     Feature.BALL_LIMIT: never(".skel has no limits of ball joints"),
     Feature.FRAME: never(".skel has no frames but those of bodies"),
-    **for_each(
-        never(".skel has nothing along sums of joint positions"),
-        Feature.SUM,
-        Feature.SUM_LIMITS,
-        Feature.SUM_DRY_FRICTION,
-    ),
+    **for_each(never(".skel has nothing along sums of joint positions"), *SUMS),
     Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
     Feature.FORCES: never(".skel has no forces on bodies"),
     Feature.CONTROL: never(".skel has no control laws"),

@@ -150,7 +150,7 @@ class SkelDocument:
     """The vertices (flat, m) of the files of convex hulls in the folder, by relative path."""
 
 
-def strangers(document: SkelDocument) -> Iterator[str]:
+def unknown_parts(document: SkelDocument) -> Iterator[str]:
     """What the file has beyond ``LANGUAGE``: elements and attributes that no typed part holds, each with file and line."""
     for element in document.item.walk():
         attributes, children = LANGUAGE.get(element.tag, ((), {}))

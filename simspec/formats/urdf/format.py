@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
+from simspec.formats.kit.contract import SUMS, Format, Loss, LossFate, Plain, losses
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.kit.text import FIELDS, environment, field_files, json_text, mesh_files
 from simspec.formats.urdf.reading import UrdfDocument
@@ -73,12 +73,12 @@ _IN_PLACEMENT = f"in {PLACEMENT}"
 def within_trees(world: World) -> Refinement | None:
     """Not supported where a joint follows one of another tree, which stands in another file."""
     root = {body.joint.name: root for root, bodies in trees(world).items() for body in bodies}
-    across = [held.name for held in _follows(world) if root[held.joint] != root[held.leader]]
+    across = [coupling.name for coupling in _follows(world) if root[coupling.joint] != root[coupling.leader]]
     return unsupported_if(f"{across[0]!r} couples joints of two trees, which are two files") if across else None
 
 
 def _follows(world: World) -> Iterator[Follow]:
-    return (held for held in world.constraints if isinstance(held, Follow))
+    return (coupling for coupling in world.constraints if isinstance(coupling, Follow))
 
 
 SUPPORT: Final[Table] = {
@@ -104,12 +104,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
     Feature.BALL_LIMIT: never("URDF has no ball joints"),
     Feature.FRAME: Support(Level.EXACT, "a link without mass on a fixed joint, NAME_joint"),
-    **for_each(
-        never("URDF has nothing along sums of joint positions"),
-        Feature.SUM,
-        Feature.SUM_LIMITS,
-        Feature.SUM_DRY_FRICTION,
-    ),
+    **for_each(never("URDF has nothing along sums of joint positions"), *SUMS),
     Feature.BALL_ARMATURE: never("URDF has no armature"),
     Feature.MARGIN_PAIRS: never("URDF has no margins"),
     Feature.SURFACE_VELOCITY: never("URDF has no surfaces that move by themselves"),
@@ -155,7 +150,7 @@ def robots_and_placement(world: World, profile: str = PROFILES[0]) -> tuple[Robo
     placed = []
     for bodies in trees(world).values():
         joints = {body.joint.name for body in bodies}
-        within = [held for held in _follows(world) if {held.joint, held.leader} <= joints]
+        within = [coupling for coupling in _follows(world) if {coupling.joint, coupling.leader} <= joints]
         own = {body.name for body in bodies}
         named = [frame for frame in world.frames if frame.body in own]
         robot = standard_robot(bodies, follows=within, named=named)

@@ -174,7 +174,7 @@ class UnknownPart:
     name: str | None = None
 
 
-def strangers(robot: UrdfRobotNode, language: Language = LANGUAGE) -> Iterator[UnknownPart]:
+def unknown_parts(robot: UrdfRobotNode, language: Language = LANGUAGE) -> Iterator[UnknownPart]:
     """All elements and attributes of a file that the language does not have, and elements that stand there once too often.
     What is inside a strange element is not looked at."""
     yield from _strangers(robot.node, robot.node.tag, language)
@@ -237,16 +237,16 @@ def _root(node: XmlElement, links: Sequence[UrdfLinkNode], joints: Sequence[Urdf
     """The one link from which joints lead to all others. Raises ValueError where there is none."""
     names = {link.name for link in links}
     below: dict[str, list[str]] = {}
-    held: set[str] = set()
+    children: set[str] = set()
     for joint in joints:
         for name in (joint.parent, joint.child):
             if name not in names:
                 raise joint.node.error(f"joint {joint.name!r} names a link {name!r}, which there is not")
-        if joint.child in held:
+        if joint.child in children:
             raise joint.node.error(f"link {joint.child!r} is the child of two joints")
-        held.add(joint.child)
+        children.add(joint.child)
         below.setdefault(joint.parent, []).append(joint.child)
-    roots = [link.name for link in links if link.name not in held]
+    roots = [link.name for link in links if link.name not in children]
     if len(roots) != 1:
         raise node.error(f"{len(roots)} links are no joint's child ({', '.join(roots[:5])}), should be one")
     waiting, reached = [roots[0]], 0

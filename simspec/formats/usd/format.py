@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import ClassVar, Final
 
-from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
-from simspec.formats.usd.joints import apart, carriers, several
+from simspec.formats.kit.contract import SUMS, Format, Loss, LossFate, Plain, losses
+from simspec.formats.usd.joints import carriers, separate_carriers, several
 from simspec.formats.usd.stage import model_of, stage_of
 from simspec.formats.usd.text import BINARY, PACKAGE, TEXT, UsdStage, encoded, text
 from simspec.support.declarations import (
@@ -37,7 +37,7 @@ _COMBINED: Final = "each shape has its own material's number; UsdPhysics does no
 
 def _between(world: World) -> Refinement | None:
     """Joints of one body that are not at one place, at right angles, slides before turns."""
-    names = apart(world)
+    names = separate_carriers(world)
     return Refinement(Level.APPROXIMATE, "bodies of 1e-9 kg stand between the joints") if names else None
 
 
@@ -102,12 +102,7 @@ SUPPORT: Final[Table] = {
     Feature.CONSTRAINT_COUPLING: never("UsdPhysics has no couplings of joints"),
     Feature.BALL_LIMIT: never("a cone of UsdPhysics limits where an axis points, and lets the body turn about it"),
     Feature.FRAME: Support(Level.EXACT, "an Xform in that of its body"),
-    **for_each(
-        never("UsdPhysics has nothing along sums of joint positions"),
-        Feature.SUM,
-        Feature.SUM_LIMITS,
-        Feature.SUM_DRY_FRICTION,
-    ),
+    **for_each(never("UsdPhysics has nothing along sums of joint positions"), *SUMS),
 }
 """What plain USD carries of each feature."""
 
@@ -115,30 +110,30 @@ SUPPORT: Final[Table] = {
 def more_losses(world: World) -> Iterator[Loss]:
     """What is lost of this world beyond the table: laws of pairs that are not the language's rule of the two materials."""
     left_out = carriers(several(world))
-    odd = tuple(
+    differing = tuple(
         f"bodies.{body.name}"
         for bodies in trees(world).values()
         if model_of(bodies) is None
         for body in bodies
         if "/" in body.name or ("." in body.name and body.name not in left_out)
     )
-    if odd:
+    if differing:
         yield Loss(
             "body.name",
             LossFate.APPROXIMATED,
             "another name: bodies of several models are in one tree, or stand between joints",
-            odd,
+            differing,
         )
     laws = {pair.first: pair for pair in world.contact.pairs if pair.first == pair.second}
     for feature, quantity in ((Feature.FRICTION_PAIRS, "friction"), (Feature.RESTITUTION_PAIRS, "restitution")):
-        odd = tuple(
+        differing = tuple(
             f"contact.pairs.{law.first}.{law.second}.{quantity}"
             for law in meeting_laws(world).values()
             if law.first != law.second
             and getattr(law, quantity) != min(getattr(laws[law.first], quantity), getattr(laws[law.second], quantity))
         )
-        if odd:
-            yield Loss(feature.value, LossFate.APPROXIMATED, "each shape has its own material's number", odd)
+        if differing:
+            yield Loss(feature.value, LossFate.APPROXIMATED, "each shape has its own material's number", differing)
 
 
 WORLD: Final = "world.usda"

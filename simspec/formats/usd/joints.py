@@ -71,7 +71,7 @@ def carriers(chains: dict[str, Several]) -> set[str]:
     return {body.name for chain in chains.values() for body in chain.bodies[:-1]}
 
 
-def apart(world: World) -> list[str]:
+def separate_carriers(world: World) -> list[str]:
     """The bodies between joints that are in the file, since one joint does not say the joints around them."""
     left_out = carriers(several(world))
     return [body.name for body in world.bodies if is_carrier(body.name) and body.name not in left_out]

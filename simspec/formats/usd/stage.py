@@ -28,7 +28,7 @@ MATERIALS: Final = "materials"
 GROUPS: Final = "groups"
 SCENE: Final = "physics_scene"
 RESERVED: Final = (JOINTS, MATERIALS, GROUPS, SCENE)
-_ODD: Final = re.compile(r"[^A-Za-z0-9_]")
+_NOT_ALLOWED: Final = re.compile(r"[^A-Za-z0-9_]")
 
 
 class PrimNames:
@@ -39,7 +39,7 @@ class PrimNames:
 
     def give(self, wanted: str) -> str:
         """A name that USD allows, like ``wanted``."""
-        plain = _ODD.sub("_", wanted)
+        plain = _NOT_ALLOWED.sub("_", wanted)
         if plain[0].isdigit():
             plain = f"_{plain}"
         name, count = plain, 2
@@ -295,14 +295,14 @@ class _Writer:
             base = self._named(self.places.models[bodies[0].name], "Xform", model)
             root.children.append(base)
             joints = []
-        still = is_still(bodies)
+        static = is_static(bodies)
         bodies = tuple(body for body in bodies if body.name not in self.left_out)
         for body in bodies:
-            prim = self._body(body, model, still)
+            prim = self._body(body, model, static)
             self.prims[body.name] = prim
             parent = self._above(body)
             (self.prims[parent] if self.nested and parent is not None else base).children.append(prim)
-            if not still and body.joint.kind != "free":
+            if not static and body.joint.kind != "free":
                 joints.append(self._joint(body, model))
         for body in bodies:
             self._shapes(body)
@@ -312,10 +312,10 @@ class _Writer:
         if model is not None and joints:
             base.children.append(UsdPrim(JOINTS, "Scope", children=joints))
 
-    def _body(self, body: Body, model: str | None, still: bool) -> UsdPrim:
+    def _body(self, body: Body, model: str | None, static: bool) -> UsdPrim:
         prim = self._named(self.places.bodies[body.name], "Xform", local(body.name, model))
         joint = body.joint
-        if not still:
+        if not static:
             prim.apply("PhysicsRigidBodyAPI", "PhysicsMassAPI")
             prim.say("bool", "physics:rigidBodyEnabled", True)
             prim.say("bool", "physics:kinematicEnabled", body.name in self.kinematic)
@@ -453,7 +453,7 @@ class _Writer:
         return prim
 
 
-def is_still(bodies: tuple[Body, ...]) -> bool:
+def is_static(bodies: tuple[Body, ...]) -> bool:
     """Whether a tree is one body that is fixed to the world, without mass: shapes without a rigid body say the same."""
     body = bodies[0]
     return (

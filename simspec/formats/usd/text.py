@@ -102,14 +102,14 @@ def _begin(prim: UsdPrim) -> Iterator[str]:
         yield f"    prepend apiSchemas = [{', '.join(map(_quoted, prim.schemas))}]"
         yield ")"
     yield "{"
-    for held in prim.properties:
-        if held.value is not None:
-            yield f"    {_property(held)}"
+    for item in prim.properties:
+        if item.value is not None:
+            yield f"    {_property(item)}"
 
 
-def _property(held: UsdProperty) -> str:
-    words = " ".join((*(("custom",) if held.custom else ()), *(("uniform",) if held.uniform else ()), held.type))
-    return f"{words} {held.name} = {_value(held.type, held.value)}"
+def _property(item: UsdProperty) -> str:
+    words = " ".join((*(("custom",) if item.custom else ()), *(("uniform",) if item.uniform else ()), item.type))
+    return f"{words} {item.name} = {_value(item.type, item.value)}"
 
 
 def _value(kind: str, value: Any) -> str:

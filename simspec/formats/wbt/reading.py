@@ -55,10 +55,10 @@ class WbtNode:
                 return item
         raise self.refused(f"has no {name}")
 
-    def _single(self, name: str, allowed: type | tuple[type, ...], told: str) -> Value:
+    def _single(self, name: str, allowed: type | tuple[type, ...], wanted: str) -> Value:
         field = self.field(name)
         if field.listed or len(field.values) != 1 or not isinstance(field.values[0], allowed):
-            raise self.refused(f"{name} should be {told}", field.line)
+            raise self.refused(f"{name} should be {wanted}", field.line)
         return field.values[0]
 
     def number(self, name: str) -> float:

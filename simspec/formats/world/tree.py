@@ -176,8 +176,8 @@ def rows_of(bodies: Sequence[JsonBody]) -> BodyRows:
     groups: list[int] = []
     for row, (body, parent) in enumerate(zip(bodies, parents, strict=True)):
         roots.append(row if parent < 0 else roots[parent])
-        still = -1 if parent < 0 else groups[parent]
-        groups.append(still if isinstance(body.joint, FixedJoint) else row)
+        group = -1 if parent < 0 else groups[parent]
+        groups.append(group if isinstance(body.joint, FixedJoint) else row)
     return BodyRows(parents, tuple(roots), tuple(groups))
 
 

@@ -7,6 +7,7 @@ configuration: q = qpos − ref, so that ranges, springs and all else are given 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.errors import Location
+from simspec.imports.draft import UniqueNames
 from simspec.imports.elements import Element
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf, MjcfFeatures
 from simspec.language.amounts import MOST_FRAMES
@@ -66,26 +68,17 @@ def pose(position: Vector, quaternion: Vector) -> dict[str, Any]:
     return written
 
 
-@dataclass
-class MjcfNames:
-    """Names of a spec for those of a file, each given once."""
+class MjcfNames(UniqueNames):
+    """Names of a spec for those of a file, each given once; ``changed``: those that are others, by the file's."""
 
-    taken: set[str] = field(default_factory=set)
-    changed: dict[str, str] = field(default_factory=dict)
-    _often: dict[str, int] = field(default_factory=dict)
-    """The last number that was given to each name that is wanted more than once."""
+    def __init__(self, taken: Iterable[str] = ()):
+        super().__init__(taken)
+        self.changed: dict[str, str] = {}
 
     def give(self, name: str, otherwise: str) -> str:
         """A free name of the language, the nearest to ``name``, or to ``otherwise`` where that is empty."""
         wanted = clean_name(name or otherwise)[:150]
-        if wanted == "world":
-            wanted = "world_"
-        given, number = wanted, self._often.get(wanted, 1)
-        while given in self.taken:
-            number += 1
-            given = f"{wanted}_{number}"
-        self._often[wanted] = number
-        self.taken.add(given)
+        given = self.unique("world_" if wanted == "world" else wanted)
         if name and given != name:
             self.changed[name] = given
         return given

@@ -387,9 +387,9 @@ def compile_model(assembly: MjcfAssembly, states: Random | None = None) -> Compi
     if states is not None:
         asked["random"] = states
     head = json.dumps(asked).encode()
-    told = b"".join((struct.pack("<Q", len(head)), head, *assembly.texts.values()))
+    message = b"".join((struct.pack("<Q", len(head)), head, *assembly.texts.values()))
     try:
-        answered = run(compiler.PROGRAM, (str(SECONDS), str(MEMORY)), told, PATIENCE, POLICY)
+        answered = run(compiler.PROGRAM, (str(SECONDS), str(MEMORY)), message, PATIENCE, POLICY)
         answer = parse_json(answered)
     except (ChildError, NotReadableError) as error:
         raise root.error(f"the compiler of this model gave no answer: {error}") from None

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Location, SpecError
-from simspec.imports.draft import plain
+from simspec.imports.draft import tidy
 from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
 from simspec.imports.mjcf import SUFFIXES
@@ -142,10 +142,10 @@ def account(assembly: MjcfAssembly, features: MjcfFeatures) -> list[Account]:
         for element in elements:
             if id(element) in whole or f"{element.tag}/*" in feature.attributes.split():
                 hint = features.hints.get((name, id(element)), feature.hint)
-                element.set_aside(None, Fate.LOST, feature.reason, feature.severity, hint)
+                element.lose(None, feature.reason, feature.severity, hint)
     for included in assembly.included.values():
         for name in included.attributes:
-            included.set_aside(name, Fate.UNUSED, "what is included has no name of its own", _INFORMATION)
+            included.ignore(name, "what is included has no name of its own")
     accounts = assembly.accounts()
     return [*accounts, *_untold(features, accounts)]
 
@@ -156,7 +156,7 @@ def _of_state(element: Element, commanded: bool) -> None:
     element.take()
     for name in element.attributes:
         if f"key/{name}" in driven.attributes.split() and not (commanded and name == "ctrl"):
-            element.set_aside(name, Fate.LOST, driven.reason, driven.severity, driven.hint)
+            element.lose(name, driven.reason, driven.severity, driven.hint)
         else:
             element.word(name)
 
@@ -167,7 +167,7 @@ def _carried(element: Element, features: MjcfFeatures) -> None:
     softness = FEATURES["equality.softness"]
     for name in element.attributes:
         if name in ("solref", "solimp") and features.has("equality.softness", element):
-            element.set_aside(name, Fate.LOST, softness.reason, softness.severity, softness.hint)
+            element.lose(name, softness.reason, softness.severity, softness.hint)
         else:
             element.word(name)
     for part in element.look():
@@ -216,7 +216,7 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
         element.take()
         for name in element.attributes:
             if name in LOOKS:
-                element.set_aside(name, Fate.LOST, "how a frame is drawn", _APPEARANCE)
+                element.lose(name, "how a frame is drawn", _APPEARANCE)
             else:
                 element.word(name)
         return False
@@ -239,13 +239,13 @@ def _element(element: Element, around: str, by_attribute: dict[str, list[str]], 
             lost = [one for one in lost if features.has(one, element)]
         if lost:
             feature = FEATURES[min(lost, key=lambda one: list(Severity).index(FEATURES[one].severity))]
-            element.set_aside(name, Fate.LOST, feature.reason, feature.severity, feature.hint)
+            element.lose(name, feature.reason, feature.severity, feature.hint)
         elif name in aside:
-            element.set_aside(name, Fate.LOST, reason, _INFORMATION)
+            element.lose(name, reason, _INFORMATION)
         elif name in known or f"{tag}/{name}" in _SAID:  # of what could be said by the latter, no element has it
             element.word(name)
         elif tag == "material":
-            element.set_aside(name, Fate.LOST, MATERIAL, _APPEARANCE)
+            element.lose(name, MATERIAL, _APPEARANCE)
     return True
 
 
@@ -254,14 +254,14 @@ _SAID: Final = {word for feature in FEATURES.values() for word in feature.attrib
 
 def _untold(features: MjcfFeatures, accounts: list[Account]) -> Iterator[Account]:
     """Features that no attribute told: those of classes of defaults, and what an engine does by default."""
-    told = {(entry.reason, entry.location) for entry in accounts if entry.fate is Fate.LOST}
+    known_losses = {(entry.reason, entry.location) for entry in accounts if entry.fate is Fate.LOST}
     anywhere = {entry.reason for entry in accounts if entry.fate is Fate.LOST}
     for name, elements in features.having.items():
         feature = FEATURES[name]
         if feature.reason in anywhere and "*" not in feature.attributes:
             continue  # told at the attribute of its class
         for element in elements:
-            if (feature.reason, element.location) not in told:
+            if (feature.reason, element.location) not in known_losses:
                 yield Account(element.location, element.path, Fate.LOST, feature.severity, feature.reason, feature.hint)
 
 
@@ -346,7 +346,7 @@ def imported(assembly: MjcfAssembly, bodies: MjcfBodies, files: Files) -> Import
     if actuators:
         comments["model.actuators" if alone else "actuators"] = NOTE
     return Imported(
-        _tidy(data),
+        tidy(data),
         places,
         account(assembly, features),
         files=bodies.files,
@@ -354,15 +354,6 @@ def imported(assembly: MjcfAssembly, bodies: MjcfBodies, files: Files) -> Import
         comments=comments,
         starts=starts,
     )
-
-
-def _tidy(value: Any) -> Any:
-    """Plain data with whole numbers as a person writes them."""
-    if isinstance(value, dict):
-        return {key: _tidy(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_tidy(item) for item in value]
-    return plain(value) if isinstance(value, float) else value
 
 
 def _name(assembly: MjcfAssembly, files: Files) -> str:

@@ -29,7 +29,7 @@ def height_field(bodies: MjcfBodies, number: int) -> dict[str, Any] | None:
     are read."""
     model = bodies.model
     data, shares = int(model["geom_dataid"][number]), model.get("hfield_data")
-    if shares is None or not _still(bodies, int(model["geom_bodyid"][number])):
+    if shares is None or not _is_static(bodies, int(model["geom_bodyid"][number])):
         return None
     rows, columns = int(model["hfield_nrow"][data]), int(model["hfield_ncol"][data])
     half_x, half_y, top, base = model["hfield_size"][data].tolist()
@@ -48,7 +48,7 @@ def height_field(bodies: MjcfBodies, number: int) -> dict[str, Any] | None:
     return {"heightfield": {"rows": [numbers(row) for row in grid], **said}}
 
 
-def _still(bodies: MjcfBodies, body: int) -> bool:
+def _is_static(bodies: MjcfBodies, body: int) -> bool:
     """Whether a body is fixed to the world, and none above it is moved as it is told."""
     if int(bodies.model["body_weldid"][body]) != 0:
         return False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any, Final
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports import draft
-from simspec.imports.draft import Materials, plain
+from simspec.imports.draft import Materials, tidy
 from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
 from simspec.imports.sdf import SUFFIXES
@@ -38,7 +37,7 @@ from simspec.imports.sdf.values import (
 )
 from simspec.imports.writing import add_timestep
 from simspec.language.document import Path_
-from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Repair, Severity
+from simspec.language.foreign import Account, Imported, ImportOptions, Repair, Severity
 
 GRAVITY: Final = (0.0, 0.0, -9.8)
 """SDF's default; the language's is -9.81."""
@@ -202,7 +201,7 @@ class _Spec:
         if not contact:
             del self.data["contact"]
         wrong: list[Path_] = []
-        self.data = _plain(self.data, (), wrong)
+        self.data = tidy(self.data, (), wrong)
         if wrong:
             raise SpecError([Problem(TOO_LARGE, location=self._place_of(path)) for path in wrong])
 
@@ -353,22 +352,8 @@ def _give_names(shapes: list[ShapeRead]) -> None:
             shape.name = names.give(shape.name, shape.element)
         else:
             reason = "names of shapes are unique in a spec"
-            shape.element.set_aside("name", Fate.LOST, reason, Severity.INFORMATION)
+            shape.element.lose("name", reason, Severity.INFORMATION)
             shape.name = ""
-
-
-def _plain(value: Any, path: Path_, wrong: list[Path_]) -> Any:
-    """The same data, its whole numbers without a point; ``wrong`` gets the paths of numbers that are none."""
-    if isinstance(value, dict):
-        return {key: _plain(item, (*path, key), wrong) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_plain(item, (*path, index), wrong) for index, item in enumerate(value)]
-    if not isinstance(value, float):
-        return value
-    if not math.isfinite(value):
-        wrong.append(path)
-        return value
-    return plain(value)
 
 
 def _physics(world: Scope) -> dict[str, Any]:

@@ -402,7 +402,7 @@ class ModelReader:
         placed = pose_of(element)
         if placed.element is not None:
             if scope.placed.element is not None:
-                scope.placed.element.set_aside(None, Fate.UNUSED, "an include says another pose", Severity.INFORMATION)
+                scope.placed.element.ignore(None, "an include says another pose")
             scope.placed = placed
         scope.placement_frame = text_of(element, "placement_frame", scope.placement_frame)
         if element.look("static"):

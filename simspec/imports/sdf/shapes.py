@@ -29,7 +29,7 @@ from simspec.imports.sdf.values import (
     unused,
     vector_of,
 )
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Severity
 from simspec.language.strict import required
 from simspec.meshes.files import MeshError
 from simspec.world import frames
@@ -402,10 +402,10 @@ def _collision(shape: Element, around: LinkContext) -> ShapeRead | None:
 def _concave(shape: Element, read: _Geometry | None) -> None:
     """An attribute of one reader, for collisions with the surface of a mesh itself."""
     if read is None or read.mesh is None:
-        shape.set_aside("concave", Fate.UNUSED, "only a mesh can be concave", Severity.INFORMATION)
+        shape.ignore("concave", "only a mesh can be concave")
     else:
         reason = "a mesh is its convex hull"
-        shape.set_aside("concave", Fate.LOST, reason, hint="`as: pieces` of the mesh, in the spec")
+        shape.lose("concave", reason, hint="`as: pieces` of the mesh, in the spec")
 
 
 def _visual(shape: Element, around: LinkContext) -> ShapeRead | None:
@@ -430,7 +430,7 @@ def _colour(shape: Element) -> tuple[float, ...] | None:
         for child in material.look(tag):
             lost(child, "a shape has one colour", Severity.APPEARANCE)
     lost(next(iter(material.look("render_order")), None), "a shape has one colour", Severity.APPEARANCE)
-    material.set_aside("name", Fate.LOST, "a colour has no name", Severity.INFORMATION)
+    material.lose("name", "a colour has no name", Severity.INFORMATION)
     diffuse = material.look("diffuse") or material.look("ambient")
     if not diffuse:
         return None
@@ -461,7 +461,7 @@ def _merge(twin: ShapeRead, shape: ShapeRead) -> None:
             twin.data[key] = shape.data[key]
     if shape.surface is not None:
         twin.surface, twin.name = shape.surface, shape.name
-    shape.element.set_aside("name", Fate.UNUSED, "one shape with its collision", Severity.INFORMATION)
+    shape.element.ignore("name", "one shape with its collision")
 
 
 def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: SdfMeshes) -> None:

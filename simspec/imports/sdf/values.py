@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from simspec import numerals
-from simspec.imports.draft import angle
+from simspec.imports.draft import UniqueNames, angle
 from simspec.imports.elements import HOW_HARD, Element, plugin_loss
 from simspec.language.foreign import Fate, Severity
 from simspec.world import frames
@@ -166,36 +166,28 @@ def _quaternion(element: Element, values: tuple[float, ...]) -> Quaternion:
 def lost(element: Element | None, reason: str, severity: Severity = Severity.PHYSICS, hint: str = "") -> None:
     """Say that an element with all that is in it is not carried."""
     if element is not None:
-        element.set_aside(None, Fate.LOST, reason, severity, hint)
+        element.lose(None, reason, severity, hint)
 
 
 def unused(element: Element | None, reason: str, severity: Severity = Severity.INFORMATION) -> None:
     """Say that an element has no effect in the spec, and need not have."""
     if element is not None:
-        element.set_aside(None, Fate.UNUSED, reason, severity)
+        element.ignore(None, reason, severity)
 
 
 LONGEST_NAME: Final = 200
 
 
-class SdfNames:
+class SdfNames(UniqueNames):
     """Names that the language allows, each once."""
 
     def __init__(self, taken: Iterable[str] = ()):
-        self._taken = {"world", *taken}
-        self._often: dict[str, int] = {}
-        """The next number for each name that is wanted more than once."""
+        super().__init__(("world", *taken))
 
     def give(self, text: str, element: Element | None = None) -> str:
-        """A name made of a text; an element whose name changes is told so."""
+        """A name made of a text; an element whose name changes says so."""
         plain = re.sub(r"[^A-Za-z0-9_-]+", "_", text)[:LONGEST_NAME]
-        if not re.match(r"[A-Za-z_]", plain):
-            plain = f"_{plain}"
-        name, count = plain, self._often.get(plain, 2)
-        while name in self._taken:
-            name, count = f"{plain}_{count}", count + 1
-        self._often[plain] = count
-        self._taken.add(name)
+        name = self.unique(plain if re.match(r"[A-Za-z_]", plain) else f"_{plain}")
         if element is not None and name != element.attributes.get("name", "").strip():
             element.set_aside("name", Fate.CARRIED, f"called {name} in the spec", Severity.INFORMATION)
         return name

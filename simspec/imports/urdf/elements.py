@@ -300,7 +300,7 @@ def _reader(element: Element) -> None:
                 row = _ALWAYS.get(f"{READER}/{tag}/@{name}")
                 value = child.attributes[name].strip().lower()
                 if row is not None and value not in READER_DEFAULTS.get(name, ()):
-                    child.set_aside(None, LOST, FOR_READER, INFORMATION)
+                    child.lose(None, FOR_READER, INFORMATION)
                     child.set_aside(name, row.fate, row.reason, row.severity, row.hint)
 
 
@@ -323,11 +323,11 @@ def _gazebo(element: Element) -> None:
             severity, reason = plugin_loss(child)
         said = child.attributes.get("value", child.text).strip().lower()
         if _is_empty(child):
-            child.set_aside(None, UNUSED, "it is empty: it says nothing", INFORMATION)
+            child.ignore(None, "it is empty: it says nothing")
         elif said in WITHOUT_EFFECT.get(child.tag, ()) or (child.tag == "collision" and _does_not_bounce(child)):
-            child.set_aside(None, UNUSED, "as without it", INFORMATION)
+            child.ignore(None, "as without it")
         else:
-            child.set_aside(None, LOST, reason, severity, hint)
+            child.lose(None, reason, severity, hint)
 
 
 def _does_not_bounce(element: Element) -> bool:
@@ -371,9 +371,9 @@ def settle(root: Element) -> None:
             if child.is_settled:
                 continue
             if any(child.same_as(one) for one in children[:index] if one.tag == child.tag):
-                child.set_aside(None, UNUSED, "said twice, the same", INFORMATION)
+                child.ignore(None, "said twice, the same")
             elif _is_empty(child):
-                child.set_aside(None, UNUSED, "it is empty: it says nothing", INFORMATION)
+                child.ignore(None, "it is empty: it says nothing")
         for child in children:
             if child.tag in DRAWN and child.is_settled:
                 child.leave("simspec does not draw it", APPEARANCE)
@@ -383,9 +383,9 @@ def settle(root: Element) -> None:
 
 def attributes_unused(element: Element, reason: str) -> None:
     """Say of an element, with all in it, that URDF gives it no meaning here."""
-    element.set_aside(None, UNUSED, reason, INFORMATION)
+    element.ignore(None, reason)
     for name in element.attributes:
-        element.set_aside(name, UNUSED, reason, INFORMATION)
+        element.ignore(name, reason)
 
 
 def rows() -> Iterator[ElementRow]:

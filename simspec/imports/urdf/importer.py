@@ -14,7 +14,7 @@ from simspec.imports.elements import MOST_BODIES, SPLIT, Element, outermost, par
 from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
 from simspec.imports.urdf import SUFFIXES
-from simspec.imports.urdf.elements import INFORMATION, LOST, mend, rows, set_aside, settle
+from simspec.imports.urdf.elements import INFORMATION, mend, rows, set_aside, settle
 from simspec.imports.urdf.elements import RULES as NUMERAL_RULES
 from simspec.imports.urdf.joints import (
     MIMIC_RULES,
@@ -249,12 +249,12 @@ class RobotReader:
         self.between = {name for chain in self.chains.values() for name in chain.between}
         self._compare_moments(tree, top)
         for head, group in members.items():
-            still = head == tree.root and self.fixed
-            if not still and self.draft.repairing(FROM_SHAPES):
+            static = head == tree.root and self.fixed
+            if not static and self.draft.repairing(FROM_SHAPES):
                 self._give_masses(head, group)
             for name in group:
-                self._check_link(self.links[name], still)
-            if not still:
+                self._check_link(self.links[name], static)
+            if not static:
                 self._check_group(tree, head, group)
 
     def _give_masses(self, head: str, group: list[str]) -> None:
@@ -284,11 +284,11 @@ class RobotReader:
         masses = [self.links[name].mass for name in ([tree.root] if tree.root == WORLD else group)]
         return not any(mass is not None and mass.mass for mass in masses)
 
-    def _check_link(self, link: UrdfLinkRead, still: bool) -> None:
+    def _check_link(self, link: UrdfLinkRead, static: bool) -> None:
         mass = link.mass
         if mass is None or mass.density:
             return
-        if not still:
+        if not static:
             check_mass(mass, bool(link.shapes), self.draft, link.path)
         elif mass.missing or mass.mass < 0.0 or impossible(principal_moments(mass.tensor or (0.0,) * 6)):
             leave_out_mass(mass)
@@ -410,7 +410,7 @@ class RobotReader:
                 body["pose"] = joint.data["origin"]
             how = "fixed to the world" if joint.kind == "fixed" else "free"
             reason = f"the root {child.name} is {how}, without a joint"
-            joint.element.set_aside("name", LOST, reason, INFORMATION)
+            joint.element.lose("name", reason, INFORMATION)
         else:
             body |= joint.placed(child.name)
         return body

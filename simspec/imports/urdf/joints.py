@@ -196,7 +196,7 @@ def _limits(joint: UrdfJointRead, word: str, draft: Draft) -> dict[str, Any]:
     limits: dict[str, Any] = {}
     if word == "continuous":
         for name in ("lower", "upper"):
-            limit.set_aside(name, UNUSED, "a continuous joint has no limits", INFORMATION)
+            limit.ignore(name, "a continuous joint has no limits")
     elif not (limit.has("lower") or limit.has("upper")):
         _without_limits(joint, word, draft)
     else:
@@ -210,7 +210,7 @@ def _limits(joint: UrdfJointRead, word: str, draft: Draft) -> dict[str, Any]:
         if value is not None and value < 0.0:
             raise limit.error(f"{name} of <limit> must not be below 0", f"{value:g}")
         if value == 0.0:
-            limit.set_aside(name, LOST, NO_RATING, INFORMATION)
+            limit.lose(name, NO_RATING, INFORMATION)
         elif value is not None:
             limits[name] = plain(value)
     return limits
@@ -263,9 +263,9 @@ def reflect(root: Element, joints: Sequence[UrdfJointRead]) -> None:
                     raise inertia.error("an inertia of a rotor below 0", f"{rotor:g}")
                 joint = known.get(names[0]) if len(names) == 1 else None
                 if joint is None or joint.kind not in SCALAR_JOINTS:
-                    inertia.set_aside(None, LOST, "it is of no single hinge or slide")
+                    inertia.lose(None, "it is of no single hinge or slide")
                     continue
-                actuator.set_aside(None, LOST, "describes actuators", INFORMATION)
+                actuator.lose(None, "describes actuators", INFORMATION)
                 for part in (inertia, *gears):
                     part.take()
                 if rotor and ratio:
@@ -380,7 +380,7 @@ def _follow(joint: UrdfJointRead, by_name: Mapping[str, UrdfJointRead], draft: D
             data.update({"offset": plain(offset)} if offset else {})
             return data
         if why:
-            mimic.set_aside(None, LOST, why, PHYSICS, "make the joint fixed" if ratio == 0.0 else "")
+            mimic.lose(None, why, PHYSICS, "make the joint fixed" if ratio == 0.0 else "")
             for attribute in mimic.attributes:
-                mimic.set_aside(attribute, LOST, why, INFORMATION)
+                mimic.lose(attribute, why, INFORMATION)
     return None

@@ -140,9 +140,9 @@ def _leave_out(element: Element) -> None:
     waiting = [element]
     while waiting:
         part = waiting.pop()
-        part.set_aside(None, LOST, f"left out by the rule {ROOTS}")
+        part.lose(None, f"left out by the rule {ROOTS}")
         for name in part.attributes:
-            part.set_aside(name, LOST, f"left out by the rule {ROOTS}")
+            part.lose(name, f"left out by the rule {ROOTS}")
         waiting.extend(part.look())
 
 
@@ -203,7 +203,7 @@ def leave_out_between(links: Mapping[str, Element], chain: JointChain, called: s
             "name", Fate.CARRIED, f"called {called}.{joint.listed()[-1]['name']} in the world", INFORMATION
         )
         for part in element.look("inertial"):
-            part.set_aside(None, LOST, FRAME, INFORMATION)
+            part.lose(None, FRAME, INFORMATION)
 
 
 def chain_joints(chain: JointChain) -> list[dict[str, Any]]:
@@ -373,12 +373,12 @@ def _take_friction(gazebo: Element, is_used: bool) -> None:
         if equal:
             child.take()
         else:
-            child.set_aside(None, LOST, f"{NO_EFFECT} in the language: {FIRST} is carried", PHYSICS)
+            child.lose(None, f"{NO_EFFECT} in the language: {FIRST} is carried", PHYSICS)
     if second is None and not equal:
-        gazebo.look(FIRST)[0].set_aside(None, LOST, f"{NO_EFFECT} in the language; {SECOND} is 1 by default", PHYSICS)
+        gazebo.look(FIRST)[0].lose(None, f"{NO_EFFECT} in the language; {SECOND} is 1 by default", PHYSICS)
     if equal:
         for child in gazebo.look(DIRECTION):
-            child.set_aside(None, UNUSED, NO_EFFECT, INFORMATION)
+            child.ignore(None, NO_EFFECT)
 
 
 def _aside(gazebo: Element, fate: Fate, reason: str, severity: Severity) -> None:

@@ -122,9 +122,9 @@ def _copies(inertia: Element) -> None:
         if not inertia.has(copy):
             continue
         if inertia.number(copy) == (inertia.number(own) or 0.0):
-            inertia.set_aside(copy, UNUSED, f"the same as {own}", INFORMATION)
+            inertia.ignore(copy, f"the same as {own}")
         else:
-            inertia.set_aside(copy, LOST, f"another than {own}, which readers take")
+            inertia.lose(copy, f"another than {own}, which readers take")
 
 
 def check_mass(mass: UrdfMass, has_shapes: bool, draft: Draft, path: Path_) -> None:
@@ -185,7 +185,7 @@ def give_mass(mass: UrdfMass, solids: Sequence[UrdfShapeRead], density: float, d
     what = given(path[-1] if isinstance(path[-1], str) else "", mass.mass, solids, density)
     for part in element.look("origin", "mass", "inertia") if element.tag == "inertial" else ():
         for name in part.attributes:
-            part.set_aside(name, LOST, f"replaced by the rule {FROM_SHAPES}")
+            part.lose(name, f"replaced by the rule {FROM_SHAPES}")
     mass.mass, mass.tensor, mass.missing, mass.density = 0.0, None, "", density
     draft.repaired(FROM_SHAPES, element, what, (*path, "shapes"))
 
@@ -219,7 +219,7 @@ def _without_moments(mass: UrdfMass, has_shapes: bool, rule: str, draft: Draft, 
     for part in inertial.look("origin", "inertia"):
         if has_shapes or part.tag == "inertia":
             for name in part.attributes:
-                part.set_aside(name, LOST, f"replaced by the rule {rule}")
+                part.lose(name, f"replaced by the rule {rule}")
     if has_shapes:
         mass.from_shapes = True
         what = f"the centre of mass and the moments follow from the shapes, of even density, of {mass.mass:g} kg"

@@ -24,7 +24,7 @@ from simspec.imports.draft import (
 )
 from simspec.imports.elements import Element
 from simspec.imports.packages import MissingFileError
-from simspec.imports.urdf.elements import APPEARANCE, INFORMATION, LOST
+from simspec.imports.urdf.elements import APPEARANCE, INFORMATION
 from simspec.imports.urdf.joints import across
 from simspec.language.foreign import Fate
 from simspec.language.mesh import SUFFIXES as MESHES
@@ -129,7 +129,7 @@ def _colour(material: Element) -> list[float] | None:
     except numerals.NumeralError:
         rgba = []
     if len(rgba) not in (3, 4) or not all(0.0 <= value <= 1.0 for value in rgba):
-        element.set_aside("rgba", LOST, "a colour is 3 or 4 numbers between 0 and 1", APPEARANCE)
+        element.lose("rgba", "a colour is 3 or 4 numbers between 0 and 1", APPEARANCE)
         return None
     element.word("rgba")
     return numbers(rgba)
@@ -160,7 +160,7 @@ def _not_drawn(visual: Element, why: Problem) -> None:
     """Say of a visual that something in it is wrong: nothing but its appearance is lost."""
     found = f": {why.found}" if why.found else ""
     visual.forget()
-    visual.set_aside(None, LOST, f"{why.message}{found}", APPEARANCE, why.hint or "")
+    visual.lose(None, f"{why.message}{found}", APPEARANCE, why.hint or "")
 
 
 def without_planes(shapes: Sequence[UrdfShapeRead]) -> list[UrdfShapeRead]:
@@ -169,7 +169,7 @@ def without_planes(shapes: Sequence[UrdfShapeRead]) -> list[UrdfShapeRead]:
     for shape in shapes:
         if not shape.collision and "plane" in shape.data:
             shape.element.forget()
-            shape.element.set_aside(None, LOST, MOVING_PLANE, APPEARANCE)
+            shape.element.lose(None, MOVING_PLANE, APPEARANCE)
     return kept
 
 
@@ -197,7 +197,7 @@ def _of_visual(element: Element, known: Mapping[str, list[float] | None]) -> lis
         return own
     name = material.word("name") or ""
     if name not in known and material.child("color") is None and not material.look("texture"):
-        material.set_aside("name", LOST, "the file defines no such material", APPEARANCE)
+        material.lose("name", "the file defines no such material", APPEARANCE)
     return known.get(name)
 
 
@@ -209,7 +209,7 @@ def _shape(element: Element, draft: Draft) -> UrdfShapeRead | None:
     if geometry is None or not kinds:
         others = [child.tag for child in geometry.look()] if geometry is not None else []
         if not collides:
-            element.set_aside(None, LOST, "no geometry that simspec reads", APPEARANCE)
+            element.lose(None, "no geometry that simspec reads", APPEARANCE)
             return None
         found = ", ".join(others)[:80] or "nothing"
         raise element.error("a collision shape without a known geometry", found, ", ".join(GEOMETRIES))
@@ -316,9 +316,9 @@ def _without(element: Element, draft: Draft, why: Problem, rule: str = MISSING) 
     """Leave a mesh out: one that is only seen, or by the rule; else it is a defect."""
     found = f": {why.found}" if why.found else ""
     if element.tag == "visual":
-        element.set_aside(None, LOST, f"{why.message}{found}", APPEARANCE, why.hint or "")
+        element.lose(None, f"{why.message}{found}", APPEARANCE, why.hint or "")
     elif draft.repairing(rule):
-        element.set_aside(None, LOST, f"left out by the rule {rule}: {why.message}{found}")
+        element.lose(None, f"left out by the rule {rule}: {why.message}{found}")
         draft.repaired(rule, element, f"a mesh is left out: {why.message}{found}", ("model", "bodies"))
     else:
         draft.problems.append(
@@ -361,18 +361,18 @@ def _tell_fewer(shape: UrdfShapeRead, mesh: MadeMesh) -> None:
     shape.data["mesh"] = {**shape.data["mesh"], "max_vertices": kept}
     kind = shape.element.look("geometry")[0].look("mesh")[0]
     reason = f"{kept} of the hull's {part.vertices:,} vertices are kept: {part.error * 1e3:.2g} mm are between the two"
-    kind.set_aside("filename", LOST, reason, INFORMATION, "`max_vertices`")
+    kind.lose("filename", reason, INFORMATION, "`max_vertices`")
 
 
 def _empty(element: Element, kind: Element, draft: Draft) -> None:
     """A shape with a length that is not above 0."""
     said = " ".join(f'{name}="{value[:40]}"' for name, value in kind.attributes.items())
     if element.tag == "visual":
-        element.set_aside(None, LOST, f"a {kind.tag} without volume is not drawn: {said}", APPEARANCE)
+        element.lose(None, f"a {kind.tag} without volume is not drawn: {said}", APPEARANCE)
     elif not draft.repairing(EMPTY):
         draft.defect(kind, "the lengths of a shape must be above 0", EMPTY, RULES[EMPTY], found=said)
     else:
-        element.set_aside(None, LOST, f"left out by the rule {EMPTY}: {said}")
+        element.lose(None, f"left out by the rule {EMPTY}: {said}")
         draft.repaired(EMPTY, element, f"a {kind.tag} without volume is left out: {said}", ("model", "bodies"))
 
 

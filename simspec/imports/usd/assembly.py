@@ -34,7 +34,6 @@ from simspec.imports.usd.places import UPRIGHT, PrimPlaces
 from simspec.imports.usd.shapes import GEOMETRY, ShapeReader, UsdShapeRead, name_meshes, pose_data
 from simspec.imports.usd.stage import PrimRead, StageRead, agree
 from simspec.imports.writing import has_drives, stable_timestep
-from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
 from simspec.resolve.poses import direction
@@ -80,11 +79,11 @@ class UsdAssembly:
         for top in tops:
             for link in in_order(top):
                 order.append(self._body(link, shapes.pop(link.prim.where, [])))
-        still = self._still(shapes)
-        if not order and not still:
+        static = self._static_bodies(shapes)
+        if not order and not static:
             raise self.stage.root.error("this stage has no bodies and nothing that they could touch")
-        self._name(tops, order, still)
-        self._scenario(tops, order, still, loops)
+        self._name(tops, order, static)
+        self._scenario(tops, order, static, loops)
 
     # --- reading ------------------------------------------------------------------------------------------------
 
@@ -105,7 +104,7 @@ class UsdAssembly:
         if prim.where in self.body_of:
             return self.body_of[prim.where]
         for name in ("physics:body1", "physics:body0"):
-            for target in prim.told["relationships"].get(name, ()):
+            for target in prim.record["relationships"].get(name, ()):
                 if target in self.body_of:
                     return self.body_of[target]
         return None
@@ -170,12 +169,12 @@ class UsdAssembly:
             if link.joint.apart > APART:
                 apart = f"{link.joint.apart:.3g} m or rad apart where the bodies are"
                 reason = f"the joint's frames are {apart}: the joint places {link.prim.name}"
-                link.prim.set_aside("xformOp:translate", Fate.LOST, reason)
-                link.joint.prim.set_aside("physics:body1", Fate.LOST, reason)
+                link.prim.lose("xformOp:translate", reason)
+                link.joint.prim.lose("physics:body1", reason)
         self.bodies[id(link.prim)] = body
         return body
 
-    def _still(self, shapes: dict[str, list[UsdShapeRead]]) -> list[UsdBodyRead]:
+    def _static_bodies(self, shapes: dict[str, list[UsdShapeRead]]) -> list[UsdBodyRead]:
         bodies = []
         for path, held in shapes.items():
             prim = self.stage.prims[path]
@@ -192,14 +191,14 @@ class UsdAssembly:
 
     # --- names --------------------------------------------------------------------------------------------------
 
-    def _name(self, tops: list[UsdLinkRead], order: list[UsdBodyRead], still: list[UsdBodyRead]) -> None:
+    def _name(self, tops: list[UsdLinkRead], order: list[UsdBodyRead], static: list[UsdBodyRead]) -> None:
         """Names of bodies, models and joints. A tree that stands alone within a prim is a model, called as that."""
         of_model: dict[int, PrimRead] = {}
         for top in tops:
             holder = self._model(top, tops)
             if holder is not None:
                 of_model[id(top)] = holder
-        alone = self._alone(tops, still)
+        alone = self._alone(tops, static)
         loose = [
             body
             for top in tops
@@ -207,7 +206,7 @@ class UsdAssembly:
             for link in in_order(top)
             if (body := self.bodies[id(link.prim)])
         ]
-        loose += still
+        loose += static
         models = [] if alone else [top for top in tops if id(top) in of_model]
         given = names([*(body.prim.called() for body in loose), *(of_model[id(top)].called() for top in models)])
         for body, name in zip(loose, given, strict=False):
@@ -244,19 +243,19 @@ class UsdAssembly:
                 return None if any(path.startswith(start) for path in others) else holder
         return None
 
-    def _alone(self, tops: list[UsdLinkRead], still: list[UsdBodyRead]) -> bool:
+    def _alone(self, tops: list[UsdLinkRead], static: list[UsdBodyRead]) -> bool:
         """Whether the stage is one tree: a model file, unless simspec wrote it as a scenario that places a model."""
         default = self.stage.prims.get(self.stage.default)
-        if len(tops) != 1 or still:
+        if len(tops) != 1 or static:
             return False
         return default is None or not default.has("simspec:world") or self._model(tops[0], tops) is None
 
     # --- data ---------------------------------------------------------------------------------------------------
 
     def _scenario(
-        self, tops: list[UsdLinkRead], order: list[UsdBodyRead], still: list[UsdBodyRead], loops: list[UsdJointRead]
+        self, tops: list[UsdLinkRead], order: list[UsdBodyRead], static: list[UsdBodyRead], loops: list[UsdJointRead]
     ) -> None:
-        alone = self._alone(tops, still)
+        alone = self._alone(tops, static)
         draft = self.draft
         default = self.stage.prims.get(self.stage.default)
         stem = draft.files.path.name.partition(".")[0]
@@ -271,7 +270,7 @@ class UsdAssembly:
         # in the order of the file: trees by their roots
         index = {path: number for number, path in enumerate(self.stage.prims)}
         above = {id(link.prim): index[top.prim.where] for top in tops for link in in_order(top)}
-        every = sorted([*order, *still], key=lambda body: above.get(id(body.prim), index[body.prim.where]))
+        every = sorted([*order, *static], key=lambda body: above.get(id(body.prim), index[body.prim.where]))
         materials.read([shape for body in every for shape in body.shapes], alone)
         for body in every:
             base: tuple[str, ...] = (
@@ -320,7 +319,7 @@ class UsdAssembly:
             kinds = [] if leader is None or other != model else [one.kind for one in leader.freedoms]
             if leader is None or len(kinds) != 1 or kinds[0] not in SCALAR_JOINTS:
                 reason = "it is to follow what is no hinge or slide of its model: the joint moves on its own"
-                joint.prim.set_aside("newton:mimicJoint", Fate.LOST, reason)
+                joint.prim.lose("newton:mimicJoint", reason)
                 continue
             holder = self.data["model"] if alone else self.data["models"][model] if model else self.data
             table = holder.setdefault("constraints", {})
@@ -342,9 +341,7 @@ class UsdAssembly:
                     reason = (
                         f"too stiff a drive for a spring that is explicit in time, which is stable up to {step:.2g} s"
                     )
-                    joint.prim.set_aside(
-                        attribute, Fate.LOST, reason, hint="write the actuators as `control:` of the scenario"
-                    )
+                    joint.prim.lose(attribute, reason, hint="write the actuators as `control:` of the scenario")
 
         try:
             step = stable_timestep(self.data, self.draft.meshes, leave_out)
@@ -369,10 +366,10 @@ class UsdAssembly:
             self._join(body, joint, data, path)
             for name in ("physics:velocity", "physics:angularVelocity"):
                 if any(prim.reals(name, 3) or ()):
-                    prim.set_aside(name, Fate.LOST, "bodies of a tree start with the velocities of their joints")
+                    prim.lose(name, "bodies of a tree start with the velocities of their joints")
             if prim.flag("physics:kinematicEnabled", False):
                 reason = "a kinematic body that joints hold moves with them"
-                prim.set_aside("physics:kinematicEnabled", Fate.LOST, reason)
+                prim.lose("physics:kinematicEnabled", reason)
         else:
             self._free(body, data, path)
         if not body.fixed:
@@ -387,7 +384,7 @@ class UsdAssembly:
         for index, shape in enumerate(body.shapes):
             if body.fixed:
                 for name in OF_FILLING:
-                    shape.prim.set_aside(name, Fate.UNUSED, "it does not move", Severity.INFORMATION)
+                    shape.prim.ignore(name, "it does not move")
             words = shape.written(body.offset, f"{body.name}_{index}")
             if shape.collision and len(materials.data) > 1:
                 words["material"] = materials.names[shape.material]
@@ -477,7 +474,7 @@ class UsdAssembly:
             return
 
         def weighs(one: UsdBodyRead) -> bool:
-            return bool(one.prim.told["attributes"].get("physics:mass", {}).get("value")) or any(
+            return bool(one.prim.record["attributes"].get("physics:mass", {}).get("value")) or any(
                 shape.collision for shape in one.shapes
             )
 

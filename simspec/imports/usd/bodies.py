@@ -11,7 +11,6 @@ from simspec.imports.usd.joints import Freedom, UsdJointRead
 from simspec.imports.usd.places import SAME, PrimPlaces
 from simspec.imports.usd.shapes import UsdShapeRead, pose_data
 from simspec.imports.usd.stage import PrimRead, StageRead
-from simspec.language.foreign import Fate
 from simspec.world import frames
 from simspec.world.types import Pose, Vector3
 
@@ -161,17 +160,14 @@ def loop_data(
     """The model that a loop is in ("": none), and its words; None for what the language does not say, which is then lost."""
     prim = joint.prim
     if joint.first is None or joint.second is None:
-        prim.set_aside(
-            None,
-            Fate.LOST,
-            "a loop that is closed against the world is not supported",
-            hint="join it to a body that is fixed",
+        prim.lose(
+            None, "a loop that is closed against the world is not supported", hint="join it to a body that is fixed"
         )
         return None
     kinds = [freedom.kind for freedom in joint.freedoms]
     first, second = bodies[id(joint.first)], bodies[id(joint.second)]
     if first.model != second.model:
-        prim.set_aside(None, Fate.LOST, "a loop of two models is not supported")
+        prim.lose(None, "a loop of two models is not supported")
         return None
     names = [first.name, second.name]
     here = frames.compose(frames.inverse(first.frame), joint.in_first)
@@ -181,12 +177,11 @@ def loop_data(
         said = Pose(prim.exactly("origin", pose.position), prim.turn("orientation", pose.quaternion))  # type: ignore[arg-type]
         return first.model, {"weld": {"bodies": names, "pose": pose_data(said)}}
     if kinds not in (["ball"], ["hinge"]):
-        prim.set_aside(None, Fate.LOST, "loops are closed by fixed, spherical and revolute joints only")
+        prim.lose(None, "loops are closed by fixed, spherical and revolute joints only")
         return None
     if kinds == ["hinge"]:
-        prim.set_aside(
+        prim.lose(
             "physics:axis",
-            Fate.LOST,
             "a loop is held at the joint's point; nothing holds the direction of its axis, unless the other joints do",
         )
     at = prim.exactly("origin", here.position)

@@ -159,8 +159,8 @@ def unpacked(path: str) -> str:
 
 def _unpack(package: Any, entry: Any) -> None:
     parts = entry.filename.split("/")
-    odd = any(part in ("", ".", "..") or len(part) > 200 for part in parts) or len(parts) > DEEPEST
-    if odd or "\\" in entry.filename or "\0" in entry.filename or ":" in entry.filename:
+    leads_out = any(part in ("", ".", "..") or len(part) > 200 for part in parts) or len(parts) > DEEPEST
+    if leads_out or "\\" in entry.filename or "\0" in entry.filename or ":" in entry.filename:
         raise RefusedError("a package with a path that leads out of it", entry.filename[:LONGEST_TEXT])
     if entry.compress_type or entry.flag_bits & 1 or entry.compress_size != entry.file_size:
         raise RefusedError("files of a package are neither compressed nor encrypted", entry.filename[:LONGEST_TEXT])
@@ -286,17 +286,17 @@ class _Reader:
     def _prim(self, prim: Any, cache: Any) -> dict[str, Any]:
         from pxr import Tf, UsdGeom
 
-        told: dict[str, Any] = {
+        record: dict[str, Any] = {
             "path": str(prim.GetPath()),
             "type": str(prim.GetTypeName()),
             "schemas": self._schemas(prim),
             "used": bool(prim.IsActive() and prim.IsDefined() and prim.IsLoaded() and not prim.IsAbstract()),
         }
         if prim.IsInstance():
-            told["instance"] = True
+            record["instance"] = True
         if prim.HasVariantSets():
             sets = prim.GetVariantSets()
-            told["variants"] = {
+            record["variants"] = {
                 name: [sets.GetVariantSelection(name), list(sets.GetVariantSet(name).GetVariantNames())]
                 for name in sets.GetNames()
             }
@@ -308,18 +308,20 @@ class _Reader:
                 relationships[name] = [str(target) for target in property_.GetTargets()][:10_000]
             else:
                 attributes[name] = self._attribute(prim, property_, name)
-        told["attributes"], told["relationships"] = attributes, relationships
-        if told["used"] and (xform := UsdGeom.Xformable(prim)):
+        record["attributes"], record["relationships"] = attributes, relationships
+        if record["used"] and (xform := UsdGeom.Xformable(prim)):
             try:
-                told["world"] = self._flat(cache.GetLocalToWorldTransform(prim))
-                told["reset"] = bool(xform.GetResetXformStack())
-                told["ops"] = [self._op(op) for op in xform.GetOrderedXformOps()]
+                record["world"] = self._flat(cache.GetLocalToWorldTransform(prim))
+                record["reset"] = bool(xform.GetResetXformStack())
+                record["ops"] = [self._op(op) for op in xform.GetOrderedXformOps()]
             except (Tf.ErrorException, RuntimeError):
-                raise RefusedError("the transformation of a prim cannot be read", told["path"][:LONGEST_TEXT]) from None
-        if told["used"] and (image := UsdGeom.Imageable(prim)):
-            told["purpose"] = str(image.ComputePurpose())
-            told["visible"] = str(image.ComputeVisibility()) != "invisible"
-        return told
+                raise RefusedError(
+                    "the transformation of a prim cannot be read", record["path"][:LONGEST_TEXT]
+                ) from None
+        if record["used"] and (image := UsdGeom.Imageable(prim)):
+            record["purpose"] = str(image.ComputePurpose())
+            record["visible"] = str(image.ComputeVisibility()) != "invisible"
+        return record
 
     def _schemas(self, prim: Any) -> list[str]:
         """The schemas that are applied, also those that the reader does not know."""
@@ -336,30 +338,30 @@ class _Reader:
         ]
 
     def _attribute(self, prim: Any, attribute: Any, name: str) -> dict[str, Any]:
-        told: dict[str, Any] = {"type": str(attribute.GetTypeName())}
+        record: dict[str, Any] = {"type": str(attribute.GetTypeName())}
         if attribute.HasAuthoredConnections():
-            told["connected"] = [str(path) for path in attribute.GetConnections()][:10]
+            record["connected"] = [str(path) for path in attribute.GetConnections()][:10]
         if attribute.GetNumTimeSamples():
-            told["samples"] = attribute.GetNumTimeSamples()
+            record["samples"] = attribute.GetNumTimeSamples()
         value = attribute.Get()
         if value is None:
-            return told
+            return record
         if attribute.GetTypeName().isArray:
             import numpy as np
 
-            told["length"] = len(value)
+            record["length"] = len(value)
             if prim.GetTypeName() == "Mesh" and name in MESH_ARRAYS:
                 array = np.asarray(value)
                 self.numbers += array.size
                 if self.numbers > MOST_NUMBERS:
                     raise RefusedError(f"more than {MOST_NUMBERS:,} numbers of meshes")
                 kind = "<f8" if array.dtype.kind == "f" else "<i8"
-                told["array"] = [kind, list(array.shape), base64.b64encode(array.astype(kind).tobytes()).decode()]
+                record["array"] = [kind, list(array.shape), base64.b64encode(array.astype(kind).tobytes()).decode()]
             elif len(value) <= SHORT:
-                told["value"] = [self._value(item) for item in value]
+                record["value"] = [self._value(item) for item in value]
         else:
-            told["value"] = self._value(value)
-        return told
+            record["value"] = self._value(value)
+        return record
 
     def _value(self, value: Any) -> Any:
         """A value of JSON; numbers that are not finite as ``"nan"``, ``"inf"`` and ``"-inf"``, quaternions w x y z."""

@@ -13,7 +13,6 @@ from simspec.imports.usd.joints import UsdJointRead
 from simspec.imports.usd.places import UPRIGHT
 from simspec.imports.usd.shapes import UsdShapeRead
 from simspec.imports.usd.stage import PrimRead, StageRead
-from simspec.language.foreign import Fate, Severity
 from simspec.world import frames
 from simspec.world.types import Vector3
 
@@ -31,7 +30,7 @@ def bind(shape: UsdShapeRead, stage: StageRead) -> None:
     """Give a shape that collides the material that it, or the nearest prim around it, is bound to."""
     for name in BINDINGS:
         for holder in shape.prim.ancestors():
-            targets = holder.told["relationships"].get(name)
+            targets = holder.record["relationships"].get(name)
             if not targets:
                 continue
             material = stage.prims.get(targets[0])
@@ -77,7 +76,7 @@ class UsdMaterials:
         if prim.has("physics:density"):
             prim.value("physics:density")
         if sticking != sliding:
-            prim.set_aside("physics:staticFriction", Fate.LOST, "friction is one number; `dynamicFriction` is carried")
+            prim.lose("physics:staticFriction", "friction is one number; `dynamicFriction` is carried")
         friction = prim.exactly("friction", (sliding,))[0]
         data: dict[str, Any] = {"friction": plain(friction)}
         if bounce:
@@ -100,15 +99,15 @@ class UsdMaterials:
             acting = {number >= least for number in directions}
             if True not in acting:
                 for name in attributes:
-                    prim.set_aside(name, Fate.UNUSED, f"no shape has {CONDIM} of {least:g}", Severity.INFORMATION)
+                    prim.ignore(name, f"no shape has {CONDIM} of {least:g}")
             elif len(acting) > 1:
                 for name in attributes:
-                    prim.set_aside(name, Fate.LOST, f"shapes of one material differ in {CONDIM}")
+                    prim.lose(name, f"shapes of one material differ in {CONDIM}")
             elif said and said[0]:
                 data[word] = plain(said[0])
         for one in shapes:
             if one.prim.has(CONDIM) and one.prim.real(CONDIM, 3.0) < 3.0:
-                one.prim.set_aside(CONDIM, Fate.LOST, "two such shapes touch without friction")
+                one.prim.lose(CONDIM, "two such shapes touch without friction")
         return data
 
 
@@ -121,16 +120,12 @@ def filtered(stage: StageRead, body_of: Mapping[str, PrimRead]) -> list[tuple[Pr
         for target in prim.targets("physics:filteredPairs"):
             first, second = body_of.get(prim.where), body_of.get(target)
             if first is None or second is None:
-                prim.set_aside("physics:filteredPairs", Fate.LOST, "names what is no body, or a part of none")
+                prim.lose("physics:filteredPairs", "names what is no body, or a part of none")
             elif first is not second:
                 pairs.append((first, second))
                 for one, path in ((first, prim.where), (second, target)):
                     if one.where != path and len(_solid(stage, one, body_of)) > 1:
-                        prim.set_aside(
-                            "physics:filteredPairs",
-                            Fate.LOST,
-                            "pairs are of whole bodies: all their shapes do not touch",
-                        )
+                        prim.lose("physics:filteredPairs", "pairs are of whole bodies: all their shapes do not touch")
     return pairs
 
 
@@ -161,7 +156,7 @@ def groups(stage: StageRead, shapes: Mapping[str, str]) -> tuple[dict[str, Any],
         others = prim.targets("physics:filteredGroups")
         merge = prim.token("physics:mergeGroup")
         if prim.flag("physics:invertFilteredGroups", False) or merge:
-            prim.set_aside(None, Fate.LOST, "groups that are inverted or merged are not supported")
+            prim.lose(None, "groups that are inverted or merged are not supported")
             continue
         for other in others:
             if other in called:
@@ -176,8 +171,8 @@ def groups(stage: StageRead, shapes: Mapping[str, str]) -> tuple[dict[str, Any],
             of_body |= dict.fromkeys((body,), *only) if only else {}
             continue
         for path in said:
-            stage.prims[path].set_aside(
-                "apiSchemas:PhysicsCollisionAPI", Fate.LOST, "shapes of one body are in several collision groups"
+            stage.prims[path].lose(
+                "apiSchemas:PhysicsCollisionAPI", "shapes of one body are in several collision groups"
             )
     words = {
         name: {"ignores": sorted(ignored & held)} for name, ignored in table.items() if name in held and ignored & held
@@ -205,7 +200,7 @@ def physics_data(stage: StageRead, draft: Draft) -> dict[str, Any] | None:
     """Gravity, and the timestep that only simspec says; None where the stage has no scene."""
     scenes = [prim for prim in stage.used() if prim.tag == "PhysicsScene"]
     for other in scenes[1:]:
-        other.set_aside(None, Fate.LOST, "another scene of the file is in force")
+        other.lose(None, "another scene of the file is in force")
     if not scenes:
         return None
     scene = scenes[0].take()
@@ -278,7 +273,7 @@ def contact_data(
 
 def _keeps_apart(stage: StageRead) -> bool:
     """Whether an articulation says that its bodies do not touch each other, by a word of an engine that many files have."""
-    said = [prim for prim in stage.used() for name in SELF_COLLISION if name in prim.told["attributes"]]
+    said = [prim for prim in stage.used() for name in SELF_COLLISION if name in prim.record["attributes"]]
     flags = [prim.flag(name, True) for prim in said for name in SELF_COLLISION]
     return not all(flags)
 

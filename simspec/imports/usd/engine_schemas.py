@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from simspec.imports.draft import angle, plain
 from simspec.imports.usd.stage import PrimRead
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Severity
 
 ARMATURES: Final = ("physxJoint:armature", "newton:armature", "mjc:armature")
 """Attributes for the armature of a joint, the first of which holds."""
@@ -50,7 +50,7 @@ def _axis_friction(prim: PrimRead, instance: str) -> str:
     if prim.real(rest, 0.0) == prim.real(motion, 0.0):
         return motion if prim.has(motion) else ""
     for name in (rest, motion):
-        prim.set_aside(name, Fate.LOST, "dry friction is one number")
+        prim.lose(name, "dry friction is one number")
     return ""
 
 
@@ -69,7 +69,7 @@ def passive(prim: PrimRead, data: dict[str, Any], units: Units, degrees: bool, i
     if stiffness <= 0.0:
         return
     if "spring" in data:
-        prim.set_aside("mjc:stiffness", Fate.LOST, "a joint has one spring, which is its drive")
+        prim.lose("mjc:stiffness", "a joint has one spring, which is its drive")
         return
     rest = prim.real("mjc:springref", 0.0)
     rest *= math.pi / 180.0 if units.turns and degrees else 1.0 if units.turns else units.position
@@ -93,7 +93,7 @@ def of_ball(prim: PrimRead, data: dict[str, Any], units: Units) -> None:
     for name in ("newton:friction", "mjc:frictionloss", "mjc:stiffness", "newton:velocityLimit"):
         none = math.inf if name == "newton:velocityLimit" else 0.0
         if prim.has(name) and prim.real(name, none, infinite=True) != none:
-            prim.set_aside(name, Fate.LOST, "only hinges and slides have it in the language")
+            prim.lose(name, "only hinges and slides have it in the language")
 
 
 def ratings(prim: PrimRead, limits: dict[str, Any], units: Units, si: bool, instance: str) -> None:
@@ -124,7 +124,7 @@ def _actuator_range(prim: PrimRead, limits: dict[str, Any], units: Units) -> Non
         limits.setdefault("effort", plain(most))
         return
     for name in (low, high):
-        prim.set_aside(name, Fate.LOST, "limits of effort are symmetric in the language")
+        prim.lose(name, "limits of effort are symmetric in the language")
 
 
 # --- joints that follow others ----------------------------------------------------------------------------------------
@@ -150,9 +150,9 @@ def mimic(prim: PrimRead, units: Units) -> UsdMimic | None:
             return None
         for name in ("mjc:coef2", "mjc:coef3", "mjc:coef4"):
             if prim.has(name) and prim.real(name, 0.0):
-                prim.set_aside(name, Fate.LOST, "joints follow others linearly in the language")
+                prim.lose(name, "joints follow others linearly in the language")
         if ratio == 0.0:
-            prim.set_aside("newton:mimicCoef1", Fate.LOST, "a joint that follows with a ratio of 0 stands still")
+            prim.lose("newton:mimicCoef1", "a joint that follows with a ratio of 0 stands still")
             return None
         return UsdMimic(targets[0], ratio, offset * units.position)
     for instance in prim.instances("PhysxMimicJointAPI"):
@@ -162,7 +162,7 @@ def mimic(prim: PrimRead, units: Units) -> UsdMimic | None:
         prim.token(f"{start}referenceJointAxis")
         for name in ("naturalFrequency", "dampingRatio"):
             if prim.has(f"{start}{name}"):
-                prim.set_aside(f"{start}{name}", Fate.LOST, COMPLIANCE, Severity.INFORMATION)
+                prim.lose(f"{start}{name}", COMPLIANCE, Severity.INFORMATION)
         if targets and gearing:
             return UsdMimic(targets[0], -gearing, -offset * units.position)
     return None
@@ -188,7 +188,7 @@ def check_position(prim: PrimRead, instance: str, units: Units, start: float) ->
     """Tell where the file says that an axis stands elsewhere than its bodies do (``start``, rad or m)."""
     for name in _names(instance, "position"):
         if prim.has(name) and abs(prim.real(name, 0.0) * units.position - start) > APART:
-            prim.set_aside(name, Fate.LOST, "the bodies stand elsewhere, and a joint begins where they do")
+            prim.lose(name, "the bodies stand elsewhere, and a joint begins where they do")
 
 
 def _names(instance: str, word: str) -> tuple[str, str]:

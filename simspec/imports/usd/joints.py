@@ -12,7 +12,6 @@ from simspec.imports.usd import engine_schemas
 from simspec.imports.usd.engine_schemas import UNBOUNDED, Units, UsdMimic
 from simspec.imports.usd.places import PrimPlaces, quaternion
 from simspec.imports.usd.stage import OWN, PrimRead, StageRead, agree
-from simspec.language.foreign import Fate, Severity
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Pose, Vector3
@@ -112,11 +111,11 @@ class JointReader:
         kind = TYPES[prim.tag]
         for name in ("physics:breakForce", "physics:breakTorque"):
             if abs(prim.real(name, math.inf, infinite=True)) < UNBREAKABLE:
-                prim.set_aside(name, Fate.LOST, "joints of simspec do not break")
+                prim.lose(name, "joints of simspec do not break")
         first, in_first = self._side(prim, 0)
         second, in_second = self._side(prim, 1)
         if kind == "distance":
-            prim.set_aside(None, Fate.LOST, "simspec has no joints of distance")
+            prim.lose(None, "simspec has no joints of distance")
             return None
         if first is second:
             self._unused(prim, "it joins what does not move against each other")
@@ -140,7 +139,7 @@ class JointReader:
         return joint
 
     def _unused(self, prim: PrimRead, why: str) -> None:
-        prim.set_aside(None, Fate.UNUSED, why, Severity.INFORMATION)
+        prim.ignore(None, why)
 
     def _side(self, prim: PrimRead, number: int) -> tuple[PrimRead | None, Pose]:
         """The body at one end of a joint, and the joint's frame in it."""
@@ -169,7 +168,7 @@ class JointReader:
         """What a joint leaves free, in order; None where that is everything."""
         if kind not in SCALAR_JOINTS:
             for name in ("physics:axis", "physics:lowerLimit", "physics:upperLimit"):
-                prim.set_aside(name, Fate.UNUSED, "this kind of joint has none", Severity.INFORMATION)
+                prim.ignore(name, "this kind of joint has none")
         if kind == "fixed":
             return []
         if kind in SCALAR_JOINTS:
@@ -185,11 +184,7 @@ class JointReader:
             prim.token("physics:axis", "X")
             for name in ("physics:coneAngle0Limit", "physics:coneAngle1Limit"):
                 if prim.real(name, -1.0, infinite=True) >= 0.0 and not math.isinf(prim.real(name, -1.0, infinite=True)):
-                    prim.set_aside(
-                        name,
-                        Fate.LOST,
-                        "a ball is limited by its whole angle, not by a cone",
-                    )
+                    prim.lose(name, "a ball is limited by its whole angle, not by a cone")
             for drive in prim.instances("PhysicsDriveAPI"):
                 self._no_drive(prim, drive)
             ball = Freedom("ball", (0.0, 0.0, 0.0), "ball")
@@ -206,7 +201,7 @@ class JointReader:
         """The axes of a joint of up to six degrees of freedom: its slides, then its turns, in the order X, Y, Z."""
         limited = set(prim.instances("PhysicsLimitAPI"))
         if "distance" in limited:
-            prim.set_aside("apiSchemas:PhysicsLimitAPI:distance", Fate.LOST, "simspec has no joints of distance")
+            prim.lose("apiSchemas:PhysicsLimitAPI:distance", "simspec has no joints of distance")
         free: list[str] = []
         for word in (*SLIDES, *TURNS):
             low = prim.real(f"limit:{word}:physics:low", -math.inf, infinite=True)
@@ -249,7 +244,7 @@ class JointReader:
         limits: dict[str, Any] = {}
         if lower > upper and TYPES[prim.tag] != "several":
             # the schema says: a lower limit above the upper one locks nothing, it is no limit
-            prim.set_aside(low, Fate.UNUSED, "above the upper limit: no limits are said", Severity.INFORMATION)
+            prim.ignore(low, "above the upper limit: no limits are said")
         if bounded:
             ends = [max(-FAR, min(FAR, value * unit)) for value in (lower, upper)]
             said = prim.exactly(f"{own_word}limits", ends)
@@ -298,44 +293,34 @@ class JointReader:
             raise prim.error("a drive with a stiffness or a damping below 0", found=f"{stiffness:g}, {damping:g}")
         if not stiffness and not damping:
             for word in ("targetPosition", "targetVelocity", "maxForce", "type"):
-                prim.set_aside(
-                    f"{start}{word}",
-                    Fate.UNUSED,
-                    "a drive without stiffness and damping does nothing",
-                    Severity.INFORMATION,
-                )
+                prim.ignore(f"{start}{word}", "a drive without stiffness and damping does nothing")
             return
         if (own := self._passive(prim, freedom, stiffness, damping)) is not None:
             for word in ("targetPosition", "targetVelocity", "maxForce"):
-                prim.set_aside(f"{start}{word}", Fate.UNUSED, OF_CONTROL, Severity.INFORMATION)
+                prim.ignore(f"{start}{word}", OF_CONTROL)
             stiffness, damping, rest = own
             self._say_passive(freedom, turns, stiffness, damping, rest)
             return
         if kind != "force":
             reason = "simspec has no drives by acceleration: write the actuators as `control:` of the scenario"
             for word in ("type", "stiffness", "damping", "targetPosition", "targetVelocity", "maxForce"):
-                prim.set_aside(f"{start}{word}", Fate.LOST, reason)
+                prim.lose(f"{start}{word}", reason)
             return
         if speed:
-            prim.set_aside(
+            prim.lose(
                 f"{start}targetVelocity",
-                Fate.LOST,
                 "a damper of simspec has no speed of its own; write `control:` in the scenario",
             )
         if most < UNBOUNDED:
-            prim.set_aside(
-                f"{start}maxForce",
-                Fate.LOST,
-                "springs and dampers have no largest effort; write `control:` in the scenario",
+            prim.lose(
+                f"{start}maxForce", "springs and dampers have no largest effort; write `control:` in the scenario"
             )
         stiffness, damping, rest = (
             prim.exactly(prefix(prim, freedom.word) + word, (value,))[0]
             for word, value in (("spring_stiffness", stiffness), ("damping", damping), ("spring_rest", rest))
         )
         if rest and not stiffness:
-            prim.set_aside(
-                f"{start}targetPosition", Fate.UNUSED, "without stiffness it does nothing", Severity.INFORMATION
-            )
+            prim.ignore(f"{start}targetPosition", "without stiffness it does nothing")
         self._say_passive(freedom, turns, stiffness, damping, rest)
 
     def _passive(
@@ -366,7 +351,7 @@ class JointReader:
     def _no_drive(self, prim: PrimRead, name: str) -> None:
         for attribute in prim.attributes:
             if attribute.startswith(f"drive:{name}:"):
-                prim.set_aside(attribute, Fate.LOST, "a drive of an axis that simspec drives by `control:` only")
+                prim.lose(attribute, "a drive of an axis that simspec drives by `control:` only")
 
 
 OF_CONTROL: Final = "the gains in the drive are those of a controller, which a scenario says by `control:`"
@@ -384,10 +369,10 @@ def stacked(joints: list[UsdJointRead], adding: bool) -> list[UsdJointRead]:
             of_pair.setdefault((id(joint.first), id(joint.second)), []).append(joint)
     taken: set[int] = set()
     for row in of_pair.values():
-        still = all(joint.apart < START and not any(_turn(joint)) for joint in row)
+        at_rest = all(joint.apart < START and not any(_turn(joint)) for joint in row)
         balls = any(joint.freedoms[0].kind == "ball" for joint in row[:-1])
         adds = adding or all(ADDING in joint.prim.schemas for joint in row)
-        if adds and len(row) > 1 and still and not balls:
+        if adds and len(row) > 1 and at_rest and not balls:
             row[-1].outer = row[:-1]
             taken |= {id(joint) for joint in row[:-1]}
     return [joint for joint in joints if id(joint) not in taken]

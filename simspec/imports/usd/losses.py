@@ -224,7 +224,7 @@ def settle(stage: StageRead) -> None:
     """Say of every prim and attribute that nothing took what becomes of it."""
     for prim in stage.prims.values():
         if not prim.used:
-            prim.set_aside(None, Fate.UNUSED, "inactive, abstract, or not defined", INFORMATION)
+            prim.ignore(None, "inactive, abstract, or not defined")
             continue
         rule = next((rule for rule in TYPES if rule.pattern.fullmatch(prim.tag)), None)
         if prim._own is False:
@@ -235,7 +235,7 @@ def settle(stage: StageRead) -> None:
         foreign = any(OF_SENSORS.fullmatch(around.name) for around in prim.ancestors())
         for name in prim.attributes:
             if foreign and name.startswith("urdf:"):
-                prim.set_aside(name, Fate.LOST, "of sensors and actuators, as a URDF describes them", INFORMATION)
+                prim.lose(name, "of sensors and actuators, as a URDF describes them", INFORMATION)
             if name in prim._taken or name in prim._fates:
                 continue
             said = (
@@ -247,7 +247,7 @@ def settle(stage: StageRead) -> None:
 
 def _neutral(prim: PrimRead, name: str) -> LossRule | None:
     """The rule of an attribute whose value is zero, or its default, where that is as if it were not there."""
-    value = prim.told["attributes"].get(name, {}).get("value")
+    value = prim.record["attributes"].get(name, {}).get("value")
     if name in DEFAULTS and value == DEFAULTS[name]:
         return AS_DEFAULT
     numbers = value if isinstance(value, list) else [value]

@@ -16,7 +16,7 @@ from simspec.imports.draft import NOT_POSITIVE, Draft, numbers, plain, shown
 from simspec.imports.usd.places import PrimPlaces, quaternion
 from simspec.imports.usd.shapes import UsdShapeRead
 from simspec.imports.usd.stage import OWN, STALE, PrimRead, StageRead, agree
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Severity
 from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
 from simspec.world.inertia import combined_inertial, shape_part
@@ -74,23 +74,23 @@ class MassReader:
             hint = f"simspec import --repair {NOT_POSITIVE}: {AS_UNSAID}"
             if not self.draft.repairing(NOT_POSITIVE):
                 raise prim.error("a mass below 0", found=f"{mass:g}", hint=hint)
-            prim.set_aside("physics:mass", Fate.LOST, f"replaced by the rule {NOT_POSITIVE}")
+            prim.lose("physics:mass", f"replaced by the rule {NOT_POSITIVE}")
             self.draft.repaired(NOT_POSITIVE, prim, f"a mass of {mass:g} kg follows from the shapes", path)
             mass = 0.0
         mass = prim.exactly("mass", (mass,))[0] if mass else 0.0
         centre, moments = self._centre(prim, scale), self._moments(prim)
         if moments is not None and min(low := principal_moments(moments)) < 0.0 and self.draft.repairing(NOT_POSITIVE):
-            prim.set_aside("physics:diagonalInertia", Fate.LOST, f"replaced by the rule {NOT_POSITIVE}")
+            prim.lose("physics:diagonalInertia", f"replaced by the rule {NOT_POSITIVE}")
             what = f"the principal moments {shown(low)} kg m² follow from the mass and the shapes"
             self.draft.repaired(NOT_POSITIVE, prim, what, path)
             moments = None
         solid = [shape for shape in shapes if shape.collision and (shape.sizes is None or shape.sizes[0] != "plane")]
         if mass and moments is not None:
             if prim.has("physics:density"):
-                prim.set_aside("physics:density", Fate.UNUSED, "the file gives the mass", Severity.INFORMATION)
+                prim.ignore("physics:density", "the file gives the mass")
             for shape in shapes:
                 for name in OF_FILLING:
-                    shape.prim.set_aside(name, Fate.UNUSED, "the body has its own mass", Severity.INFORMATION)
+                    shape.prim.ignore(name, "the body has its own mass")
             if centre is None:
                 centre = self._middle(prim, solid)
             data: dict[str, Any] = {"mass": plain(mass)}
@@ -129,7 +129,7 @@ class MassReader:
         if own is not None and (agree(own, tensor) or _stands_for(moments, own)):
             return own
         if own is not None:
-            prim.set_aside(OWN + "inertia", Fate.LOST, STALE, Severity.INFORMATION)
+            prim.lose(OWN + "inertia", STALE, Severity.INFORMATION)
         return tensor
 
     def _inertia(self, prim: PrimRead, tensor: tuple[float, ...], path: tuple[str, ...]) -> dict[str, Any]:
@@ -228,9 +228,7 @@ class MassReader:
     ) -> dict[str, Any]:
         """The words of a body that does not say all."""
         if moments is not None:
-            prim.set_aside(
-                "physics:diagonalInertia", Fate.LOST, "the file does not say the mass: it follows from the shapes"
-            )
+            prim.lose("physics:diagonalInertia", "the file does not say the mass: it follows from the shapes")
         if not solid:
             return self._bare(prim, mass, centre, offset, path)
         densities = [self._density(shape, prim) for shape in solid]
@@ -257,9 +255,7 @@ class MassReader:
                     **({"centre_of_mass": numbers(place)} if any(place) else {}),
                     "inertia": self._inertia(prim, moved, path),
                 }
-            prim.set_aside(
-                "physics:centerOfMass", Fate.LOST, "with meshes and without moments it follows from the shapes"
-            )
+            prim.lose("physics:centerOfMass", "with meshes and without moments it follows from the shapes")
         if mass and len(set(densities)) == 1:
             return {"mass": plain(mass)}
         if mass:

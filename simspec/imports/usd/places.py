@@ -66,7 +66,7 @@ class PrimPlaces:
                 closed = True
                 break
             chain.append(above)
-            if above.told.get("reset"):
+            if above.record.get("reset"):
                 break
         if body is not None and not closed:  # what stands in the body does not move with its place
             return PrimPlace(
@@ -125,7 +125,7 @@ class PrimPlaces:
     def _read(self, prim: PrimRead) -> PrimPlace | None:
         """A prim's own operations; None where they are no pose with factors after it."""
         pose, scale = Pose(), ONE
-        for name, kind, inverse, value in prim.told.get("ops", ()):
+        for name, kind, inverse, value in prim.record.get("ops", ()):
             self._take(prim, name)
             if value is None:
                 continue
@@ -193,8 +193,8 @@ UPRIGHT: Final = Pose(quaternion=_about("X", math.pi / 2.0))
 def _matrix(prim: PrimRead) -> NDArray[np.float64]:
     """The prim's axes and origin in the stage, as columns."""
     for above in prim.ancestors():
-        if "world" in above.told:
-            values = above.told["world"]
+        if "world" in above.record:
+            values = above.record["world"]
             if any(not isinstance(item, (int, float)) for item in values):
                 raise above.error("a transformation should be finite")
             return np.array(values, float).reshape(4, 4).T

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from simspec.imports.draft import Draft, made_file, numbers, plain
 from simspec.imports.usd.places import ALIKE, ONE, PrimPlace, PrimPlaces
 from simspec.imports.usd.stage import OWN, STALE, PrimRead, agree
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Severity
 from simspec.language.mesh import FEWEST_VERTICES, MOST_VERTICES
 from simspec.meshes.files import MeshError
 from simspec.meshes.load import load
@@ -106,16 +106,16 @@ class ShapeReader:
         """The shape of a prim of geometry in the rigid frame of a body (None: in the world); None for what is not carried."""
         prim.take()
         collides = prim.applies(COLLISION) and prim.flag("physics:collisionEnabled", True)
-        purpose = prim.told.get("purpose", "default")
-        seen = bool(prim.told.get("visible", True)) and purpose not in ("guide", "proxy")
+        purpose = prim.record.get("purpose", "default")
+        seen = bool(prim.record.get("visible", True)) and purpose not in ("guide", "proxy")
         for name in ("visibility", "purpose"):
             if prim.has(name):
                 prim.value(name)
         if not collides and not seen:
-            prim.set_aside(None, Fate.UNUSED, "it does not collide and is not drawn", Severity.INFORMATION)
+            prim.ignore(None, "it does not collide and is not drawn")
             return None
         flat = next(
-            (str(value) for _, kind, _, value in prim.told.get("ops", ()) if kind == "Scale" and _has_zero(value)), ""
+            (str(value) for _, kind, _, value in prim.record.get("ops", ()) if kind == "Scale" and _has_zero(value)), ""
         )
         if flat:
             self._refuse(
@@ -162,7 +162,7 @@ class ShapeReader:
         turn = Pose(quaternion=TOWARDS[axis])
         if kind == "Plane":
             for name in ("width", "length"):
-                prim.set_aside(name, Fate.UNUSED, "a plane has no end", Severity.APPEARANCE)
+                prim.ignore(name, "a plane has no end", Severity.APPEARANCE)
             shape.data, shape.pose, shape.sizes = {"plane": {}}, frames.compose(shape.pose, turn), ("plane", ())
             return
         along = scale[AXES.index(axis)]
@@ -178,9 +178,7 @@ class ShapeReader:
             self._cone(shape, radius, height, axis)
             return
         if kind == "Capsule" and abs(along - across[0]) > ALIKE * along:
-            shape.prim.set_aside(
-                "height", Fate.LOST, "a capsule with another factor along its axis: its caps stay round"
-            )
+            shape.prim.lose("height", "a capsule with another factor along its axis: its caps stay round")
         shape.pose = frames.compose(shape.pose, turn)
         self._of(shape, kind.lower(), [radius, height])
 
@@ -210,7 +208,7 @@ class ShapeReader:
         faces = [(k, (k + 1) % CORNERS, CORNERS) for k in range(CORNERS)]
         faces += [(0, k + 1, k) for k in range(1, CORNERS - 1)]
         shape.pose = frames.compose(shape.pose, Pose(quaternion=TOWARDS[axis]))
-        shape.prim.set_aside("radius", Fate.LOST, f"a hull with {CORNERS} corners around its base stands for a cone")
+        shape.prim.lose("radius", f"a hull with {CORNERS} corners around its base stands for a cone")
         self._file(shape, points, faces)
 
     def _mesh(self, shape: UsdShapeRead, place: PrimPlace) -> None:
@@ -224,7 +222,7 @@ class ShapeReader:
             same = own.shape == points.shape and agree(own.ravel().tolist(), points.ravel().tolist())
             points = own if same else points
             if not same:
-                prim.set_aside(f"{OWN}points", Fate.LOST, STALE, Severity.INFORMATION)
+                prim.lose(f"{OWN}points", STALE, Severity.INFORMATION)
         if not np.isfinite(points).all():
             raise prim.error("the points of a mesh should be finite")
         wrong = counts.size and (counts.min() < 0 or int(counts.sum()) != indices.size)
@@ -248,9 +246,9 @@ class ShapeReader:
         if said != "convexHull":
             reason = f"approximation {said}: the convex hull stands for it"
             if prim.has("physics:approximation"):
-                prim.set_aside("physics:approximation", Fate.LOST, reason)
+                prim.lose("physics:approximation", reason)
             else:
-                prim.set_aside("points", Fate.LOST, reason)
+                prim.lose("points", reason)
 
     def _file(self, shape: UsdShapeRead, points: NDArray[np.float64], faces: list[tuple[int, int, int]]) -> None:
         lines = ["# Made by simspec import"]
@@ -269,9 +267,9 @@ def refuse(shape: UsdShapeRead, draft: Draft, message: str, found: str = "") -> 
     prim = shape.prim
     shape.data = {}
     if not shape.collision:
-        prim.set_aside(None, Fate.LOST, f"{message}: not drawn", Severity.APPEARANCE)
+        prim.lose(None, f"{message}: not drawn", Severity.APPEARANCE)
     elif draft.repairing(EMPTY):
-        prim.set_aside(None, Fate.LOST, f"left out by the rule {EMPTY}: {message}")
+        prim.lose(None, f"left out by the rule {EMPTY}: {message}")
         draft.repaired(EMPTY, prim, f"{prim.path} is left out: {message}", ("bodies",))
     else:
         draft.defect(
@@ -300,8 +298,8 @@ def _triangles(counts: NDArray[Any], indices: NDArray[Any]) -> Iterator[tuple[in
 def _colour(prim: PrimRead) -> list[float] | None:
     """The colour of a shape, of all that is in it the same."""
     colours, opacities = (
-        prim.told["attributes"].get("primvars:displayColor"),
-        prim.told["attributes"].get("primvars:displayOpacity"),
+        prim.record["attributes"].get("primvars:displayColor"),
+        prim.record["attributes"].get("primvars:displayOpacity"),
     )
     if colours is None or not colours.get("value") or len(colours["value"]) != 1:
         return None

@@ -18,7 +18,7 @@ from simspec.errors import Location, Problem, SpecError
 from simspec.imports.child import ChildError, Policy, run
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Severity
 from simspec.reading import NotReadableError, parse_json
 
 # --- lines of prims in a text; a binary file has none ---
@@ -88,17 +88,17 @@ class PrimRead(Element):
 
     forgiving = False
 
-    def __init__(self, told: Mapping[str, Any], location: Location, parent: PrimRead | None):
-        self.told = told
-        self.where: str = told["path"]
+    def __init__(self, record: Mapping[str, Any], location: Location, parent: PrimRead | None):
+        self.record = record
+        self.where: str = record["path"]
         self.name: str = self.where.rpartition("/")[2]
-        self.schemas: tuple[str, ...] = tuple(told["schemas"])
+        self.schemas: tuple[str, ...] = tuple(record["schemas"])
         texts = {f"apiSchemas:{schema}": schema for schema in self.schemas}
-        texts |= {name: _text(value) for name, value in told["attributes"].items()}
-        texts |= {name: " ".join(targets)[:80] for name, targets in told["relationships"].items()}
-        texts |= {f"variantSets:{name}": chosen for name, (chosen, _) in told.get("variants", {}).items()}
-        super().__init__(told["type"] or "prim", texts, location, "", parent)
-        self.used: bool = told["used"]
+        texts |= {name: _text(value) for name, value in record["attributes"].items()}
+        texts |= {name: " ".join(targets)[:80] for name, targets in record["relationships"].items()}
+        texts |= {f"variantSets:{name}": chosen for name, (chosen, _) in record.get("variants", {}).items()}
+        super().__init__(record["type"] or "prim", texts, location, "", parent)
+        self.used: bool = record["used"]
 
     @property
     def label(self) -> str:
@@ -138,7 +138,7 @@ class PrimRead(Element):
 
     def value(self, name: str) -> Any:
         """The value of an attribute, taken; None where it has none."""
-        said = self.told["attributes"].get(name)
+        said = self.record["attributes"].get(name)
         if said is None:
             return None
         self._taken.add(name)
@@ -183,14 +183,14 @@ class PrimRead(Element):
 
     def targets(self, name: str) -> list[str]:
         """The paths that a relationship names, taken."""
-        if name in self.told["relationships"]:
+        if name in self.record["relationships"]:
             self._taken.add(name)
-        targets: list[str] = self.told["relationships"].get(name, [])
+        targets: list[str] = self.record["relationships"].get(name, [])
         return targets
 
     def array(self, name: str) -> NDArray[Any] | None:
         """The array of a mesh, taken; None where it has none."""
-        said = self.told["attributes"].get(name)
+        said = self.record["attributes"].get(name)
         if said is None or "array" not in said:
             return None
         self._taken.add(name)
@@ -214,7 +214,7 @@ class PrimRead(Element):
             return tuple(rough)
         if agree(said, rough):
             return said
-        self.set_aside(OWN + name, Fate.LOST, STALE, Severity.INFORMATION)
+        self.lose(OWN + name, STALE, Severity.INFORMATION)
         return tuple(rough)
 
     def turn(self, name: str, rough: Sequence[float]) -> tuple[float, ...]:
@@ -311,10 +311,10 @@ def _stage(answer: Mapping[str, Any], shown: str, lines: Mapping[str, int]) -> S
     root = PrimRead(top, here, None)
     root.take()
     prims: dict[str, PrimRead] = {}
-    for told in answer["prims"]:
-        parent = prims.get(told["path"].rpartition("/")[0], root)
-        place = Location(shown, lines[told["path"]], 1) if told["path"] in lines else parent.location
-        prim = PrimRead(told, place, parent)
+    for record in answer["prims"]:
+        parent = prims.get(record["path"].rpartition("/")[0], root)
+        place = Location(shown, lines[record["path"]], 1) if record["path"] in lines else parent.location
+        prim = PrimRead(record, place, parent)
         prims[prim.where] = prim
         parent._children.append(prim)
     units = [root.real(name, answer[_UNITS[name]]) for name in _UNITS]

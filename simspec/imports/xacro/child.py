@@ -434,12 +434,12 @@ def main() -> None:
     try:
         expanded = program.run(text, missing)
     except Exception as error:  # a program may raise anything: it is told with its place
-        _say({"failed": _told(error), "place": program.place})
+        _say({"failed": _reason_of(error), "place": program.place})
     else:
         _say({"text": expanded, "warnings": program.warnings, "declared": program.declared})
 
 
-def _told(error: BaseException) -> str:
+def _reason_of(error: BaseException) -> str:
     """What went wrong, in one line: of an error that xacro has wrapped in its own, the inmost."""
     while isinstance(error, xacro.XacroException) and isinstance(error.exc, BaseException):
         if isinstance(error.exc, (Refused, MemoryError, RecursionError, xacro.XacroException)):

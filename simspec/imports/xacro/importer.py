@@ -322,11 +322,11 @@ def _with_arguments(error: SpecError, files: Files) -> SpecError:
     if missing is None:
         return error
     declared = _declared(files)
-    told = [
+    listed = [
         f"{name}={default}" if default is not None else f"{name} (no default)" for name, default in declared.items()
     ]
     hint = f"--arg {missing.group(1)}=VALUE, or in a scenario import: {{arguments: {{{missing.group(1)}: VALUE}}}}"
-    allowed = f"{MANY.join(told[:MOST_NAMED])}{' ...' if len(told) > MOST_NAMED else ''}" or "none is declared"
+    allowed = f"{MANY.join(listed[:MOST_NAMED])}{' ...' if len(listed) > MOST_NAMED else ''}" or "none is declared"
     return SpecError([replace(problem, allowed=allowed, hint=hint)])
 
 

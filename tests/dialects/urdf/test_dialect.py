@@ -19,7 +19,7 @@ from simspec.dialects.urdf.dialect import UrdfDialect
 from simspec.dialects.urdf.sidecar import UrdfSidecar
 from simspec.errors import UnsupportedError
 from simspec.formats.urdf.format import Urdf
-from simspec.formats.urdf.reading import strangers
+from simspec.formats.urdf.reading import unknown_parts
 from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS as SELF_TEST
 from simspec.support.negotiation import negotiate
@@ -113,7 +113,7 @@ def test_what_was_said_is_understood(name, tmp_path):
 def test_the_files_are_plain_urdf(name, tmp_path):
     write(emit(HELD[name]()), tmp_path)
     for robot in Urdf().read(tmp_path).robots.values():
-        assert list(strangers(robot)) == []
+        assert list(unknown_parts(robot)) == []
         demanding = [joint for joint in robot.joints if joint.type in ("revolute", "prismatic")]
         for limit in (joint.limit for joint in demanding):
             assert limit is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simspec.formats.skel.format import WORLD, Skel, SkelBody, Skeleton, SkelJoint, SkelShape, SkelWorld
-from simspec.formats.skel.reading import strangers, without_visual_shapes
+from simspec.formats.skel.reading import unknown_parts, without_visual_shapes
 from simspec.world.types import Inertial, Pose
 
 TURN = (0.6, 0.8, 0.0, 0.0)
@@ -65,7 +65,7 @@ def test_what_is_written_is_read(tmp_path):
     assert (hinge.type, hinge.parent, hinge.position, hinge.velocity) == ("revolute", "base", (0.3,), (-0.1,))
     assert (hinge.axis.xyz, hinge.axis.lower, hinge.axis.upper) == ((0.0, 0.6, 0.8), -1.0, 2.0)
     assert (hinge.axis.friction, hinge.axis.damping) == (0.5, 0.0)
-    assert list(strangers(document)) == []
+    assert list(unknown_parts(document)) == []
 
 
 @pytest.mark.parametrize(
@@ -103,9 +103,9 @@ def test_what_is_no_skel_is_refused_by_file_and_line(tmp_path, what, by, said):
 )
 def test_what_is_not_of_the_language_is_kept_and_named(tmp_path, what, by, said):
     document = _read(tmp_path, Skel().write(TREE)[WORLD].replace(what, by, 1))
-    (stranger,) = strangers(document)
-    assert stranger.startswith("world.skel:")
-    assert stranger.endswith(said)
+    (unknown,) = unknown_parts(document)
+    assert unknown.startswith("world.skel:")
+    assert unknown.endswith(said)
 
 
 def test_visual_shapes_are_taken_out():

@@ -14,7 +14,7 @@ import yourdfpy
 from simspec.dynamics.oracle import Oracle
 from simspec.formats.kit.contract import LossFate, formats
 from simspec.formats.urdf.format import PLACEMENT, SUPPORT, Urdf
-from simspec.formats.urdf.reading import strangers
+from simspec.formats.urdf.reading import unknown_parts
 from simspec.formats.urdf.robots import (
     UNLIMITED,
     UrdfExtension,
@@ -157,7 +157,9 @@ def test_the_files_are_of_the_language_alone(tmp_path):
         folder.mkdir()
         written(world, folder)
         for robot in Urdf().read(folder).robots.values():
-            assert [stranger.path for stranger in strangers(robot)] == ["robot/mujoco"]  # an extension that others skip
+            assert [unknown.path for unknown in unknown_parts(robot)] == [
+                "robot/mujoco"
+            ]  # an extension that others skip
             for joint in robot.joints:
                 if joint.type in ("revolute", "prismatic"):
                     assert None not in (joint.limit.lower, joint.limit.upper, joint.limit.effort, joint.limit.velocity)

@@ -8,7 +8,7 @@ import pytest
 
 from simspec.formats.kit.xml_elements import parse_xml
 from simspec.formats.urdf.format import Urdf
-from simspec.formats.urdf.reading import LANGUAGE, WRITTEN, read_robot, strangers
+from simspec.formats.urdf.reading import LANGUAGE, WRITTEN, read_robot, unknown_parts
 from simspec.formats.urdf.to_world import inertial_of, pose_of, shapes_of
 from simspec.world.types import Inertial, Pose
 
@@ -61,16 +61,16 @@ def test_everything_stands_there_with_its_line():
 
 
 def test_strangers_are_kept_with_their_places():
-    found = [(stranger.path, stranger.name, stranger.node.line) for stranger in strangers(read(ARM))]
+    found = [(unknown.path, unknown.name, unknown.node.line) for unknown in unknown_parts(read(ARM))]
     assert found == [
         ("robot/link/self_collide", None, 14),
         ("robot/joint/limit", "stiffness", 19),
         ("robot/gazebo", None, 22),
     ]
-    more = {stranger.path for stranger in strangers(read(ARM), WRITTEN)} - {path for path, _, _ in found}
+    more = {unknown.path for unknown in unknown_parts(read(ARM), WRITTEN)} - {path for path, _, _ in found}
     assert more == {"robot/material", "robot/joint/mimic"}
     twice = ARM.replace('<mass value="2"/>', '<mass value="2"/><mass value="3"/>')
-    assert next(strangers(read(twice))).path == "robot/link/inertial/mass"
+    assert next(unknown_parts(read(twice))).path == "robot/link/inertial/mass"
     assert read(twice).links[1].inertial.mass == 2.0, "the first counts, and the second is not hidden"
 
 

@@ -18,7 +18,7 @@ import pytest
 
 from simspec.formats.usd.format import Usd
 from simspec.formats.usd.joints import carriers, several
-from simspec.formats.usd.stage import SMALLEST_MASS, SMALLEST_MOMENT, is_still, places
+from simspec.formats.usd.stage import SMALLEST_MASS, SMALLEST_MOMENT, is_static, places
 from simspec.language.load import Spec, load
 from simspec.resources import find_spec
 from simspec.world import frames
@@ -81,8 +81,8 @@ def near(ours, theirs, scale=None):
 
 def moving(world):
     left_out = carriers(several(world))
-    still = {body.name for bodies in trees(world).values() if is_still(bodies) for body in bodies}
-    return [body for body in world.bodies if body.name not in left_out | still]
+    static = {body.name for bodies in trees(world).values() if is_static(bodies) for body in bodies}
+    return [body for body in world.bodies if body.name not in left_out | static]
 
 
 @pytest.mark.parametrize("name", LIBRARY)

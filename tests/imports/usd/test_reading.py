@@ -113,11 +113,11 @@ def test_units_axes_and_frames(tmp_path):
 
 def test_everything_is_accounted_for(tmp_path):
     imported = stage(tmp_path, RIG).source.imported
-    told = [account.what for account in imported.accounts]
-    assert len(told) == len(set(told))
+    record = [account.what for account in imported.accounts]
+    assert len(record) == len(set(record))
     authored = [line.split("=")[0].split()[-1] for line in RIG.splitlines() if "physics:" in line and "=" in line]
     for name in authored:
-        assert any(what.endswith(f"@{name}") for what in told), name
+        assert any(what.endswith(f"@{name}") for what in record), name
     fates = {account.what: account for account in imported.accounts}
     unheard = fates["/rig/base/@physx:unheard"]
     assert (unheard.fate, unheard.severity) == (Fate.LOST, Severity.PHYSICS)
