@@ -16,21 +16,19 @@ from simspec.dialects.pybullet.sidecar import FREE, WORLD_LINK, Instance, Pybull
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.kit.xml_elements import XmlElement
 from simspec.formats.urdf.reading import (
+    DEFAULT_AXIS,
     WRITTEN,
     UrdfDocument,
     UrdfJointNode,
     UrdfLinkNode,
     UrdfRobotNode,
-    unknown_parts,
-)
-from simspec.formats.urdf.to_world import (
-    DEFAULT_AXIS,
     check_empty,
     check_meshes,
     inertial_of,
     pose_of,
     shapes_of,
     size_of,
+    unknown_parts,
 )
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames

@@ -11,22 +11,20 @@ from simspec.dialects.kit.joints import UNREADABLE, add_armature, add_springs, f
 from simspec.dialects.urdf.sidecar import BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.urdf.reading import (
+    DEFAULT_AXIS,
     WRITTEN,
     UrdfDocument,
     UrdfJointNode,
     UrdfLimitNode,
     UrdfLinkNode,
     UrdfRobotNode,
-    unknown_parts,
-)
-from simspec.formats.urdf.to_world import (
-    DEFAULT_AXIS,
     check_empty,
     check_meshes,
     inertial_of,
     pose_of,
     shapes_of,
     size_of,
+    unknown_parts,
 )
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames

@@ -8,8 +8,7 @@ import pytest
 
 from simspec.formats.kit.xml_elements import parse_xml
 from simspec.formats.urdf.format import Urdf
-from simspec.formats.urdf.reading import LANGUAGE, WRITTEN, read_robot, unknown_parts
-from simspec.formats.urdf.to_world import inertial_of, pose_of, shapes_of
+from simspec.formats.urdf.reading import LANGUAGE, WRITTEN, inertial_of, pose_of, read_robot, shapes_of, unknown_parts
 from simspec.world.types import Inertial, Pose
 
 ARM = """<?xml version="1.0"?>
