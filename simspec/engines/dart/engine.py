@@ -35,7 +35,7 @@ from simspec.engines.dart.readback import SHAPE_KINDS, read_back
 from simspec.engines.dart.simulation import Simulation, import_dartpy
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, sorted_pairs
 from simspec.engines.kit.blunt import BLUNT, blunted
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability, NativeLaw, Recovery, ServoLaw
+from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
@@ -181,7 +181,6 @@ class Dart(SteppedEngine[Simulation]):
     # a shape's restitution above 1 DART replaces by 0, with a warning, when it touches something (6.20)
     RULES: ClassVar[Rules] = Rules("min", "product", most_restitution=1.0)
     LAYERS: ClassVar[bool] = True
-    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-6, implicit_damping=True)

@@ -33,7 +33,7 @@ from simspec.engines.drake.foreign import FOREIGN, FOREIGN_OWN, load, parser_par
 from simspec.engines.drake.inventory import expected, inventory, neutral
 from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import NATIVE, JointServos, Simulation, pd_controllers_hold
-from simspec.engines.kit.capabilities import COMMON, NO_SNAPSHOTS_YET, Capability, NativeLaw, Recovery, ServoLaw
+from simspec.engines.kit.capabilities import COMMON, Capability, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
 from simspec.engines.kit.foreign import Own, Reads
@@ -146,7 +146,6 @@ class Drake(WorldEngine[Simulation]):
     LAYERS: ClassVar[bool] = True
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints",
-        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN

@@ -25,7 +25,7 @@ from simspec.engines.gazebo.approximations import (
 from simspec.engines.gazebo.inventory import expected, inventory, neutral
 from simspec.engines.gazebo.readback import read_back
 from simspec.engines.gazebo.simulation import Simulation
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
@@ -125,7 +125,6 @@ class Gazebo(WorldEngine[Simulation]):
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.NATIVE_CONTROLLERS: "gz-physics' dartsim follows speeds, and simspec does not drive them",
         Capability.FOREIGN_FILES: "simspec does not load users' SDF files through it yet",
-        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     SUPPORT: ClassVar[Table] = {
         **shape_kinds("Gazebo's DART", ("sphere", "box", "cylinder", "capsule", "plane")),

@@ -18,7 +18,7 @@ from simspec.engines.gazebo.building import proper_inertia
 from simspec.engines.gzsim import bindings
 from simspec.engines.gzsim.readback import read_back
 from simspec.engines.gzsim.simulation import Simulation
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
@@ -125,7 +125,6 @@ class GzSim(SteppedEngine[Simulation]):
         Capability.PAIR_DETECTION: _NO_CONTACT,
         Capability.NATIVE_CONTROLLERS: "simspec drives gz sim by efforts",
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through gz sim",
-        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     SUPPORT: ClassVar[Table] = {
         **exactly(

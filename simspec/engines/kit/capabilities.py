@@ -28,7 +28,6 @@ class Capability(StrEnum):
     CONTACT_OFF = "contact_off"
     DRY_FRICTION_OFF = "dry_friction_off"
     NATIVE_CONTROLLERS = "native_controllers"
-    SNAPSHOTS = "snapshots"
     FOREIGN_FILES = "foreign_files"
 
 
@@ -42,7 +41,6 @@ MEANING: Mapping[Capability, str] = {
     Capability.CONTACT_OFF: "steps without any contact",
     Capability.DRY_FRICTION_OFF: "steps without the dry friction of chosen joints",
     Capability.NATIVE_CONTROLLERS: "drives joints by its own controllers",
-    Capability.SNAPSHOTS: "saves and restores its state with the solver's memory (warm starts, contact caches)",
     Capability.FOREIGN_FILES: "loads files of other languages as its users do, and tells what it holds of them",
 }
 
@@ -56,13 +54,9 @@ METHODS: Mapping[Capability, tuple[str, ...]] = {
     Capability.CONTACT_OFF: ("disable_contact",),
     Capability.DRY_FRICTION_OFF: ("disable_dry_friction",),
     Capability.NATIVE_CONTROLLERS: ("track",),
-    Capability.SNAPSHOTS: ("save_state", "restore_state"),
     Capability.FOREIGN_FILES: ("load_foreign",),
 }
 """The methods of :class:`simspec.engines.kit.contract.Engine` that an engine with the capability defines."""
-
-NO_SNAPSHOTS_YET = "simspec does not save the memory of any engine's solver yet"
-"""Why the engines of simspec lack snapshots."""
 
 
 class Lacking:

@@ -295,14 +295,6 @@ class Engine:
         springs' at rest."""
         raise NotImplementedError
 
-    def save_state(self) -> bytes:
-        """The present state with all that the next steps depend on: warm starts, contact caches, which bodies sleep."""
-        raise NotImplementedError
-
-    def restore_state(self, saved: bytes) -> None:
-        """Return to a state that :meth:`save_state` gave, of the same artifacts: the same steps follow, to the last bit."""
-        raise NotImplementedError
-
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         """Load ``file``, of one of the languages in ``FOREIGN``, as a user of the engine would: by its own loader, with that
         one's defaults. ``packages``: folders by the names of packages, for loaders that are told them.

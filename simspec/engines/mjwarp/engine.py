@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from simspec.contact.rules import Rules
 from simspec.dialects.mujoco.contact import moment_hardness
 from simspec.dialects.mujoco.sidecar import NATIVE
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, SINGLE, Capability, NativeLaw
+from simspec.engines.kit.capabilities import SINGLE, Capability, NativeLaw
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.settings import Group, Setting, resolve_settings
@@ -219,7 +219,6 @@ class MjWarp(MjWarpSimulation):
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.NATIVE_CONTROLLERS: "simspec drives MuJoCo Warp by efforts",
         Capability.FOREIGN_FILES: "MuJoCo Warp reads no files: it is given a model that MuJoCo has read",
-        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     FOREIGN: ClassVar[Mapping[str, Reads]] = {}
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = {}

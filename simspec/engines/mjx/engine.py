@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from simspec.contact.rules import Rules
 from simspec.dialects.mujoco.sidecar import NATIVE
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability, NativeLaw
+from simspec.engines.kit.capabilities import Capability, NativeLaw
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.settings import Setting, resolve_settings
@@ -170,7 +170,6 @@ class Mjx(MjxSimulation):
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.NATIVE_CONTROLLERS: "simspec drives MJX by efforts",
         Capability.FOREIGN_FILES: "MJX reads no files: it is given a model that MuJoCo has read",
-        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     FOREIGN: ClassVar[Mapping[str, Reads]] = {}
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = {}

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability, NativeLaw, ServoLaw
+from simspec.engines.kit.capabilities import NativeLaw, ServoLaw
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.settings import Setting, resolve_settings
@@ -63,7 +63,6 @@ class MuJoCo(MujocoSimulation):
     EXTRA: ClassVar[str] = "mujoco"
     RULES: ClassVar[Rules] = Rules("max", "max", "max", "max", "same")
     LAYERS: ClassVar[bool] = False
-    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.EXPLICIT_SPRING, accuracy=1e-13)

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
@@ -128,7 +128,6 @@ class Ode(WorldEngine[Simulation]):
     LACKS: ClassVar[Mapping[Capability, str]] = {
         Capability.NATIVE_CONTROLLERS: "ODE's motors follow a speed, and simspec does not drive them",
         Capability.FOREIGN_FILES: "ODE reads no files",
-        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     SUPPORT: ClassVar[Table] = {
         **exactly(

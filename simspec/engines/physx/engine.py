@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, SINGLE, Capability
+from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.refinements import jointless, no_friction, planes_still, still_or_light
@@ -96,7 +96,6 @@ class PhysX(WorldEngine[Simulation]):
         Capability.DRY_FRICTION_OFF: "simspec gives PhysX no joints, which alone have dry friction",
         Capability.NATIVE_CONTROLLERS: "simspec gives PhysX no joints, which its drives would move",
         Capability.FOREIGN_FILES: "simspec does not use SAPIEN's loaders of robot files",
-        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     SUPPORT: ClassVar[Table] = {
         **exactly(

@@ -23,7 +23,7 @@ from simspec.contact.rules import Rules
 from simspec.control.native import Servos
 from simspec.dialects.pybullet.sidecar import NO_LINKS, TREE_SIZE, PybulletSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability, NativeLaw, Recovery, ServoLaw
+from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
@@ -123,7 +123,6 @@ class PyBullet(SimulatedEngine[Simulation]):
     LAYERS: ClassVar[bool] = True
     KEEPS_CONTACTS: ClassVar[bool] = True
     HULL_PRECISION: ClassVar[float] = KEPT
-    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.SNAPSHOTS: NO_SNAPSHOTS_YET}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-12)

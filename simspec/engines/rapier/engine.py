@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, SINGLE, Capability
+from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.refinements import jointless, only_balls_slide, planes_still, still_or_light
@@ -80,7 +80,6 @@ class Rapier(WorldEngine[Simulation]):
         Capability.DRY_FRICTION_OFF: "simspec gives Rapier no joints, which alone have dry friction",
         Capability.NATIVE_CONTROLLERS: "simspec gives Rapier no joints, which its motors would move",
         Capability.FOREIGN_FILES: "simspec does not use Rapier's loaders of robot files",
-        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
     }
     SUPPORT: ClassVar[Table] = {
         **exactly(

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.contact.rules import Rules
-from simspec.engines.kit.capabilities import NO_SNAPSHOTS_YET, Capability
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
@@ -185,7 +185,6 @@ class Webots(GivenEngine[Simulation]):
         Capability.INVENTORY: "all fields of Webots' nodes are compared as those of the file are, and it tells nothing else",
         Capability.PAIR_DETECTION: "Webots tells contacts of a step that it has made, and of no state",
         Capability.NATIVE_CONTROLLERS: "simspec writes no motors",
-        Capability.SNAPSHOTS: NO_SNAPSHOTS_YET,
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through Webots",
     }
     SUPPORT: ClassVar[Table] = {
