@@ -1,7 +1,7 @@
 """What MJX computes for one model, each as a program that JAX compiles once: from arrays of the state to arrays of the answer.
 
 A program is compiled when it is first called, for the form of this model, or loaded where it was compiled before
-(``kept.py``). The model's arrays are its first argument, flattened once: to flatten an ``mjx.Model`` takes longer than a small
+(:func:`keep`). The model's arrays are its first argument, flattened once: to flatten an ``mjx.Model`` takes longer than a small
 step.
 """
 
@@ -93,7 +93,7 @@ def _import() -> Modules:
 
     jax.config.update("jax_platforms", "cpu")
     jax.config.update("jax_enable_x64", True)
-    jax.config.update("jax_enable_compilation_cache", False)  # see kept.py
+    jax.config.update("jax_enable_compilation_cache", False)  # see keep()
     # what makes a program is imported here, once for all processes that are forked from this one
     import jax.experimental.serialize_executable
     import jaxlib.lapack
@@ -118,8 +118,6 @@ def _import() -> Modules:
 FOLDER = "mjx"
 MOST = 512
 """Programs that are kept, of 0.1 to 8 MB: those that were used last."""
-MAKERS = ("programs.py", "importing.py", "kept.py")
-"""The modules of this package that programs follow from."""
 PATIENCE = 10.0
 """s that one waits for another process to have put a program there; then this one is not kept."""
 DIGEST = hashlib.sha256().digest_size
@@ -193,7 +191,7 @@ def _maker() -> bytes:
     import mujoco
 
     told = {name: value for name, value in sorted(os.environ.items()) if name.startswith(("JAX_", "XLA_", "MJX_"))}
-    code = b"".join((Path(__file__).parent / name).read_bytes() for name in MAKERS)
+    code = Path(__file__).read_bytes()
     parts = [version("mujoco-mjx"), mujoco.__version__, jax.__version__, jaxlib.__version__, np.__version__]
     parts += [platform.python_version(), *processor(), repr(told), repr(XLA), hashlib.sha256(code).hexdigest()]
     return "\0".join(parts).encode()

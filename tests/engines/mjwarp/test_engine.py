@@ -13,7 +13,6 @@ import simspec
 from simspec.compiler import compile_world
 from simspec.engines.kit.settings import check_settings
 from simspec.engines.mjwarp import programs
-from simspec.engines.mjwarp import programs as importing
 from simspec.engines.mjwarp.engine import MjWarp
 from simspec.engines.mjwarp.programs import begin
 from simspec.engines.mjwarp.simulation import LACKED, Held
@@ -198,7 +197,7 @@ def test_a_device_that_is_not_there_is_an_error(load_files):
 @installed
 def test_what_is_compiled_is_kept_in_the_user_s_cache():
     modules = begin([])
-    assert f"/simspec/{importing.FOLDER}" in str(modules.warp.config.kernel_cache_dir)
+    assert f"/simspec/{programs.FOLDER}" in str(modules.warp.config.kernel_cache_dir)
 
 
 @installed

@@ -11,7 +11,6 @@ import pytest
 import simspec
 from simspec.compiler import compile_world
 from simspec.engines.mjx import programs
-from simspec.engines.mjx import programs as kept
 from simspec.engines.mjx.engine import Mjx
 from simspec.engines.mjx.programs import begin
 from simspec.engines.mjx.simulation import Held
@@ -161,7 +160,7 @@ def test_a_program_that_was_compiled_before_is_taken_up_again(load_files, tmp_pa
         live = load_files(Mjx, dict(compile_world(one, ["mjx"])["mjx"].files))
         live.step(20)
         runs.append(live.get_state()[0].tobytes())
-        (program,) = (path for path in (tmp_path / "simspec" / kept.FOLDER).iterdir() if path.name != LOCK)
+        (program,) = (path for path in (tmp_path / "simspec" / programs.FOLDER).iterdir() if path.name != LOCK)
         if len(runs) == 3:
             program.write_bytes(program.read_bytes()[:-1])
     assert runs[0] == runs[2] == runs[3] != runs[1]
