@@ -75,9 +75,9 @@ class Lacking:
 def check_capabilities(engine: type, base: type, lacks: Mapping[Capability, str], is_program: bool = False) -> None:
     """Raise TypeError unless the class ``engine`` has each capability, or declares in ``lacks`` why it does not.
 
-    Methods that only ``base`` defines count as not defined. What the engine lacks is replaced by :class:`Lacking`, whatever the
-    engine inherits. An engine that is a program of its own (``is_program``) answers by files and defines no methods here: it is
-    asked for what it does not declare as lacking.
+    Methods that only ``base`` and its bases define count as not defined. A method of a capability that the engine lacks is
+    replaced by :class:`Lacking`, also where the engine inherits it. An engine that is a program of its own (``is_program``)
+    answers by files and defines no methods here: it has what it does not declare as lacking.
     """
     owner = f"engine {engine.__name__}"
     unknown = [str(capability) for capability in lacks if not isinstance(capability, Capability)]
@@ -96,9 +96,9 @@ def check_capabilities(engine: type, base: type, lacks: Mapping[Capability, str]
 
 
 def _defines(engine: type, method: str, base: type) -> bool:
-    """Whether the class that ``engine`` has a method from is not ``base``, and does not lack it."""
+    """Whether ``engine`` has a method from a class below ``base``, and does not lack it."""
     definer = next(parent for parent in engine.__mro__ if method in vars(parent))
-    return definer is not base and not isinstance(vars(definer)[method], Lacking)
+    return definer not in base.__mro__ and not isinstance(vars(definer)[method], Lacking)
 
 
 # The law that an engine's own controllers follow, as a declaration that tests compare with its closed form.

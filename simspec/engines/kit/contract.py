@@ -38,11 +38,133 @@ from simspec.support.features import Feature
 from simspec.world.types import EngineValue, PairContact, ReadBack, World
 
 
-class Engine:
-    """A live simulation of one world.
+class RunnableEngine:
+    """The first tier of an engine: it loads files, steps, and says where the bodies are. That is enough for ``simspec run``.
 
     States are generalised coordinates (q, v) as in ``world/kinematics.py``, float64, in the order of the world's bodies,
     whatever the engine's own order and conventions are. Life: create, ``load``, the rest, ``close``.
+    """
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        """Load the artifacts in ``folder`` and put the simulation into the world's initial state.
+
+        ``sidecar`` is the parsed ``sidecar.json``. Raises EngineError when the engine refuses a file.
+        """
+        raise NotImplementedError
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        """Put the simulation into state (q (nq,), v (nv,)), with derived quantities updated and no memory of before
+        (warm starts, contact caches) as far as the engine allows."""
+        raise NotImplementedError
+
+    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
+        """The same for a state near the present one: contact points of earlier steps stay, where the engine keeps any."""
+        self.set_state(q, v)
+
+    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """The state (q (nq,), v (nv,))."""
+        raise NotImplementedError
+
+    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (bodies, 7) x y z w x y z of the *world's* body frames, and velocities (bodies, 6): linear of the
+        body frame's origin, then angular, both in world axes."""
+        raise NotImplementedError
+
+    @classmethod
+    def prepare(cls) -> None:
+        """Import what loading needs, so that processes forked from this one need not (``attempts.py``). Optional."""
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
+        raise NotImplementedError
+
+    def ready(self) -> None:
+        """Do what the first step would do once, so that steps are timed without it: what an engine compiles for a model. The
+        state stays as it is. Optional."""
+
+    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
+        """Quick access to some hinges and slides, at the places ``q`` and ``v`` (n,) of their coordinates."""
+        return Actuation(self, q, v)
+
+    def log(self) -> list[str]:
+        """What the engine had to say (warnings) since loading."""
+        return []
+
+    def close(self) -> None:
+        """Free what the engine holds."""
+
+
+class ProvenEngine(RunnableEngine):
+    """The second tier: ``simspec verify`` compares the model that the engine reads back, its dynamics and its contacts with the
+    world. Each method but ``read_back`` and ``frame_poses`` belongs to a capability that an engine may lack (``LACKS``)."""
+
+    def read_back(self) -> ReadBack:
+        """The model as the engine holds it (asked from the engine, never from the request), in the world's frames."""
+        raise NotImplementedError
+
+    def frame_poses(self) -> np.ndarray | None:
+        """Poses (frames, 7) of the world's named frames at the present state, in the order of their names; None where the
+        engine is told none, as where ``ReadBack.frames`` is None."""
+        return None
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """The parts (n, n) of M at the present state, armature included, that belong to each of ``blocks``: places (n,) in v.
+        Trees do not act on each other through M, and M of 2,000 free bodies as one array would be 1 GB."""
+        raise NotImplementedError
+
+    def mass_matrix(self) -> np.ndarray:
+        """M (nv, nv) at the present state, armature included."""
+        return self.mass_blocks([np.arange(len(self.get_state()[1]))])[0]
+
+    def bias_force(self) -> np.ndarray:
+        """h (nv,) at the present state, in M v̇ + h = τ: Coriolis, centrifugal and gravity; no damping, no springs."""
+        raise NotImplementedError
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic and potential energy (J) from the engine's own masses; gravity's potential is zero at the origin,
+        springs' at rest."""
+        raise NotImplementedError
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``,
+        and, where the engine tells them, the ``unit``s that touch (``CONTACT_UNIT``): runs are else compared by bodies only."""
+        raise NotImplementedError
+
+    def collision_units(self) -> Sequence[CollisionUnit]:
+        """What the engine's collision detection tells apart: a shape, or several of one body where it names no more."""
+        raise NotImplementedError
+
+    def detect_units(self) -> np.ndarray:
+        """Pairs (n, 2) of indices into ``collision_units`` that touch at the present state, by the engine's own collision
+        detection with its filters; does not advance time. Rows are sorted (smaller index first), each pair once."""
+        raise NotImplementedError
+
+    def detect_contacts(self) -> np.ndarray:
+        """Pairs (n, 2) of indices of bodies that touch at the present state: those of ``detect_units``, sorted, each once."""
+        return bodies_of(self.collision_units(), self.detect_units())
+
+    def disable_contact(self) -> None:
+        """Switch all contact off, for contact-free motion probes."""
+        raise NotImplementedError
+
+    def disable_dry_friction(self, v: np.ndarray) -> None:
+        """Take the dry friction of the hinges and slides at the places ``v`` (n,) of their coordinates away, and no other's,
+        until loading, for motion probes against laws that have none."""
+        raise NotImplementedError
+
+    def track(
+        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
+    ) -> Servos:
+        """Let the engine's own controllers drive some hinges and slides, at the places ``q`` and ``v`` (n,) of their
+        coordinates, until it is loaded again. ``stiffness`` (n,), 0 for control of velocity, ``damping`` (n,), ``limit`` (n,):
+        the largest effort, infinite for none. What becomes of them is declared under ``control.native``."""
+        raise NotImplementedError
+
+
+class Engine(ProvenEngine):
+    """The third tier, complete: what the engine declares, an inventory of all that it stores, and files of other languages.
+
+    An engine's class is a subclass of this one. What it has not reached yet it declares in ``LACKS``, with the reason.
     """
 
     NAME: ClassVar[str]
@@ -185,115 +307,10 @@ class Engine:
         it declares approximate by name, measured."""
         return {}
 
-    # --- to be written by each engine; what ``capabilities.METHODS`` names, unless the engine lacks it -----------------
-
-    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
-        """Load the artifacts in ``folder`` and put the simulation into the world's initial state.
-
-        ``sidecar`` is the parsed ``sidecar.json``. Raises EngineError when the engine refuses a file.
-        """
-        raise NotImplementedError
-
-    def read_back(self) -> ReadBack:
-        """The model as the engine holds it (asked from the engine, never from the request), in the world's frames."""
-        raise NotImplementedError
-
-    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
-        """Put the simulation into state (q (nq,), v (nv,)), with derived quantities updated and no memory of before
-        (warm starts, contact caches) as far as the engine allows."""
-        raise NotImplementedError
-
-    def move_to(self, q: np.ndarray, v: np.ndarray) -> None:
-        """The same for a state near the present one: contact points of earlier steps stay, where the engine keeps any."""
-        self.set_state(q, v)
-
-    def get_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """The state (q (nq,), v (nv,))."""
-        raise NotImplementedError
-
-    def body_states(self) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (bodies, 7) x y z w x y z of the *world's* body frames, and velocities (bodies, 6): linear of the
-        body frame's origin, then angular, both in world axes."""
-        raise NotImplementedError
-
-    def frame_poses(self) -> np.ndarray | None:
-        """Poses (frames, 7) of the world's named frames at the present state, in the order of their names; None where the
-        engine is told none, as where ``ReadBack.frames`` is None."""
-        return None
-
-    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """The parts (n, n) of M at the present state, armature included, that belong to each of ``blocks``: places (n,) in v.
-        Trees do not act on each other through M, and M of 2,000 free bodies as one array would be 1 GB."""
-        raise NotImplementedError
-
-    def mass_matrix(self) -> np.ndarray:
-        """M (nv, nv) at the present state, armature included."""
-        return self.mass_blocks([np.arange(len(self.get_state()[1]))])[0]
-
-    def bias_force(self) -> np.ndarray:
-        """h (nv,) at the present state, in M v̇ + h = τ: Coriolis, centrifugal and gravity; no damping, no springs."""
-        raise NotImplementedError
-
-    @classmethod
-    def prepare(cls) -> None:
-        """Import what loading needs, so that processes forked from this one need not (``attempts.py``). Optional."""
-
     @classmethod
     def prepare_foreign(cls) -> None:
         """Import what :meth:`load_foreign` needs: after that, the process may load no code."""
         cls.prepare()
-
-    def step(self, count: int, effort: np.ndarray | None = None) -> None:
-        """Advance ``count`` steps under a constant generalised effort (nv,) held over all of them (None = zero)."""
-        raise NotImplementedError
-
-    def ready(self) -> None:
-        """Do what the first step would do once, so that steps are timed without it: what an engine compiles for a model. The
-        state stays as it is. Optional."""
-
-    def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
-        """Quick access to some hinges and slides, at the places ``q`` and ``v`` (n,) of their coordinates."""
-        return Actuation(self, q, v)
-
-    def track(
-        self, q: np.ndarray, v: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, limit: np.ndarray
-    ) -> Servos:
-        """Let the engine's own controllers drive some hinges and slides, at the places ``q`` and ``v`` (n,) of their
-        coordinates, until it is loaded again. ``stiffness`` (n,), 0 for control of velocity, ``damping`` (n,), ``limit`` (n,):
-        the largest effort, infinite for none. What becomes of them is declared under ``control.native``."""
-        raise NotImplementedError
-
-    def contacts(self) -> dict[str, np.ndarray]:
-        """The contacts that the last step used (at the positions before it), as arrays with ``CONTACT_FIELDS``,
-        and, where the engine tells them, the ``unit``s that touch (``CONTACT_UNIT``): runs are else compared by bodies only."""
-        raise NotImplementedError
-
-    def collision_units(self) -> Sequence[CollisionUnit]:
-        """What the engine's collision detection tells apart: a shape, or several of one body where it names no more."""
-        raise NotImplementedError
-
-    def detect_units(self) -> np.ndarray:
-        """Pairs (n, 2) of indices into ``collision_units`` that touch at the present state, by the engine's own collision
-        detection with its filters; does not advance time. Rows are sorted (smaller index first), each pair once."""
-        raise NotImplementedError
-
-    def detect_contacts(self) -> np.ndarray:
-        """Pairs (n, 2) of indices of bodies that touch at the present state: those of ``detect_units``, sorted, each once."""
-        return bodies_of(self.collision_units(), self.detect_units())
-
-    def disable_contact(self) -> None:
-        """Switch all contact off, for contact-free motion probes."""
-        raise NotImplementedError
-
-    def disable_dry_friction(self, v: np.ndarray) -> None:
-        """Take the dry friction of the hinges and slides at the places ``v`` (n,) of their coordinates away, and no other's,
-        until loading, for motion probes against laws that have none."""
-        raise NotImplementedError
-
-    def energy(self) -> tuple[float, float]:
-        """Kinetic and potential energy (J) from the engine's own masses; gravity's potential is zero at the origin,
-        springs' at rest."""
-        raise NotImplementedError
 
     def load_foreign(self, file: Path, language: str, packages: Mapping[str, str], log: list[str]) -> ReadBack:
         """Load ``file``, of one of the languages in ``FOREIGN``, as a user of the engine would: by its own loader, with that
@@ -306,19 +323,12 @@ class Engine:
         nothing else is asked afterwards. Raises EngineError when the engine refuses the file."""
         raise NotImplementedError
 
-    def log(self) -> list[str]:
-        """What the engine had to say (warnings) since loading."""
-        return []
-
-    def close(self) -> None:
-        """Free what the engine holds."""
-
 
 class Actuation:
     """Some hinges and slides of a live simulation, read and driven at every step. Engines have quicker ones of their own, with
     the same numbers to the last bit."""
 
-    def __init__(self, engine: Engine, q: np.ndarray, v: np.ndarray):
+    def __init__(self, engine: RunnableEngine, q: np.ndarray, v: np.ndarray):
         self._engine, self._q, self._v = engine, q, v
         self._effort: np.ndarray | None = None
 
