@@ -57,9 +57,8 @@ class Toy(Engine):
             here = dict(zip([link.get("name") for link in links], names, strict=True))
             for link, name in zip(links, names, strict=True):
                 joint, inertial = joints.get(link.get("name")), link.find("inertial")
-                kind, size, speed = KINDS[
-                    "free" if joint is None else joint.get("type")
-                ]  # another is refused by KeyError
+                # another kind is refused by KeyError
+                kind, size, speed = KINDS["free" if joint is None else joint.get("type")]
                 part = SimpleNamespace(name=name, model=tree.model, joint=names[name], kind=kind, parent=None)
                 part.r, part.R, part.axis, part.m, part.c, part.I = NONE, np.eye(3), NONE, 0.0, NONE, np.zeros((3, 3))
                 part.start, start = start[:size], start[size:]
