@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -34,9 +35,10 @@ def engines(options: EnginesOptions) -> int:
     """Print the engines, or write the support matrix, and the page of engines alongside it."""
     out, check = options.out, options.check
     if options.markdown:
+        names = engine_pages.page_names()
         pages: dict[Path, tuple[Callable[[], str], Callable[[bytes], bool]]] = {
             out: (matrix.markdown, matrix.is_matrix),
-            out.parent / engine_pages.PAGE: (lambda: engine_pages.markdown(Path()), engine_pages.is_page),
+            **{out.parent / name: (functools.partial(_engine_page, name), engine_pages.is_page) for name in names},
         }
         for path, (_, ours) in pages.items() if not check else ():
             check_file(path, ours)
@@ -55,6 +57,15 @@ def engines(options: EnginesOptions) -> int:
     for name, why in matrix.broken().items():
         say(f"{name}: {why}")
     return EXIT_OK
+
+
+@functools.cache
+def _engine_pages() -> dict[str, str]:
+    return engine_pages.pages(Path())
+
+
+def _engine_page(name: str) -> str:
+    return _engine_pages()[name]
 
 
 # --- doctor -----------------------------------------------------------------------------------------------------------------

@@ -223,7 +223,7 @@ class EnginesOptions(Options):
     """
 
     context: typer.Context
-    markdown: Annotated[bool, Option("--markdown", help="Write the support matrix, and beside it engines.md.")] = False
+    markdown: Annotated[bool, Option("--markdown", help="Write the support matrix and the pages of engines.")] = False
     out: Annotated[Path, Option(metavar="FILE", help="Output file of --markdown.")] = Path(
         "docs/reference/support-matrix.md"
     )

@@ -1,5 +1,5 @@
-"""The page docs/reference/engines.md: each engine as its class declares it, and what committed certificates and
-studies say of it.
+"""The pages docs/reference/engines/NAME.md: declarations of each engine, and figures of committed certificates and studies;
+and their index, docs/reference/engines.md.
 
 Nothing of it depends on what is installed, so that whether it is current has one answer on every machine.
 """
@@ -38,7 +38,7 @@ from simspec.world.types import World
 
 STUDY = "docs/studies/every-engine"
 """The study that has every engine that can be had, each scenario of it in one run of one machine."""
-LINK = "../studies/every-engine/study.md"
+LINK = "../../studies/every-engine/study.md"
 LARGEST = 64 * 2**20
 """Bytes of a study that are read."""
 HEAD = "| scenario, timestep | a step, processor time | × real time | all that is expected holds | the same run again | gap |"
@@ -159,38 +159,65 @@ def _distance(row: Mapping[str, Any]) -> str:
     return "–" if gap is None else f"{gap:.2g} m"
 
 
-PAGE = "engines.md"
-LARGEST_ENGINE_PAGES = 64 * 2**20
+LARGEST_CERTIFICATE = 64 * 2**20
 """Bytes of a certificate that are read."""
-HEAD_ENGINE_PAGES = f"""# Engines
+INDEX = "engines.md"
+INDEX_HEAD = f"""# Engines
 
 {SIGNATURE}
 
-Each engine as it declares itself. All features side by side stand in the [support matrix](support-matrix.md); the
-levels of a certificate in [proof.md](../concepts/proof.md). `simspec engines doctor` checks this machine's
-installations.
+All features side by side: the [support matrix](support-matrix.md). Levels of a certificate: [proof.md](../concepts/proof.md).
+`simspec engines doctor` checks the installations of this machine.
 """
 PLACES = re.compile(r" \(and \d+ more places\)")
 LEVELS = (*WORDS.values(), NOT_YET)
 
 
+def page_names() -> tuple[str, ...]:
+    """Paths of the pages, from the folder of the index: the index, and a page of each engine."""
+    return (INDEX, *(f"engines/{name}.md" for name in engines()))
+
+
 def is_page(page: bytes) -> bool:
-    """Whether a page was written by :func:`markdown`, in whatever version."""
-    return page.startswith(HEAD_ENGINE_PAGES[: HEAD_ENGINE_PAGES.index(SIGNATURE) + len(SIGNATURE)].encode())
+    """Whether a page was written by :func:`pages`, in whatever version."""
+    head = page[:400].decode("utf-8", "replace")
+    return head.startswith("# ") and f"\n\n{SIGNATURE}\n" in head
 
 
-def markdown(root: Path) -> str:
-    """The page, with the certificates below ``root / "generated"`` and the published study of every engine, where these
-    are there. Raises SpecError for files that are damaged."""
-    certificates = _certificates(root)
-    study = study_of(root)
-    lines = [HEAD_ENGINE_PAGES]
-    for engine in engines().values():
-        lines += [f"## {engine.TITLE or engine.NAME}", "", *_about(engine), ""]
-        lines += [*_facts(engine, certificates), ""]
-        measured = [*closeness(engine.NAME, certificates), *compared(engine.NAME, study)]
-        lines += [f"### Measured: {engine.NAME}", "", *measured] if measured else []
+def pages(root: Path) -> dict[str, str]:
+    """The pages by :func:`page_names`, with the certificates below ``root / "generated"`` and the published study of every
+    engine, where these are there. Raises SpecError for files that are damaged."""
+    certificates, study = _certificates(root), study_of(root)
+    made = {INDEX: _index(certificates)}
+    for name, engine in engines().items():
+        lines = [f"# {engine.TITLE or name}", "", SIGNATURE, "", *_about(engine), "", *_facts(engine, certificates), ""]
+        measured = [*closeness(name, certificates), *compared(name, study)]
+        lines += ["## Measured", "", *measured] if measured else []
         lines += [*_support(engine), *_settings(engine), *_deviations(engine), *_certified(engine, certificates, root)]
+        made[f"engines/{name}.md"] = "\n".join(lines).rstrip() + "\n"
+    return made
+
+
+def _index(certificates: Mapping[str, Certificate]) -> str:
+    """The engines that are proven by running them, and those whose files alone are proven, with links."""
+    lines = [INDEX_HEAD]
+    for title, files_only in (("Engines that run", False), ("Files only", True)):
+        lines += [f"## {title}", ""]
+        if files_only:
+            lines += ["simspec writes their files and compares them with the world; no test runs the program.", ""]
+        lines += [
+            f"| engine | precision | of {len(Feature)} features | valid certificates |",
+            "|---|---|---|---:|",
+        ]
+        for name, engine in engines().items():
+            if bool(engine.FILES_ALONE) is not files_only:
+                continue
+            counts = collections.Counter(_plain_word(entry) for entry in support(engine).values())
+            features = ", ".join(f"{counts[one]} {one}" for one in LEVELS if counts[one])
+            proofs = [proof for one in certificates.values() if (proof := one.engines.get(name)) is not None]
+            valid = f"{sum(proof.valid for proof in proofs)} of {len(proofs)}" if proofs else "–"
+            lines.append(f"| [{engine.TITLE or name}](engines/{name}.md) | {engine.PRECISION} | {features} | {valid} |")
+        lines.append("")
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -227,25 +254,28 @@ def _plain_word(entry: Any) -> str:
 
 
 def _support(engine: type[Engine]) -> Iterator[str]:
-    """What it does not have, and what it has only approximately, with the reasons."""
+    """Features that the engine lacks or approximates, each reason once."""
     table = support(engine)
     for title, words in (
-        ("What it cannot have", (WORDS[Level.UNSUPPORTED],)),
-        ("What it could have, and nobody has built", (NOT_YET,)),
-        ("What it has approximately, where a spec accepts that", (WORDS[Level.APPROXIMATE],)),
-        ("What is computed outside of it, where a spec asks for that", (WORDS[Level.OUTSIDE],)),
+        ("Not supported", (WORDS[Level.UNSUPPORTED],)),
+        ("Not implemented yet", (NOT_YET,)),
+        ("Approximate, where a spec accepts it", (WORDS[Level.APPROXIMATE],)),
+        ("Computed outside of the engine, where a spec requests it", (WORDS[Level.OUTSIDE],)),
     ):
         found = [(feature, entry) for feature, entry in table.items() if _plain_word(entry) in words]
         if found:
-            yield from (f"### {title}: {engine.NAME}", "")
-            yield from (f"- `{feature.value}`: {_line(entry.how)}" for feature, entry in found)
+            yield from (f"## {title}", "")
+            features: dict[str, list[str]] = {}
+            for feature, entry in found:
+                features.setdefault(_line(entry.how), []).append(f"`{feature.value}`")
+            yield from (f"- {', '.join(names)}: {reason}" for reason, names in features.items())
             yield ""
 
 
 def _settings(engine: type[Engine]) -> Iterator[str]:
     if engine.SETTINGS:
         yield from (
-            f"### Solver settings: {engine.NAME}",
+            "## Solver settings",
             "",
             "| setting | default | acts on | meaning |",
             "|---|---|---|---|",
@@ -256,24 +286,37 @@ def _settings(engine: type[Engine]) -> Iterator[str]:
 
 
 def _deviations(engine: type[Engine]) -> Iterator[str]:
-    if engine.CONTACT_DEVIATIONS:
-        yield from (f"### Known deviations from the contact law: {engine.NAME}", "")
+    """Known deviations from the contact law: each reason once, with the probes that it is measured by."""
+    if not engine.CONTACT_DEVIATIONS:
+        return
+    yield from ("## Known deviations from the contact law", "")
+    yield from (
+        "Widest measured deviation of each contact probe, by reason; a size without % is in the unit of its figure. Sizes by",
+        f"friction, restitution, timestep and ratio of masses: {_deviation_table(engine)}.",
+        "",
+    )
+    reasons: dict[str, dict[str, list[Deviation]]] = {}
+    for deviation in engine.CONTACT_DEVIATIONS:
+        reasons.setdefault(_line(deviation.why), {}).setdefault(deviation.probe, []).append(deviation)
+    for reason, probes in reasons.items():
         yield from (
-            "Each measured, by the contact probe of that name; a size without % is in the unit of its figure.",
+            f"**{reason[:1].upper()}{reason[1:]}.**",
             "",
+            "| probe | widest | where | entries |",
+            "|---|---:|---|---:|",
         )
-        yield from ("| probe | size | where | reason |", "|---|---|---|---|")
-        everywhere = [one for one in engine.CONTACT_DEVIATIONS if not one.is_local]
-        for one in everywhere:
-            size = f"{100.0 * one.size:.3g} %" if one.relative else f"{one.size:.3g}"
-            yield f"| {one.probe} | {size} | {_cell(_where(one))} | {_cell(one.why)} |"
-        if local := len(engine.CONTACT_DEVIATIONS) - len(everywhere):
-            yield from (
-                "",
-                f"{local:,} more count around single values of friction, restitution, timestep and ratio of masses "
-                "(`contact_deviations.csv` of the engine).",
-            )
+        for probe, deviations in probes.items():
+            widest = max(deviations, key=lambda one: one.size)
+            size = f"{100.0 * widest.size:.3g} %" if widest.relative else f"{widest.size:.3g}"
+            yield f"| {probe} | {size} | {_cell(_where(widest))} | {len(deviations):,} |"
         yield ""
+
+
+def _deviation_table(engine: type[Engine]) -> str:
+    """A link to the table of deviations; where the engine has those of another, a name without a link."""
+    folder = Path(inspect.getfile(engine)).parent
+    name = "contact_deviations.csv"
+    return f"[`{name}`](../../../simspec/engines/{folder.name}/{name})" if (folder / name).is_file() else f"`{name}`"
 
 
 def _where(one: Deviation) -> str:
@@ -294,7 +337,7 @@ def _certified(engine: type[Engine], certificates: Mapping[str, Certificate], ro
     if not certificates:
         return
     proofs = {name: one.engines[engine.NAME] for name, one in certificates.items() if engine.NAME in one.engines}
-    yield from (f"### Certificates: {engine.NAME}", "")
+    yield from ("## Certificates", "")
     valid = sum(proof.valid for proof in proofs.values())
     levels: collections.Counter[str] = collections.Counter()
     failed: collections.Counter[str] = collections.Counter()
@@ -319,7 +362,7 @@ def _certified(engine: type[Engine], certificates: Mapping[str, Certificate], ro
 @functools.cache
 def _world(file: Path) -> World:
     """The world that a scenario of the library was compiled from."""
-    world: World = from_plain(World, json.loads(read_bytes(file, LARGEST_ENGINE_PAGES)))
+    world: World = from_plain(World, json.loads(read_bytes(file, LARGEST_CERTIFICATE)))
     return world
 
 
@@ -341,7 +384,7 @@ def _refusal(engine: type[Engine], world: World) -> str:
 def _certificates(root: Path) -> dict[str, Certificate]:
     """The certificates of the library's scenarios, by name."""
     files = sorted((root / "generated").glob(f"*/{CERTIFICATE_FILE}"))
-    texts = {file: read_bytes(file, LARGEST_ENGINE_PAGES).decode("utf-8", "replace") for file in files}
+    texts = {file: read_bytes(file, LARGEST_CERTIFICATE).decode("utf-8", "replace") for file in files}
     return {file.parent.name: Certificate.from_json(text, str(file)) for file, text in texts.items()}
 
 

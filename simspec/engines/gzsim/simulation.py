@@ -293,7 +293,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
         raise EngineError(NAME, UNASKED)
 
     def messages(self) -> list[str]:
-        return ["how simspec asks gz sim was tested with a stand-in alone: see docs/reference/engines.md"]
+        return ["how simspec asks gz sim was tested with a stand-in alone: see docs/reference/engines/gzsim.md"]
 
     def _drop(self) -> None:
         moving, self._moving = self._moving, None
