@@ -37,8 +37,8 @@ from simspec.experiments.store import Store
 from simspec.experiments.supplies import LocalSupplies
 from simspec.experiments.sweep import cell_data, stored_key
 from simspec.experiments.versions import versions_of
+from simspec.files import find_spec
 from simspec.language.load import Spec, load
-from simspec.resources import find_spec
 from simspec.world.canonical import sha256
 
 MEMBERS = 50

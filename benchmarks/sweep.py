@@ -27,7 +27,7 @@ from simspec.experiments.plan import plan_sweep
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import sweep
 from simspec.experiments.versions import versions_of
-from simspec.resources import find_spec
+from simspec.files import find_spec
 
 SCENARIOS = ("spheres-216", "bouncing-ball")
 """A second of work, and a hundredth of one: nothing but starts and the sweep's own part."""

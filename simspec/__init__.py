@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 _HOME = {
     "load": "simspec.language.load:load",
     "Spec": "simspec.language.load:Spec",
-    "find_spec": "simspec.resources:find_spec",
+    "find_spec": "simspec.files:find_spec",
     "World": "simspec.world.types:World",
     "compile": "simspec.compiler:compile_world",
     "Compiled": "simspec.compiler:Compiled",
@@ -100,10 +100,10 @@ if TYPE_CHECKING:
     from simspec.experiments.cases import case_of
     from simspec.experiments.plan import Cell, Plan, plan_sweep
     from simspec.experiments.versions import versions_of
+    from simspec.files import find_spec
     from simspec.language.load import Spec, load
     from simspec.proof.certificate import Certificate
     from simspec.proof.verify import verify
-    from simspec.resources import find_spec
     from simspec.runner.execution import run, run_all
     from simspec.runner.expectations import Outcome, evaluate
     from simspec.runner.run import Run

@@ -21,7 +21,7 @@ def main() -> int:
         with open(__file__.removesuffix("__main__.py") + "help.txt", encoding="utf-8") as file:
             text = file.read()
         return _told(text)
-    from simspec.ending import run_until_signalled
+    from simspec.processes import run_until_signalled
 
     def run() -> int:
         from simspec.cli import main as command
@@ -36,7 +36,7 @@ def _told(text: str) -> int:
         sys.stdout.write(text)
         sys.stdout.flush()
     except OSError as error:
-        from simspec.ending import finish
+        from simspec.processes import finish
 
         return finish(error)
     return 0

@@ -14,9 +14,9 @@ import typer
 
 from simspec.commands import experiment_options, scenario_options  # noqa: F401  # they declare the commands
 from simspec.commands.options import COMMANDS, NUMBERS, function_of
-from simspec.ending import exit_if_signalled, in_order
 from simspec.errors import EXIT_OK, EngineError, Problem, SimspecError, SpecError
 from simspec.numerals import NumeralError, whole
+from simspec.processes import exit_if_signalled, in_order
 
 ORDER = "new check import export accept fmt schema compile verify run sweep study pages explain bisect audit report view diff"
 """The commands in the order of ``simspec --help``; ``trust`` and the group ``engines`` follow."""

@@ -7,9 +7,15 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from simspec.artifacts import Artifacts
-from simspec.contact.plan import MOST_SPLIT_MATERIALS, ContactPlan, contact_plan
-from simspec.contact.reachability import coupled_needs, impact_needs, pair_needs, unreachable
+from simspec.contact.plan import (
+    MOST_SPLIT_MATERIALS,
+    ContactPlan,
+    contact_plan,
+    coupled_needs,
+    impact_needs,
+    pair_needs,
+    unreachable,
+)
 from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import Target
 from simspec.engines.kit.contract import Engine
@@ -22,10 +28,10 @@ from simspec.engines.kit.settings import (
 )
 from simspec.errors import Location, Problem, Refusal, UnsupportedError
 from simspec.option_checks import check_control, check_options, nowhere
+from simspec.outputs.writing import Artifacts
 from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
-from simspec.support.needs import Need, needs
-from simspec.support.negotiation import Decision, negotiate
+from simspec.support.negotiation import Decision, Need, needs, negotiate
 from simspec.world.canonical import canonical_json
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import EngineOptions, World

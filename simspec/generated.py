@@ -13,15 +13,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, compile_world, output_files
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SpecError
-from simspec.outputs.marker import COMPILED, MARKER_FILE, Marker, read_marker
-from simspec.outputs.reading import files_below, read_bytes
-from simspec.outputs.writing import update_folder
+from simspec.outputs.files import files_below, read_bytes
+from simspec.outputs.targets import COMPILED, MARKER_FILE, Marker, read_marker
+from simspec.outputs.writing import Artifacts, update_folder
 from simspec.selection import Selection
 from simspec.world.canonical import sha256
 from simspec.world.types import World

@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from simspec.scratch import scratch_folder
+from simspec.files import scratch_folder
 
 RECORDED_BYTES = 16 * 2**30
 """Most bytes that a run may record: 10 million rows of seven free bodies. More would fill a disk before it is noticed."""

@@ -8,15 +8,15 @@ import difflib
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from simspec.control.native import fed_forward
+from simspec.control.reference import fed_forward
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.engines.kit.settings import Value, check_bounds, check_pair_settings, check_settings, depth_settings
 from simspec.errors import Location, Problem
 from simspec.language.engine_options import EngineOptions as SpecOptions
 from simspec.language.engine_options import SettingsAtTimestep, merged_pairs
 from simspec.support.features import Feature
-from simspec.world.contact_pairs import Pair, meeting_laws, thinnest
-from simspec.world.types import World
+from simspec.world.contact_pairs import meeting_laws, thinnest
+from simspec.world.types import Pair, World
 
 if TYPE_CHECKING:
     from simspec.engines.kit.contract import Engine

@@ -26,7 +26,7 @@ from typing import Any
 from simspec.engines.kit.identity import parse
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SpecError
-from simspec.outputs.reading import read_bytes, refuse
+from simspec.outputs.files import read_bytes, refuse
 
 PROJECT_FILE = "simspec.toml"
 REPOSITORY = ".git"

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from simspec.errors import Problem, SpecError
-from simspec.reading import NotReadableError, parse_json
+from simspec.files import NotReadableError, parse_json
 
 Model = TypeVar("Model", bound=BaseModel)
 

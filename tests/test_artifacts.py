@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.artifacts import Artifacts
 from simspec.errors import SpecError
+from simspec.outputs.writing import Artifacts
 
 FILES = {"model.xml": "<größe/>\n", "meshes/part.stl": bytes(range(256)), "empty": ""}
 

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from simspec import cli
 from simspec.commands.options import COMMANDS as OPTIONS
 from simspec.engines.kit.registry import engines
-from simspec.resources import resource_folder
+from simspec.files import resource_folder
 from simspec.runner.store import load_run
 from tests.installed import INSTALLED
 

@@ -19,8 +19,7 @@ from simspec.imports.mjcf import compiled
 from simspec.imports.mjcf.assembly import MjcfAssembly
 from simspec.imports.usd import stage
 from simspec.language.foreign import ImportOptions
-from simspec.meshes.files import open_mesh
-from simspec.meshes.reading import _request
+from simspec.meshes.reading import _request, open_mesh
 from tests import attempts
 from tests.attempts import DONE
 from tests.meshes.solids import box, stl

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from simspec import ending, scratch
+from simspec import files, processes
 from simspec.engines.kit import keeper, process
 from simspec.errors import EngineError
 from tests.own_cache import own_cache
@@ -197,9 +197,9 @@ def test_side_by_side_ends_what_the_others_wait_for(place, monkeypatch):
         with process.side_by_side(2) as pool:
             waiting.extend(pool.submit(twice, number) for number in range(3))
             assert until(lambda: len(marked(place)) == 4)
-            raise ending.Ended(signal.SIGTERM)
+            raise processes.Ended(signal.SIGTERM)
 
-    with pytest.raises(ending.Ended):
+    with pytest.raises(processes.Ended):
         three()
     assert said.count(EngineError) == said.count(CancelledError) == 2
     assert waiting[2].cancelled()
@@ -209,22 +209,22 @@ def test_side_by_side_ends_what_the_others_wait_for(place, monkeypatch):
 
 
 def test_a_folder_is_removed_only_when_it_is_ours_and_nobody_s(place, monkeypatch):
-    monkeypatch.setattr(scratch.tempfile, "tempdir", str(place / "tmp"))
-    with scratch.scratch_folder("alive") as alive:
+    monkeypatch.setattr(files.tempfile, "tempdir", str(place / "tmp"))
+    with files.scratch_folder("alive") as alive:
         others = [place / "tmp" / name for name in ("simspec-mine", "simspec-link", "simspec-file", "simspec-odd")]
         others[0].mkdir()
         (others[0] / "kept").write_text("kept")
         others[1].symlink_to(others[0])
         others[2].write_text("kept")
         others[3].mkdir()
-        (others[3] / scratch.MARKER).write_text("of somebody else\n")
+        (others[3] / files.MARKER).write_text("of somebody else\n")
         dead = place / "tmp" / "simspec-dead"
         dead.mkdir()
-        (dead / scratch.MARKER).write_bytes(scratch.CONTENT)
+        (dead / files.MARKER).write_bytes(files.CONTENT)
         (dead / "there").symlink_to(others[0])
         (dead / "below").mkdir()
         (dead / "below" / "file").write_text("x")
-        scratch.clean_up.__wrapped__()
+        files.clean_up.__wrapped__()
         assert not dead.exists()
         assert all(path.exists() for path in (alive, *others))
         assert (others[0] / "kept").read_text() == "kept"
@@ -232,25 +232,25 @@ def test_a_folder_is_removed_only_when_it_is_ours_and_nobody_s(place, monkeypatc
 
 
 def test_a_folder_of_a_process_that_ended_before_it_marked_it_is_removed(place, monkeypatch):
-    monkeypatch.setattr(scratch.tempfile, "tempdir", str(place / "tmp"))
+    monkeypatch.setattr(files.tempfile, "tempdir", str(place / "tmp"))
     names = ("empty", "begun", "half", "full", "mode", "locked")
     folders = {name: place / "tmp" / f"simspec-{name}" for name in names}
     for name, folder in folders.items():
-        folder.mkdir(0o700 if name == "mode" else scratch.UNMARKED)
-    (folders["begun"] / scratch.NEW).touch()
-    (folders["half"] / scratch.NEW).write_bytes(scratch.CONTENT[:10])
+        folder.mkdir(0o700 if name == "mode" else files.UNMARKED)
+    (folders["begun"] / files.NEW).touch()
+    (folders["half"] / files.NEW).write_bytes(files.CONTENT[:10])
     (folders["full"] / "mine").touch()
-    with open(folders["locked"] / scratch.NEW, "w") as file:
+    with open(folders["locked"] / files.NEW, "w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        scratch.clean_up.__wrapped__()
+        files.clean_up.__wrapped__()
     assert {name for name in names if folders[name].exists()} == {"full", "mode", "locked"}
 
 
 @pytest.mark.parametrize("call", ["open", "flock", "write", "rename"])
 def test_a_folder_that_cannot_be_marked_does_not_stay(place, monkeypatch, call):
     """An interrupt between the making of a folder and its marker; and a folder that another process removed meanwhile."""
-    monkeypatch.setattr(scratch.tempfile, "tempdir", str(place / "tmp"))
-    owner = scratch.fcntl if call == "flock" else scratch.os
+    monkeypatch.setattr(files.tempfile, "tempdir", str(place / "tmp"))
+    owner = files.fcntl if call == "flock" else files.os
     whole, raised = getattr(owner, call), []
 
     def once(*arguments, **keywords):
@@ -259,21 +259,21 @@ def test_a_folder_that_cannot_be_marked_does_not_stay(place, monkeypatch, call):
             raise KeyboardInterrupt
         return whole(*arguments, **keywords)
 
-    scratch.clean_up()
+    files.clean_up()
     monkeypatch.setattr(owner, call, once)
-    with pytest.raises(KeyboardInterrupt), scratch.scratch_folder("work"):
+    with pytest.raises(KeyboardInterrupt), files.scratch_folder("work"):
         pass
     assert left(place) == []
-    make, gone = scratch._make, []
-    monkeypatch.setattr(scratch, "_make", lambda folder: make(folder) if gone else gone.append(folder))
-    with scratch.scratch_folder("work") as folder:
+    make, gone = files._make, []
+    monkeypatch.setattr(files, "_make", lambda folder: make(folder) if gone else gone.append(folder))
+    with files.scratch_folder("work") as folder:
         assert folder.is_dir()
     assert left(place) == []
 
 
 TOLD = """
 import os, signal, sys
-from simspec.ending import Ended, in_order, run_until_signalled
+from simspec.processes import Ended, in_order, run_until_signalled
 from simspec.errors import Problem, SpecError
 from simspec.cli import guarded as command
 
@@ -356,7 +356,7 @@ def test_a_bug_is_one_line_and_its_traceback_is_kept(place, monkeypatch, capsys)
         raise ZeroDivisionError("division\nby \x1b[31mzero")
 
     monkeypatch.setattr(cli, "_main", broken)
-    monkeypatch.setattr(scratch.tempfile, "tempdir", str(place / "tmp"))
+    monkeypatch.setattr(files.tempfile, "tempdir", str(place / "tmp"))
     assert cli.main([]) == 70
     said = capsys.readouterr().err
     assert said.count("\n") == 1

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from simspec.exchange import exchange
+from simspec.processes import exchange
 
 MANY = 2**20
 

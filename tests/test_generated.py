@@ -12,12 +12,12 @@ from types import SimpleNamespace
 import pytest
 
 from simspec import generated
-from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, output_files
 from simspec.dialects.kit.sidecar import SIDECAR_SCHEMA
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE, Built, certificate_mismatch, check, read_certificate
+from simspec.outputs.writing import Artifacts
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.checks import Check
 from simspec.proof.expected import expected, left_out

@@ -13,22 +13,15 @@ from tests.conftest import LONGEST as FIRST
 from tests.modules import MODULES, PACKAGE, TEST_MODULES, TESTS, name_of, offences, parsed
 
 ORDER = (
-    "ending",
+    "processes",
     "confinement",
-    "exchange",
     "errors",
-    "markup",
-    "reading",
-    "scratch",
-    "isolated",
+    "files",
     "numerals",
     "plugins",
     "mapped",
-    "processor_time",
     "stored",
     "outputs",
-    "artifacts",
-    "resources",
     "language",
     "world",
     "meshes",
@@ -165,7 +158,7 @@ OF_A_DISK = {
 COMMON = {"replace", "remove", "copy", "link", "move", "truncate", "touch"}
 WRITERS = {
     "outputs": "the one part that writes what a user named",
-    "scratch.py": "temporary folders of simspec's own",
+    "files.py": "temporary folders of simspec's own",
     "engines/kit/compiled.py": "a compiler's words, into the folder in the cache in which it works",
     "engines/kit/attempts.py": "in an engine's process: an answer into the process's own temporary folder",
     "engines/kit/messages.py": "in an engine's process: what it does, into the process's own temporary folder",
@@ -426,7 +419,7 @@ def prints(tree: ast.AST) -> list[int]:
     return [call.lineno for call in calls if isinstance(call, ast.Name) and call.id == "print"]
 
 
-TEMPORARY = {"scratch.py", "mapped.py", "ending.py"}
+TEMPORARY = {"files.py", "mapped.py", "processes.py"}
 """Modules that may make temporary files themselves: what a killed process leaves must be known to the next by its marker, or
 have no name."""
 

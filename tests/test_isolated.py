@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from simspec import isolated
+from simspec import processes
 from simspec.engines.kit.registry import engines
 from tests.modules import MODULES, name_of
 
@@ -31,7 +31,7 @@ OTHERS = {
     "commands/engines_install.py": "commands of `environments.making` and `words`, which are made here and there by `isolated`",
 }
 """Modules that start what is given to them, with the reason."""
-EXECUTABLE = {"isolated.py", "engines/kit/process.py"}
+EXECUTABLE = {"processes.py", "engines/kit/process.py"}
 """Modules that say `sys.executable`: the second hands it on to `with_search_path`."""
 OPTIONS = {"-m", "-c", "-I", "-P", "-E", "-s"}
 
@@ -80,7 +80,7 @@ def wrong(path: str, text: str) -> list[str]:
             found.append(f"{path}:{node.lineno}: sys.executable")
         words = [one.value for one in getattr(node, "elts", []) if isinstance(one, ast.Constant)]
         has_options = isinstance(node, ast.List | ast.Tuple) and bool(OPTIONS & set(map(str, words[:3])))
-        if has_options and path not in ("isolated.py", "engines/kit/compiled.py"):
+        if has_options and path not in ("processes.py", "engines/kit/compiled.py"):
             found.append(f"{path}:{node.lineno}: words of an interpreter")
         if isinstance(node, ast.ImportFrom) and node.module in OWNERS and STARTS & {one.name for one in node.names}:
             found.append(f"{path}:{node.lineno}: started by a bare name")
@@ -125,7 +125,7 @@ def test_the_forms_are_seen_as_such():
 )
 def test_the_working_folder_is_not_on_the_search_path(given, kept):
     environment = {"HOME": "/h"} | ({} if given is None else {"PYTHONPATH": given})
-    cleaned = isolated.search_environment(environment)
+    cleaned = processes.search_environment(environment)
     assert cleaned.get("PYTHONPATH") == kept
     assert (cleaned["HOME"], cleaned["PYTHONNOUSERSITE"]) == ("/h", "1")
 

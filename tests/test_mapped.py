@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from simspec import mapped, scratch
+from simspec import files, mapped
 
 
 @given(st.integers(0, 50), st.integers(0, 60), st.integers(1, 200), st.integers(1, 500))
@@ -27,7 +27,7 @@ def test_blocks_are_all_rows_once(rows, first, row_bytes, block):
 @pytest.fixture
 def room(tmp_path, monkeypatch):
     """A place of its own for temporary files."""
-    monkeypatch.setattr(scratch.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(files.tempfile, "tempdir", str(tmp_path))
     return tmp_path
 
 

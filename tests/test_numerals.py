@@ -17,8 +17,8 @@ from simspec.formats.wbt import reading as wbt
 from simspec.language.document import scalar
 from simspec.language.load import Spec, load
 from simspec.language.units import UnitError, parse
-from simspec.meshes.files import MeshError, open_mesh
-from simspec.meshes.grids import read_grid
+from simspec.meshes.load import read_grid
+from simspec.meshes.reading import MeshError, open_mesh
 from simspec.numerals import NumeralError, number, numbers, whole
 from simspec.resolve.tables import _number as table_number
 from tests.modules import PACKAGE, offences

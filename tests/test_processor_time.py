@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from simspec.processor_time import counted, processor_clock
+from simspec.processes import counted, processor_clock
 
 
 def test_alone_it_is_the_systems_own_clock():

@@ -12,7 +12,7 @@ import pytest
 import simspec
 from simspec.proof.verify import LEVELS
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from tests.installed import JOINTED
 from tests.random_specs import spec
 from tests.random_words import with_words

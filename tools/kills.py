@@ -24,7 +24,7 @@ from pathlib import Path
 from simspec.compiler import WORLD_FILE
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.errors import SpecError
-from simspec.outputs.marker import read_marker
+from simspec.outputs.targets import read_marker
 from simspec.runner.store import load_run
 
 SPEC = """\

@@ -15,7 +15,7 @@ from simspec.commands.study import PAGE_FILE, TABLES_FILE, find_study, page
 from simspec.experiments.published import MODELS_FILE, read_models
 from simspec.experiments.store import Store
 from simspec.language.study_specs import load_study_file
-from simspec.outputs.marker import STUDY
+from simspec.outputs.targets import STUDY
 from simspec.outputs.writing import write_folder
 from simspec.report.page.document import page as html
 from simspec.report.plain import PAGE_FILE as HTML_FILE

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.kit.registry import engines
-from simspec.isolated import ELSEWHERE, isolated
+from simspec.processes import ELSEWHERE, isolated
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "records" / "unseen-robots.md"

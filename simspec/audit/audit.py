@@ -17,13 +17,13 @@ from simspec.engines.kit.process import Operation, Reply, side_by_side, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, clipped
+from simspec.files import scratch_folder
 from simspec.imports.files import Files
 from simspec.language.foreign import ImportOptions
 from simspec.language.foreign import Severity as LossSeverity
 from simspec.language.sources import project_folder
 from simspec.plausibility.examine import examine
 from simspec.plausibility.findings import Plausibility
-from simspec.scratch import scratch_folder
 from simspec.support.features import Feature
 from simspec.world.types import ReadBack, World
 

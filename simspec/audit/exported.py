@@ -19,7 +19,7 @@ from simspec.audit.findings import Finding, Severity, What
 from simspec.audit.libraries import LIBRARIES
 from simspec.audit.meaning import Meaning
 from simspec.audit.placed import match, parents_first
-from simspec.control.native import drives
+from simspec.control.reference import drives
 from simspec.engines.kit.foreign import FILE, Exported, Reads, foreseen
 from simspec.engines.kit.registry import engines
 from simspec.formats.kit.contract import Loss, formats

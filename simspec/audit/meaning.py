@@ -13,13 +13,13 @@ from typing import Any, Final
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines
 from simspec.errors import Location, Problem, SimspecError, SpecError
+from simspec.files import NotReadableError, read_bytes
 from simspec.imports.draft import FROM_SHAPES
 from simspec.imports.elements import Element, parse
 from simspec.imports.packages import Packages
 from simspec.language.foreign import Imported, ImportOptions, Repair, importers
 from simspec.language.load import Spec, load
 from simspec.language.sources import project_folder
-from simspec.reading import NotReadableError, read_bytes
 from simspec.world.types import Body, Vector3, World
 
 LARGEST: Final = 64 * 2**20

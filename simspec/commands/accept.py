@@ -15,12 +15,12 @@ from simspec.commands.scenario_options import AcceptOptions
 from simspec.compiler import missing_options
 from simspec.engines.kit.identity import engine_name
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
+from simspec.files import resource_folder
 from simspec.language.document import read_text
 from simspec.language.load import Spec
 from simspec.outputs.writing import write_file
 from simspec.report.matrix import link
 from simspec.report.screen import say
-from simspec.resources import resource_folder
 from simspec.selection import NotTaken, Selection, named, refusal
 from simspec.world.types import World
 

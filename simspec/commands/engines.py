@@ -18,7 +18,7 @@ from simspec.engines.kit.installed import instances
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_OK, Problem, SimspecError, SpecError
 from simspec.outputs import trust as trusted
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
 from simspec.outputs.targets import check_file
 from simspec.project import LARGEST, PROJECT_FILE, Project, find_project, load_project, parse_project
 from simspec.proof.probes import fall

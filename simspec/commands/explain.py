@@ -28,8 +28,7 @@ from simspec.errors import EXIT_FAILED, EXIT_OK, EngineError, Location, Problem,
 from simspec.experiments.bisect import Versions, search
 from simspec.experiments.store import Store
 from simspec.generated import CERTIFICATE_FILE, GENERATED, read_certificate
-from simspec.outputs.marker import STORE, STUDY
-from simspec.outputs.targets import demand, folder_problem
+from simspec.outputs.targets import STORE, STUDY, demand, folder_problem
 from simspec.outputs.writing import open_folder
 from simspec.report.experiments import bisect_data, bisect_lines
 from simspec.report.explanations import explanation_data, show_explanation

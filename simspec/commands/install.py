@@ -19,8 +19,8 @@ from simspec.engines.kit.identity import EngineId, parse
 from simspec.engines.kit.installed import Instance, instances
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, Problem, SpecError, clipped, visible
-from simspec.isolated import ELSEWHERE, isolated
-from simspec.outputs.begun import begin, finish, is_complete
+from simspec.outputs.cache import is_complete, mark_begun, mark_complete
+from simspec.processes import ELSEWHERE, isolated
 from simspec.report.screen import say
 
 DEADLINE = 3600.0
@@ -150,7 +150,7 @@ def _make(
 ) -> str | None:
     """Make an environment anew by its commands; why it is not whole, None where it is."""
     try:
-        begin(place)
+        mark_begun(place)
     except OSError as error:
         return f"{place}: {error.strerror}" if error.strerror else str(error)
     for command, one in zip(commands, told, strict=True):
@@ -158,7 +158,7 @@ def _make(
         one["ran"] = one["code"] is not None
         if why is not None:
             return f"{one['words']}: {why}"
-    finish(place)
+    mark_complete(place)
     return None
 
 

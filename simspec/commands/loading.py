@@ -11,12 +11,12 @@ from typing import Any, Final, NamedTuple
 from simspec.commands.options import Options, RobotFiles, engine_names, interpreters
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
 from simspec.errors import Problem, SpecError, UnsupportedError
+from simspec.files import find_spec
 from simspec.language.foreign import suffixes
 from simspec.language.load import Spec, load
 from simspec.language.losses import repaired, repairs_data
 from simspec.language.packages import ROBOT, is_packaged, is_robot, packaged
 from simspec.option_checks import check_at_timestep, deep_contact, pairs_without_effect
-from simspec.resources import find_spec
 from simspec.world.types import World
 
 OF_A_MODEL: Final = "1s"

@@ -12,7 +12,7 @@ from simspec.commands.study import absent_engines, find_study, plan_of
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.experiments.published import older_sweeps, read_models, sweep_models
 from simspec.language.study_specs import load_study_file
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
 from simspec.outputs.targets import LARGEST_OWN
 from simspec.outputs.writing import write_file
 from simspec.project import Interpreters

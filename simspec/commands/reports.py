@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING
 from simspec.commands.experiment_options import ReportOptions, ViewOptions
 from simspec.commands.options import Options, print_json
 from simspec.errors import EXIT_OK, Problem, SimspecError, SpecError
-from simspec.outputs.appending import append_text, size_of
-from simspec.outputs.marker import RUN, STUDY
-from simspec.outputs.targets import demand, file_problem
+from simspec.outputs.files import append_text, file_size
+from simspec.outputs.targets import RUN, STUDY, demand, file_problem
 from simspec.outputs.writing import change_file, write_file
 from simspec.report.screen import say
 
@@ -70,7 +69,7 @@ class Reports:
         if self.summary is not None:
             write_file(self.summary, summary(suites, study, baseline), own_summary)
         if self.step_summary is not None:
-            text = summary(suites, study, baseline, LARGEST - size_of(self.step_summary))
+            text = summary(suites, study, baseline, LARGEST - file_size(self.step_summary))
             if not text or not append_text(self.step_summary, text, LARGEST):
                 say(f"{self.step_summary}: no room for another summary", error=True)
         if self.annotate:

@@ -21,6 +21,7 @@ from simspec.compiler import compile_world
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.experiments.machine import disturbances, this_machine
 from simspec.experiments.timing import TimedCase, timed_runs
+from simspec.files import scratch_folder
 from simspec.outputs.targets import demand, file_problem
 from simspec.outputs.writing import write_file
 from simspec.report.baseline import (
@@ -42,7 +43,6 @@ from simspec.report.studies import ends, show_run
 from simspec.report.tested import skipped_suites, study_suites
 from simspec.runner.case import Case
 from simspec.runner.run import Run
-from simspec.scratch import scratch_folder
 from simspec.selection import Selection
 from simspec.world.types import World
 

@@ -11,15 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec import generated
-from simspec.artifacts import Artifacts
 from simspec.comparison.floor import Floor, save_floor
 from simspec.comparison.study import Arrivals, Study
 from simspec.compiler import Compiled
 from simspec.errors import SpecError
 from simspec.generated import CERTIFICATE_FILE
-from simspec.outputs.marker import COMPILED, RUN, STUDY
-from simspec.outputs.targets import demand, existing_name_problem, folder_problem
-from simspec.outputs.writing import change_file, open_folder, remove_file
+from simspec.outputs.targets import COMPILED, RUN, STUDY, demand, existing_name_problem, folder_problem
+from simspec.outputs.writing import Artifacts, change_file, open_folder, remove_file
 from simspec.report.plain import NOT_RUN, PAGE_FILE, REPORT_FILE, REPORT_SCHEMA, study_data, text
 from simspec.runner.run import Run
 from simspec.runner.store import stored_runs

@@ -27,8 +27,7 @@ from simspec.experiments.sweep import Outcome
 from simspec.experiments.sweep import sweep as run_sweep
 from simspec.experiments.timing import timed_tasks
 from simspec.experiments.versions import versions_of
-from simspec.outputs.marker import STORE, STUDY
-from simspec.outputs.targets import demand, file_problem, folder_problem
+from simspec.outputs.targets import STORE, STUDY, demand, file_problem, folder_problem
 from simspec.outputs.writing import open_folder, write_file
 from simspec.project import Interpreters, load_project
 from simspec.report.experiments import CSV_FIRST, csv_text, groups, outcome_data, show_outcome, show_plan

@@ -14,8 +14,7 @@ from simspec.commands.reports import reporting, reports_of
 from simspec.commands.scenario_options import VerifyOptions
 from simspec.engines.kit.identity import engine_version
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, Problem, SpecError
-from simspec.outputs.marker import COMPILED, STUDY
-from simspec.outputs.targets import demand, existing_name_problem, folder_problem
+from simspec.outputs.targets import COMPILED, STUDY, demand, existing_name_problem, folder_problem
 from simspec.outputs.writing import add_file
 from simspec.report.certificate import complete_data, self_test_table, show_certificate, show_complete
 from simspec.report.plain import certificate_data

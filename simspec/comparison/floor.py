@@ -21,8 +21,8 @@ from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, SpecError
 from simspec.mapped import parts, release, zeros
-from simspec.outputs.marker import RUN
-from simspec.outputs.reading import open_regular
+from simspec.outputs.files import open_regular
+from simspec.outputs.targets import RUN
 from simspec.outputs.writing import add_file
 from simspec.runner import tables
 from simspec.runner.run import Run

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from simspec.artifacts import Artifacts
 from simspec.comparison.floor import Floor, measure_floor, perturbation_of
 from simspec.comparison.runs import TOLERANCE, Diff, diff
 from simspec.compiler import Compiled, bounded, compile_world, output_files, version_at_work
@@ -19,11 +18,12 @@ from simspec.engines.kit.process import DEADLINE, at_work
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
+from simspec.files import scratch_folder
+from simspec.outputs.writing import Artifacts
 from simspec.runner.case import Case
 from simspec.runner.execution import failed_run, run_case, run_jobs
 from simspec.runner.expectations import Outcome, evaluate
 from simspec.runner.run import Run
-from simspec.scratch import scratch_folder
 from simspec.world.types import World
 
 if TYPE_CHECKING:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from simspec.language.vocabulary import COMBINED_QUANTITIES, ENGINE_RULES
-from simspec.world.types import Surface
+from simspec.world.types import Hardness, Pair, PairContact, Surface, World
 
 SAME = 1e-12
 """How far a combined number may be from the pair's, relative above 1: the tolerance of text, proof level L0."""
@@ -76,3 +77,201 @@ def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> fl
 
 def same(one: float, other: float) -> bool:
     return abs(one - other) <= SAME * max(1.0, abs(other))
+
+
+# Numbers of materials which, combined by an engine's rule, give the pairs that are wanted.
+
+
+def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> dict[str, Surface]:
+    """Numbers of every material which, combined by ``rules``, give the ``wanted`` pairs as far as there are such numbers."""
+    names = [material.name for material in world.contact.materials]
+    found: dict[str, dict[str, float]] = {name: {} for name in names}
+    for quantity in COMBINED_QUANTITIES:
+        own = {material.name: getattr(material, quantity) for material in world.contact.materials}
+        values = {pair: getattr(law, quantity) for pair, law in wanted.items()}
+        rule = getattr(rules, quantity)
+        if rule == "cross":
+            friction = {name: found[name]["friction"] for name in names}
+            solved = _cross(names, values, friction)
+        elif rule == "product":
+            bounded = quantity == "restitution" and rules.most_restitution < math.inf
+            solved = _product(names, values, own, bounded)
+        elif rule == "mean":
+            solved = _mean(names, values, own, rules.most_restitution if quantity == "restitution" else math.inf)
+        elif rule == "harmonic":
+            solved = _harmonic(names, values, own)
+        elif rule in NOT_COMBINED:
+            solved = dict.fromkeys(names, 0.0)
+        else:
+            solved = _extreme(names, values, own, min if rule == "max" else max)
+        for name in names:
+            found[name][quantity] = solved[name]
+    hardness: dict[str, Hardness] = {}
+    if rules.hardness == "same":
+        for pair, law in wanted.items():
+            for name in pair:
+                hardness.setdefault(name, law.hardness)
+        hardness = {name: hardness.get(name, Hardness()) for name in names}
+    return {name: Surface(**found[name], hardness=hardness.get(name)) for name in names}
+
+
+def _extreme(
+    names: Iterable[str],
+    values: Mapping[Pair, float],
+    own: Mapping[str, float],
+    inverse: Callable[[Iterable[float]], float],
+) -> dict[str, float]:
+    """Of the max rule: the smallest value among a material's pairs; of the min rule the largest."""
+    partners: dict[str, list[float]] = {name: [] for name in names}
+    for (first, second), value in values.items():
+        partners[first].append(value)
+        partners[second].append(value)
+    return {name: inverse(found) if found else own[name] for name, found in partners.items()}
+
+
+def _product(
+    names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float], bounded: bool
+) -> dict[str, float]:
+    """Of the product rule: a material with a pair above zero has a number above zero, all others zero.
+
+    What meets itself has the root of that value; from there values spread along pairs. Where nothing is known (a ramp
+    and a box, one of each), the first keeps the root of its own value, unless others are above one then and
+    ``bounded`` is true.
+    """
+    positive = {pair: value for pair, value in values.items() if value > 0.0}
+    needed = {name for pair in positive for name in pair}
+    touched = {name for pair in values for name in pair}
+    found = {name: 0.0 if name in touched else math.sqrt(own[name]) for name in names}
+    known: set[str] = set()
+    for (first, second), value in positive.items():
+        if first == second:
+            found[first] = math.sqrt(value)
+            known.add(first)
+    open_pairs, starts = [pair for pair in sorted(positive) if pair[0] != pair[1]], []
+    while open_pairs:
+        half_known = next((pair for pair in open_pairs if (pair[0] in known) != (pair[1] in known)), None)
+        if half_known is None:
+            start = next((name for pair in open_pairs for name in pair if name not in known), None)
+            if start is None:
+                break
+            found[start] = math.sqrt(own[start]) if own[start] > 0.0 else 1.0
+            known.add(start)
+            starts.append(start)
+        else:
+            given, asked = half_known if half_known[0] in known else half_known[::-1]
+            found[asked] = positive[half_known] / found[given]
+            known.add(asked)
+        open_pairs = [pair for pair in open_pairs if not (pair[0] in known and pair[1] in known)]
+    assert known == needed
+    for start in starts if bounded else ():
+        _level(found, positive, start)
+    return found
+
+
+def _level(found: dict[str, float], positive: Mapping[Pair, float], start: str) -> None:
+    """Where what hangs together with ``start`` has a number above one, the same products with none, if there are: numbers of
+    one side multiplied, of the other divided."""
+    side, queue = {start: 0}, [start]
+    for name in queue:
+        for pair in positive:
+            if name not in pair:
+                continue
+            other = pair[1] if pair[0] == name else pair[0]
+            if other not in side:
+                side[other] = 1 - side[name]
+                queue.append(other)
+            elif side[other] == side[name]:  # a ring of an odd number of pairs says how large each is
+                return
+    largest = [max((found[name] for name in side if side[name] == which), default=1.0) for which in (0, 1)]
+    if max(largest) <= 1.0:
+        return
+    factor = math.sqrt(largest[1] / largest[0])
+    for name, which in side.items():
+        found[name] *= factor if which == 0 else 1.0 / factor
+
+
+def _mean(
+    names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float], largest: float
+) -> dict[str, float]:
+    """Of the mean (a₁ + a₂) / 2 = c, with numbers up to ``largest``: beyond it there are none, which is checked."""
+    names = list(names)
+    touched = {name for pair in values for name in pair}
+    found = _sums(names, {pair: 2.0 * value for pair, value in values.items()})
+    return {name: min(found[name], largest) if name in touched else own[name] for name in names}
+
+
+def _harmonic(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float]) -> dict[str, float]:
+    """Of 2 μ₁ μ₂ / (μ₁ + μ₂) = c: with ρ = 1/μ it is ρ₁ + ρ₂ = 2/c. A material with a pair above zero has a number above zero,
+    all others that meet something zero."""
+    names = list(names)
+    touched = {name for pair in values for name in pair}
+    inverse = _sums(names, {pair: 2.0 / value for pair, value in values.items() if value > 0.0})
+    # an inverse of zero: no such numbers, and checked
+    return {
+        name: 1.0 / inverse[name] if inverse[name] > 0.0 else 0.0 if name in touched else own[name] for name in names
+    }
+
+
+def _cross(names: Iterable[str], values: Mapping[Pair, float], friction: Mapping[str, float]) -> dict[str, float]:
+    """Of s₁ μ₂ + s₂ μ₁ = c: with s = ρ μ it is ρ₁ + ρ₂ = c/(μ₁ μ₂)."""
+    ratios = {
+        pair: value / (friction[pair[0]] * friction[pair[1]])
+        for pair, value in values.items()
+        if friction[pair[0]] * friction[pair[1]] > 0.0
+    }
+    found = _sums(names, ratios)
+    return {name: found[name] * friction[name] for name in found}
+
+
+def _sums(names: Iterable[str], ratios: Mapping[Pair, float]) -> dict[str, float]:
+    """Of ρ₁ + ρ₂ = ratio for every pair: what is known of one spreads along pairs; zero where nothing says more."""
+    found = dict.fromkeys(names, 0.0)
+    known: set[str] = set()
+    for (first, second), ratio in ratios.items():
+        if first == second:
+            found[first] = ratio / 2.0
+            known.add(first)
+    open_pairs = [pair for pair in sorted(ratios) if pair[0] != pair[1]]
+    while open_pairs:
+        half_known = next((pair for pair in open_pairs if (pair[0] in known) != (pair[1] in known)), None)
+        if half_known is None:
+            apart = _two_sides({pair: ratios[pair] for pair in open_pairs})
+            if not apart:
+                break
+            found.update(apart)
+            known.update(apart)
+        else:
+            given, asked = half_known if half_known[0] in known else half_known[::-1]
+            found[asked] = max(0.0, ratios[half_known] - found[given])  # below zero: no such numbers, and checked
+            known.add(asked)
+        open_pairs = [pair for pair in open_pairs if not (pair[0] in known and pair[1] in known)]
+    return found
+
+
+def _two_sides(ratios: Mapping[Pair, float]) -> dict[str, float]:
+    """Of ρ₁ + ρ₂ = ratio where no ρ is known: those of the names that hang together with the first pair's.
+
+    Along pairs every ρ is ± that of the first name and a constant. A ring of an odd number of pairs says how large that one is;
+    else any that leaves all of them above zero will do, and it is the middle of these: two materials have half each.
+    """
+    neighbours: dict[str, list[tuple[str, float]]] = {}
+    for (first, second), ratio in ratios.items():
+        neighbours.setdefault(first, []).append((second, ratio))
+        neighbours.setdefault(second, []).append((first, ratio))
+    if not neighbours:
+        return {}
+    start = next(iter(neighbours))
+    constant, sign = {start: 0.0}, {start: 1.0}
+    queue, value = [start], None
+    for name in queue:
+        for other, ratio in neighbours[name]:
+            if other not in sign:
+                constant[other], sign[other] = ratio - constant[name], -sign[name]
+                queue.append(other)
+            elif sign[other] == sign[name] and value is None:
+                value = 0.5 * sign[name] * (ratio - constant[name] - constant[other])
+    if value is None:
+        lowest = max(-constant[name] for name in queue if sign[name] > 0.0)
+        highest = min(constant[name] for name in queue if sign[name] < 0.0)
+        value = 0.5 * (lowest + highest)
+    return {name: max(0.0, constant[name] + sign[name] * value) for name in queue}

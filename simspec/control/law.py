@@ -13,11 +13,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from simspec.control.native import Native, Servos, natives
-from simspec.control.reference import Reference
+from simspec.control.reference import Native, Reference, Servos, natives
 from simspec.errors import SimspecError
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.processor_time import processor_clock
+from simspec.processes import processor_clock
 from simspec.world.actions import Controller
 from simspec.world.kinematics import layout_of, trees
 from simspec.world.types import Body, World

@@ -17,16 +17,89 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from simspec.dynamics import settling
 from simspec.dynamics.oracle_tree import Tree
+from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.mapped import blocks
 from simspec.world.actions import Force, JointSum
-from simspec.world.kinematics import constrained_trees, layout_of, members, trees, within
+from simspec.world.kinematics import constrained_trees, initial_state, layout_of, members, trees, within
 from simspec.world.types import VELOCITY_SIZE, Body, Constraint, Follow, World
+
+# Where probes of constrained worlds begin: positions at which the constraints hold, away from the limits of joints.
+
+SETTLING_SEED = 20_212
+ASTRAY = 0.3
+"""rad or m that a closed loop is first moved away from where it begins, along a direction in which it may move; halved until
+that leads somewhere."""
+HALVINGS = 6
+INWARDS = 150
+"""Steps from the limits inwards: a leg of ten joints whose crank begins out of its range by 0.6 rad takes 20."""
+STRIDE = 0.1
+"""rad or m of the longest of these steps, halved where the constraints cannot be met from there ..."""
+SHORTEST = 1e-3
+"""... down to this."""
+INSIDE = 0.2
+"""Share of its range that a joint should be away from both limits."""
+BEYOND = 0.02
+"""Share of its range by which a step aims further, so that it arrives."""
+
+
+def constrained_position(
+    tree: Tree, wanted: np.ndarray, start: np.ndarray, generator: np.random.Generator
+) -> np.ndarray:
+    """A position (nq,) at which the constraints hold: near ``wanted`` where joints are coupled alone; where loops are closed
+    some way from ``start``, at which they hold, towards anywhere."""
+    if tree.held is not None and all(isinstance(held, Follow) for held in tree.held.constraints):
+        near = tree.settled(wanted)
+        return start if near is None else near
+    away = tree.constrained_velocity(start, generator.uniform(-1.0, 1.0, tree.nv))
+    for halving in range(HALVINGS):
+        near = tree.settled(tree.moved(start, away * ASTRAY / 2.0**halving))
+        if near is not None:
+            return near
+    return start
+
+
+def away_from_limits(tree: Tree, q: np.ndarray) -> np.ndarray:
+    """A position (nq,) at which the constraints hold as they do at ``q``, with the joints as far inside their limits as steps
+    along the constraints lead: ``q`` itself where all are, and what came nearest where some cannot be."""
+    layout = layout_of(tree.world)
+    parts = zip(tree.world.bodies, layout.position, layout.velocity, strict=True)
+    limited = [
+        (at_q.start, at_v.start, body.joint.position_limits)
+        for body, at_q, at_v in parts
+        if body.joint.position_limits is not None and body.joint.position_limits[0] < body.joint.position_limits[1]
+    ]
+    if not limited:
+        return q
+    at_q, at_v = (np.array([row[column] for row in limited]) for column in (0, 1))
+    low, high = (np.array([row[2][side] for row in limited]) for side in (0, 1))
+    best, least, stride = q, np.inf, STRIDE
+    for _ in range(INWARDS):
+        up, down = low + INSIDE * (high - low) - q[at_q], q[at_q] - high + INSIDE * (high - low)
+        lacking = float(np.square(np.maximum(np.maximum(up, down), 0.0) / (high - low)).sum())
+        if lacking < least:
+            best, least = q, lacking
+        if not lacking:
+            return q
+        aim = np.zeros(tree.nv)
+        further = BEYOND * (high - low)
+        aim[at_v] = np.where(up > 0.0, up + further, np.where(down > 0.0, -down - further, 0.0))
+        step = tree.constrained_velocity(q, aim)
+        longest = float(np.abs(step).max())
+        if not longest or stride < SHORTEST:
+            break
+        near = tree.settled(tree.moved(q, step * min(1.0, stride / longest)))
+        if near is None:
+            stride /= 2.0
+        else:
+            q = near
+    return best
+
 
 MODEL_SIZE = 48
 """Coordinates of one Pinocchio model that several trees share: a step of many costs little more Python than a step of one,
@@ -214,10 +287,10 @@ class Oracle:
         if not self.world.constraints:
             return q
         q = q.copy()
-        generator = np.random.default_rng(settling.SEED)
+        generator = np.random.default_rng(SETTLING_SEED)
         for tree, _, at_q, _ in self._parts:
             if tree.held is not None:
-                q[at_q] = settling.settled(tree, q[at_q], start[at_q], generator)
+                q[at_q] = constrained_position(tree, q[at_q], start[at_q], generator)
         return q
 
     def inwards(self, q: np.ndarray) -> np.ndarray:
@@ -226,7 +299,7 @@ class Oracle:
         q = q.copy()
         for tree, _, at_q, _ in self._parts:
             if tree.held is not None:
-                q[at_q] = settling.inwards(tree, q[at_q])
+                q[at_q] = away_from_limits(tree, q[at_q])
         return q
 
     def constrained_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -295,3 +368,56 @@ class Oracle:
             if count:
                 yield all_q, all_v
                 q, v = all_q[-1].copy(), all_v[-1].copy()
+
+
+# Seeded states of a world's bodies: where joints and roots may be, and how fast.
+
+STATES_SEED = 20211
+
+
+def angles_of(turns: np.ndarray) -> np.ndarray:
+    """The angles (n,), 0 to π, of unit quaternions (n, 4)."""
+    angles: np.ndarray = 2.0 * np.arctan2(np.linalg.norm(turns[:, 1:], axis=1), np.abs(turns[:, 0]))
+    return angles
+
+
+def shortened(turn: np.ndarray, share: float) -> np.ndarray:
+    """The rotation (4,) about the same axis by a share of the angle."""
+    w, axis = abs(float(turn[0])), turn[1:] * (1.0 if turn[0] >= 0.0 else -1.0)
+    length = float(np.linalg.norm(axis))
+    half = share * math.atan2(length, w)
+    return np.array([math.cos(half), *(axis * (math.sin(half) / length if length else 0.0))])
+
+
+def random_states(
+    world: World, count: int, seed: int = STATES_SEED, speed: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """``count`` seeded states (count, nq), (count, nv): hinges anywhere within their limits (else ±π), slides within
+    theirs (else ±0.5 m), any orientation that limits allow, free roots within 1 m of where they are, velocities within
+    ±``speed``."""
+    generator = np.random.default_rng(seed)
+    start, _ = initial_state(world)
+    states, velocities = [], []
+    for _ in range(count):
+        q: list[float] = []
+        v: list[float] = []
+        at = 0
+        for body in world.bodies:
+            joint = body.joint
+            if joint.kind in SCALAR_JOINTS:
+                reach = math.pi if joint.kind == "hinge" else 0.5
+                low, high = joint.position_limits or (-reach, reach)
+                low, high = max(low, -reach), min(high, reach)
+                q.append(generator.uniform(low, high) if low < high else sum(joint.position_limits or (0.0, 0.0)) / 2)
+            elif joint.kind in QUATERNION_JOINTS:
+                if joint.kind == "free":
+                    q.extend(start[at : at + 3] + generator.uniform(-1, 1, 3))
+                turn = generator.normal(size=4)
+                turn = turn / np.linalg.norm(turn) * (1.0 if turn[0] >= 0 else -1.0)
+                q.extend(turn if joint.angle_limit is None else shortened(turn, joint.angle_limit / math.pi))
+            at += len(joint.position)
+            v.extend(generator.uniform(-speed, speed, len(joint.velocity)))
+        states.append(q)
+        velocities.append(v)
+    shape = (count, -1) if states and states[0] else (count, 0)
+    return np.array(states).reshape(shape), np.array(velocities).reshape((count, -1) if velocities[0] else (count, 0))

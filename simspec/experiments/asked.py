@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec.errors import SpecError
+from simspec.files import NotReadableError, read_bytes
 from simspec.language.load import Spec
 from simspec.language.overrides import Override
 from simspec.language.sources import Source
-from simspec.reading import NotReadableError, read_bytes
 
 if TYPE_CHECKING:
     from hashlib import _Hash as Hash

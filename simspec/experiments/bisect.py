@@ -22,10 +22,10 @@ from simspec.experiments.result import result_of
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import run_key
 from simspec.experiments.versions import versions_of
+from simspec.files import scratch_folder
 from simspec.runner.case import Case
 from simspec.runner.execution import run_jobs
 from simspec.runner.run import Run
-from simspec.scratch import scratch_folder
 from simspec.world.types import World
 
 REPEATS: Final = 1

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from simspec.errors import Problem, SpecError
 from simspec.experiments.store import RUN_FILE, Store, place_of
-from simspec.outputs.reading import open_regular
+from simspec.outputs.files import open_regular
 from simspec.runner.tables import open_parquet
 from simspec.stored import SweptRun
 

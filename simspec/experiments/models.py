@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, compile_world
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import find_engine
@@ -21,6 +20,7 @@ from simspec.errors import SpecError, UnsupportedError
 from simspec.experiments.asked import digest
 from simspec.experiments.cases import case_of
 from simspec.experiments.plan import Cell, Plan
+from simspec.outputs.writing import Artifacts
 from simspec.world.canonical import sha256
 from simspec.world.types import World
 

@@ -14,8 +14,8 @@ from simspec.experiments.plan import Plan
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome, stored_key
 from simspec.language.study_specs import StudySource, SweepOfStudy
-from simspec.outputs.marker import STUDY, read_marker
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
+from simspec.outputs.targets import STUDY, read_marker
 from simspec.stored import StudyModels, read_as
 
 MODELS_FILE = "models.json"

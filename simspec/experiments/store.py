@@ -30,8 +30,8 @@ from typing import Any
 from simspec.errors import Problem, SpecError
 from simspec.experiments.result import CIRCUMSTANCE_TABLES, TaskResult, whole_world
 from simspec.outputs.collection import Collection, open_collection
-from simspec.outputs.marker import STORE, read_marker
-from simspec.outputs.reading import open_regular, read_bytes
+from simspec.outputs.files import open_regular, read_bytes
+from simspec.outputs.targets import STORE, read_marker
 from simspec.outputs.writing import put
 from simspec.runner.case import shared_world
 from simspec.runner.labels import labels_of

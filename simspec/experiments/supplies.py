@@ -12,8 +12,8 @@ from pathlib import Path
 
 from simspec.compiler import Compiled, compile_world
 from simspec.experiments.executors.contract import Task
+from simspec.files import scratch_folder
 from simspec.runner.case import Case
-from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
 from simspec.world.types import World
 

@@ -19,10 +19,8 @@ from pathlib import Path
 from typing import Final
 
 from simspec.confinement import ANY_LOCALE, PROFILES, confine_calls, confine_files, of_python
-from simspec.ending import exit_if_signalled
-from simspec.exchange import exchange
-from simspec.isolated import search_environment, with_search_path
-from simspec.scratch import scratch_folder
+from simspec.files import scratch_folder
+from simspec.processes import exchange, exit_if_signalled, search_environment, with_search_path
 
 ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Threads take memory that counts."""

@@ -24,10 +24,9 @@ from simspec.language.mesh import MOST_VERTICES, SUFFIXES
 from simspec.language.quantities import Number
 from simspec.language.strict import Faults
 from simspec.language.words import LONGEST_NAME, NAME, clean_name
-from simspec.meshes.files import MeshError
-from simspec.meshes.load import load
-from simspec.meshes.made import MadeMesh, MeshOptions
-from simspec.outputs.entries import Entries
+from simspec.meshes.load import MadeMesh, MeshOptions, load
+from simspec.meshes.reading import MeshError
+from simspec.outputs.collection import Entries
 from simspec.outputs.writing import write_file
 
 WHOLE: Final = 1e15

@@ -17,10 +17,10 @@ from typing import Final
 from urllib.parse import unquote
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
+from simspec.files import NotReadableError, read_bytes
 from simspec.imports.elements import Element
 from simspec.imports.packages import MissingFileError, Packages, named_folders, package_path
 from simspec.language.foreign import ImportOptions
-from simspec.reading import NotReadableError, read_bytes
 
 LARGEST_FILE: Final = 256 * 2**20
 """Bytes of one file that another names; a mesh of the largest that is read (200,000 faces as text) has 40 million."""

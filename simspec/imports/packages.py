@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Final
 
 from simspec.errors import UNSEEN_CHARACTERS, Location, Problem, SpecError
+from simspec.files import NotReadableError, read_bytes
 from simspec.imports.elements import Element, parse
 from simspec.language.foreign import ImportOptions
-from simspec.reading import NotReadableError, read_bytes
 
 MANIFEST: Final = "package.xml"
 CONFIGURATIONS: Final = ("model.config", "manifest.xml")

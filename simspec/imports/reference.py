@@ -108,7 +108,7 @@ def missing(text: str) -> list[str]:
 
 def main() -> None:
     """Write the tables of the pages anew."""
-    from simspec.outputs.reading import read_bytes
+    from simspec.outputs.files import read_bytes
     from simspec.outputs.writing import write_file
 
     for page in sorted(Path().glob(PAGES)):

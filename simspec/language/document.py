@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.reading import NotReadableError, open_regular
+from simspec.files import NotReadableError, open_regular
 
 MOST_EVENTS = 100_000
 """Keys, values, and beginnings and ends of mappings and lists of one file: two seconds' worth of reading. The largest spec of

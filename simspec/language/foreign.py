@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
 from simspec.errors import Location, Problem, SpecError
+from simspec.files import NotReadableError, open_regular
 from simspec.language.beginning import Start, begin_within
 from simspec.language.document import Document, Key, Mark, Path_
 from simspec.language.packages import Package, shown_path
 from simspec.plugins import Plugins
-from simspec.reading import NotReadableError, open_regular
 
 GROUP = "simspec.importers"
 """The entry points of importers, by the name of their language."""

@@ -26,7 +26,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
-from simspec.reading import NotReadableError, read_text
+from simspec.files import NotReadableError, read_text
 
 PACKAGE: Final = "package://"
 ROBOTS: Final = "robot_descriptions"

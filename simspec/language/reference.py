@@ -119,7 +119,7 @@ def main() -> None:
     """Write the tables of the pages anew."""
     from pathlib import Path
 
-    from simspec.outputs.reading import read_bytes
+    from simspec.outputs.files import read_bytes
     from simspec.outputs.writing import write_file
 
     for path in map(Path, PAGES):

@@ -23,7 +23,7 @@ from typing import IO, Any
 import numpy as np
 
 from simspec.confinement import PROFILES, confine
-from simspec.meshes.files import MeshError, gltf_header
+from simspec.meshes.reading import MeshError, gltf_header
 
 CPU_SECONDS = 5
 """Processor time for one file: 80,000 triangles take half a second in the slowest language (measured)."""
@@ -139,7 +139,7 @@ def _check(vertices: np.ndarray, faces: np.ndarray) -> None:
         raise RefusedError("a vertex is not finite")
 
 
-class Beside(Mapping[str, bytes]):
+class Sidecars(Mapping[str, bytes]):
     """What a file may have of others, as trimesh asks for it."""
 
     def __init__(self, contents: Mapping[str, bytes] | None = None):
@@ -193,7 +193,7 @@ def _obj(content: bytes, beside: Mapping[str, bytes]) -> Read:
     written = sum(count - 2 for count in corners)
     if written > MOST_FACES:
         raise RefusedError(f"it has {written:,} faces, more than the {MOST_FACES:,} that are read")
-    read = _of_scene(load_scene(io.BytesIO(content), "obj", Beside(), skip_materials=True, process=False))
+    read = _of_scene(load_scene(io.BytesIO(content), "obj", Sidecars(), skip_materials=True, process=False))
     _demand_all(len(read[1]), written)
     return read
 
@@ -269,7 +269,7 @@ def _gltf(content: bytes, beside: Mapping[str, bytes]) -> Read:
         raise RefusedError(f"it requires the extension {needed[0][:80]!r}, which simspec does not support")
     _demand_trees(header.get("nodes", []))
     kind = "glb" if content[:4] == b"glTF" else "gltf"
-    scene = load_scene(io.BytesIO(content), kind, Beside(beside), skip_materials=True, process=False)
+    scene = load_scene(io.BytesIO(content), kind, Sidecars(beside), skip_materials=True, process=False)
     vertices, faces, _ = _of_scene(scene)
     return vertices, faces, {"unit": 1.0, "up": "y"}
 

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import json
 import os
+import platform
 import re
 import secrets
 import shutil
 import stat
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -158,3 +160,101 @@ def _sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+# Folders that other programs fill for simspec: a file in each says that simspec began it, and whether it is whole.
+#
+# One that broke off is not used, and is begun anew; a folder without that file is nobody's to touch.
+
+BEGUN: Final = "simspec-begun.json"
+"""The file that says whose a folder is: ``{"name": NAME, "whole": true or false}``, with the folder's own name."""
+MOST: Final = 10_000
+"""Bytes of that file."""
+
+
+def is_complete(place: Path) -> bool | None:
+    """Whether the folder at ``place`` is whole; None: there is none that simspec began for this user."""
+    try:
+        with (place / BEGUN).open("rb") as stream:
+            if os.fstat(stream.fileno()).st_uid not in (os.geteuid(), 0):
+                return None  # a program of somebody else is not started unasked
+            told = json.loads(stream.read(MOST))
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(told, Mapping) or told.get("name") != place.name:
+        return None
+    return told.get("whole") is True
+
+
+def mark_begun(place: Path) -> None:
+    """An empty folder at ``place``, in the place of one that simspec began before. Raises FileExistsError for what it did not
+    begin, OSError."""
+    if os.path.lexists(place):
+        if is_complete(place) is None:
+            raise FileExistsError(f"{place} exists, and simspec did not make it: move it away")
+        shutil.rmtree(place)
+    place.mkdir(parents=True)
+    _mark(place, whole=False)
+
+
+def mark_complete(place: Path) -> None:
+    """Say that the folder at ``place`` is whole. Raises OSError."""
+    _mark(place, whole=True)
+
+
+def _mark(place: Path, whole: bool) -> None:
+    (place / BEGUN).write_text(json.dumps({"name": place.name, "whole": whole}) + "\n", encoding="utf-8")
+
+
+# The processor that a program runs on: what it was compiled for, and by whose instructions libraries choose.
+
+
+def processor() -> list[str]:
+    """The processor's model and instruction sets, as far as the system says."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    wanted = ("model name", "flags", "Features", "CPU part")
+    told = dict.fromkeys(line for line in lines if line.split("\t")[0].split(":")[0].strip() in wanted)
+    return [platform.machine(), platform.processor(), *told]
+
+
+# A folder in the user's cache that a library fills by itself, with a folder for each version and in it one for each thing that
+# it made: how many of these are kept, and that none is removed while a process uses it.
+
+LOCK_FILLED = "lock"
+
+_held: list[int] = []
+"""The lock of this process, which the system lets go when it and those that were forked from it have ended."""
+
+
+def hold_folder(folder: Path, made: re.Pattern[str], most: int) -> None:
+    """Say that this process uses what is kept in a folder. Where no other does, what is more than ``most`` is removed before:
+    the library reads files that it has seen to be there. Those stay that were made last, since a library leaves no mark of use;
+    what has no name as in ``made`` is nobody's here, and stays. Raises OSError where the folder cannot be written, and
+    PermissionError where others than this user can write it, since the library runs what it finds there."""
+    demand_private(folder)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    status = os.lstat(folder)
+    if status.st_uid != os.geteuid() or status.st_mode & 0o022:
+        raise PermissionError(f"{folder} is not a folder that this user alone can write: remove it")
+    lock = os.open(folder / LOCK_FILLED, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    _held.append(lock)
+    with contextlib.suppress(BlockingIOError):  # another uses it: the next that is alone removes what is too much
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _remove(folder, made, most)
+    fcntl.flock(lock, fcntl.LOCK_SH)
+
+
+def _remove(folder: Path, made: re.Pattern[str], most: int) -> None:
+    """Remove all but the ``most`` that were made last, of all versions; what a killed process left is one of them."""
+    found = [
+        (one.stat(follow_symlinks=False).st_mtime_ns, one.path)
+        for version in os.scandir(folder)
+        if version.is_dir(follow_symlinks=False)
+        for one in os.scandir(version)
+        if made.fullmatch(one.name) and one.is_dir(follow_symlinks=False)
+    ]
+    for _, path in sorted(found)[: max(len(found) - most, 0)]:
+        shutil.rmtree(path)

@@ -22,8 +22,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from simspec.errors import Problem, SpecError
-from simspec.outputs.marker import MARKER_FILE, read_marker
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
+from simspec.outputs.targets import MARKER_FILE, read_marker
 from simspec.stored import StagingMarker, read_as
 
 STAGE = re.compile(r"\.simspec-[0-9a-f]{16}")

@@ -12,7 +12,7 @@ from simspec.language.foreign import Fate
 from simspec.language.load import Spec
 from simspec.plausibility.findings import Finding, Grade
 from simspec.plausibility.parts import extent, lumps_of
-from simspec.resolve.meshes import mesh_shapes, read_meshes
+from simspec.resolve.shapes import mesh_shapes, read_meshes
 from simspec.world.kinematics import poses
 from simspec.world.kinematics import trees as trees_of
 from simspec.world.types import World

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 
 from simspec.engines.kit.capabilities import DOUBLE
-from simspec.errors import Problem, SpecError
-from simspec.markup import html_table
+from simspec.errors import Problem, SpecError, html_table
 from simspec.proof.checks import TOO_CHAOTIC, Check
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.scope import Declared, declared, unmeasured

@@ -13,7 +13,7 @@ from functools import partial
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules, combined
-from simspec.control.native import natives
+from simspec.control.reference import natives
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Check, Precision, Tally

@@ -16,8 +16,7 @@ import numpy as np
 from simspec.control.law import Control
 from simspec.control.reference import driven_joints, reference
 from simspec.control.request import to_request
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import angles_of, shortened
+from simspec.dynamics.oracle import Oracle, angles_of, shortened
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import PRECISIONS, Check, Precision, Rounded

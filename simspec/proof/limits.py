@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import SEED
+from simspec.dynamics.oracle import STATES_SEED, Oracle
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import Check, Tally
 from simspec.world.canonical import derived
@@ -221,7 +220,7 @@ def _of_balls(world: World, oracle: Oracle) -> Iterator[Trial]:
         elif body.joint.angle_limit is not None:
             q[at] = (1.0, 0.0, 0.0, 0.0)
     q = inside(world, q, MIDDLE)
-    generator, seconds = np.random.default_rng(SEED + 400), STEPS * oracle.timestep
+    generator, seconds = np.random.default_rng(STATES_SEED + 400), STEPS * oracle.timestep
     for body, at, at_v in parts:
         if (most := body.joint.angle_limit) is None or most >= np.pi:
             continue

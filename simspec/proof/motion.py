@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.oracle import STATES_SEED, Oracle, angles_of, random_states, shortened
 from simspec.dynamics.stability import unstable
-from simspec.dynamics.states import SEED, angles_of, random_states, shortened
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.proof.checks import PRECISIONS, TOO_CHAOTIC, Check, Precision, Rounded
@@ -195,7 +194,7 @@ def _from_rest(world: World, oracle: Oracle, planned: Motion, most: int, precisi
     """The motion of ``FROM_REST`` that is followed for enough steps, or the longest; ``planned`` where none is longer."""
     rest = at_rest(world, oracle, lambda q: comes_near_limits(world, oracle, q[None]))
     slower = _slower(world, most)
-    v = slower * random_states(world, 1, SEED + 1, speed=0.5)[1][0]
+    v = slower * random_states(world, 1, STATES_SEED + 1, speed=0.5)[1][0]
     v = oracle.constrained_velocity(rest, v) if world.constraints else v
     push, balance = _push(oracle, rest, 0, slower), _balance(oracle, rest)
     for share in FROM_REST:
@@ -215,7 +214,7 @@ def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int, precisi
     rows = [min(done, steps) for done in range(0, steps + every, every)]
     exact = _poses(oracle, begun.states[[-(-row // LOOK) for row in rows]])
     floors = np.zeros(len(exact))
-    generator = np.random.default_rng(SEED + 200)
+    generator = np.random.default_rng(STATES_SEED + 200)
     for run in range(DISTURBED):
         off_q, off_v = precision.beginning(q, generator), precision.beginning(v, generator)
         rounded = precision.rounding(run, generator)
@@ -348,7 +347,7 @@ def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[n
     all come as far as in that time.
     """
     slower = _slower(world, most)
-    q, v = (states[0] for states in random_states(world, 1, SEED + 1 + attempt, speed=0.5))
+    q, v = (states[0] for states in random_states(world, 1, STATES_SEED + 1 + attempt, speed=0.5))
     start, _ = initial_state(world)
     for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
         limits = body.joint.position_limits
@@ -386,7 +385,7 @@ def _slower(world: World, most: int) -> float:
 
 def _push(oracle: Oracle, q: np.ndarray, attempt: int, slower: float) -> np.ndarray:
     """Seeded efforts (nv,) that give about 1 m/s² or rad/s² to each coordinate alone, in longer motions less."""
-    generator = np.random.default_rng(SEED + 100 + attempt)
+    generator = np.random.default_rng(STATES_SEED + 100 + attempt)
     diagonal = np.zeros(oracle.nv)
     for block, mass in zip(oracle.blocks, oracle.mass_blocks(q), strict=True):
         diagonal[block] = np.diag(mass)

@@ -15,11 +15,11 @@ from simspec.engines.kit.process import side_by_side
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import UnsupportedError
+from simspec.files import scratch_folder
 from simspec.proof.certificate import Certificate
 from simspec.proof.checks import NOTHING
 from simspec.proof.selftest_worlds import EVERY, SMALLER
 from simspec.proof.verify import LEVELS, Probes, prepare, verify
-from simspec.scratch import scratch_folder
 from simspec.world.types import World
 
 DEADLINE = 400.0

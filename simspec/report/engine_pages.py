@@ -23,7 +23,7 @@ from simspec.engines.kit.installing import how_to_install
 from simspec.engines.kit.registry import engines, format_of
 from simspec.errors import UnsupportedError
 from simspec.generated import CERTIFICATE_FILE
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
 from simspec.proof.certificate import Certificate
 from simspec.proof.checks import Check
 from simspec.report.certificate import level_title

@@ -12,8 +12,8 @@ from simspec.comparison.runs import TOLERANCE, Diff, diff
 from simspec.comparison.study import Study
 from simspec.errors import Problem, SpecError
 from simspec.generated import CERTIFICATE_FILE, read_certificate
-from simspec.outputs.marker import STUDY, read_marker
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
+from simspec.outputs.targets import STUDY, read_marker
 from simspec.proof.certificate import Certificate
 from simspec.report.plain import REPORT_FILE, REPORT_SCHEMA
 from simspec.runner.expectations import evaluate

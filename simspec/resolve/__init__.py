@@ -9,25 +9,29 @@ from simspec.language.problems import in_order
 from simspec.language.sources import Source
 from simspec.language.strict import bounded_suggestions
 from simspec.resolve.actuators import commanded
-from simspec.resolve.bodies import expand
+from simspec.resolve.bodies import expand, named_frames
 from simspec.resolve.constraints import constraints
 from simspec.resolve.contact import contact
 from simspec.resolve.control import controllers, unstable
-from simspec.resolve.forces import forces
-from simspec.resolve.masses import dependent_joints, unlike_weights, without_inertia
-from simspec.resolve.motions import motions
-from simspec.resolve.named_frames import named_frames
 from simspec.resolve.scenario import (
     engines,
     expectations,
     fixed_for_ever,
+    forces,
+    motions,
     physics,
     record,
     shortened,
     too_much,
     unknown_shown,
 )
-from simspec.resolve.stability import beginning_within, unstable_joints
+from simspec.resolve.stability import (
+    beginning_within,
+    dependent_joints,
+    unlike_weights,
+    unstable_joints,
+    without_inertia,
+)
 from simspec.resolve.trajectory import trajectory
 from simspec.world.inertia import boxed
 from simspec.world.types import World

@@ -6,29 +6,35 @@ g² kp, the damping g² kd and the rest, which is constant: as the target u/g of
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from simspec.errors import Problem
 from simspec.language.actuators import COMMAND, COMMANDS, OF_JOINT, Actuator
 from simspec.language.control import Controller as SpecController
-from simspec.language.document import Key
+from simspec.language.document import Details, Key
 from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.models import whole_steps
 from simspec.language.quantities import Number
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near
+from simspec.language.trajectory import BY_JOINT
+from simspec.language.trajectory import Grasp as SpecGrasp
 from simspec.language.trees import Bodies, chosen_state, model_of, placed, states
 from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.resolve.poses import elements
+from simspec.resolve.bodies import Places, places_of
+from simspec.resolve.shapes import elements
+from simspec.world import frames
 from simspec.world.actions import Controller, Trajectory
-from simspec.world.types import Body, Joint
+from simspec.world.types import Body, Joint, Pose, World
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenActuator:
     """An actuator of one copy of a model: the prefix of its names, the file and the place in it, and what it says."""
 
     prefix: str
@@ -49,10 +55,10 @@ class AtJoint(NamedTuple):
     feed: float
 
 
-def written_actuators(source: Source) -> dict[str, Written]:
+def written_actuators(source: Source) -> dict[str, WrittenActuator]:
     """The actuators of loose bodies, and of every copy of every model, by their full names. The nearer file's replaces
     another's."""
-    found: dict[str, Written] = {}
+    found: dict[str, WrittenActuator] = {}
 
     def begin(prefix: str, bodies: Bodies) -> None:
         begins = chosen_state(source, bodies)
@@ -69,11 +75,11 @@ def written_actuators(source: Source) -> dict[str, Written]:
         for file in reversed(files):
             model = file.file.model if file.file is not None else None
             for name, typed in (model.actuators if model is not None else {}).items():
-                found[prefix + name] = Written(prefix, file, ("model", "actuators", name), typed)
+                found[prefix + name] = WrittenActuator(prefix, file, ("model", "actuators", name), typed)
 
     if source.file is not None:
         for name, typed in source.file.actuators.items():
-            found[name] = Written("", source, ("actuators", name), typed)
+            found[name] = WrittenActuator("", source, ("actuators", name), typed)
     if (own := model_of(source)) is not None:
         take("", own.files)
         begin("", own)
@@ -84,7 +90,7 @@ def written_actuators(source: Source) -> dict[str, Written]:
             take(f"{placement}{suffix}/", bodies.files)
             for name, typed in use.actuators.items():
                 path = ("models", placement, "actuators", name)
-                found[f"{placement}{suffix}/{name}"] = Written(f"{placement}{suffix}/", source, path, typed)
+                found[f"{placement}{suffix}/{name}"] = WrittenActuator(f"{placement}{suffix}/", source, path, typed)
             begin(f"{placement}{suffix}/", bodies)
     return found
 
@@ -146,7 +152,7 @@ class ActuatorsDraft:
 
     # --- names ---
 
-    def _names(self, known: Mapping[str, Written]) -> list[str]:
+    def _names(self, known: Mapping[str, WrittenActuator]) -> list[str]:
         names: dict[str, None] = {}
         for index, entry in enumerate(self._written.actuators or ()):
             meant = chosen(entry, known)
@@ -176,7 +182,7 @@ class ActuatorsDraft:
 
     def _joint(
         self,
-        written: Written,
+        written: WrittenActuator,
         taken: Mapping[str, str],
         followers: Mapping[str, str],
         by: Mapping[str, str],
@@ -204,7 +210,7 @@ class ActuatorsDraft:
 
     # --- numbers ---
 
-    def _law(self, written: Written, joint: Joint, said: tuple[tuple[Key, ...], Any] | None) -> AtJoint | None:
+    def _law(self, written: WrittenActuator, joint: Joint, said: tuple[tuple[Key, ...], Any] | None) -> AtJoint | None:
         typed, kind = written.typed, joint.kind
 
         def own(key: str) -> float | None:
@@ -237,7 +243,9 @@ class ActuatorsDraft:
             return None
         return law
 
-    def _command(self, written: Written, number: Number, said: tuple[tuple[Key, ...], Any] | None) -> float | None:
+    def _command(
+        self, written: WrittenActuator, number: Number, said: tuple[tuple[Key, ...], Any] | None
+    ) -> float | None:
         """The command that is in force, within its limits."""
         place: tuple[Key, ...] = (*written.path, "command")
         document, value = written.file.document, written.typed.command
@@ -269,7 +277,7 @@ class ActuatorsDraft:
                 return None
         return command
 
-    def _read(self, number: Number, value: Any, written: Written, below: tuple[Key, ...]) -> float | None:
+    def _read(self, number: Number, value: Any, written: WrittenActuator, below: tuple[Key, ...]) -> float | None:
         try:
             return float(number.read(value))
         except Faults as error:
@@ -328,3 +336,143 @@ def commanded(
         ),
         [],
     )
+
+
+# Grasps of the placed models: postures by the joints' full names, and the efforts that press.
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """One grasp of one placed model: ``joints`` (full names), their positions ``open`` and ``closed``, and forces as (body's
+    full name, point, force), both in the body's frame."""
+
+    name: str
+    joints: tuple[str, ...]
+    open: np.ndarray
+    closed: np.ndarray
+    forces: tuple[tuple[str, np.ndarray, np.ndarray], ...]
+
+    def efforts(self, world: World, q: np.ndarray, bodies: tuple[Body, ...]) -> np.ndarray:
+        """Σ Jᵀ F (joints,) at positions ``q`` of the tree ``bodies``; forces move the grasp's joints alone."""
+        from simspec.dynamics.tool import Tool, joints_to
+
+        total = np.zeros(len(self.joints))
+        for body, point, force in self.forces:
+            on_the_way = {above.joint.name for above in joints_to(bodies, body)}
+            rows = [row for row, name in enumerate(self.joints) if name in on_the_way]
+            if rows:
+                tool = Tool(world, body, Pose(), [self.joints[row] for row in rows])
+                total[rows] += tool.efforts(q, point, force)
+        return total
+
+
+def grasps(source: Source, world: World) -> tuple[dict[str, Grasp], list[Problem]]:
+    """Every grasp of every placed model by MODEL/NAME, those of a model file compiled alone by NAME, and what is wrong with
+    them."""
+    resolved: dict[str, Grasp] = {}
+    problems: list[Problem] = []
+    bodies = {body.name: body for body in world.bodies}
+    joints = {body.joint.name: body for body in world.bodies}
+    places = places_of(world.bodies, world.frames)
+    taken: set[str] = set()
+    refused: set[tuple[int, tuple[Key, ...]]] = set()
+    for prefix, file, path, name, written in _written(source):
+        if (id(file), path) in refused:
+            continue  # another copy of the same
+        grasp, wrong = _grasp(prefix, prefix + name, written, joints, bodies, places)
+        if prefix + name in taken:
+            wrong.append(((), f"the model has a grasp {name!r} already", {"key": True, "hint": "another name"}))
+        taken.add(prefix + name)
+        if wrong:
+            refused.add((id(file), path))
+        problems += [file.document.problem((*path, *at), message, **more) for at, message, more in wrong]
+        if grasp is not None:
+            resolved[grasp.name] = grasp
+    return resolved, problems
+
+
+def _written(source: Source) -> Iterator[tuple[str, Source, tuple[Key, ...], str, SpecGrasp]]:
+    """(prefix of names, file, path, grasp's name, grasp) of every grasp of every model, in every copy of it."""
+    if (own := model_of(source)) is not None:
+        for file, path, name, grasp in _of_files(own.files):
+            yield "", file, path, name, grasp
+    for placement, use, bodies in placed(source):
+        if use is None:
+            continue  # has errors, which are reported elsewhere
+        here = [(source, ("models", placement, "grasps", name), name, grasp) for name, grasp in use.grasps.items()]
+        for suffix, _ in elements(use.array):
+            for file, path, name, grasp in (*_of_files(bodies.files), *here):
+                yield f"{placement}{suffix}/", file, path, name, grasp
+
+
+def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...], str, SpecGrasp]]:
+    """The grasps of the model files that lead to a model; what holds its bodies comes first."""
+    for file in reversed(files):
+        model = file.file.model if file.file is not None else None
+        for name, grasp in (model.grasps if model is not None else {}).items():
+            yield file, ("model", "grasps", name), name, grasp
+
+
+def _grasp(
+    prefix: str,
+    name: str,
+    written: SpecGrasp,
+    joints: Mapping[str, Body],
+    bodies: Mapping[str, Body],
+    places: Places,
+) -> tuple[Grasp | None, list[tuple[tuple[Key, ...], str, Details]]]:
+    wrong: list[tuple[tuple[Key, ...], str, Details]] = []
+    postures: dict[str, list[float]] = {"open": [], "closed": []}
+    for posture, values in postures.items():
+        for joint in written.open:
+            body = joints.get(prefix + joint)
+            place = (posture, joint)
+            if body is None or body.joint.kind not in SCALAR_JOINTS:
+                kind = "not a hinge or slide" if body is not None else "no joint of the model"
+                movable = [own for own, mover in joints.items() if mover.joint.kind in SCALAR_JOINTS]
+                hint = near(joint, _within(prefix, movable))
+                wrong.append((place, f"{joint!r} is {kind}", {"found": joint, "hint": hint, "key": True}))
+                continue
+            try:
+                value = BY_JOINT["positions"].number(body.joint.kind).read(getattr(written, posture)[joint])
+            except Faults as error:
+                wrong += [
+                    (place, item.message, {"found": item.found, "allowed": item.allowed}) for item in error.faults
+                ]
+                continue
+            values.append(value)
+            limits = body.joint.position_limits
+            if limits is not None and not limits[0] <= value <= limits[1]:
+                allowed = f"{limits[0]:g} to {limits[1]:g}"
+                wrong.append((place, f"outside the limits of {joint}", {"found": f"{value:g}", "allowed": allowed}))
+    forces = []
+    for index, force in enumerate(written.forces):
+        if prefix + force.body not in places:
+            hint = near(force.body, _within(prefix, places))
+            message = f"the model has no body {force.body!r}"
+            wrong.append((("forces", index, "body"), message, {"found": force.body, "hint": hint}))
+            continue
+        body_name, held = places[prefix + force.body]
+        if not any(above.joint.name.removeprefix(prefix) in written.open for above in _above(body_name, bodies)):
+            message = f"no joint of the grasp moves {force.body}, so it cannot apply a force"
+            wrong.append((("forces", index, "body"), message, {"found": force.body}))
+            continue
+        point = frames.compose(held, Pose(force.at)).position
+        forces.append((body_name, np.array(point), np.array(frames.rotate(held.quaternion, force.force))))
+    if wrong:
+        return None, wrong
+    names = tuple(prefix + joint for joint in written.open)
+    return Grasp(name, names, np.array(postures["open"]), np.array(postures["closed"]), tuple(forces)), []
+
+
+def _within(prefix: str, names: Iterable[str]) -> list[str]:
+    """The names of a model, without its own."""
+    return [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
+
+
+def _above(name: str, bodies: Mapping[str, Body]) -> Iterator[Body]:
+    """A body, its parent, and so on to the root."""
+    at: str | None = name
+    while at is not None:
+        yield bodies[at]
+        at = bodies[at].joint.parent

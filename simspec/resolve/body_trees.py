@@ -10,9 +10,7 @@ from simspec.language.joints import Joint as SpecJoint
 from simspec.language.models import Body as SpecBody
 from simspec.language.strict import required
 from simspec.language.trees import Bodies
-from simspec.resolve.meshes import fills
-from simspec.resolve.poses import direction, orientation, pose
-from simspec.resolve.shapes import PIECE, Resolved, ShapeFiles, resolved_shape
+from simspec.resolve.shapes import PIECE, Resolved, ShapeFiles, direction, fills, orientation, pose, resolved_shape
 from simspec.world import frames, inertia
 from simspec.world.inertia import box_of
 from simspec.world.kinematics import carrier_name, owner_of

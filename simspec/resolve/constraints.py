@@ -24,9 +24,8 @@ from simspec.language.strict import Faults, near, required
 from simspec.language.trees import model_of, placed
 from simspec.language.units import article
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.resolve.bodies import Expansion
-from simspec.resolve.named_frames import places_of
-from simspec.resolve.poses import elements, pose
+from simspec.resolve.bodies import Expansion, places_of
+from simspec.resolve.shapes import elements, pose
 from simspec.world import frames
 from simspec.world.actions import JointSum
 from simspec.world.constraints import ROWS, Violation
@@ -65,7 +64,7 @@ class Constrained(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Written:
+class _WrittenConstraint:
     """A constraint of a spec, once for each copy: its full name, where it stands, and the full names of the joints and bodies
     that it names."""
 
@@ -105,11 +104,11 @@ def constraints(source: Source, expansion: Expansion, named: Iterable[Frame] = (
 # --- which there are -------------------------------------------------------------------------------------------------
 
 
-def _all(source: Source, expansion: Expansion) -> Iterator[_Written]:
+def _all(source: Source, expansion: Expansion) -> Iterator[_WrittenConstraint]:
     """Every constraint of every model and of the scenario, in every copy of it."""
     if (own := model_of(source)) is not None:
         for file, path, name, content in _of_files(own.files):
-            yield _Written(name, file, path, content)
+            yield _WrittenConstraint(name, file, path, content)
     for placement, use, bodies in placed(source):
         if use is None:
             continue  # has errors, which are reported elsewhere
@@ -118,7 +117,7 @@ def _all(source: Source, expansion: Expansion) -> Iterator[_Written]:
         for suffix, _ in elements(use.array):
             prefix = f"{placement}{suffix}/"
             for file, path, name, content in (*_of_files(bodies.files), *here):
-                yield _Written(prefix + name, file, path, content, prefix)
+                yield _WrittenConstraint(prefix + name, file, path, content, prefix)
     for name, content in source.content.constraints.items():
         yield from _of_scenario(source, name, content, expansion)
 
@@ -131,16 +130,18 @@ def _of_files(files: Sequence[Source]) -> Iterator[tuple[Source, tuple[Key, ...]
             yield file, ("model", "constraints", name), name, content
 
 
-def _of_scenario(source: Source, name: str, content: SpecConstraint, expansion: Expansion) -> Iterator[_Written]:
+def _of_scenario(
+    source: Source, name: str, content: SpecConstraint, expansion: Expansion
+) -> Iterator[_WrittenConstraint]:
     """A constraint of the scenario; one within a loose tree of an array once for each copy of the tree."""
     copied = False
     for suffix, joints, bodies in expansion.arrays:
         known = joints if content.follow is not None or content.sum is not None else bodies
         if all(named in known for named in _named(content)):
             copied = True
-            yield _Written(name + suffix, source, ("constraints", name), content, "", joints, bodies)
+            yield _WrittenConstraint(name + suffix, source, ("constraints", name), content, "", joints, bodies)
     if not copied:
-        yield _Written(name, source, ("constraints", name), content)
+        yield _WrittenConstraint(name, source, ("constraints", name), content)
 
 
 def _named(content: SpecConstraint) -> tuple[str, ...]:
@@ -164,7 +165,7 @@ class _Draft:
         self.owner = {body.joint.name: body.name for body in expansion.bodies}
         self.resolved: dict[str, Constraint] = {}
         self.sums: dict[str, JointSum] = {}
-        self.written: dict[str, _Written] = {}
+        self.written: dict[str, _WrittenConstraint] = {}
         self.problems: list[Problem] = []
         self.follows: dict[str, Follow] = {}
         """By the joint that follows."""
@@ -172,7 +173,9 @@ class _Draft:
         self._groups = rigid_groups(World("", expansion.bodies)) if not expansion.problems else {}
         self._refused: set[tuple[int, tuple[Key, ...]]] = set()
 
-    def problem(self, written: _Written, below: tuple[Key, ...], message: str, **more: str | bool | None) -> None:
+    def problem(
+        self, written: _WrittenConstraint, below: tuple[Key, ...], message: str, **more: str | bool | None
+    ) -> None:
         """Note what is wrong, once for all copies of a constraint."""
         key = (id(written.file), written.path)
         if key in self._refused:
@@ -181,7 +184,7 @@ class _Draft:
         details: Details = more  # type: ignore[assignment]
         self.problems.append(written.file.document.problem((*written.path, *below), message, **details))
 
-    def add(self, written: _Written) -> None:
+    def add(self, written: _WrittenConstraint) -> None:
         """Resolve the names of one."""
         content = written.content
         if written.name in self.written:
@@ -197,7 +200,7 @@ class _Draft:
         else:
             self._held(written, "weld", required(content.weld))
 
-    def _follow(self, written: _Written, content: SpecFollow) -> None:
+    def _follow(self, written: _WrittenConstraint, content: SpecFollow) -> None:
         names = {"joint": written.joint(content.joint), "leader": written.joint(content.leader)}
         if not all(self._is_scalar(written, ("follow", key), name) for key, name in names.items()):
             return
@@ -219,7 +222,7 @@ class _Draft:
         self.follows[joint] = Follow(written.name, joint, leader, content.ratio, offset)
         self.resolved[written.name] = self.follows[joint]
 
-    def _is_scalar(self, written: _Written, place: tuple[Key, ...], name: str) -> bool:
+    def _is_scalar(self, written: _WrittenConstraint, place: tuple[Key, ...], name: str) -> bool:
         """Whether there is a hinge or slide of this name; notes what is wrong, where there is none."""
         if name not in self.owner:
             known = [joint for joint, body in self.owner.items() if self.bodies[body].joint.kind in SCALAR_JOINTS]
@@ -231,7 +234,7 @@ class _Draft:
             return False
         return True
 
-    def _sum(self, written: _Written, content: SpecSum) -> None:
+    def _sum(self, written: _WrittenConstraint, content: SpecSum) -> None:
         joints = {written.joint(name): coefficient for name, coefficient in content.joints.items()}
         for name in content.joints:
             if not self._is_scalar(written, ("sum", "joints", name), written.joint(name)):
@@ -241,7 +244,7 @@ class _Draft:
         numbers = content.stiffness, content.rest, content.damping
         self.sums[written.name] = JointSum(written.name, ordered, *numbers, limits, content.dry_friction)
 
-    def _held(self, written: _Written, kind: str, content: SpecConnect | SpecWeld) -> None:
+    def _held(self, written: _WrittenConstraint, kind: str, content: SpecConnect | SpecWeld) -> None:
         ends = [written.body(name) for name in content.bodies]
         for index, name in enumerate(ends):
             if name not in self.places:
@@ -320,7 +323,9 @@ class _Draft:
         joint = dataclasses.replace(body.joint, position=(wanted["position"],), velocity=(wanted["velocity"],))
         self.bodies[body.name] = dataclasses.replace(body, joint=joint)
 
-    def _beyond(self, written: _Written, follow: Follow, position: float, limits: tuple[float, float]) -> None:
+    def _beyond(
+        self, written: _WrittenConstraint, follow: Follow, position: float, limits: tuple[float, float]
+    ) -> None:
         """Note that a follower would begin beyond its limits, with the position of its leader that is nearest to the present
         one and keeps both within theirs, where there is one."""
         leader = self.bodies[self.owner[follow.leader]].joint

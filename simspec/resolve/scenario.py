@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+import math
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,13 +17,30 @@ from simspec.language.expectations import BODIES, KINDS, TIMES, Kind
 from simspec.language.models import Physics as SpecPhysics
 from simspec.language.models import Record as SpecRecord
 from simspec.language.models import whole_steps
+from simspec.language.motions import Motion as SpecMotion
 from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.mapped import RECORDED_BYTES
-from simspec.world.actions import Fluid
+from simspec.resolve.bodies import places_of
+from simspec.resolve.shapes import orientation
+from simspec.world import frames
+from simspec.world.actions import KINEMATIC_MASS_RATIO, Fluid, Force, Motion, Quaternion, Vector3
 from simspec.world.kinematics import layout_of, poses, rigid_groups
-from simspec.world.types import Body, EngineOptions, Expectation, PairSettings, Physics, Record, World
+from simspec.world.shapes import SHAPES
+from simspec.world.types import (
+    Body,
+    EngineOptions,
+    Expectation,
+    Frame,
+    Inertial,
+    PairSettings,
+    Physics,
+    Pose,
+    Record,
+    Shape,
+    World,
+)
 
 
 def physics(written: SpecPhysics) -> Physics:
@@ -270,3 +289,145 @@ def _not_recorded(at: float, time: Physics, recorded: Record) -> tuple[str, str]
     lower = (nearest // every) * every * time.timestep
     upper = min((nearest // every + 1) * every, time.steps) * time.timestep
     return "nothing is recorded at this time", f"the nearest: {lower:.12g} s or {upper:.12g} s"
+
+
+# Forces of the world: bodies that are there and can move, and times within the run.
+
+NOWHERE = (0.0, 0.0, 0.0)
+
+
+def forces(
+    source: Source,
+    bodies: Sequence[Body],
+    whole: Physics,
+    kinematic: Container[str] = (),
+    named: Sequence[Frame] = (),
+) -> tuple[tuple[Force, ...], list[Problem]]:
+    """The forces in the order of the file, and what is wrong with them. ``whole``: the time of the whole scenario;
+    ``named``: the frames that may be named in place of a body."""
+    places = places_of(bodies, named)
+    groups = rigid_groups(World("", tuple(bodies)))
+    end = whole.steps * whole.timestep
+    resolved, problems = [], []
+    for index, written in enumerate(source.content.forces):
+        path: tuple[Key, ...] = ("forces", index)
+        start = getattr(written, "from")
+        body, place = places.get(written.body, ("", Pose()))
+        if not body:
+            message, hint = f"there is no body {written.body!r}", near(written.body, sorted(places))
+            problems.append(source.document.problem((*path, "body"), message, found=written.body, hint=hint))
+        elif groups[body] == "world":
+            message = f"{body} is fixed to the world: no force moves it"
+            problems.append(source.document.problem((*path, "body"), message, found=written.body))
+        elif groups[body] in kinematic:
+            message = f"{body} is kinematic: no force moves it"
+            problems.append(source.document.problem((*path, "body"), message, found=written.body))
+        if whole.steps and start >= end:
+            late, found = "it begins after the end of the run", f"{start:g} s"
+            hint = "a longer physics.duration"
+            problems.append(
+                source.document.problem((*path, "from"), late, found=found, allowed=f"below {end:g} s", hint=hint)
+            )
+        resolved.append(
+            Force(
+                body,
+                written.force or NOWHERE,
+                written.torque or NOWHERE,
+                frames.compose(place, Pose(written.at or NOWHERE)).position,
+                start,
+                written.until,
+            )
+        )
+    return tuple(resolved), problems
+
+
+# Kinematic bodies of the world: their masses beside all that moves, what does not touch them, and how they move.
+
+LEAST = 1.0
+"""kg of all that moves that a kinematic body is heavier than at least, where nothing or a feather moves."""
+
+
+class Kinematic(NamedTuple):
+    """What `kinematic` and `motion` make of a world.
+
+    motions   one for each kinematic body, in the order of the world's bodies
+    bodies    the world's bodies, kinematic ones with their mass, and where they begin
+    apart     pairs of bodies that nothing pushes apart: both are where they are told to be
+    problems  what is wrong
+    """
+
+    motions: tuple[Motion, ...]
+    bodies: tuple[Body, ...]
+    apart: list[tuple[str, str]]
+    problems: list[Problem]
+
+
+def motions(source: Source, bodies: tuple[Body, ...], kinematic: Sequence[str]) -> Kinematic:
+    """The motions of a spec; ``kinematic``: the full names of the bodies that are."""
+    written, problems = source.content.motion, []
+    names = {body.name for body in bodies}
+    for name in written:
+        if name in kinematic:
+            continue
+        path: tuple[Key, ...] = ("motion", name)
+        if name not in names:
+            message, hint = f"there is no body {name!r}", near(name, sorted(kinematic or names))
+            problems.append(source.document.problem(path, message, key=True, found=name, hint=hint))
+        else:
+            hint = "kinematic: true, of a root without joint"
+            problems.append(source.document.problem(path, f"{name} is not kinematic", key=True, hint=hint))
+    if not kinematic or problems:
+        return Kinematic((), bodies, [], problems)
+    moved = tuple(_motion(body, written.get(body.name)) for body in bodies if body.name in kinematic)
+    groups = rigid_groups(World("", bodies))
+    solid = [body.name for body in bodies if any(shape.collision for shape in body.shapes)]
+    moving = [name for name in solid if groups[name] in kinematic]
+    still = [name for name in solid if groups[name] == "world"]
+    apart = [(first, second) for first in moving for second in still]
+    apart += [
+        (first, second) for first in moving for second in moving if first < second and groups[first] != groups[second]
+    ]
+    carried = sum(body.inertial.mass for body in bodies if groups[body.name] not in ("world", *kinematic))
+    placed = {motion.body: _placed(motion, KINEMATIC_MASS_RATIO * max(carried, LEAST)) for motion in moved}
+    return Kinematic(
+        moved, tuple(placed[body.name](body) if body.name in placed else body for body in bodies), apart, []
+    )
+
+
+def _motion(body: Body, written: SpecMotion | None) -> Motion:
+    """The motion of a body; where nothing is written it stands where its pose says."""
+    x, y, z, qw, qx, qy, qz = body.joint.position
+    place, turn = (x, y, z), (qw, qx, qy, qz)
+    if written is None:
+        return Motion(body.name, (0.0,), (place,), (turn,))
+    places: list[Vector3] = []
+    turns: list[Quaternion] = []
+    for point in written.points:
+        place = point.xyz or place
+        turn = orientation(point) if point.rpy is not None or point.quat is not None else turn
+        places.append(place)
+        turns.append(turn)
+    times = tuple(point.at for point in written.points)
+    return Motion(body.name, times, tuple(places), tuple(turns), written.interpolation)
+
+
+def _placed(motion: Motion, mass: float) -> Callable[[Body], Body]:
+    """What makes a body one of this mass, where its motion begins, at rest: round, about its frame's origin, as far out as its
+    shapes."""
+
+    def placed(body: Body) -> Body:
+        reach = max([1.0, *(_reach(shape) for shape in body.shapes)])
+        inertia = mass * reach**2
+        joint = replace(
+            body.joint,
+            position=(*motion.positions[0], *motion.quaternions[0]),
+            velocity=(0.0,) * len(body.joint.velocity),
+        )
+        return replace(body, inertial=Inertial(mass, inertia=(inertia, inertia, inertia, 0.0, 0.0, 0.0)), joint=joint)
+
+    return placed
+
+
+def _reach(shape: Shape) -> float:
+    """How far from the body's origin a shape reaches (m)."""
+    return math.hypot(*shape.pose.position) + SHAPES[shape.kind].outer_radius(shape.size)

@@ -1,25 +1,291 @@
-"""Shapes of a body: as the world has them, and what mass they have where they are filled."""
+"""Poses and orientations, and the shapes of bodies with the files of meshes and height fields that they use."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import random
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
-from simspec.language.mesh import HULL
+import numpy as np
+from numpy.typing import NDArray
+
+from simspec.errors import Problem, SpecError
+from simspec.language import trees
+from simspec.language.arrays import Array, Jitter
+from simspec.language.document import Key
+from simspec.language.heightfield import MOST_HEIGHTS, Heightfield
+from simspec.language.mesh import HULL, MOST_VERTICES, PIECES, Mesh
+from simspec.language.models import Body as SpecBody
+from simspec.language.motions import MotionPoint
+from simspec.language.problems import in_order
+from simspec.language.shapes import Inertia, Orientation
+from simspec.language.shapes import Pose as SpecPose
 from simspec.language.shapes import Shape as SpecShape
 from simspec.language.sources import Source
 from simspec.language.strict import required
+from simspec.language.trajectory import ToolPlace
 from simspec.language.vocabulary import SHAPE_KINDS
-from simspec.resolve.heightfields import Grids, placed_field
-from simspec.resolve.meshes import Meshes, options_of
-from simspec.resolve.poses import pose
+from simspec.meshes.reading import MeshError
 from simspec.world import frames, inertia
-from simspec.world.shapes import SHAPES
-from simspec.world.types import Pose, Shape, Vector3, Velocity6
+from simspec.world.shapes import HEIGHTFIELD_HEAD, SHAPES, heightfield_size
+from simspec.world.types import Body, Pose, Quaternion, Shape, Vector3, Velocity6
 
 if TYPE_CHECKING:
-    from simspec.meshes.made import MadeMesh
+    from simspec.meshes.load import MadeMesh, MeshOptions
+
+
+# Poses of the spec as poses of the world, and the layout of arrays.
+
+Z_AXIS: Vector3 = (0.0, 0.0, 1.0)
+
+
+def orientation(written: SpecPose | Orientation | Inertia | ToolPlace | MotionPoint) -> Quaternion:
+    """The rotation that `rpy` or `quat` says."""
+    if written.quat is not None:
+        return frames.normalise(written.quat)
+    if written.rpy is not None:
+        return frames.from_rpy(*written.rpy)
+    return frames.IDENTITY
+
+
+def pose(written: SpecPose | None) -> Pose:
+    """A pose of the spec; None is the identity."""
+    return Pose() if written is None else Pose(written.xyz, orientation(written))
+
+
+def direction(vector: Vector3) -> Vector3:
+    """The unit vector along a vector that is not zero."""
+    scale = max(map(abs, vector))  # a tiny vector's squares would vanish
+    x, y, z = vector[0] / scale, vector[1] / scale, vector[2] / scale
+    squared = x * x + y * y + z * z
+    if squared == 1.0:
+        return (x + 0.0, y + 0.0, z + 0.0)
+    length = math.sqrt(squared)
+    return (x / length + 0.0, y / length + 0.0, z / length + 0.0)
+
+
+def elements(array: Array | None) -> list[tuple[str, Pose]]:
+    """The suffix of the name, and the pose in the array's frame, of every element; one without suffix for no array."""
+    if array is None:
+        return [("", Pose())]
+    poses = layout(array)
+    digits = len(str(len(poses) - 1))
+    return [(f"_{index:0{digits}d}", place) for index, place in enumerate(poses)]
+
+
+def layout(array: Array) -> list[Pose]:
+    """The poses of an array's elements in the array's frame, jitter included."""
+    elements = list(_layout(array))
+    return elements if array.jitter is None else list(_jittered(elements, array.jitter))
+
+
+def _layout(array: Array) -> Iterator[Pose]:
+    if array.grid is not None:
+        dx, dy, dz = required(array.spacing)
+        nx, ny, nz = array.grid
+        for i in range(nx):
+            for j in range(ny):
+                for k in range(nz):
+                    yield Pose((i * dx, j * dy, k * dz))
+    elif array.line is not None:
+        x, y, z = required(array.step)
+        for i in range(array.line):
+            yield Pose((i * x, i * y, i * z))
+    elif array.ring is not None:
+        radius = required(array.radius)
+        for i in range(array.ring):
+            angle = 2.0 * math.pi * i / array.ring
+            sine, cosine = frames.sine_cosine(angle)
+            turn = frames.from_axis_angle(Z_AXIS, angle) if array.face else frames.IDENTITY
+            yield Pose((radius * cosine, radius * sine, 0.0), turn)
+    else:
+        for element in required(array.poses):
+            yield pose(element)
+
+
+def _jittered(elements: list[Pose], jitter: Jitter) -> Iterator[Pose]:
+    # random() is the one method whose numbers Python promises to keep for a seed
+    draw = random.Random(jitter.seed).random
+    for element in elements:
+        x, y, z = element.position
+        if jitter.radial is not None:
+            scale = 1.0 - jitter.radial + 2.0 * jitter.radial * draw()
+            yield Pose((x * scale, y * scale, z * scale), element.quaternion)
+        else:
+            reach = required(jitter.uniform)
+            x, y, z = (value + (-reach + 2.0 * reach * draw()) for value in (x, y, z))
+            yield Pose((x, y, z), element.quaternion)
+
+
+# The meshes of a spec: all that its shapes name, read and made before any tree is resolved.
+
+MOST_IN_WORLD = 500_000
+"""Vertices of all shapes of one scenario, copies included: each takes 60 bytes in a world's file, and more in an engine's."""
+
+
+@dataclass(frozen=True)
+class MeshShape:
+    """A shape that is a mesh: where it stands, its body, and what it says."""
+
+    source: Source
+    path: tuple[Key, ...]
+    body: SpecBody
+    shape: SpecShape
+    mesh: Mesh
+
+    @property
+    def file(self) -> Path:
+        """The file that it names."""
+        return self.source.meshes[self.mesh.file]
+
+    @property
+    def options(self) -> MeshOptions:
+        """How it takes the file."""
+        return options_of(self.mesh)
+
+    def problem(self, message: str, hint: str | None = None) -> Problem:
+        """A problem or a warning of this mesh."""
+        return self.source.document.problem((*self.path, "mesh", "file"), message, found=self.mesh.file, hint=hint)
+
+
+def options_of(mesh: Mesh) -> MeshOptions:
+    """How a mesh of the spec takes its file."""
+    from simspec.meshes.load import MeshOptions
+
+    return MeshOptions(mesh.metres(), mesh.up, mesh.scale, mesh.taken_as == PIECES, mesh.max_vertices)
+
+
+Meshes: TypeAlias = "Mapping[tuple[Path, MeshOptions], MadeMesh]"
+"""What was made of each file, by how it is taken."""
+
+
+def mesh_shapes(source: Source) -> Iterator[MeshShape]:
+    """Every shape of a spec that is a mesh, once for each place in a file."""
+    seen: set[tuple[int, tuple[Key, ...]]] = set()
+    for bodies in trees.every(source):
+        for name, body in bodies.typed.items():
+            for index, shape in enumerate(body.shapes if body is not None else ()):
+                path = (*bodies.path, name, "shapes", index)
+                key = (id(bodies.source), path)
+                if body is not None and shape.mesh is not None and key not in seen:
+                    seen.add(key)
+                    yield MeshShape(bodies.source, path, body, shape, shape.mesh)
+
+
+def read_meshes(source: Source) -> Meshes:
+    """All meshes of a spec. Raises SpecError with every file of which no solid can be made, and every body whose mass cannot be
+    computed from one."""
+    shapes = list(mesh_shapes(source))
+    if not shapes:
+        return {}
+    from simspec.meshes.load import load
+
+    loaded = load([(shape.file, shape.options) for shape in shapes], MOST_VERTICES)
+    problems: list[Problem] = []
+    for shape in shapes:
+        result = loaded[shape.file, shape.options]
+        if isinstance(result, MeshError):
+            problems.append(shape.problem(str(result)))
+        elif result.enclosed is None and shape.mesh.mass_from != HULL and fills(shape.body, shape.shape):
+            message = f"the mass of this mesh cannot be computed: {result.open_because}"
+            hint = "mass_from: hull; or the body's mass with inertia; or a file that is closed"
+            problems.append(shape.problem(message, hint))
+    if problems:
+        raise SpecError(in_order(problems))
+    return {wanted: result for wanted, result in loaded.items() if not isinstance(result, MeshError)}
+
+
+def fills(body: SpecBody, shape: SpecShape) -> bool:
+    """Whether a body's mass or inertia is computed from this shape of it."""
+    if any(other.density for other in body.shapes):
+        return bool(shape.density)
+    if body.inertia is not None or not body.mass:
+        return False
+    colliding = any(other.collision and other.has_volume for other in body.shapes)
+    return shape.collision or not colliding
+
+
+def too_many(source: Source, bodies: tuple[Body, ...]) -> list[Problem]:
+    """The problem of a world whose meshes have too many vertices; none where they do not."""
+    total = sum(len(shape.size) // 3 for body in bodies for shape in body.shapes if shape.kind == "mesh")
+    if total <= MOST_IN_WORLD:
+        return []
+    first = next(mesh_shapes(source))
+    message = (
+        f"the meshes of this scenario have {total:,} vertices, copies included; up to {MOST_IN_WORLD:,} are supported"
+    )
+    return [first.problem(message, "max_vertices: 64")]
+
+
+# The height fields of a spec: their files, read before any tree is resolved, and their heights as the world has them.
+
+FloatArray = NDArray[np.float64]
+Grids = Mapping[Path, FloatArray]
+"""The numbers (rows, columns) of each file, as they stand in it."""
+
+
+def field_shapes(source: Source) -> Iterator[tuple[Source, tuple[Key, ...], Heightfield]]:
+    """Every shape of a spec that is a height field, with its file and its place there, once for each place."""
+    seen: set[tuple[int, tuple[Key, ...]]] = set()
+    for bodies in trees.every(source):
+        for name, body in bodies.typed.items():
+            for index, shape in enumerate(body.shapes if body is not None else ()):
+                path = (*bodies.path, name, "shapes", index, "heightfield")
+                key = (id(bodies.source), path)
+                if shape.heightfield is not None and key not in seen:
+                    seen.add(key)
+                    yield bodies.source, path, shape.heightfield
+
+
+def read_grids(source: Source) -> Grids:
+    """The files of all height fields of a spec. Raises SpecError with every one that cannot be read."""
+    grids: dict[Path, FloatArray] = {}
+    problems: list[Problem] = []
+    for own, path, shape in field_shapes(source):
+        if shape.file is None or own.meshes[shape.file] in grids:
+            continue
+        from simspec.meshes.load import read_grid
+
+        try:
+            grids[own.meshes[shape.file]] = read_grid(own.meshes[shape.file])
+        except MeshError as error:
+            problems.append(own.document.problem((*path, "file"), str(error), found=shape.file))
+    if problems:
+        raise SpecError(in_order(problems))
+    return grids
+
+
+def placed_field(field: Heightfield, source: Source, grids: Grids) -> tuple[tuple[float, ...], Pose]:
+    """The size of a height field in the world, and its frame there in the shape's frame of the spec: the world has the lowest
+    height at zero, and the first row at the least y."""
+    numbers = np.array(field.rows) if field.file is None else grids[source.meshes[field.file]]
+    heights = numbers[::-1]
+    if field.heights is not None:
+        (low, high), least = field.heights, heights.min()
+        span = heights.max() - least
+        heights = low + (heights - least) * ((high - low) / span if span else 0.0)
+    lowest = float(heights.min())
+    x, y = required(field.size)
+    return heightfield_size(x, y, field.base, heights - lowest), Pose((0.0, 0.0, lowest))
+
+
+def too_many_heights(source: Source, bodies: tuple[Body, ...]) -> list[Problem]:
+    """The problem of a world whose height fields have too many heights; none where they do not."""
+    sizes = [shape.size for body in bodies for shape in body.shapes if shape.kind == "heightfield"]
+    total = sum(len(size) - HEIGHTFIELD_HEAD for size in sizes)
+    if total <= MOST_HEIGHTS:
+        return []
+    own, path, _ = next(field_shapes(source))
+    message = (
+        f"the height fields of this scenario have {total:,} heights, copies included; up to {MOST_HEIGHTS:,} are read"
+    )
+    return [own.document.problem(path, message, hint="fewer rows and columns, or fewer copies")]
+
+
+# Shapes of a body: as the world has them, and what mass they have where they are filled.
 
 PIECE = "_piece_"
 """Between the name of a shape and the number of a further piece of it."""

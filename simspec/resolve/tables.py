@@ -15,10 +15,10 @@ import numpy as np
 
 from simspec import numerals
 from simspec.errors import SpecError
+from simspec.files import read_bytes
 from simspec.language.document import LARGEST_FILE, read_text
 from simspec.language.trajectory import MOST_NUMBERS, MOST_POINTS
 from simspec.language.units import LARGEST
-from simspec.reading import read_bytes
 
 LARGEST_NPZ = 64_000_000
 """Bytes of the file, and of all its arrays together once unpacked: eight for each of the most numbers, in four arrays, and

@@ -14,7 +14,7 @@ from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
 from simspec.language.trajectory import BY_JOINT, MOST_NUMBERS, TrajectoryPoint
-from simspec.resolve.grasps import Grasp, grasps
+from simspec.resolve.actuators import Grasp, grasps
 from simspec.resolve.tables import QUANTITIES, read_table
 from simspec.world.actions import Trajectory
 from simspec.world.types import World
@@ -240,7 +240,7 @@ def _of_table(source: Source, world: World, problems: list[Problem]) -> _Draft |
 
 
 def _of_program(source: Source, world: World, known: Mapping[str, Grasp], problems: list[Problem]) -> _Draft | None:
-    from simspec.resolve.solved import solve
+    from simspec.resolve.programs import solve
 
     rows, wrong = solve(source, world, known)
     problems += wrong

@@ -23,7 +23,7 @@ from simspec.language.quantities import Number, Vector
 from simspec.language.reader import Reader
 from simspec.language.sources import Source
 from simspec.language.trajectory import TrajectoryPoint
-from simspec.resolve.meshes import fills, mesh_shapes, read_meshes
+from simspec.resolve.shapes import fills, mesh_shapes, read_meshes
 from simspec.resolve.timestep_warnings import timestep_warnings
 from simspec.resolve.trajectory import dwell_overshoots
 from simspec.world.kinematics import rigid_groups

@@ -11,7 +11,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from simspec.artifacts import Artifacts
 from simspec.compiler import compile_world
 from simspec.control.request import to_request
 from simspec.dialects.kit.sidecar import read_sidecar
@@ -26,11 +25,12 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Problem, SpecError
+from simspec.files import scratch_folder
 from simspec.mapped import RECORDED_BYTES, parts, zeros
+from simspec.outputs.writing import Artifacts
 from simspec.runner.case import Case
 from simspec.runner.labels import GROUPS, contact_sides
 from simspec.runner.run import SCHEMA, Run
-from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import Record, World
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dynamics.states import angles_of
+from simspec.dynamics.oracle import angles_of
 from simspec.mapped import parts, release, zeros
 from simspec.runner import metrics
 from simspec.runner.run import Run

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.errors import Problem, SpecError
+from simspec.errors import Problem, SpecError, html_table
 from simspec.language.strict import near
-from simspec.markup import html_table
 from simspec.world.kinematics import Coordinates, coordinates
 from simspec.world.types import World
 

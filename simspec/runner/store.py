@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec.errors import Problem, SpecError
-from simspec.outputs.marker import RUN
-from simspec.outputs.reading import open_regular, read_bytes
+from simspec.outputs.files import open_regular, read_bytes
+from simspec.outputs.targets import RUN
 from simspec.outputs.writing import build_folder, put
 from simspec.runner import tables
 from simspec.runner.labels import Labels, labels_of

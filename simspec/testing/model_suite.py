@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 from simspec.contact.rules import combine as combined
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.kit.arrays import CONTACT_FIELDS, SECONDS
 from simspec.engines.kit.process import Answer, Operation
 from simspec.engines.kit.settings import check_settings, idle_settings

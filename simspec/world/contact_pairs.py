@@ -52,9 +52,6 @@ class CollisionFilter:
         return (min(first, second), max(first, second)) not in self._passing
 
 
-Pair = tuple[str, str]
-
-
 @derived
 def meeting_materials(world: World) -> frozenset[tuple[str, str]]:
     """The sorted pairs of materials of which some body may touch some other."""

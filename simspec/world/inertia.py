@@ -221,7 +221,7 @@ def lumped(world: World) -> Mapping[str, Inertial]:
 
 def lumped_gravity_scale(world: World, body: Body) -> float:
     """The ``gravity_scale`` that engines are told of a body: where inertia is gathered, that of the bodies with mass, which
-    have the same (``resolve/masses.py``)."""
+    have the same (``resolve/stability.py``)."""
     if body.name not in lumped(world):
         return body.gravity_scale
     for members in rigid_members(world.bodies).values():

@@ -17,6 +17,9 @@ from typing import Literal
 from simspec.language.vocabulary import CHANNELS
 from simspec.world.actions import Box, Controller, Fluid, Force, JointSum, Motion, Trajectory
 
+Pair = tuple[str, str]
+
+
 POSITION_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 4, "free": 7}
 """Numbers in a joint's position: ball = quaternion w x y z; free = x y z, then quaternion w x y z."""
 VELOCITY_SIZE = {"fixed": 0, "hinge": 1, "slide": 1, "ball": 3, "free": 6}

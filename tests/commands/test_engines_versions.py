@@ -14,7 +14,7 @@ from simspec.engines.kit.environments import making, requirement
 from simspec.engines.kit.identity import parse
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
-from simspec.outputs import begun
+from simspec.outputs import cache
 from simspec.project import NotTrustedError
 from tests.files import program
 
@@ -102,7 +102,7 @@ def test_another_version_than_the_label_says_is_told(made, capsys, tmp_path):
 def test_a_folder_that_simspec_did_not_make_stays(made, capsys, made_by_others):
     place = made / "mujoco@3.17"
     place.mkdir(parents=True)
-    (place / begun.BEGUN).write_text(made_by_others)
+    (place / cache.BEGUN).write_text(made_by_others)
     (place / "mine").write_text("")
     program(place / "bin" / "python", "#!/bin/sh\n")
     assert interpreters(None) == {}
@@ -126,8 +126,8 @@ def test_an_engine_that_goes_with_no_other_gets_one_too_and_its_name_finds_it(ma
 
 def test_an_environment_of_another_user_is_not_started(made, capsys, monkeypatch):
     answer(capsys, "install", "mujoco@3.17", "--yes")
-    monkeypatch.setattr(begun.os, "geteuid", lambda: os.getuid() + 1)
-    monkeypatch.setattr(begun.os, "fstat", lambda descriptor: os.stat_result([0o100644, 0, 0, 1, 4242, *[0] * 5]))
+    monkeypatch.setattr(cache.os, "geteuid", lambda: os.getuid() + 1)
+    monkeypatch.setattr(cache.os, "fstat", lambda descriptor: os.stat_result([0o100644, 0, 0, 1, 4242, *[0] * 5]))
     assert interpreters(None) == {}
 
 

@@ -16,7 +16,7 @@ from simspec.commands import run as run_command
 from simspec.commands.reports import no_display
 from simspec.commands.scenario_options import RunOptions
 from simspec.errors import EXIT_OK, EXIT_WRONG, Location
-from simspec.outputs.marker import read_marker
+from simspec.outputs.targets import read_marker
 from simspec.report.page.document import is_page
 from simspec.report.plain import PAGE_FILE
 from simspec.selection import NotTaken, named

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.contact.inversion import _cross, _harmonic, _mean
-from simspec.contact.rules import Rules, combined
+from simspec.contact.rules import Rules, _cross, _harmonic, _mean, combined
 from simspec.world.types import Surface
 
 

@@ -10,11 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.contact.inversion import invert
-from simspec.contact.parts import parts
-from simspec.contact.plan import MOST_SPLIT_MATERIALS, contact_plan
-from simspec.contact.reachability import pair_needs
-from simspec.contact.rules import Rules, combine
+from simspec.contact.plan import MOST_SPLIT_MATERIALS, contact_plan, pair_needs, parts
+from simspec.contact.rules import Rules, combine, invert
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.world.contact_pairs import meeting_laws, shape_pairs
 from simspec.world.types import Contact, Hardness, Joint, Material, PairContact, Pose, Shape, Surface, World

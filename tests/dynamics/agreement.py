@@ -7,8 +7,7 @@ import random
 
 import numpy as np
 
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.world.actions import Force
 from simspec.world.constraints import ROWS
 from simspec.world.kinematics import initial_state, layout_of

@@ -8,9 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from simspec.dynamics.oracle import Oracle
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.dynamics.oracle_tree import Tree
-from simspec.dynamics.states import random_states
 from simspec.engines.kit.capabilities import SINGLE
 from simspec.proof.checks import PRECISIONS
 from simspec.proof.selftest_worlds import held, sums

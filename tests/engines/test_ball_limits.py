@@ -9,7 +9,7 @@ import pytest
 
 import simspec
 from simspec.compiler import compile_world
-from simspec.dynamics.states import angles_of, random_states, shortened
+from simspec.dynamics.oracle import angles_of, random_states, shortened
 from simspec.errors import SpecError, UnsupportedError
 from simspec.language.load import load
 from simspec.testing import worlds

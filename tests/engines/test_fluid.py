@@ -136,7 +136,7 @@ def test_bodies_that_are_told_as_one_are_one_box():
 def test_what_cannot_move_feels_nothing_and_says_nothing():
     world = world_of({"a": {**SLAB, "fixed": True}}, {"density": 1})
     assert world.bodies[0].box is None
-    assert "physics.fluid" not in [need.feature.value for need in simspec.support.needs.needs(world)]
+    assert "physics.fluid" not in [need.feature.value for need in simspec.support.negotiation.needs(world)]
     vacuum = world_of({"a": SLAB}, {"density": 0, "velocity": [1, 0, 0]})
     assert vacuum.physics.fluid is None
     assert not [word for word in ("fluid", "box") if f'"{word}":' in canonical_json(vacuum)]

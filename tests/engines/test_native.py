@@ -14,8 +14,7 @@ import simspec
 from simspec.comparison.runs import summary
 from simspec.compiler import compile_world
 from simspec.control.law import Control, ControlError
-from simspec.control.native import fed_forward
-from simspec.control.reference import reference
+from simspec.control.reference import fed_forward, reference
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.capabilities import Capability, NativeLaw, ServoLaw
 from simspec.engines.kit.registry import engines

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdPhysics
 
-from simspec.control.native import drives
+from simspec.control.reference import drives
 from simspec.formats.mjcf.format import MODEL, Mjcf
 from simspec.formats.usd.format import Usd as UsdFormat
 from simspec.language.load import load

@@ -14,8 +14,7 @@ import pytest
 from simspec.errors import Problem, SpecError
 from simspec.imports.sdf.importer import Sdf
 from simspec.meshes.child import READERS
-from simspec.meshes.files import MeshError, open_mesh
-from simspec.meshes.reading import read_surfaces
+from simspec.meshes.reading import MeshError, open_mesh, read_surfaces
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path.insert(0, str(ROOT / "tools" / "fuzz"))

@@ -11,14 +11,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simspec.meshes import cache
+from simspec.meshes import load as cache
 from simspec.meshes import load as loading
-from simspec.meshes.closed import enclosed, merged
-from simspec.meshes.files import MeshError, MeshFile
-from simspec.meshes.load import load
-from simspec.meshes.made import ManyVerticesError, MeshOptions, bounded, made
-from simspec.meshes.reading import Surface
-from simspec.meshes.reduced import reduced
+from simspec.meshes.hulls import enclosed, merged, reduced
+from simspec.meshes.load import ManyVerticesError, MeshOptions, bounded, load, made
+from simspec.meshes.reading import MeshError, MeshFile, Surface
 from simspec.world import frames
 from simspec.world.hull import corners, hull, mesh_vertices
 from simspec.world.shapes import SHAPES
@@ -185,10 +182,10 @@ def test_a_hull_of_too_many_vertices_is_refused_before_its_parts_are_made(monkey
     """Also where fewer are asked for: choosing them takes long."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     surface = Surface(np.asarray(ball.vertices), np.asarray(ball.faces))
-    monkeypatch.setattr("simspec.meshes.made._convex", None)
+    monkeypatch.setattr("simspec.meshes.load._convex", None)
     with pytest.raises(ManyVerticesError, match="642 vertices, more than 500; `max_vertices: 64`"):
         made(surface, HULL, 500)
-    monkeypatch.setattr("simspec.meshes.made.LARGEST", 600)
+    monkeypatch.setattr("simspec.meshes.load.LARGEST", 600)
     with pytest.raises(MeshError, match="642 vertices, more than the 600"):
         made(surface, MeshOptions(max_vertices=64))
 
@@ -211,7 +208,7 @@ def test_what_is_remembered_or_kept_is_bounded_as_what_is_made(tmp_path, monkeyp
 def test_a_corner_that_the_rotation_puts_into_a_plane_is_left_out(monkeypatch):
     """Whoever computes the faces from the vertices of a world would miss it, and no surface would be closed. Rounding stands
     for the rotation, whose own round-off decides over one corner of thousands."""
-    monkeypatch.setattr("simspec.meshes.made.centred", lambda points: (Pose(), np.round(points, 1)))
+    monkeypatch.setattr("simspec.meshes.load.centred", lambda points: (Pose(), np.round(points, 1)))
     ball = trimesh.creation.icosphere(subdivisions=3)
     (part,) = made(Surface(np.asarray(ball.vertices), np.asarray(ball.faces)), HULL).parts
     vertices = np.array(part.size).reshape(-1, 3)

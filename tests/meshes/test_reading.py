@@ -12,9 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from simspec.meshes import reading
-from simspec.meshes.files import MeshError, open_mesh
-from simspec.meshes.made import MeshOptions, made
-from simspec.meshes.reading import read_surfaces
+from simspec.meshes.load import MeshOptions, made
+from simspec.meshes.reading import MeshError, open_mesh, read_surfaces
 from tests.meshes.solids import box, l_profile, obj, stl, write_all
 
 FACES = 20

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from simspec.meshes import reduced as module
-from simspec.meshes.reduced import EQUAL, reduced
+from simspec.meshes import hulls as module
+from simspec.meshes.hulls import EQUAL, reduced
 from simspec.world.hull import corners
 
 

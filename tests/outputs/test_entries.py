@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from simspec.outputs.entries import Entries
+from simspec.outputs.collection import Entries
 
 HEAD = '{"simspec_try": '
 SIZE = 100

@@ -8,8 +8,8 @@ import tracemalloc
 import pytest
 
 from simspec.errors import SpecError
-from simspec.outputs.reading import files_below, read_bytes, read_text
-from simspec.reading import NotReadableError, parse_json
+from simspec.files import NotReadableError, parse_json
+from simspec.outputs.files import files_below, read_bytes, read_text
 from simspec.stored import FolderMarker, read_as
 
 

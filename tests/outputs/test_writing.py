@@ -11,8 +11,7 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.outputs import staging
-from simspec.outputs.marker import COMPILED, MARKER_FILE, RUN, STUDY, read_marker
-from simspec.outputs.targets import NEVER, file_problem, folder_problem
+from simspec.outputs.targets import COMPILED, MARKER_FILE, NEVER, RUN, STUDY, file_problem, folder_problem, read_marker
 from simspec.outputs.writing import (
     add_file,
     build_folder,

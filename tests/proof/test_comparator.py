@@ -7,8 +7,7 @@ import math
 
 import pytest
 
-from simspec.contact.parts import surfaces
-from simspec.contact.plan import contact_plan
+from simspec.contact.plan import contact_plan, surfaces
 from simspec.contact.rules import Rules
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.distances import held_apart

@@ -12,13 +12,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simspec.artifacts import Artifacts
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.defects import NAMES
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.process import Reply
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, Problem, UnsupportedError
+from simspec.outputs.writing import Artifacts
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.contact import cache, run, size, stacks
 from simspec.proof.contact.probe import Figure, Law

@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.process import Operation
 from simspec.engines.kit.registry import find_engine

@@ -9,7 +9,7 @@ from typing import Any
 from simspec.engines.kit.registry import engines
 from simspec.proof.mutation_worlds import WORLDS
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world.types import World
 
 NOT_IN_FILES = {

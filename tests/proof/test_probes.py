@@ -9,8 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.proof import motion
 from simspec.proof.checks import PRECISIONS
 from simspec.proof.probes import FRAME_CHECK, _scale, dynamics_checks, dynamics_operation, kinematics_checks

@@ -8,7 +8,7 @@ import math
 import pytest
 
 import simspec
-from simspec.dynamics.states import angles_of
+from simspec.dynamics.oracle import angles_of
 from simspec.proof import control
 from simspec.world.actions import Controller
 from simspec.world.kinematics import layout_of

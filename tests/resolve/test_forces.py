@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.control.forces import AppliedForces, brought_forward, forces_from_request, forces_to_request
+from simspec.control.request import AppliedForces, brought_forward, forces_from_request, forces_to_request
 from simspec.errors import SpecError
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world.actions import Force
 from simspec.world.canonical import canonical_json
 from simspec.world.types import World

@@ -9,8 +9,8 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.language.load import Spec
-from simspec.meshes.files import MeshError
-from simspec.meshes.grids import read_grid
+from simspec.meshes.load import read_grid
+from simspec.meshes.reading import MeshError
 from simspec.world.shapes import HEIGHTFIELD_HEAD, field_of
 from tests.pictures import png
 

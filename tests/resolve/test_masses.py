@@ -7,12 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.errors import SpecError
 from simspec.language.load import Spec
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.testing import worlds
 from simspec.world.inertia import lumped, rigid_members, singular, summed_inertial
 from simspec.world.kinematics import initial_state

@@ -9,7 +9,7 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.language.load import Spec, load
-from simspec.resolve import meshes
+from simspec.resolve import shapes as meshes
 from simspec.world import frames
 from simspec.world.canonical import canonical_json, from_plain, to_plain
 from simspec.world.shapes import SHAPES
@@ -185,7 +185,7 @@ def test_what_a_hull_adds_and_loses_is_told(files):
 
 def _u_profile():
     """A U of seven cubes in a hull of nine."""
-    import trimesh
+    import trimesh  # before opening is forbidden
 
     parts = [
         trimesh.creation.box((3, 1, 1), trimesh.transformations.translation_matrix((1.5, 0.5, 0.5))),

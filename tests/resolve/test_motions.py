@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.control.motions import curve
+from simspec.control.request import curve
 from simspec.errors import SpecError
 from simspec.runner.metrics import Masses
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world.actions import KINEMATIC_MASS_RATIO, Motion
 from simspec.world.types import World
 

@@ -12,7 +12,7 @@ from simspec.compiler import compile_world
 from simspec.errors import SpecError
 from simspec.language.load import load
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.canonical import canonical_json, from_plain, to_plain
 from simspec.world.kinematics import poses

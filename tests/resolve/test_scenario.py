@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from simspec.errors import SpecError
 from simspec.language.load import Spec, load
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import poses, trees

@@ -12,7 +12,7 @@ from simspec.errors import SpecError
 from simspec.formats.mjcf.bodies import inertial_of
 from simspec.language.load import Spec, load
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.kinematics import carried, initial_state, trees
 from simspec.world.types import World

@@ -10,9 +10,9 @@ import pytest
 
 import simspec
 from simspec.language.overrides import Override
-from simspec.resolve import solved
-from simspec.resolve.grasps import grasps
-from simspec.resolve.moves import Program
+from simspec.resolve import programs
+from simspec.resolve.actuators import grasps
+from simspec.resolve.programs import Program
 from simspec.world.types import Joint
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -30,7 +30,7 @@ def changed(spec, **values):
 
 def hash_of(spec):
     world = spec.resolve()
-    return solved.hash_of(spec.source, world, grasps(spec.source, world)[0])
+    return programs.hash_of(spec.source, world, grasps(spec.source, world)[0])
 
 
 SAME = [
@@ -54,7 +54,7 @@ OTHER = [
 @pytest.mark.parametrize("values", SAME, ids=lambda values: next(iter(values)))
 def test_what_does_not_change_the_motion_shares_the_solution(reach, values, monkeypatch):
     spec, world = reach
-    monkeypatch.setattr(solved, "Program", None)  # nothing may be solved
+    monkeypatch.setattr(programs, "Program", None)  # nothing may be solved
     other = changed(spec, **values, **({} if "trajectory.until" not in values else {"expect": []})).resolve()
     assert other.trajectory == world.trajectory
 
@@ -86,28 +86,28 @@ def test_every_field_of_a_joint_counts_but_those_that_kinematics_do_not_have(rea
     """A field that is new counts: nobody has to remember this place."""
     _, world = reach
     body = next(one for one in world.bodies if one.joint.kind == "hinge")
-    plain = solved._kinematics(body)
-    assert {field.name for field in dataclasses.fields(Joint)} == VALUES.keys() | solved.WITHOUT_MOTION.keys()
+    plain = programs._kinematics(body)
+    assert {field.name for field in dataclasses.fields(Joint)} == VALUES.keys() | programs.WITHOUT_MOTION.keys()
     for name, value in VALUES.items():
         assert (
-            solved._kinematics(dataclasses.replace(body, joint=dataclasses.replace(body.joint, **{name: value})))
+            programs._kinematics(dataclasses.replace(body, joint=dataclasses.replace(body.joint, **{name: value})))
             != plain
         )
-    for name in solved.WITHOUT_MOTION:
+    for name in programs.WITHOUT_MOTION:
         value = (1.0,) if name == "velocity" else 1.0
         assert (
-            solved._kinematics(dataclasses.replace(body, joint=dataclasses.replace(body.joint, **{name: value})))
+            programs._kinematics(dataclasses.replace(body, joint=dataclasses.replace(body.joint, **{name: value})))
             == plain
         )
 
 
 def test_few_solutions_are_kept(reach, monkeypatch):
     spec, _ = reach
-    monkeypatch.setattr(solved, "MOST_KEPT", 1)
-    monkeypatch.setattr(solved, "_SOLVED", {})
+    monkeypatch.setattr(programs, "MOST_KEPT", 1)
+    monkeypatch.setattr(programs, "_SOLVED", {})
     spec.resolve()
     changed(spec, **{"trajectory.interval": "60 ms"}).resolve()
-    assert len(solved._SOLVED) == 1
+    assert len(programs._SOLVED) == 1
 
 
 def test_what_cannot_be_solved_is_not_kept_and_is_told_every_time(reach):

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import simspec
-from simspec.dynamics import spinning
+from simspec.dynamics import stability
 from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.spinning import THRESHOLD, gains
+from simspec.dynamics.stability import THRESHOLD, gains
 from simspec.errors import Problem
-from simspec.resolve.passing import passages
+from simspec.resolve.timestep_warnings import passages
 from simspec.world.kinematics import initial_state
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -233,4 +233,4 @@ def test_a_body_on_a_ball_joint_turns_as_in_the_oracle(velocity, more):
     states, speeds = oracle.motion(q, v, None, 2000, 20)
     energies = np.array([sum(oracle.energy(*state)) for state in zip(states, speeds, strict=True)])
     expected = energies / sum(oracle.energy(q, v)) - 1.0
-    assert spinning._about_pivot(body, physics.timestep, 2000, 20) == pytest.approx(expected, abs=1e-12)
+    assert stability._about_pivot(body, physics.timestep, 2000, 20) == pytest.approx(expected, abs=1e-12)

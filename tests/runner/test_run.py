@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.artifacts import Artifacts
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError, SpecError
+from simspec.outputs.writing import Artifacts
 from simspec.runner import metrics
 from simspec.runner.case import Case, perturbed_state
 from simspec.runner.execution import run, run_all, run_jobs

@@ -8,7 +8,7 @@ import simspec
 from simspec.compiler import compile_world
 from simspec.errors import UnsupportedError
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from tests import worlds
 
 

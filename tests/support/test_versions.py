@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.support.versions import earlier, is_before, is_wholly_before, later, out_of_bounds, release
+from simspec.support.declarations import earlier, is_before, is_wholly_before, later, out_of_bounds, release
 
 
 def test_a_release_is_its_numbers():

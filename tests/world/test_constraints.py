@@ -8,7 +8,7 @@ import json
 import pytest
 
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world.canonical import canonical_json, from_plain, sha256, to_plain
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Connect, Follow, Pose, Weld, World

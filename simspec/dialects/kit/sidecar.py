@@ -16,15 +16,14 @@ from simspec.contact.plan import ContactPlan
 from simspec.contact.rules import Rules
 from simspec.dialects.kit.joints import Passive, passive_of
 from simspec.errors import SpecError
+from simspec.files import NotReadableError, parse_json
 from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
 from simspec.formats.kit.text import json_text
 from simspec.language.vocabulary import FRICTION_CONES, JOINT_KINDS
-from simspec.outputs.reading import read_text
-from simspec.reading import NotReadableError, parse_json
+from simspec.outputs.files import read_text
 from simspec.world.actions import JointSum
 from simspec.world.canonical import sha256
-from simspec.world.contact_pairs import Pair
-from simspec.world.types import Constraint, Follow, Surface, Vector3, World
+from simspec.world.types import Constraint, Follow, Pair, Surface, Vector3, World
 
 # What a dialect must know of the engine it writes for.
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from simspec.contact.plan import ContactPlan
-from simspec.control.native import natives
+from simspec.control.reference import natives
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.joints import fluid_of, with_passive
 from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields, known

@@ -11,9 +11,9 @@ from simspec.dialects.mujoco.sidecar import COULOMB, MATERIAL_CLASS, VISUAL_CLAS
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.mjcf.bodies import dimensions, margins_of
 from simspec.formats.mjcf.tree import Attributes, MjcfDefault, MjcfPair, Value
-from simspec.world.contact_pairs import Pair, meeting_laws, shape_pairs, solid_shapes
+from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.kinematics import rigid_groups
-from simspec.world.types import Body, Hardness, PairContact, Surface, World
+from simspec.world.types import Body, Hardness, Pair, PairContact, Surface, World
 
 SPRING_IMPEDANCE = 1e-4
 """MuJoCo's smallest. A contact of impedance d feels (1 − d) of the load beside its reference: at 1e-4 it is a spring-damper

@@ -7,7 +7,7 @@ import functools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar, Final
 
-from simspec.control.native import natives
+from simspec.control.reference import natives
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
 from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields
 from simspec.dialects.mujoco.contact import (

@@ -1,7 +1,7 @@
 """Contact in URDF for PyBullet: what each link holds of the law, copies of shapes on links of their own, and the filter.
 
 PyBullet holds friction, restitution and hardness once per link, multiplies two links' numbers, and filters links. So the
-shapes of a body are split by material, and copied where a table of pairs needs it (``contact/parts.py``): the first
+shapes of a body are split by material, and copied where a table of pairs needs it (``contact/plan.py``): the first
 part stays on the body's own link, every other gets a massless link on a fixed joint.
 """
 
@@ -12,8 +12,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from simspec.contact.parts import Part, parts
-from simspec.contact.plan import ContactPlan
+from simspec.contact.plan import CollisionPart, ContactPlan, parts
 from simspec.dialects.pybullet.sidecar import CollisionFilter, FilterClass
 from simspec.errors import Problem
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws
@@ -32,17 +31,17 @@ Key = tuple[bool, str, frozenset[tuple[str, int]]]
 they meet."""
 
 
-def split(body: Body, plan: ContactPlan) -> tuple[Part, ...]:
+def split(body: Body, plan: ContactPlan) -> tuple[CollisionPart, ...]:
     """The parts of a body; one without collision shapes for a body that has none."""
-    return parts(body, plan) or (Part(body.name, "", 0, (), Surface(hardness=Hardness())),)
+    return parts(body, plan) or (CollisionPart(body.name, "", 0, (), Surface(hardness=Hardness())),)
 
 
-def copy_name(part: Part) -> str:
+def copy_name(part: CollisionPart) -> str:
     """The name of the link of a part beyond the first; no spec can give it, since names have no dots."""
     return f"{part.body}__{part.material}.{part.layer}"
 
 
-def link_name(part: Part, first: Part) -> str:
+def link_name(part: CollisionPart, first: CollisionPart) -> str:
     """The name of a part's link."""
     return part.body if part is first else copy_name(part)
 
@@ -196,7 +195,7 @@ LINK_MARGIN: Final = 1e-3
 """m, around hulls on links other than bases."""
 
 
-def told_shapes(body: Body, parts: Sequence[Part], own_margin: float) -> dict[str, Shape]:
+def told_shapes(body: Body, parts: Sequence[CollisionPart], own_margin: float) -> dict[str, Shape]:
     """The shapes of a body by name, those that touch within the margin of the link that carries them: ``own_margin`` on its
     own."""
     margins = {shape.name: LINK_MARGIN for part in parts[1:] for shape in part.shapes}

@@ -11,7 +11,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
-from simspec.contact.parts import Part
+from simspec.contact.plan import CollisionPart
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
 from simspec.dialects.kit.joints import Coordinates, armature_of, springs_of
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
@@ -84,7 +84,7 @@ from simspec.world.types import POSITION_SIZE, Body, Pose, ReadBack, Shape, Surf
 
 # A tree of bodies as a robot of PyBullet's URDF, and where it stands.
 
-Parts = Mapping[str, tuple[Part, ...]]
+Parts = Mapping[str, tuple[CollisionPart, ...]]
 """Of each body its collision shapes, by link: its own, then those of further links."""
 
 JOINT_TYPES: Final[Mapping[str, str]] = {

@@ -19,7 +19,7 @@ from simspec.dialects.kit.sidecar import Sidecar
 from simspec.formats.kit.forms import DISTINCT, NamePairs, Names, check_distinct, check_known
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.support.declarations import Level, Refinement, Support, never
-from simspec.support.needs import LARGE_TREE
+from simspec.support.negotiation import LARGE_TREE
 from simspec.world.canonical import derived
 from simspec.world.kinematics import bare_frames, trees
 from simspec.world.types import POSITION_SIZE, Pose, Vector3, World

@@ -15,7 +15,7 @@ import numpy as np
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.control.native import Servos
+from simspec.control.reference import Servos
 from simspec.dialects.dart.contact import OVERLOOKED, accepted_contact, detector_of, overlooked
 from simspec.dialects.dart.sidecar import DartSidecar
 from simspec.engines.dart.actuation import (

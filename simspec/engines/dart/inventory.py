@@ -11,8 +11,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from simspec.contact.parts import parts
-from simspec.contact.plan import ContactPlan
+from simspec.contact.plan import ContactPlan, parts
 from simspec.engines.dart.nodes import collision_nodes
 from simspec.engines.dart.simulation import Simulation
 from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named_set, sidecar_labels

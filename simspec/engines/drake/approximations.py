@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.control.native import natives
+from simspec.control.reference import natives
 from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.support.declarations import Level, Refinement, Support, unsupported_if

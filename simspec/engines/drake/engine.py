@@ -10,7 +10,7 @@ import numpy as np
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.control.native import Servos
+from simspec.control.reference import Servos
 from simspec.engines.drake.approximations import (
     BODY_SECONDS,
     DEVIATIONS,

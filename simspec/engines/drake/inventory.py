@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from simspec.contact.plan import ContactPlan
-from simspec.control.native import natives
+from simspec.control.reference import natives
 from simspec.engines.drake.approximations import ANY_RESOLUTION, FACED, Part, corners, held_at, hydroelastic, reach_of
 from simspec.engines.drake.building import ERROR_REDUCTION, told_name
 from simspec.engines.drake.readback import (

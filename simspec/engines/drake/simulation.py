@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.control.native import natives
+from simspec.control.reference import natives
 from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.drake.approximations import asked_approximation
 from simspec.engines.drake.building import NAME, build, is_servo, warnings_into

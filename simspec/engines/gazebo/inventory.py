@@ -9,8 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from simspec.contact.parts import parts
-from simspec.contact.plan import ContactPlan
+from simspec.contact.plan import ContactPlan, parts
 from simspec.engines.gazebo.building import asked
 from simspec.engines.gazebo.readback import held_body, held_unit, unit_name
 from simspec.engines.gazebo.simulation import Simulation

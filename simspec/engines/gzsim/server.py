@@ -17,9 +17,9 @@ import numpy as np
 
 from simspec.engines.gzsim.bindings import NAME, Bindings
 from simspec.errors import EngineError
+from simspec.files import scratch_folder
 from simspec.formats.sdf.format import WORLD
 from simspec.formats.world.tree import AxisJoint, FreeJoint, JsonBody
-from simspec.scratch import scratch_folder
 from simspec.world.rotations import conjugate, rotate
 
 UNTOLD: Final = "has no physics system that steps: gz-sim-physics-system is not installed, or has no engine"

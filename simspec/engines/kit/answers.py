@@ -35,9 +35,9 @@ from simspec.engines.kit.answer_forms import (
 )
 from simspec.engines.kit.arrays import SECONDS
 from simspec.errors import clipped
+from simspec.files import NotReadableError, open_regular, read_bytes
 from simspec.language.vocabulary import JOINT_KINDS, QUATERNION_JOINTS, SHAPE_KINDS
 from simspec.mapped import MAPPED_BYTES, RECORDED_BYTES, all_finite, parts, release, zeros
-from simspec.reading import NotReadableError, open_regular, read_bytes
 from simspec.world.canonical import from_plain
 from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, ReadBack
 

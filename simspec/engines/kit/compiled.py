@@ -27,8 +27,8 @@ from pathlib import Path
 from typing import Protocol
 
 from simspec.errors import EngineError
-from simspec.isolated import ELSEWHERE, isolated
 from simspec.outputs.cache import built, cache_folder
+from simspec.processes import ELSEWHERE, isolated
 
 SCHEMA = 1
 """Of the key."""

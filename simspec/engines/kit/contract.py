@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from simspec.contact.rules import Rules
-from simspec.control.native import Servos
+from simspec.control.reference import Servos
 from simspec.engines.kit.arrays import CollisionUnit, bodies_of
 from simspec.engines.kit.capabilities import (
     COMMON,

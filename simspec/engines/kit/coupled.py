@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from simspec.contact.reachability import HEAVY_ON_LIGHT
+from simspec.contact.plan import HEAVY_ON_LIGHT
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import written_settings

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from simspec.support.versions import is_before
+from simspec.support.declarations import is_before
 from simspec.world.types import PairContact
 
 

@@ -1,6 +1,6 @@
 """Versions of engines in environments of their own: made by simspec in the user's data folder, and found there by label.
 
-A folder ``engines/NAME@VERSION`` is one environment, whole or begun (``outputs/begun.py``).
+A folder ``engines/NAME@VERSION`` is one environment, whole or begun (``outputs/cache.py``).
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ from simspec.engines.kit.installed import too_old
 from simspec.engines.kit.installing import how_to_install, why_not
 from simspec.engines.kit.registry import engines, find_engine
 from simspec.errors import EngineError, SpecError, clipped, visible
-from simspec.isolated import ELSEWHERE, isolated
-from simspec.outputs.begun import is_complete
-from simspec.outputs.cache import data_folder, written_by_others
+from simspec.outputs.cache import data_folder, is_complete, written_by_others
+from simspec.processes import ELSEWHERE, isolated
 
 # The released versions of an engine that the package index has for this Python, by the ordinary client of it.
 

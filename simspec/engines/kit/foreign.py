@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.confinement import PROFILES, confine_calls
-from simspec.control.native import Drive, drives
+from simspec.control.reference import Drive, drives
 from simspec.formats.kit.contract import Format, formats
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import Level

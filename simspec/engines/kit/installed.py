@@ -22,8 +22,8 @@ from simspec.engines.kit.identity import STATED, engine_name, other_version, pro
 from simspec.engines.kit.installing import left_out, not_installed
 from simspec.engines.kit.registry import engines, find_engine, format_of
 from simspec.errors import EngineError, clipped, visible
-from simspec.isolated import ELSEWHERE, search_environment, with_search_path
-from simspec.support.versions import is_wholly_before
+from simspec.processes import ELSEWHERE, search_environment, with_search_path
+from simspec.support.declarations import is_wholly_before
 
 PATIENCE = 30.0
 """s that all interpreters together may take to give their versions: a cold disk needs a few."""

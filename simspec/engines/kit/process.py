@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import IO
 
 from simspec.confinement import ANY_LOCALE
-from simspec.ending import exit_if_signalled
 from simspec.engines.kit import keeper, worker
 from simspec.engines.kit.answer_forms import Answer, BadAnswerError, Operation
 from simspec.engines.kit.answers import read_answers
@@ -35,10 +34,9 @@ from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.request import write_request
 from simspec.engines.kit.warm import Forked, WarmProcesses
 from simspec.errors import EngineError, clipped, visible
-from simspec.isolated import search_environment, with_search_path
+from simspec.files import NotReadableError, parse_json, read_bytes, scratch_folder
 from simspec.mapped import RECORDED_BYTES
-from simspec.reading import NotReadableError, parse_json, read_bytes
-from simspec.scratch import scratch_folder
+from simspec.processes import exit_if_signalled, search_environment, with_search_path
 
 __all__ = [
     "DEADLINE",

@@ -10,16 +10,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.control.forces import AppliedForces, forces_from_request
 from simspec.control.law import Control, Joints
-from simspec.control.motions import Prescribed, motions_from_request
-from simspec.control.native import Servos
-from simspec.control.request import from_request
+from simspec.control.reference import Servos
+from simspec.control.request import AppliedForces, Prescribed, forces_from_request, from_request, motions_from_request
 from simspec.engines.kit.arrays import CONTACT_FIELDS, CONTACT_UNIT, told_units
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.session import Session
 from simspec.errors import EngineError
-from simspec.processor_time import processor_clock
+from simspec.processes import processor_clock
 
 # The files of a recording, written while it grows: memory does not grow with the number of rows.
 

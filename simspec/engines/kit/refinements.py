@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 from simspec.support.declarations import Level, Refinement, Table, never, unsupported_if
 from simspec.support.features import Feature
-from simspec.world.contact_pairs import CollisionFilter, Pair, frictionless, meeting_kinds, meeting_laws, solid_shapes
+from simspec.world.contact_pairs import CollisionFilter, frictionless, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.inertia import lumped
 from simspec.world.kinematics import natively_driven, rigid_groups, trees
-from simspec.world.types import Body, Shape, World
+from simspec.world.types import Body, Pair, Shape, World
 
 Refine = Callable[[World], Refinement | None]
 

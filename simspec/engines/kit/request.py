@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 from simspec.engines.kit import worker
 from simspec.engines.kit.answer_forms import FORMS, RESULTS, Form, Operation, Refusal, Result
 from simspec.engines.kit.contract import Engine
-from simspec.outputs.reading import files_below, read_bytes
+from simspec.outputs.files import files_below, read_bytes
 
 ARTIFACTS = "artifacts"
 Name = Annotated[str, Field(max_length=200)]

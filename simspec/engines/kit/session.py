@@ -22,7 +22,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from simspec.control.native import Servos
+from simspec.control.reference import Servos
 from simspec.dialects.kit.sidecar import read_sidecar
 from simspec.engines.kit.arrays import CollisionUnit
 from simspec.engines.kit.contract import Actuation, Engine

@@ -11,9 +11,9 @@ from typing import Any, ClassVar, Protocol
 
 from simspec.errors import Problem
 from simspec.language.vocabulary import FRICTION_CONES
-from simspec.world.contact_pairs import Pair, heaviest, meeting_laws, only_free_spheres, thinnest
+from simspec.world.contact_pairs import heaviest, meeting_laws, only_free_spheres, thinnest
 from simspec.world.kinematics import frictional_coordinates
-from simspec.world.types import PairContact, World
+from simspec.world.types import Pair, PairContact, World
 
 # Largest and least values of solver settings that follow from a world: beyond them contact is no longer that of its shapes.
 

@@ -22,7 +22,7 @@ from typing import IO, Any, Self
 
 from simspec.engines.kit import warm_server
 from simspec.engines.kit.contract import Engine
-from simspec.isolated import ELSEWHERE, search_environment, with_search_path
+from simspec.processes import ELSEWHERE, search_environment, with_search_path
 
 START = 60.0
 """s that a warm process may take to import its engine: the slowest takes 2 on a quiet machine."""

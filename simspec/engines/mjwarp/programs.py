@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from simspec.engines.kit.messages import captured, doing
 from simspec.errors import EngineError
-from simspec.outputs.cache import cache_folder
-from simspec.outputs.filled import hold
-from simspec.scratch import scratch_folder
+from simspec.files import scratch_folder
+from simspec.outputs.cache import cache_folder, hold_folder
 
 # MuJoCo Warp and Warp, imported, and the device that they compute on.
 #
@@ -90,7 +89,7 @@ def _place(log: list[str]) -> Path:
     folder = cache_folder(FOLDER)
     if folder is not None:
         try:
-            hold(folder, MADE, MOST)
+            hold_folder(folder, MADE, MOST)
         except OSError as error:
             log.append(f"what Warp compiles is not kept: {error}")
         else:

@@ -16,7 +16,7 @@ from simspec.contact.rules import Rules
 from simspec.world import frames
 from simspec.world.actions import JointSum
 from simspec.world.canonical import sha256
-from simspec.world.contact_pairs import Pair, meeting_laws, shape_pairs
+from simspec.world.contact_pairs import meeting_laws, shape_pairs
 from simspec.world.frames import quaternion, vector3
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import absorbed, free_rigid, rigid_groups
@@ -25,6 +25,7 @@ from simspec.world.types import (
     Body,
     Hardness,
     Joint,
+    Pair,
     PairContact,
     Quaternion,
     Shape,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.control.native import natives
+from simspec.control.reference import natives
 from simspec.dialects.kit.sidecar import flat
 from simspec.dialects.mujoco.sidecar import MujocoSidecar
 from simspec.engines.kit.inventory import NEUTRAL, Items, below

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.control.native import Servos
+from simspec.control.reference import Servos
 from simspec.dialects.kit.sidecar import SidecarBody
 from simspec.dialects.mujoco.sidecar import COULOMB, FLAGS, KEYFRAME, NATIVE, MujocoSidecar, chains
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, restore_velocities, sorted_pairs

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from simspec.errors import EngineError
-from simspec.scratch import scratch_folder
+from simspec.files import scratch_folder
 
 HEADER = re.compile(rb"BULLET[fd]([-_])v\d{3}")
 """Precision, ``-`` for 64-bit addresses, and the version. Little-endian where ``v`` is small."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from simspec.contact.plan import contact_plan
 from simspec.contact.rules import Rules
-from simspec.control.native import Servos
+from simspec.control.reference import Servos
 from simspec.dialects.pybullet.sidecar import NO_LINKS, TREE_SIZE, PybulletSidecar
 from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_blocks, sorted_pairs
 from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.contact.parts import Part, parts
-from simspec.contact.plan import ContactPlan
+from simspec.contact.plan import CollisionPart, ContactPlan, parts
 from simspec.dialects.pybullet.contact import faces_meet
 from simspec.dialects.pybullet.sidecar import held_beside
 from simspec.engines.kit.inventory import Carrier, expected_apart, listed
@@ -53,7 +52,7 @@ class _Link:
 
     name: str
     body: Body
-    part: Part | None
+    part: CollisionPart | None
     own: bool
     base: bool
 

@@ -18,7 +18,6 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.artifacts import Artifacts
 from simspec.contact.plan import ContactPlan, contact_plan
 from simspec.dialects.pybullet.contact import faces_meet, margins_of
 from simspec.engines.kit.blunt import BLUNT, blunted
@@ -26,10 +25,11 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.settings import resolve_settings
 from simspec.engines.pybullet.bullet_file import Block
 from simspec.errors import EngineError
+from simspec.files import scratch_folder
 from simspec.formats.kit.mesh_reading import SUFFIX, field_of_triangles, read_triangles
 from simspec.formats.kit.text import FIELDS
-from simspec.outputs.reading import files_below
-from simspec.scratch import scratch_folder
+from simspec.outputs.files import files_below
+from simspec.outputs.writing import Artifacts
 from simspec.support.declarations import Level, Refinement, unsupported_if
 from simspec.world.contact_pairs import meeting_kinds
 from simspec.world.hull import SLACK_OF_HALVES, HullError, margin_excess

@@ -15,7 +15,7 @@ from simspec.engines.pybullet.bullet_file import COLLIDER, Block, colliders, dum
 from simspec.engines.pybullet.simulation import Simulation
 from simspec.engines.pybullet.trees import Tree, told_turn
 from simspec.errors import EngineError
-from simspec.scratch import scratch_folder
+from simspec.files import scratch_folder
 from simspec.world import frames
 from simspec.world.types import EngineValue
 

@@ -27,9 +27,8 @@ from typing import IO, Any, Final
 import numpy as np
 
 from simspec.errors import EngineError, clipped, visible
-from simspec.isolated import isolated
-from simspec.processor_time import counted
-from simspec.scratch import scratch_folder
+from simspec.files import scratch_folder
+from simspec.processes import counted, isolated
 
 NAME: Final = "webots"
 HOME: Final = "WEBOTS_HOME"

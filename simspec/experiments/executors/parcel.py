@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from simspec.experiments.executors.contract import Task
 from simspec.experiments.result import TaskResult, Write
-from simspec.reading import NotReadableError, parse_json
+from simspec.files import NotReadableError, parse_json
 from simspec.stored import SweptAsked, SweptResult
 
 MARK = b"simspec parcel 1\n"

@@ -13,7 +13,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from simspec.artifacts import Artifacts
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, SimspecError
 from simspec.experiments.executors.contract import Supplies, Task
@@ -28,10 +27,10 @@ from simspec.experiments.executors.parcel import (
 )
 from simspec.experiments.result import TaskResult
 from simspec.experiments.versions import versions_of
-from simspec.reading import parse_json
+from simspec.files import parse_json, scratch_folder
+from simspec.outputs.writing import Artifacts
 from simspec.runner.case import Case, shared_world
 from simspec.runner.execution import failed_run, run_case
-from simspec.scratch import scratch_folder
 from simspec.world.canonical import canonical_json, from_plain, sha256
 from simspec.world.types import World
 

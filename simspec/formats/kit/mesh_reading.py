@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.errors import SpecError
-from simspec.outputs.reading import files_below, read_bytes
+from simspec.outputs.files import files_below, read_bytes
 
 # --- height fields, from the triangles of their boundary ---
 

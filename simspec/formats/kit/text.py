@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from simspec import numerals
-from simspec.resources import resource_folder
+from simspec.files import resource_folder
 from simspec.world.canonical import to_plain
 from simspec.world.types import Shape, World
 

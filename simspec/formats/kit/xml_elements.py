@@ -14,7 +14,7 @@ from xml.parsers import expat
 
 from simspec import numerals
 from simspec.formats.kit.text import finite_numbers
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
 
 LARGEST_FILE: Final = 128 * 2**20
 """Bytes; the largest known file, of 10,000 bodies, has 20 MB."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.control.native import drives
+from simspec.control.reference import drives
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, gather, losses
 from simspec.formats.kit.mesh_reading import read_meshes
@@ -45,9 +45,9 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.support.declarations import LUMPED, Level, Support, Table, approximate, exactly, never, shape_kinds
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world import types
-from simspec.world.contact_pairs import Pair, excluded_pairs, meeting_laws, shape_pairs, solid_shapes
+from simspec.world.contact_pairs import excluded_pairs, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.kinematics import absorbed, is_carrier
-from simspec.world.types import Joint, PairContact, Pose, Shape, World
+from simspec.world.types import Joint, Pair, PairContact, Pose, Shape, World
 
 # Contact: a geom has the friction of its material; two geoms have the larger of both numbers and the mean of both time
 # constants. Where two materials have another law, every two of their geoms that may touch are an explicit pair.

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from simspec.control.native import Drive
+from simspec.control.reference import Drive
 from simspec.formats.kit.contract import readable
 from simspec.formats.usd.text import UsdPrim
 from simspec.language.vocabulary import SCALAR_JOINTS

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from simspec.control.native import drives
+from simspec.control.reference import drives
 from simspec.formats.usd.joints import DEGREES, KINDS, Joined, axes, carriers, several, single, stand
 from simspec.formats.usd.text import UsdPrim, UsdProperty, UsdStage
 from simspec.world import frames

@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from simspec.errors import Problem, SpecError
+from simspec.files import scratch_folder
 from simspec.formats.kit.text import number
-from simspec.scratch import scratch_folder
 
 
 @dataclass(frozen=True, slots=True)

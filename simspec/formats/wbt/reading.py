@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Union
 
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
 
 Value = Union[bool, float, str, None, "WbtNode"]
 """NULL is None."""

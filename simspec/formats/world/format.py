@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from simspec.errors import SpecError
+from simspec.files import NotReadableError, parse_json
 from simspec.formats.kit.contract import Format, Plain
 from simspec.formats.kit.forms import check_distinct, check_fields, check_known, form_of, plain, typed
 from simspec.formats.kit.text import json_text
@@ -21,8 +22,7 @@ from simspec.formats.world.tree import (
     parent_of,
 )
 from simspec.language.vocabulary import FRICTION_CONES
-from simspec.outputs.reading import read_text
-from simspec.reading import NotReadableError, parse_json
+from simspec.outputs.files import read_text
 from simspec.support.declarations import FRAMES_ALONGSIDE, Table, exactly, never, shape_kinds
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.canonical import canonical_json

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.errors import Problem, SpecError
+from simspec.files import NotReadableError, parse_json
 from simspec.imports.child import ChildError, Policy, run
 from simspec.imports.elements import HARDNESS_HINT, HOW_HARD, Element
 from simspec.imports.mjcf.assembly import MjcfAssembly
 from simspec.language.foreign import Severity
 from simspec.plugins import Plugins
-from simspec.reading import NotReadableError, parse_json
 
 # --- features of a model that a spec does not have ---
 # They are found in the compiled numbers: what a class of defaults gives counts like an attribute, and what has no effect is no

@@ -22,7 +22,7 @@ from simspec.imports.sdf.joints import (
 from simspec.imports.sdf.models import Scope
 from simspec.imports.sdf.values import IN_JOINT, finite_of, lost, set_aside
 from simspec.language.foreign import Severity
-from simspec.resolve.poses import direction
+from simspec.resolve.shapes import direction
 from simspec.world import frames
 from simspec.world.types import Pose, Vector3
 

@@ -31,7 +31,7 @@ from simspec.imports.sdf.values import (
 )
 from simspec.language.foreign import Severity
 from simspec.language.strict import required
-from simspec.meshes.files import MeshError
+from simspec.meshes.reading import MeshError
 from simspec.world import frames
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose

@@ -28,8 +28,8 @@ from simspec.imports.urdf.elements import APPEARANCE, INFORMATION
 from simspec.imports.urdf.joints import across
 from simspec.language.foreign import Fate
 from simspec.language.mesh import SUFFIXES as MESHES
-from simspec.meshes.files import MeshError
-from simspec.meshes.made import FlatMeshError, MadeMesh, ManyVerticesError
+from simspec.meshes.load import FlatMeshError, MadeMesh, ManyVerticesError
+from simspec.meshes.reading import MeshError
 from simspec.world import frames
 from simspec.world.shapes import SHAPES
 

@@ -36,7 +36,7 @@ from simspec.imports.usd.stage import PrimRead, StageRead, agree
 from simspec.imports.writing import has_drives, stable_timestep
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
-from simspec.resolve.poses import direction
+from simspec.resolve.shapes import direction
 from simspec.world import frames
 from simspec.world.types import Pose
 

@@ -16,9 +16,8 @@ from simspec.imports.usd.places import ALIKE, ONE, PrimPlace, PrimPlaces
 from simspec.imports.usd.stage import OWN, STALE, PrimRead, agree
 from simspec.language.foreign import Severity
 from simspec.language.mesh import FEWEST_VERTICES, MOST_VERTICES
-from simspec.meshes.files import MeshError
-from simspec.meshes.load import load
-from simspec.meshes.made import MeshOptions
+from simspec.meshes.load import MeshOptions, load
+from simspec.meshes.reading import MeshError
 from simspec.world import frames
 from simspec.world.types import Pose, Quaternion, Vector3
 

@@ -23,15 +23,15 @@ from typing import Any, Final
 from simspec import numerals
 from simspec.confinement import walls
 from simspec.errors import Location, Problem, SpecError
+from simspec.files import NotReadableError, read_bytes
 from simspec.imports.elements import Element, outermost, parse
 from simspec.imports.files import Files, is_missing
 from simspec.imports.urdf.importer import ROBOT, RULES, RobotReader, is_program
 from simspec.imports.urdf.links import PARENTS, WORLD
 from simspec.imports.xacro import SUFFIXES
 from simspec.imports.xacro.limits import CPU_SECONDS, LARGEST_TEXT, PLACE, PLACE_NOW, SECONDS
-from simspec.isolated import ELSEWHERE, isolated
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
-from simspec.reading import NotReadableError, read_bytes
+from simspec.processes import ELSEWHERE, isolated
 
 # --- expansion: a process computes, and asks here for the files that it names ---
 

@@ -27,8 +27,8 @@ from typing import Any
 
 from simspec.engines.kit.contract import Engine
 from simspec.errors import SpecError
-from simspec.outputs.entries import Entries
-from simspec.outputs.processor import processor
+from simspec.outputs.cache import processor
+from simspec.outputs.collection import Entries
 from simspec.proof.contact.probe import Figure
 from simspec.stored import CacheEntry, read_as
 from simspec.world.canonical import canonical_json, from_plain, to_plain

@@ -20,12 +20,13 @@ from simspec.engines.kit.settings import idle_settings
 from simspec.errors import Problem, UnsupportedError
 from simspec.language.vocabulary import COMBINED_QUANTITIES, FRICTION_CONES
 from simspec.support.features import Feature
-from simspec.world.contact_pairs import Pair, meeting_laws, shape_pairs, solid_shapes
+from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.frames import sorted_pair, vector3
 from simspec.world.types import (
     Contact,
     EngineOptions,
     Hardness,
+    Pair,
     PairContact,
     PairSettings,
     ReadBack,

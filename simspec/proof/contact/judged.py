@@ -14,8 +14,7 @@ from simspec.proof.contact import size
 from simspec.proof.contact.probe import Figure, Law, Probe
 from simspec.proof.contact.probe import wanted as figures_wanted
 from simspec.proof.contact.run import PROBES, deviating, laws
-from simspec.world.contact_pairs import Pair
-from simspec.world.types import World
+from simspec.world.types import Pair, World
 
 ROUNDING = 1e-9
 """Relative: expected values are computed anew, perhaps by another libm."""

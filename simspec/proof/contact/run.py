@@ -26,6 +26,7 @@ from simspec.engines.kit.process import Answer, Operation, Running, call, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, UnsupportedError
+from simspec.files import scratch_folder
 from simspec.proof.checks import Check, failed
 from simspec.proof.contact import (
     cache,
@@ -42,7 +43,6 @@ from simspec.proof.contact import (
 from simspec.proof.contact.file_law import Held, belts, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Probe, Trial
 from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
-from simspec.scratch import scratch_folder
 from simspec.world.canonical import to_plain
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import layout_of

@@ -9,9 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from simspec.contact.parts import surfaces
-from simspec.contact.plan import contact_plan
-from simspec.contact.reachability import pair_needs
+from simspec.contact.plan import contact_plan, pair_needs, surfaces
 from simspec.dialects.kit.sidecar import SIDECAR, read_sidecar
 from simspec.dialects.pybullet.dialect import PybulletDialect
 from simspec.engines.pybullet.engine import PyBullet

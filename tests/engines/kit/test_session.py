@@ -11,8 +11,7 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.contact.rules import Rules
 from simspec.dialects.kit.sidecar import SIDECAR, SIDECAR_SCHEMA
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.kit.capabilities import METHODS, Capability, NativeLaw, ServoLaw
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.operations import OPERATIONS

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.dialects.mujoco.dialect import apart, sites_apart, taken_for_one
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.formats.mjcf.tree import MjcfBody, MjcfGeom, MjcfInertial, MjcfSite
 from simspec.world import frames

@@ -10,8 +10,7 @@ import pytest
 
 from simspec.dialects.kit.sidecar import SIDECAR, sidecar_text
 from simspec.dialects.mujoco.dialect import MujocoDialect
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.mjcf.format import MODEL, Mjcf

@@ -10,14 +10,14 @@ import pytest
 
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import UnsupportedError
+from simspec.files import find_spec
 from simspec.formats.kit.contract import LossFate
 from simspec.formats.mjcf import format as plain_mjcf
 from simspec.formats.mjcf.format import MODEL, SUPPORT, Mjcf
 from simspec.language.load import load
-from simspec.resources import find_spec
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.testing.control_suite import native
 from simspec.testing.driving import chain
 from simspec.world import frames

@@ -18,15 +18,15 @@ from hypothesis import strategies as st
 import simspec
 from simspec.dynamics.oracle import Oracle
 from simspec.errors import SpecError
+from simspec.files import find_spec
 from simspec.formats.kit.contract import LossFate
 from simspec.formats.sdf.format import WORLD, Sdf
 from simspec.formats.sdf.plain import KINDS, SUPPORT
 from simspec.language.load import load
-from simspec.resolve.poses import direction
-from simspec.resources import find_spec
+from simspec.resolve.shapes import direction
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.kinematics import initial_state, layout_of, poses, rigid_groups, trees

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from simspec.dynamics.oracle import Oracle
+from simspec.files import find_spec
 from simspec.formats.kit.contract import LossFate
 from simspec.formats.skel.format import SUPPORT, WORLD, Skel
 from simspec.language.load import load
-from simspec.resources import find_spec
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.kinematics import initial_state, poses, trees
 from tests import worlds

@@ -12,6 +12,7 @@ import pytest
 import yourdfpy
 
 from simspec.dynamics.oracle import Oracle
+from simspec.files import find_spec
 from simspec.formats.kit.contract import LossFate, formats
 from simspec.formats.urdf.format import PLACEMENT, SUPPORT, Urdf
 from simspec.formats.urdf.reading import unknown_parts
@@ -28,10 +29,9 @@ from simspec.formats.urdf.robots import (
     parts_of,
 )
 from simspec.language.load import load
-from simspec.resources import find_spec
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.types import Pose, Shape
 from tests import robots, worlds

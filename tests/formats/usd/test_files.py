@@ -13,9 +13,9 @@ import pytest
 from simspec.cli import main
 from simspec.commands.export import BESIDE
 from simspec.errors import SpecError
+from simspec.files import find_spec
 from simspec.formats.usd.format import WORLD, Usd
 from simspec.language.load import load
-from simspec.resources import find_spec
 
 pytest.importorskip("pxr")
 SCENARIO = "coupled-gripper"

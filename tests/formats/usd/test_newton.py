@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simspec.files import find_spec
 from simspec.formats.usd.format import Usd
 from simspec.formats.usd.joints import carriers, several
 from simspec.formats.usd.stage import SMALLEST_MASS, SMALLEST_MOMENT, is_static, places
 from simspec.language.load import Spec, load
-from simspec.resources import find_spec
 from simspec.world import frames
 from simspec.world.kinematics import poses, trees
 

@@ -13,14 +13,14 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
 from simspec.errors import SpecError
+from simspec.files import find_spec
 from simspec.formats.kit.contract import LossFate
 from simspec.formats.usd.format import KINDS, SUPPORT, WORLD, Usd
 from simspec.language.load import Spec, load
-from simspec.resolve.poses import direction
-from simspec.resources import find_spec
+from simspec.resolve.shapes import direction
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.kinematics import poses
 from tests import worlds

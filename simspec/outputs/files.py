@@ -1,8 +1,4 @@
-"""Reading what others may have put there: regular files only, of bounded size, never through a link.
-
-A FIFO hangs its reader, a device never ends, and a symbolic link in a folder from a stranger would have its target's content
-read, and perhaps copied, in the stranger's name.
-"""
+"""Files of users: reading them in bounded memory, and appending to them."""
 
 from __future__ import annotations
 
@@ -10,8 +6,14 @@ import os
 import stat
 from pathlib import Path
 
-from simspec import reading
+from simspec import files
 from simspec.errors import Problem, SpecError
+from simspec.files import kind
+
+# Reading what others may have put there: regular files only, of bounded size, never through a link.
+#
+# A FIFO hangs its reader, a device never ends, and a symbolic link in a folder from a stranger would have its target's content
+# read, and perhaps copied, in the stranger's name.
 
 MOST_FILES = 100_000
 """Entries of one folder of output: the largest scenario has one file for each of 10,000 bodies."""
@@ -33,10 +35,10 @@ def open_regular(path: Path, limit: int, root: Path | None = None) -> int:
     try:
         if root is not None:
             _demand_below(root, path.relative_to(root).parts)
-        return reading.open_regular(path, limit)
+        return files.open_regular(path, limit)
     except FileNotFoundError:
         raise
-    except reading.NotReadableError as error:
+    except files.NotReadableError as error:
         raise refuse(path, str(error)) from None
     except OSError as error:
         raise refuse(path, f"cannot be read: {error.strerror}") from None
@@ -49,13 +51,13 @@ def _demand_below(root: Path, parts: tuple[str, ...]) -> None:
         place /= part
         mode = os.lstat(place).st_mode
         if part == ".." or not stat.S_ISDIR(mode):
-            raise reading.NotReadableError(f"its folder {str(place)!r} is {reading.kind(mode)}")
+            raise files.NotReadableError(f"its folder {str(place)!r} is {files.kind(mode)}")
 
 
 def read_bytes(path: Path, limit: int = LARGEST_TEXT, root: Path | None = None) -> bytes:
     """The content of a regular file of at most ``limit`` bytes; as :func:`open_regular`."""
     with os.fdopen(open_regular(path, limit, root), "rb") as file:
-        content = reading.read_at_most(file, limit)
+        content = files.read_at_most(file, limit)
     if len(content) > limit:
         raise refuse(path, f"more than the {limit:,} bytes that are read")
     return content
@@ -87,7 +89,36 @@ def files_below(folder: Path, most: int = MOST_FILES) -> list[str]:
                 elif stat.S_ISREG(mode):
                     found.append(name)
                 else:
-                    raise refuse(folder / name, f"{reading.kind(mode)}, where only regular files are expected")
+                    raise refuse(folder / name, f"{files.kind(mode)}, where only regular files are expected")
                 if len(found) + len(waiting) > most:
                     raise refuse(folder, f"holds more than {most} files")
     return sorted(found)
+
+
+# Adding to a file that another program gives simspec to add to, as CI systems do.
+
+
+def append_text(path: Path, text: str, most: int) -> bool:
+    """Add text to a regular file, which is made where there is none; whether it was added: the file may hold ``most`` bytes.
+
+    Raises SpecError when it is no regular file, OSError when it cannot be written.
+    """
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    descriptor = os.open(path, flags, 0o644)
+    with os.fdopen(descriptor, "ab") as file:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            raise SpecError([Problem(f"{str(path)!r} is {kind(status.st_mode)}, not a file to add to")])
+        content = text.encode()
+        if status.st_size + len(content) > most:
+            return False
+        file.write(content)
+    return True
+
+
+def file_size(path: Path) -> int:
+    """Bytes of a file; 0 where there is none."""
+    try:
+        return os.stat(path).st_size
+    except FileNotFoundError:
+        return 0

@@ -1,16 +1,26 @@
-"""How a command line ends when it is told to, when nobody reads what it says, and when it meets what should not be.
+"""Processes: how the command line ends, how interpreters are started, requests to child processes, processor time.
 
-``130``, ``143`` and ``129`` for interrupt, terminate and hang up, as shells say it; ``70`` for a bug in simspec.
+Exit codes ``130``, ``143`` and ``129`` for interrupt, terminate and hang up, as shells have them; ``70`` for a bug in simspec.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator, Mapping
 from types import FrameType
-from typing import Any
+from typing import IO, TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    import subprocess
+
+
+# How a command line ends when it is told to, when nobody reads what it says, and when it meets what should not be.
+#
+# ``130``, ``143`` and ``129`` for interrupt, terminate and hang up, as shells say it; ``70`` for a bug in simspec.
 
 EXIT_BUG = 70
 """Something happened that simspec does not know of. (EX_SOFTWARE of sysexits.h; 0 to 3 are answers.)"""
@@ -168,3 +178,106 @@ def _kept(trace: str) -> str:
     except OSError:
         return "its traceback"
     return file.name
+
+
+# A request to a child process by its standard input, and the answer by its standard output: in bounded time and memory.
+
+
+def exchange(process: subprocess.Popen[bytes], request: bytes, seconds: float, most: int) -> tuple[bytes, str]:
+    """The answer of a process, and why it is cut off: "late" after ``seconds`` by the clock, "large" beyond ``most`` bytes; ""
+    where the process has ended by itself. Otherwise it is killed."""
+    import selectors
+    import subprocess
+    import threading
+
+    source, sink = process.stdout, process.stdin
+    assert source is not None
+    assert sink is not None
+    writer = threading.Thread(target=_send, args=(sink, request), daemon=True)
+    writer.start()
+    until, parts, size, why = time.monotonic() + seconds, [], 0, ""
+    try:
+        with selectors.DefaultSelector() as selector:
+            selector.register(source, selectors.EVENT_READ)
+            while not why:
+                left = until - time.monotonic()
+                if left <= 0.0 or not selector.select(left):
+                    why = "late"
+                    break
+                part = os.read(source.fileno(), 2**20)
+                if not part:
+                    break
+                size += len(part)
+                parts.append(part)
+                why = "large" if size > most else ""
+        if not why:
+            process.wait(max(0.0, until - time.monotonic()))
+    except subprocess.TimeoutExpired:
+        why = "late"
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+        writer.join()
+        source.close()
+    return b"".join(parts), why
+
+
+def _send(sink: IO[bytes], request: bytes) -> None:
+    with contextlib.suppress(BrokenPipeError), sink:  # the process has ended; its answer shows it
+        sink.write(request)
+
+
+# How a Python interpreter is started: so that no file of the folder that a command is started in is imported.
+#
+# ``python -m``, ``python -c`` and ``python script`` put the working folder, or the script's, before the standard library: a
+# ``json.py`` or ``pip.py`` there would be run. Every start of an interpreter in simspec goes through one of the two forms here,
+# in a working folder other than the user's (``tests/test_isolated.py``).
+
+ELSEWHERE: Final = "/"
+"""A working folder for interpreters that need none."""
+
+
+def isolated(*words: str, python: str | None = None) -> list[str]:
+    """The words that start an interpreter (None: this one) in isolated mode, ``-I``: neither the working folder, nor the user's
+    own packages, nor any variable ``PYTHON...`` has an effect."""
+    return [python or sys.executable, "-I", *words]
+
+
+def with_search_path(*words: str, python: str | None = None) -> list[str]:
+    """The same for an interpreter that has to import an engine or a reader of files, which some users have by ``PYTHONPATH``
+    alone (libraries that are built from source): ``-P`` and ``-s`` leave out the working folder and the user's own packages.
+    The environment must be one of :func:`search_environment`."""
+    return [python or sys.executable, "-P", "-s", *words]
+
+
+def search_environment(environment: Mapping[str, str]) -> dict[str, str]:
+    """An environment whose ``PYTHONPATH`` has absolute paths alone: an empty entry is the working folder, as
+    ``PYTHONPATH=$PYTHONPATH:/more`` leaves it behind, and a relative one is below it."""
+    paths = [path for path in environment.get("PYTHONPATH", "").split(os.pathsep) if os.path.isabs(path)]
+    cleaned = {name: value for name, value in environment.items() if name != "PYTHONPATH"}
+    return {**cleaned, "PYTHONNOUSERSITE": "1", **({"PYTHONPATH": os.pathsep.join(paths)} if paths else {})}
+
+
+# Processor time of this process and of the programs that work for it, which the system counts for themselves alone.
+
+Clock = Callable[[], float]
+"""Gives seconds."""
+_others: list[Clock] = []
+
+
+def processor_clock() -> Clock:
+    """The clock of all that work here now: of this process alone, as the system has it, where nothing else works."""
+    if not _others:
+        return time.process_time
+    return lambda: time.process_time() + sum(other() for other in _others)
+
+
+@contextlib.contextmanager
+def counted(other: Clock) -> Iterator[None]:
+    """Count what ``other`` says to the processor time of this process, within the block."""
+    _others.append(other)
+    try:
+        yield
+    finally:
+        _others.remove(other)
