@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.analysis.tables import LEVEL, Interval, share
-from simspec.errors import Problem, SpecError
-from simspec.markup import length
+from simspec.errors import Problem, SpecError, length
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
 from simspec.world.shapes import SHAPES

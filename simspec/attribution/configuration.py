@@ -19,10 +19,10 @@ from simspec.engines.kit.process import DEADLINE, Answer, Operation, start
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Value, idle_settings, pair_settings, resolve_settings
 from simspec.engines.kit.warm import WarmProcesses
+from simspec.files import scratch_folder
 from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.judge import judge_proof
 from simspec.proof.verify import LEVELS, verify
-from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
 from simspec.world.contact_pairs import Pair
 from simspec.world.kinematics import initial_state

@@ -12,8 +12,7 @@ from simspec.commands.options import names_alone, print_json
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.generated import GENERATED, Built, Written
-from simspec.outputs.marker import COMPILED
-from simspec.outputs.targets import check_folder, demand, folder_problem
+from simspec.outputs.targets import COMPILED, check_folder, demand, folder_problem
 from simspec.report.screen import console, say
 from simspec.selection import Selection
 from simspec.world.canonical import sha256

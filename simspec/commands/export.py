@@ -21,12 +21,11 @@ from simspec.commands.loading import Loaded, load_all
 from simspec.commands.options import print_json
 from simspec.commands.scenario_options import ExportOptions
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
+from simspec.files import NotReadableError, read_bytes
 from simspec.formats.kit.contract import Format, Plain, formats
 from simspec.formats.kit.text import json_text
-from simspec.outputs.marker import PLAIN
-from simspec.outputs.targets import LARGEST_OWN, demand, file_problem, folder_problem
+from simspec.outputs.targets import LARGEST_OWN, PLAIN, demand, file_problem, folder_problem
 from simspec.outputs.writing import update_folder, write_file
-from simspec.reading import NotReadableError, read_bytes
 from simspec.report.model_files import losses_table_losses as losses_table
 from simspec.report.model_files import reader_lines
 from simspec.report.screen import console, say

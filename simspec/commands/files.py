@@ -15,6 +15,7 @@ from simspec.commands.options import print_json
 from simspec.commands.scenario_options import FmtOptions, ImportFileOptions, NewOptions, SchemaOptions
 from simspec.engines.kit import request
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
+from simspec.files import read_bytes
 from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text, too_long
 from simspec.language import schema as language_schema
 from simspec.language.beginning import AT_LIMITS, listed
@@ -25,12 +26,10 @@ from simspec.language.load import Spec, load
 from simspec.language.losses import counts, grouped, of_physics, problems, repairs_data
 from simspec.language.packages import PACKAGE, ROBOT, ROBOTS, NotCachedError, Package, is_packaged, is_robot, packaged
 from simspec.language.sources import project_folder
-from simspec.meshes.files import LARGEST_FILE as LARGEST_MESH
+from simspec.meshes.reading import LARGEST_FILE as LARGEST_MESH
 from simspec.outputs import reading
-from simspec.outputs.marker import MESHES
-from simspec.outputs.targets import LARGEST_OWN, NEVER, check_file, demand, file_problem, folder_problem
+from simspec.outputs.targets import LARGEST_OWN, MESHES, NEVER, check_file, demand, file_problem, folder_problem
 from simspec.outputs.writing import write_file, write_folder
-from simspec.reading import read_bytes
 from simspec.report.model_files import losses_table, repairs_table
 from simspec.report.problems import show_warnings
 from simspec.report.screen import console, say

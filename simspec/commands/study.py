@@ -29,9 +29,9 @@ from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome
 from simspec.experiments.sweep import sweep as run_sweep
 from simspec.experiments.versions import versions_of
+from simspec.files import resource_folder
 from simspec.language.study_specs import StudySource, SweepOfStudy, load_study_file
-from simspec.outputs.marker import STORE, STUDY
-from simspec.outputs.targets import demand, folder_problem
+from simspec.outputs.targets import STORE, STUDY, demand, folder_problem
 from simspec.outputs.writing import change_file, open_folder, write_folder
 from simspec.report.experiments import proof_words
 from simspec.report.page.document import page as html
@@ -43,7 +43,6 @@ from simspec.report.study.runs import Done, Explained, StudyTable
 from simspec.report.study.tables import counted, measured, shown_of
 from simspec.report.study.validity import unfailed
 from simspec.report.table import Table, html_data, markdown
-from simspec.resources import resource_folder
 from simspec.stored import StudyTables, read_as
 
 WINDOWS: Final = 30

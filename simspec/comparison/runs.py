@@ -17,8 +17,8 @@ from simspec.comparison.common import (
     moving_in_common,
 )
 from simspec.comparison.floor import FLOOR_FACTOR, Floor, deviations, horizon
+from simspec.errors import html_table, length
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.markup import html_table, length
 from simspec.runner import metrics
 from simspec.runner.run import Run
 from simspec.world.canonical import sha256

@@ -18,8 +18,8 @@ from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
+from simspec.files import scratch_folder
 from simspec.proof.verify import Probes
-from simspec.scratch import scratch_folder
 from simspec.world.kinematics import layout_of
 from simspec.world.types import World
 

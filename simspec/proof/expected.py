@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from simspec.compiler import compile_world
-from simspec.control.native import natives
+from simspec.control.reference import natives
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.capabilities import DOUBLE, Capability

@@ -13,10 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.control.forces import brought_forward, forces_to_request, in_steps
-from simspec.control.motions import curve, motions_to_request
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import SEED, angles_of, random_states, shortened
+from simspec.control.request import brought_forward, curve, forces_to_request, in_steps, motions_to_request
+from simspec.dynamics.oracle import SEED, Oracle, angles_of, random_states, shortened
 from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import PRECISIONS, Check, Precision, Rounded, Tally

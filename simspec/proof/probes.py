@@ -17,9 +17,9 @@ from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
+from simspec.files import scratch_folder
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.proof.checks import PRECISIONS, Check, Precision, Tally
-from simspec.scratch import scratch_folder
 from simspec.world import frames
 from simspec.world.frames import quaternion, vector3
 from simspec.world.rotations import rotation_error

@@ -12,11 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from simspec.artifacts import Artifacts
 from simspec.compiler import Compiled, compile_world, write_folder
 from simspec.dialects.kit.contract import dialects
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.engines.kit import process
 from simspec.engines.kit.capabilities import DOUBLE, Capability
 from simspec.engines.kit.contract import Engine
@@ -24,6 +22,8 @@ from simspec.engines.kit.process import DEADLINE, Answer, Operation, Reply, at_w
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, Location, UnsupportedError
+from simspec.files import scratch_folder
+from simspec.outputs.writing import Artifacts
 from simspec.proof import control, forces, limits, motion
 from simspec.proof import forces as dry_friction
 from simspec.proof.certificate import Certificate, EngineProof
@@ -69,7 +69,6 @@ from simspec.proof.probes import (
 from simspec.proof.touch import plan as touch
 from simspec.proof.touch.judge import touch_checks
 from simspec.proof.touch.plan import Meetings
-from simspec.scratch import scratch_folder
 from simspec.world.canonical import sha256
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import ReadBack, World

@@ -22,7 +22,7 @@ from simspec.comparison.study import Study
 from simspec.errors import Problem, SpecError
 from simspec.experiments.machine import Machine
 from simspec.experiments.timing import disturbed
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
 from simspec.report.ci_files import words
 from simspec.report.table import Table, markdown_rows
 from simspec.report.tested import Entry, Status, Suite

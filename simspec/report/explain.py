@@ -15,10 +15,10 @@ from simspec.dialects.kit.contract import dialects
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import Value, idle_settings, pair_settings, resolve_settings
+from simspec.files import scratch_folder
 from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.report.matrix import WORDS
 from simspec.report.table import Table
-from simspec.scratch import scratch_folder
 from simspec.world.actions import Controller
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.types import Hardness, PairContact, Surface, World

@@ -9,8 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from simspec.errors import clipped, visible
-from simspec.markup import length
+from simspec.errors import clipped, length, visible
 
 __all__ = ["Column", "Table", "TableCell", "length", "number"]
 

@@ -10,8 +10,7 @@ import random
 import numpy as np
 import pytest
 
-from simspec.dynamics.oracle import Oracle
-from simspec.dynamics.states import random_states
+from simspec.dynamics.oracle import Oracle, random_states
 from simspec.proof.touch import mechanisms, plan
 from simspec.proof.touch import plan as free
 from simspec.proof.touch.geometry import Solid, gap, transform, transforms, wanted_depth

@@ -12,10 +12,10 @@ from typing import Any, ClassVar, Final
 
 from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.plugins import Plugins
-from simspec.resolve.poses import direction
+from simspec.resolve.shapes import direction
 from simspec.support.declarations import Level, Table, check_total
 from simspec.support.features import Feature
-from simspec.support.needs import needs
+from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.inertia import lumped, lumped_gravity_scale
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World

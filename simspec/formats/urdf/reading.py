@@ -15,7 +15,7 @@ from typing import Final, TypeVar
 from simspec.errors import SpecError
 from simspec.formats.kit.text import FIELDS
 from simspec.formats.kit.xml_elements import XmlElement, parse_xml
-from simspec.outputs.reading import files_below, read_bytes
+from simspec.outputs.files import files_below, read_bytes
 from simspec.world import frames
 from simspec.world.types import Inertial as WorldInertial
 from simspec.world.types import Pose, Vector3

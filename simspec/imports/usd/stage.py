@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.errors import Location, Problem, SpecError
+from simspec.files import NotReadableError, parse_json
 from simspec.imports.child import ChildError, Policy, run
 from simspec.imports.elements import Element
 from simspec.imports.files import Files
 from simspec.language.foreign import Severity
-from simspec.reading import NotReadableError, parse_json
 
 # --- lines of prims in a text; a binary file has none ---
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from simspec.dynamics.oracle import random_states
 from simspec.dynamics.oracle_tree import Tree
-from simspec.dynamics.states import random_states
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.proof.touch.geometry import Gap, Solid, gap, transforms, wanted_depth
 from simspec.proof.touch.scene import POSES, Pair, Scene, States, easy

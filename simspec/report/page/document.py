@@ -14,6 +14,7 @@ from typing import Any
 from markupsafe import Markup
 
 from simspec.errors import Problem, SpecError, visible
+from simspec.files import resource_folder
 from simspec.formats.kit.text import environment
 from simspec.report import differences
 from simspec.report.certificate import certificate_notes, certificate_tables
@@ -25,7 +26,6 @@ from simspec.report.problems import not_run_table
 from simspec.report.stored_study import StoredStudy, world_hash
 from simspec.report.studies import expectations, final_table, results, shown_of
 from simspec.report.table import Table, html_data
-from simspec.resources import resource_folder
 from simspec.runner.run import Run
 
 # The page's program and style, as npm and esbuild made them of ``page/src`` (``make page-bundle``).

@@ -19,8 +19,8 @@ from pathlib import Path
 
 from simspec.errors import Problem, SpecError, visible
 from simspec.experiments.store import Store
-from simspec.outputs.marker import STUDY, read_marker
-from simspec.outputs.reading import read_bytes
+from simspec.outputs.files import read_bytes
+from simspec.outputs.targets import STUDY, read_marker
 from simspec.proof.certificate import Certificate
 from simspec.report.page.document import Section, section
 from simspec.report.page.packing import Packed
