@@ -24,9 +24,8 @@ from simspec.proof.certificate import Certificate, EngineProof
 from simspec.proof.judge import judge_proof
 from simspec.proof.verify import LEVELS, verify
 from simspec.world.canonical import sha256
-from simspec.world.contact_pairs import Pair
 from simspec.world.kinematics import initial_state
-from simspec.world.types import EngineOptions, PairSettings, World
+from simspec.world.types import EngineOptions, Pair, PairSettings, World
 
 # A world in an engine, as one of the two sides that are compared, and what is asked of it: runs, and windows.
 

@@ -27,7 +27,7 @@ from simspec.language.losses import counts, grouped, of_physics, problems, repai
 from simspec.language.packages import PACKAGE, ROBOT, ROBOTS, NotCachedError, Package, is_packaged, is_robot, packaged
 from simspec.language.sources import project_folder
 from simspec.meshes.reading import LARGEST_FILE as LARGEST_MESH
-from simspec.outputs import reading
+from simspec.outputs import files as output_files
 from simspec.outputs.targets import LARGEST_OWN, MESHES, NEVER, check_file, demand, file_problem, folder_problem
 from simspec.outputs.writing import write_file, write_folder
 from simspec.report.model_files import losses_table, repairs_table
@@ -254,7 +254,7 @@ def fmt(options: FmtOptions) -> int:
             problems.append(Problem(f"{path} is no spec", hint=f"simspec import {path} -o {path.stem}.yaml"))
             continue
         try:
-            before = reading.read_bytes(path, LARGEST_FILE)
+            before = output_files.read_bytes(path, LARGEST_FILE)
             after = format_text(decode(before, str(path)), str(path))
             if not check and before != after.encode():
                 check_file(path, before.__eq__)
@@ -325,7 +325,7 @@ def _one(
     if not check:
         check_file(path, ours)
     try:
-        current = reading.read_bytes(path, LARGEST_OWN) == wanted.encode()
+        current = output_files.read_bytes(path, LARGEST_OWN) == wanted.encode()
     except (FileNotFoundError, NotADirectoryError):
         current = False
     if not check and not current:

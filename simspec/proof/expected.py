@@ -34,9 +34,9 @@ from simspec.proof.touch.plan import nothing_to_try, oracle_of
 from simspec.support.declarations import Level
 from simspec.support.negotiation import Decision
 from simspec.world.canonical import derived
-from simspec.world.contact_pairs import Pair, meeting_laws
+from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import frictional_coordinates, initial_state
-from simspec.world.types import VELOCITY_SIZE, ReadBack, World
+from simspec.world.types import VELOCITY_SIZE, Pair, ReadBack, World
 
 # Worlds of which every motion is at a limit of a joint, where motion proofs cannot follow: why, from the world alone.
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.request import brought_forward, curve, forces_to_request, in_steps, motions_to_request
-from simspec.dynamics.oracle import SEED, Oracle, angles_of, random_states, shortened
+from simspec.dynamics.oracle import STATES_SEED, Oracle, angles_of, random_states, shortened
 from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
 from simspec.proof.checks import PRECISIONS, Check, Precision, Rounded, Tally
@@ -86,7 +86,7 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
             ends = ""
             break
     poses = np.array([oracle.body_poses(row) for row in states])
-    generator, floor = np.random.default_rng(SEED + 300), 0.0
+    generator, floor = np.random.default_rng(STATES_SEED + 300), 0.0
     for run in range(DISTURBED):
         off, rounded = precision.beginning(q, generator), precision.rounding(run, generator)
         other = np.array([oracle.body_poses(row) for row in _motion(asked, oracle, off, v, effort, rounded)])
@@ -277,7 +277,7 @@ def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISION
         return None
     friction = np.zeros(oracle.nv)
     room = np.full(oracle.nv, np.inf)
-    q = random_states(world, 1, SEED + 300)[0][0]
+    q = random_states(world, 1, STATES_SEED + 300)[0][0]
     for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
         friction[at_v] = body.joint.dry_friction
         if body.joint.position_limits is not None:
@@ -303,7 +303,7 @@ def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISION
     whole = friction + sum((np.abs(weights) * most for weights, most in along), np.zeros(oracle.nv))
     strength = oracle.mobility(q) * whole
     gain = np.minimum(SLIDING * strength, room / world.physics.timestep**2)
-    side = np.where(np.random.default_rng(SEED + 301).random(oracle.nv) < 0.5, -1.0, 1.0)
+    side = np.where(np.random.default_rng(STATES_SEED + 301).random(oracle.nv) < 0.5, -1.0, 1.0)
     if world.constraints:  # joints that are held together slide together
         slides = oracle.constrained_velocity(q, gain * side)
         gain, side = np.abs(slides), np.sign(slides)
@@ -321,7 +321,7 @@ def _floor(
 ) -> float:
     """What fewer digits of states and efforts make of the speeds of a trial, in its own units: where friction is a small part
     of what acts, rounding is a large part of it."""
-    generator = np.random.default_rng(SEED + 302)
+    generator = np.random.default_rng(STATES_SEED + 302)
     rounded, off = precision.rounding(1, generator), ROUNDING[precision.name]
     brake = friction.against(trial.along)
     efforts = (trial.effort * (1.0 + off * generator.choice([-1.0, 1.0], oracle.nv)) - brake, trial.effort - brake)

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from simspec.world.canonical import derived
 from simspec.world.kinematics import rigid_groups
 from simspec.world.shapes import SHAPES
-from simspec.world.types import Body, PairContact, Shape, World
+from simspec.world.types import Body, Pair, PairContact, Shape, World
 
 # Which materials and which shapes may meet in a world, and the laws of those that do.
 
