@@ -1,4 +1,5 @@
-"""Everything that ODE holds beside the fields of the read-back, and that can act; what it must be says ``expected.py``."""
+"""The values that ODE stores besides the fields of the read-back, and that can act, and what they must be (``expected``,
+which runs without ODE)."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, EngineValue, World
 
 BIG = 1e308
-"""Stands for infinity, which is no number in JSON."""
+"""In place of infinity, which JSON does not have."""
 WORLD = (
     *("ERP", "CFM", "AutoDisableFlag", "QuickStepNumIterations", "QuickStepW", "ContactMaxCorrectingVel"),
     *("ContactSurfaceLayer", "LinearDamping", "AngularDamping", "MaxAngularSpeed"),
@@ -41,7 +42,7 @@ def finite(value: float) -> float:
 
 
 def inventory(sim: Simulation) -> dict[str, EngineValue]:
-    """Everything else that is held, by name."""
+    """The stored values by name."""
     lib, built = sim.library, sim.built
     found = of_world(sim, lib.sim_world(sim.sim))
     found |= sidecar_labels(sim.sidecar)
@@ -68,12 +69,12 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
 
 
 def of_world(sim: Simulation, world: Any) -> dict[str, EngineValue]:
-    """A world's own numbers."""
+    """The numbers of a world."""
     return {f"world.{name}": finite(getattr(sim.library, f"dWorldGet{name}")(world)) for name in WORLD}
 
 
 def neutral(sim: Simulation) -> dict[str, EngineValue]:
-    """What an empty world of ODE's holds."""
+    """The values of an empty world."""
     world = sim.library.dWorldCreate()
     try:
         return of_world(sim, world)
@@ -138,10 +139,6 @@ def _filter(sim: Simulation) -> dict[str, EngineValue]:
     return {f"apart.{name}": named_set(others) for name, others in apart.items()}
 
 
-# What ODE's inventory must be (``inventory.py``), from the world and the settings that follow from it alone.
-#
-# Runs outside the engine's process, without ODE.
-
 OWN_TYPES = {"hinge": "hinge", "slide": "slider", "ball": "ball", "fixed": "fixed"}
 ROW_TYPES = {"hinge": "amotor", "slide": "lmotor"}
 Settings = Mapping[str, bool | int | float | str]
@@ -150,7 +147,7 @@ Settings = Mapping[str, bool | int | float | str]
 def expected(
     world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
 ) -> dict[str, EngineValue]:
-    """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are ODE's own values."""
+    """The values that follow from ``world`` under its ``settings``; ``neutral`` are ODE's defaults."""
     groups = rigid_groups(world)
     native = bool(settings.get("native_motion", False))
     found = dict(neutral)
