@@ -152,6 +152,16 @@ class UniqueNames:
         return name
 
 
+MOVING_PLANE: Final = "a plane is only drawn where it is fixed to the world"
+
+
+def not_drawn(visual: Element, why: Problem) -> None:
+    """Say of a visual that something in it is wrong: nothing but its appearance is lost."""
+    found = f": {why.found}" if why.found else ""
+    visual.forget()
+    visual.lose(None, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
+
+
 def renamed(element: Element, name: str, given: str) -> None:
     """Say of the attribute ``name`` of ``element`` that the spec calls it ``given``, where that is another name."""
     if element.attributes.get(name, "").strip() != given:
@@ -189,6 +199,14 @@ def numbers(values: Sequence[float]) -> list[float]:
 def angle(value: float) -> float | str:
     """An angle in rad; one of more than a turn says its unit."""
     return f"{plain(value)!r} rad" if abs(value) > TURN else plain(value)
+
+
+def tensor_words(six: Sequence[float]) -> dict[str, Any]:
+    """An inertia (xx, yy, zz, xy, xz, yz) as ``inertia.tensor``, without products of zero."""
+    names = ("xx", "yy", "zz", "xy", "xz", "yz")
+    return {
+        "tensor": {name: plain(value) for name, value in zip(names, six, strict=True) if value or name[0] == name[1]}
+    }
 
 
 def pose(xyz: Sequence[float] | None, rpy: Sequence[float] | None) -> dict[str, Any]:

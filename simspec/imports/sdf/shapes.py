@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from simspec.errors import Problem, SpecError
-from simspec.imports.draft import CONTACT_OF_LINK, NamedMesh, Surface, read_meshes
+from simspec.imports.draft import CONTACT_OF_LINK, MOVING_PLANE, NamedMesh, Surface, not_drawn, read_meshes
 from simspec.imports.elements import HOW_HARD, Element
 from simspec.imports.sdf.models import SdfMeshes
 from simspec.imports.sdf.values import (
@@ -201,7 +201,7 @@ def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
             shape = _collision(child, around) if child.tag == "collision" else _visual(child, around)
         except SpecError as error:
             if child.tag == "visual":
-                _not_drawn(child, error.problems[0])
+                not_drawn(child, error.problems[0])
             else:
                 problems.extend(error.problems)
             continue
@@ -219,16 +219,6 @@ def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
     if problems:
         raise SpecError(problems)
     return shapes
-
-
-MOVING_PLANE: Final = "a plane is only drawn where it is fixed to the world"
-
-
-def _not_drawn(visual: Element, why: Problem) -> None:
-    """Say of a visual that something in it is wrong: nothing but its appearance is lost."""
-    found = f": {why.found}" if why.found else ""
-    visual.forget()
-    lost(visual, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
 
 
 def _size(element: Element) -> dict[str, Any]:

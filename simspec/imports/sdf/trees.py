@@ -146,8 +146,7 @@ def inertia_data(values: tuple[float, ...], place: Placement) -> dict[str, Any]:
         return data
     if turned:
         values = frames.rotate_inertia(place.pose.quaternion, values)
-    names = ("xx", "yy", "zz", "xy", "xz", "yz")
-    return {"tensor": {name: value for name, value in zip(names, values, strict=True) if value or name[0] == name[1]}}
+    return draft.tensor_words(values)
 
 
 MASSLESS: Final = "massless"

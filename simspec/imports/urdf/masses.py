@@ -25,6 +25,7 @@ from simspec.imports.draft import (
     numbers,
     plain,
     shown,
+    tensor_words,
 )
 from simspec.imports.draft import RULE as TRIANGLE
 from simspec.imports.elements import Element
@@ -87,8 +88,7 @@ class UrdfMass:
             return {"principal": numbers(diagonal), **turn}
         if any(self.rpy):
             tensor = frames.rotate_inertia(frames.from_rpy(*self.rpy), tensor)
-        pairs = zip(MOMENTS, tensor, strict=True)
-        return {"tensor": {name: plain(value) for name, value in pairs if value or name in MOMENTS[:3]}}
+        return tensor_words(tensor)
 
 
 def read_mass(link: Element) -> UrdfMass | None:

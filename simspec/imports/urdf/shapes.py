@@ -10,11 +10,13 @@ from typing import Any, Final
 from simspec import numerals
 from simspec.errors import Problem, SpecError
 from simspec.imports.draft import (
+    MOVING_PLANE,
     Draft,
     NamedMesh,
     find_mesh,
     kept_vertices,
     names,
+    not_drawn,
     numbers,
     plain,
     pose,
@@ -50,7 +52,6 @@ LENGTHS: Final[Mapping[str, Sequence[str]]] = {
 GEOMETRIES: Final = (*LENGTHS, "plane", "mesh")
 DIALECTS: Final = ("capsule", "ellipsoid", "plane")
 """Those that URDF itself does not have: programs that read it do, two of them with a prefix."""
-MOVING_PLANE: Final = "a plane is only drawn where it is fixed to the world"
 OF_DIALECTS: Final = "a word that some readers add to URDF, carried as they mean it"
 
 
@@ -145,7 +146,7 @@ def read_shapes(link: Element, known: Mapping[str, list[float] | None], draft: D
             except SpecError as error:
                 if element.tag != "visual":
                     raise
-                _not_drawn(element, error.problems[0])
+                not_drawn(element, error.problems[0])
                 continue
             if shape is None:
                 continue
@@ -154,13 +155,6 @@ def read_shapes(link: Element, known: Mapping[str, list[float] | None], draft: D
             shape.name = element.word("name") or ""
             shapes.append(shape)
     return shapes
-
-
-def _not_drawn(visual: Element, why: Problem) -> None:
-    """Say of a visual that something in it is wrong: nothing but its appearance is lost."""
-    found = f": {why.found}" if why.found else ""
-    visual.forget()
-    visual.lose(None, f"{why.message}{found}", APPEARANCE, why.hint or "")
 
 
 def without_planes(shapes: Sequence[UrdfShapeRead]) -> list[UrdfShapeRead]:

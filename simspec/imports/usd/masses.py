@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.imports.draft import NOT_POSITIVE, Draft, numbers, plain, shown
+from simspec.imports.draft import NOT_POSITIVE, Draft, numbers, plain, shown, tensor_words
 from simspec.imports.usd.places import PrimPlaces, quaternion
 from simspec.imports.usd.shapes import UsdShapeRead
 from simspec.imports.usd.stage import OWN, STALE, PrimRead, StageRead, agree
@@ -40,7 +40,6 @@ OF_FILLING: Final = (
 INCOMPLETE: Final = "incomplete-inertial"
 TRIANGLE: Final = "triangle-inequality"
 AS_UNSAID: Final = "a mass or moments below 0 are as if they were not there: they follow from the shapes"
-NAMES: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 class MassReader:
@@ -137,11 +136,7 @@ class MassReader:
         tensor = self._possible(prim, tensor, path)
         if not any(tensor[3:]):
             return {"principal": numbers(tensor[:3])}
-        return {
-            "tensor": {
-                name: plain(value) for name, value in zip(NAMES, tensor, strict=True) if value or name in NAMES[:3]
-            }
-        }
+        return tensor_words(tensor)
 
     def _possible(self, prim: PrimRead, tensor: tuple[float, ...], path: tuple[str, ...]) -> tuple[float, ...]:
         moments = principal_moments(tensor)
