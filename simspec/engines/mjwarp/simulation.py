@@ -26,7 +26,7 @@ from simspec.engines.mjwarp.programs import (
     import_modules,
     taken_over,
 )
-from simspec.engines.mujoco.rewritten import RewrittenSimulation
+from simspec.engines.mujoco.rewritten import EngineModel, RewrittenSimulation
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.world.types import ReadBack
@@ -44,50 +44,27 @@ LACKED = ("mjDSBL_AUTORESET",)
 """Flags of what Warp does not have, so that it is always as these say: Warp refuses a model that has them."""
 
 
-class HeldOption:
-    """The options of a model of Warp."""
+class WarpModel(EngineModel):
+    """Made with the bits of :data:`LACKED`."""
 
-    def __init__(self, option: Any, file: Any, lacked: int):
-        self._option, self._file, self._lacked = option, file, lacked
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
+    def field(self, name: str) -> Any:
         if name == "impratio":  # Warp keeps one over its root
-            return float(1.0 / np.square(self._option.impratio_invsqrt.numpy().astype(float))[0])
+            return float(1.0 / np.square(self._model.impratio_invsqrt.numpy().astype(float))[0])
         if name == "disableflags":
-            return int(self._option.disableflags) | (int(self._file.disableflags) & self._lacked)
-        return _either(self._option, self._file, name)
-
-
-class Held:
-    """The fields of a model of Warp as numpy's arrays, in the shapes of ``mjModel``'s. ``file``: the model it was made of."""
-
-    def __init__(self, model: Any, file: Any, lacked: int):
-        self._model, self.file = model, file
-        self.opt = HeldOption(model.opt, file.opt, lacked)
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return _either(self._model, self.file, name)
-
-
-def _either(held: Any, file: Any, name: str) -> Any:
-    """A field that Warp has under MuJoCo's name, or else the file's."""
-    told = getattr(file, name)
-    if name not in type(held).__dataclass_fields__:
-        return told
-    own = getattr(held, name)
-    if not hasattr(own, "numpy"):
-        return own
-    found, like = np.asarray(own.numpy()), np.asarray(told)
-    if found.size != like.size:
-        raise EngineError(ENGINE, f"holds {found.size} numbers of {name}, MuJoCo {like.size}")
-    found = found.reshape(like.shape).astype(like.dtype)
-    if any(fnmatchcase(name, law) for law in LAWS):
-        found = np.where(like.astype(np.float32) == found.astype(np.float32), like, found)
-    return found if like.shape else found.item()
+            return int(self._model.disableflags) | (int(self.file.disableflags) & self._given[0])
+        told = getattr(self.file, name)
+        if name not in type(self._model).__dataclass_fields__:
+            return told
+        own = getattr(self._model, name)
+        if not hasattr(own, "numpy"):
+            return own
+        found, like = np.asarray(own.numpy()), np.asarray(told)
+        if found.size != like.size:
+            raise EngineError(ENGINE, f"holds {found.size} numbers of {name}, MuJoCo {like.size}")
+        found = found.reshape(like.shape).astype(like.dtype)
+        if any(fnmatchcase(name, law) for law in LAWS):
+            found = np.where(like.astype(np.float32) == found.astype(np.float32), like, found)
+        return found if like.shape else found.item()
 
 
 SIGNS: Mapping[str, str] = {
@@ -149,11 +126,11 @@ class MjWarpSimulation(RewrittenSimulation, abstract=True):
         except (NotImplementedError, ValueError) as error:
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
 
-    def _seen(self, model: Any) -> Held:
-        return Held(self._taken_of(model), model, self._lacked)
+    def _seen(self, model: Any) -> WarpModel:
+        return WarpModel(self._taken_of(model), model, self._lacked)
 
     def read_back(self) -> ReadBack:
-        found = self._read(Held(self._taken, self.model, self._lacked))
+        found = self._read(WarpModel(self._taken, self.model, self._lacked))
         by_file = bool(self._disabled_by_file & int(self._mujoco.mjtDisableBit.mjDSBL_NATIVECCD))
         return dataclasses.replace(found, inventory={**found.inventory, SEARCH_OF_FILE: by_file})
 

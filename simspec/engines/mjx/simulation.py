@@ -16,7 +16,7 @@ import numpy as np
 from simspec.engines.kit.arrays import sorted_pairs
 from simspec.engines.mjx.programs import Modules, Programs, as_numpy, begin, import_mjx
 from simspec.engines.mujoco.readback import CONE_NAMES
-from simspec.engines.mujoco.rewritten import RewrittenSimulation
+from simspec.engines.mujoco.rewritten import EngineModel, RewrittenSimulation
 from simspec.errors import EngineError
 from simspec.formats.mjcf.format import MODEL
 from simspec.world.types import Body, Quaternion, ReadBack
@@ -28,41 +28,15 @@ from simspec.world.types import Body, Quaternion, ReadBack
 # was made of: so a file that says something else than the world is noticed there, too.
 
 
-class HeldOption:
-    """The options of an ``mjx.Model``, those of its implementation among them."""
-
-    def __init__(self, option: Any, file: Any):
-        self._option, self._file = option, file
-
-    def __getattr__(self, name: str) -> Any:
-        return _plain(_either(self._option, self._file, name))
-
-
-class Held:
-    """The fields of an ``mjx.Model`` as numpy's arrays, under the names of ``mjModel``. ``file``: the model it was made of."""
-
-    def __init__(self, model: Any, file: Any):
-        self._model, self.file = model, file
-        self.opt = HeldOption(model.opt, file.opt)
-
-    def __getattr__(self, name: str) -> Any:
-        return _plain(_either(self._model, self.file, name))
-
-
-def _either(held: Any, file: Any, name: str) -> Any:
+class MjxModel(EngineModel):
     """A field of MJX's own class, or of its implementation, or else of the file."""
-    if name.startswith("__"):
-        raise AttributeError(name)
-    if name in type(held).__dataclass_fields__ and name != "_impl":
-        return getattr(held, name)
-    own = held._impl
-    if name in type(own).__dataclass_fields__:
-        return getattr(own, name)
-    return getattr(file, name)
 
-
-def _plain(value: Any) -> Any:
-    return np.asarray(value) if hasattr(value, "shape") else value
+    def field(self, name: str) -> Any:
+        model = self._model
+        owners = (model, model._impl)
+        owner = next((own for own in owners if name in type(own).__dataclass_fields__ and name != "_impl"), self.file)
+        value = getattr(owner, name)
+        return np.asarray(value) if hasattr(value, "shape") else value
 
 
 CONE_OF_FILE = "file.opt.cone"
@@ -123,11 +97,11 @@ class MjxSimulation(RewrittenSimulation, abstract=True):
         except NotImplementedError as error:
             raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
 
-    def _seen(self, model: Any) -> Held:
-        return Held(self._modules.mjx.put_model(model), model)
+    def _seen(self, model: Any) -> MjxModel:
+        return MjxModel(self._modules.mjx.put_model(model), model)
 
     def read_back(self) -> ReadBack:
-        found = self._read(Held(self._taken, self.model))
+        found = self._read(MjxModel(self._taken, self.model))
         return dataclasses.replace(
             found,
             friction_cone=CONE_NAMES[self._cone_of_file],

@@ -90,6 +90,24 @@ class HeldMujoco:
         return self._taken_over(self._mujoco.MjModel.from_xml_string(text))
 
 
+class EngineModel:
+    """An engine's model, or its options, with the fields of ``mjModel`` as numpy's arrays: MuJoCo's read-back reads it.
+    ``file``: the model of MuJoCo that it was made of."""
+
+    def __init__(self, model: Any, file: Any, *given: Any):
+        self._model, self.file, self._given = model, file, given
+        self.opt = type(self)(model.opt, file.opt, *given) if hasattr(file, "opt") else None
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return self.field(name)
+
+    def field(self, name: str) -> Any:
+        """A field that the engine has under MuJoCo's name, or else the file's."""
+        raise NotImplementedError
+
+
 class RewrittenSimulation(MujocoSimulation, abstract=True):
     """The methods that do not depend on who takes a model over."""
 

@@ -15,7 +15,7 @@ from simspec.engines.kit.settings import check_settings
 from simspec.engines.mjwarp import programs
 from simspec.engines.mjwarp.engine import MjWarp
 from simspec.engines.mjwarp.programs import begin
-from simspec.engines.mjwarp.simulation import LACKED, Held
+from simspec.engines.mjwarp.simulation import LACKED, WarpModel
 from simspec.engines.mujoco import fields, inventory
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
@@ -112,7 +112,7 @@ def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
         names = [name for name in type(held).__dataclass_fields__ if hasattr(theirs, name) and name != "opt"]
         assert len(names) > 20
         assert not [name for name in names if not any(fnmatch.fnmatchcase(name, row) for row in looked_at)]
-    seen = Held(taken, file, 0)
+    seen = WarpModel(taken, file, 0)
     assert not hasattr(taken, "jnt_user")
     assert seen.jnt_user.shape == (0, 0)
     assert seen.geom_size.tolist() == [[1.0, 0.0, 0.0]]
@@ -123,7 +123,7 @@ def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
 def test_a_number_that_it_holds_otherwise_is_told(load_files):
     """Of a law, too, whose numbers are told as MuJoCo's where these are rounded to what is held."""
     live = load_files(MjWarp, files_of(shipped.hinges(), MjWarp))
-    seen = Held(live._taken, live.model, 0)
+    seen = WarpModel(live._taken, live.model, 0)
     assert seen.opt.timestep == live.model.opt.timestep
     live._taken.opt.timestep.fill_(live.model.opt.timestep * (1.0 + 2.0**-22))
     assert seen.opt.timestep == pytest.approx(live.model.opt.timestep, rel=1e-6)
@@ -223,4 +223,4 @@ def test_flags_that_it_refuses_are_taken_from_it_alone():
     taken = programs.taken_over(modules, modules.warp.get_device("cpu"), file, lacked)
     assert int(file.opt.disableflags) == before
     assert not int(taken.opt.disableflags) & lacked
-    assert Held(taken, file, lacked).opt.disableflags & lacked
+    assert WarpModel(taken, file, lacked).opt.disableflags & lacked

@@ -13,7 +13,7 @@ from simspec.compiler import compile_world
 from simspec.engines.mjx import programs
 from simspec.engines.mjx.engine import Mjx
 from simspec.engines.mjx.programs import begin
-from simspec.engines.mjx.simulation import Held
+from simspec.engines.mjx.simulation import MjxModel
 from simspec.engines.mujoco import fields, inventory
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
@@ -76,7 +76,7 @@ def test_every_field_of_its_model_is_one_that_the_proof_looks_at():
     names = [*type(model).__dataclass_fields__, *type(model._impl).__dataclass_fields__]
     missed = [name for name in names if not any(fnmatch.fnmatchcase(name, row) for row in looked_at)]
     assert set(missed) <= own
-    held = Held(model, file)
+    held = MjxModel(model, file)
     assert not hasattr(model, "jnt_user")
     assert held.jnt_user.shape == (0, 0)
     assert held.opt.noslip_iterations == 0
