@@ -35,7 +35,7 @@ def test_all_engines_are_those_that_this_python_can_have(monkeypatch, tmp_path):
     pybullet = engines()["pybullet"]
     monkeypatch.setattr(pybullet, "version", classmethod(lambda cls: None))
     monkeypatch.setattr(selection, "left_out", lambda: {"pybullet": "cannot be installed on Python 3.12"})
-    monkeypatch.setattr(run, "run_world", lambda world, chosen, *_, **__: asked.append(chosen) or 0)
+    monkeypatch.setattr(run, "run_world", lambda options, world, chosen, *_: asked.append(chosen) or 0)
     words = ["run", "bouncing-ball", "--all-engines", "--out", str(tmp_path)]
     assert cli.main(words) == 0
     assert asked[0].engines == tuple(name for name in INSTALLED if name != "pybullet")
