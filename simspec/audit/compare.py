@@ -9,17 +9,87 @@ from typing import Any, Final
 import numpy as np
 
 from simspec.audit.findings import Finding, Severity, What
-from simspec.audit.meaning import Meaning, plain_text
-from simspec.audit.placed import WORLD, folded, full, groups_of, match, parents_first, zero_poses
-from simspec.audit.shapes import compare_shapes
-from simspec.engines.kit.foreign import MESH, Own
+from simspec.audit.meaning import WORLD, Meaning, folded, full, groups_of, match, parents_first, plain_text, zero_poses
+from simspec.engines.kit.foreign import AXES, MESH, Own, directions
 from simspec.imports.draft import NOT_POSITIVE
 from simspec.imports.draft import RULE as TRIANGLE
 from simspec.language.moments import principal_moments
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
-from simspec.proof.distances import relative, turn_between
+from simspec.proof.distances import relative, turn_between, unlikeness
 from simspec.world import frames
-from simspec.world.types import Body, EngineValue, Inertial, Joint, Pose, ReadBack
+from simspec.world.types import Body, EngineValue, Inertial, Joint, Pose, ReadBack, Shape
+
+# Collision shapes of a body in a file and in an engine: matched by what they are like, since few engines keep names.
+
+SAME_SHAPE: Final = 1e-5
+"""m, of sizes and places of shapes: engines keep vertices of meshes, and some shapes, in single precision."""
+MESH_SHARE: Final = 2e-4
+"""Share of a mesh's extent by which an engine may round its vertices."""
+
+
+def compare_shapes(comparison: Comparison, body: Body, said: Sequence[Shape], held: Sequence[Shape]) -> None:
+    """Add findings about the shapes of a body."""
+    solid = [shape for shape in said if shape.collision]
+    left = [shape for shape in held if shape.collision]
+    if not comparison.knows_meshes:
+        left = [shape for shape in left if shape.kind != MESH]  # the file's own were not read
+    for shape in solid:
+        if not comparison.compares(body, "shapes"):
+            return
+        near = min(left, key=lambda other: _apart(shape, other), default=None)
+        if near is None:
+            comparison.add(What.DROPPED, Severity.PHYSICS, body, "shapes", shape_text(shape), None)
+            continue
+        left.remove(near)
+        apart = _apart(shape, near)
+        if apart > _tolerance(shape):
+            size = None if math.isinf(apart) else apart
+            comparison.add(
+                What.CHANGED, Severity.PHYSICS, body, "shapes", shape_text(shape), shape_text(near), "", size
+            )
+    for shape in left:
+        comparison.add(What.ADDED, Severity.PHYSICS, body, "shapes", None, shape_text(shape))
+    seen, held_seen = (sum(shape.visual for shape in shapes) for shapes in (said, held))
+    if seen and not held_seen:
+        comparison.add(What.DROPPED, Severity.APPEARANCE, body, "shapes", f"{seen} that are seen", "none")
+
+
+def _tolerance(shape: Shape) -> float:
+    return max(SAME_SHAPE, MESH_SHARE * _extent(shape)) if shape.kind == MESH else SAME_SHAPE
+
+
+def _extent(shape: Shape) -> float:
+    points = np.array(shape.size, dtype=float).reshape(-1, 3)
+    return float((points.max(axis=0) - points.min(axis=0)).max()) if len(points) else 0.0
+
+
+def _apart(shape: Shape, other: Shape) -> float:
+    """How far two shapes are apart (m, rad); infinite where they are of different kinds."""
+    if shape.kind != other.kind:
+        return math.inf
+    if shape.kind == MESH:
+        return _meshes_apart(shape, other)
+    return unlikeness(shape, other) - (0.0 if shape.name == other.name else 1e-6)
+
+
+def _meshes_apart(shape: Shape, other: Shape) -> float:
+    """The largest difference of the support functions, in the axes of the engine's shape; nan-free. ``shape.size`` are
+    vertices, ``other.size`` is a support function (``engines/kit/foreign.py``)."""
+    if not other.size or not shape.size:
+        return math.inf
+    place = frames.compose(frames.inverse(other.pose), shape.pose)
+    points = np.array(shape.size, dtype=float).reshape(-1, 3) @ np.array(frames.matrix(place.quaternion)).T
+    points = points + np.array(place.position)
+    count = AXES if len(other.size) == AXES else len(directions())
+    reach = (points @ directions()[:count].T).max(axis=0)
+    return float(np.abs(reach - np.array(other.size[:count])).max())
+
+
+def shape_text(shape: Shape) -> str:
+    if shape.kind == MESH:
+        return "mesh"
+    return " ".join([shape.kind, *(f"{value:.5g}" for value in shape.size)])
+
 
 SAME: Final = 1e-6
 """Relative, and in m or rad: engines keep some numbers in single precision, whose round-off is 1e-7."""
@@ -180,7 +250,7 @@ class Comparison:
         scale = max(float(np.abs(full(said.inertia)).max()), float(np.abs(full(held.inertia)).max()), LEAST_INERTIA)
         off = float(np.abs(full(said.inertia) - full(held.inertia)).max()) / scale
         if off > SAME:
-            self.add(What.CHANGED, severity, body, "inertia", _told(said), _told(held), why, off)
+            self.add(What.CHANGED, severity, body, "inertia", tensor_values(said), tensor_values(held), why, off)
 
     def _replaced(self, body: Body, held: Inertial, severity: Severity) -> None:
         """Another tensor in place of one that no body has: the file's own is repaired, and not compared."""
@@ -192,7 +262,13 @@ class Comparison:
             )
         elif low > 0.0 and low + middle >= high * (1.0 - SAME):
             self.add(
-                What.CHANGED, severity, body, "inertia", NO_TENSOR, _told(held), "the engine replaces it in silence"
+                What.CHANGED,
+                severity,
+                body,
+                "inertia",
+                NO_TENSOR,
+                tensor_values(held),
+                "the engine replaces it in silence",
             )
 
     def _place(self, body: Body, partner: Body) -> None:
@@ -314,7 +390,7 @@ class Comparison:
             self.add(What.ADDED, Severity.DEFAULT, None, "friction", None, shown, "sliding friction of shapes")
 
 
-def _told(inertial: Inertial) -> tuple[float, ...]:
+def tensor_values(inertial: Inertial) -> tuple[float, ...]:
     """The tensor without products of inertia that are round-off."""
     least = LEAST_SHARE * max(map(abs, inertial.inertia))
     return tuple(value for place, value in enumerate(inertial.inertia) if place < 3 or abs(value) > least)

@@ -17,8 +17,7 @@ from typing import Final
 from simspec.audit.compare import Comparison
 from simspec.audit.findings import Finding, Severity, What
 from simspec.audit.libraries import LIBRARIES
-from simspec.audit.meaning import Meaning
-from simspec.audit.placed import match, parents_first
+from simspec.audit.meaning import Meaning, match, parents_first
 from simspec.control.reference import drives
 from simspec.engines.kit.foreign import FILE, Exported, Reads, foreseen
 from simspec.engines.kit.registry import engines

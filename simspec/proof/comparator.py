@@ -17,7 +17,7 @@ from simspec.control.reference import natives
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.language.vocabulary import COMBINED_QUANTITIES, QUATERNION_JOINTS, SCALAR_JOINTS, TREE_JOINTS
 from simspec.proof.checks import PRECISIONS, TEXT_TOLERANCE, Check, Precision, Tally
-from simspec.proof.constraints import LEVELS, BesideBodies
+from simspec.proof.constraints import LEVELS, ConstraintComparison
 from simspec.proof.distances import (
     field_distance,
     held_apart,
@@ -110,7 +110,7 @@ def inventory_checks(
     return tally.checks()
 
 
-class _Comparison(BesideBodies):
+class _Comparison(ConstraintComparison):
     def __init__(
         self,
         world: World,

@@ -16,7 +16,7 @@ from simspec.world.types import Connect, Constraint, Follow, ReadBack, Weld, Wor
 LEVELS = {"mass": "L1", "joint": "L2", "geometry": "L4"}
 
 
-class BesideBodies:
+class ConstraintComparison:
     """Notes what a read-back holds other than the world. ``levels``: by part, the proof level of what is noted."""
 
     world: World

@@ -23,8 +23,8 @@ SUITES = {
     "ContactSuite": "simspec.testing.contact_suite",
     "ControlSuite": "simspec.testing.control_suite",
     "ForcesSuite": "simspec.testing.forces_suite",
-    "SleepingSuite": "simspec.testing.sleeping_suite",
-    "SelfTestSuite": "simspec.testing.selftest_suite",
+    "SleepingSuite": "simspec.testing.suite",
+    "SelfTestSuite": "simspec.testing.suite",
 }
 """Where each suite is: imported when it is asked for, since only suites need pytest."""
 

@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+import pytest
 
 from simspec.compiler import Compiled, compile_world, needed_decisions, write_folder
+from simspec.control.law import Control
 from simspec.control.request import to_request
 from simspec.dialects.kit.contract import dialects
-from simspec.engines.kit.capabilities import DOUBLE, SINGLE
+from simspec.dynamics.oracle import Oracle
+from simspec.engines.kit.capabilities import DOUBLE, SINGLE, ServoLaw
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import Problem, UnsupportedError
-from simspec.language.vocabulary import QUATERNION_JOINTS
+from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
 from simspec.proof.certificate import EngineProof
 from simspec.proof.checks import PRECISIONS
 from simspec.proof.verify import LEVELS, verify
 from simspec.support.declarations import Level, Support, combine
 from simspec.support.features import Feature
+from simspec.testing import worlds
 from simspec.testing.worlds import accepting, with_options
+from simspec.world.actions import Controller, Trajectory
+from simspec.world.kinematics import initial_state
 from simspec.world.rotations import rotation_error
-from simspec.world.types import World
+from simspec.world.types import Body, Inertial, Joint, Physics, World
 
 OF_SINGLES = PRECISIONS[SINGLE].model
 """What numbers of single precision are compared to where doubles are to some last bits."""
@@ -179,3 +187,182 @@ def state_error(world: World, measured: np.ndarray, expected: np.ndarray) -> flo
 def failures(checks: Sequence[Any]) -> list[Any]:
     """The checks that did not pass."""
     return [check for check in checks if not check.passed]
+
+
+# What all suites share: the engine's name, the interpreter it lives in, and a bench to ask it on.
+
+
+class Suite:
+    """A suite of tests of one engine. Subclasses say which."""
+
+    engine: ClassVar[str]
+    """Its name, as in its entry point."""
+    python: ClassVar[str | None] = None
+    """The interpreter that it lives in; None: the one that runs the tests, or none for an engine that is a program."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def bench(cls, tmp_path_factory: pytest.TempPathFactory) -> Bench:
+        """The engine under test."""
+        return Bench(cls.engine, cls.python, tmp_path_factory.mktemp("bench"))
+
+
+# Worlds with driven joints, and joints driven in the oracle.
+
+
+def driven(world: World, law: str = "computed-torque", joints: tuple[str, ...] | None = None, **more: Any) -> World:
+    """``world`` with one controller on all its hinges and slides (or ``joints``), and gains that suit a body of 1 kg."""
+    if joints is None:
+        joints = tuple(body.joint.name for body in world.bodies if body.joint.kind in SCALAR_JOINTS)
+    given: dict[str, Any] = {"effort_limits": (None,) * len(joints)}
+    if law == "computed-torque":
+        given |= {"natural_frequency": 20.0, "damping_ratio": 1.0}
+    else:
+        given |= {"kp": (40.0,) * len(joints), "kd": (3.0,) * len(joints)}
+    return dataclasses.replace(world, controllers=(Controller("all", joints, law, **(given | more)),))
+
+
+def native(base: World, kp: float = 40.0, kd: float = 3.0, limit: float | None = None) -> World:
+    """``base`` with its hinges and slides under the engine's own controllers."""
+    joints = tuple(body.joint.name for body in base.bodies if body.joint.kind in SCALAR_JOINTS)
+    count = len(joints)
+    one = Controller("all", joints, "native", kp=(kp,) * count, kd=(kd,) * count, effort_limits=(limit,) * count)
+    return dataclasses.replace(base, controllers=(one,))
+
+
+def with_targets(world: World, targets: np.ndarray, joints: tuple[str, ...] | None = None) -> World:
+    """``world`` with constant targets: a trajectory of one point."""
+    joints = joints or world.controllers[0].joints
+    return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0,), (tuple(map(float, targets)),)))
+
+
+def chain(kinds: tuple[str, ...] = ("hinge", "slide", "hinge", "hinge"), timestep: float = 0.001, **more: Any) -> World:
+    """A chain of random bodies on a fixed base, at rest, under gravity."""
+    bodies = tuple(
+        dataclasses.replace(body, joint=dataclasses.replace(body.joint, velocity=(0.0,) * len(body.joint.velocity)))
+        for body in worlds.tree(list(kinds), 5, **more)
+    )
+    return worlds.world(bodies, physics=Physics(timestep=timestep, steps=1000))
+
+
+def wheel(inertia: float = 0.02, timestep: float = 0.001) -> World:
+    """One hinge about the vertical, with its centre of mass on the axis: M = inertia, h = 0."""
+    joint = Joint("wheel_joint", "hinge", axis=(0.0, 0.0, 1.0), position=(0.0,), velocity=(0.0,))
+    body = Body("wheel", "wheel", Inertial(1.0, inertia=(inertia, inertia, inertia, 0.0, 0.0, 0.0)), joint)
+    return worlds.world((body,), physics=Physics(timestep=timestep, steps=1000))
+
+
+class OracleJoints:
+    """The driven joints, in the oracle's motion of the whole world."""
+
+    def __init__(self, world: World, control: Control):
+        self.oracle = Oracle(world)
+        self.q, self.v = initial_state(world)
+        self._effort = np.zeros(self.oracle.nv)
+        self._control = control
+        self._done = 0
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.q[self._control.q_places], self.v[self._control.v_places]
+
+    def give(self, effort: np.ndarray) -> None:
+        self._effort[self._control.v_places] = effort
+
+    def step(self) -> None:
+        pushed = pushes(self.oracle, self.q, self._done)
+        states, speeds = self.oracle.motion(self.q, self.v, self._effort + pushed, 1, 1)
+        self.q, self.v = states[-1], speeds[-1]
+        self._done += 1
+
+
+def pushes(oracle: Oracle, q: np.ndarray, step: int) -> np.ndarray:
+    """The efforts (nv,) of a world's forces on bodies in a step, by the oracle's own Jacobians."""
+    dt, effort = oracle.timestep, np.zeros(oracle.nv)
+    for force in oracle.world.forces:
+        until = np.inf if force.until is None else force.until / dt
+        share = min(step + 1.0, until) - max(float(step), force.start / dt)
+        effort += float(np.clip(share, 0.0, 1.0)) * oracle.effort_of(q, force)
+    return effort
+
+
+# Joints under an engine's own controllers, each alone on its base, and where the declared law takes them in closed form.
+
+GRAVITY = -9.81
+END = 2.0
+"""s at which the targets' motion ends; tests are shorter."""
+
+
+@dataclass(frozen=True)
+class Servo:
+    """One joint with its controller. ``slide``: a vertical slide under gravity, with a mass in place of a moment of inertia."""
+
+    name: str
+    inertia: float = 0.02
+    kp: float = 40.0
+    kd: float = 3.0
+    limit: float | None = None
+    target: float = 0.5
+    speed: float = 0.0
+    """Of the target, rad/s."""
+    slide: bool = False
+
+
+SERVOS = (
+    Servo("unlimited"),
+    Servo("limited", limit=5.0),
+    Servo("weak", limit=0.4),
+    Servo("moving", target=0.0, speed=0.5),
+    Servo("velocity", kp=0.0, target=0.0, speed=0.5),
+    Servo("hanging", inertia=2.0, kp=1000.0, kd=100.0, target=0.1, slide=True),
+)
+
+
+def servo_world(timestep: float, servos: tuple[Servo, ...] = SERVOS) -> World:
+    """All the servos side by side, each from rest at zero."""
+    joints = tuple(f"{servo.name}_joint" for servo in servos)
+    control = Controller(
+        "all",
+        joints,
+        "native",
+        kp=tuple(servo.kp for servo in servos),
+        kd=tuple(servo.kd for servo in servos),
+        effort_limits=tuple(servo.limit for servo in servos),
+    )
+    rows = tuple(tuple(servo.target + time * servo.speed for servo in servos) for time in (0.0, END))
+    trajectory = Trajectory(joints, (0.0, END), rows, interpolation="linear")
+    physics = Physics((0.0, 0.0, GRAVITY), timestep, round(END / timestep))
+    return worlds.world(tuple(map(_body, servos)), physics=physics, controllers=(control,), trajectory=trajectory)
+
+
+def _body(servo: Servo) -> Body:
+    joint = Joint(
+        f"{servo.name}_joint",
+        "slide" if servo.slide else "hinge",
+        axis=(0.0, 0.0, 1.0),
+        position=(0.0,),
+        velocity=(0.0,),
+    )
+    mass, moment = (servo.inertia, 0.1) if servo.slide else (1.0, servo.inertia)
+    return Body(servo.name, servo.name, Inertial(mass, inertia=(moment, moment, moment, 0.0, 0.0, 0.0)), joint)
+
+
+def closed_form(law: ServoLaw, servo: Servo, steps: int, dt: float) -> np.ndarray:
+    """Positions of the joint at the start and after each step (steps + 1,), by what the law declares."""
+    q = v = 0.0
+    fall = GRAVITY if servo.slide else 0.0
+    limit = math.inf if servo.limit is None else servo.limit
+    kp, kd, inertia, speed = servo.kp, servo.kd, servo.inertia, servo.speed
+    positions = [q]
+    for step in range(steps):
+        error = servo.target + speed * step * dt - q
+        if law is ServoLaw.EXPLICIT_SPRING:
+            effort = kp * error + kd * (speed - v)
+        elif law is ServoLaw.IMPLICIT_SPRING:
+            after = (v + dt * fall + dt / inertia * (kp * error + kd * speed)) / (1.0 + dt / inertia * (kd + dt * kp))
+            effort = kp * (error - dt * after) + kd * (speed - after)
+        else:
+            effort = inertia * ((speed + kp / (kd + dt * kp) * error - v) / dt - fall)
+        v += dt * (min(max(effort, -limit), limit) / inertia + fall)
+        q += dt * v
+        positions.append(q)
+    return np.array(positions)

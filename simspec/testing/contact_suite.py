@@ -20,9 +20,9 @@ from simspec.proof.verify import read_back_checks
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.testing import worlds
-from simspec.testing.base import Suite
 from simspec.testing.bench import (
     Bench,
+    Suite,
     drive_operation,
     failures,
     run_operation,

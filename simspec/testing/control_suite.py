@@ -20,10 +20,22 @@ from simspec.runner.run import Run
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.testing import worlds
-from simspec.testing.base import Suite
-from simspec.testing.bench import Bench, failures, run_operation, windows_operation
-from simspec.testing.driving import OracleJoints, chain, driven, native, wheel, with_targets
-from simspec.testing.servos import SERVOS, closed_form, servo_world
+from simspec.testing.bench import (
+    SERVOS,
+    Bench,
+    OracleJoints,
+    Suite,
+    chain,
+    closed_form,
+    driven,
+    failures,
+    native,
+    run_operation,
+    servo_world,
+    wheel,
+    windows_operation,
+    with_targets,
+)
 from simspec.world.actions import Controller, Trajectory
 from simspec.world.types import Physics, Record, World
 

@@ -16,9 +16,7 @@ from simspec.proof.verify import verify
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.testing import worlds
-from simspec.testing.base import Suite
-from simspec.testing.bench import Bench, state_error, windows_operation
-from simspec.testing.driving import OracleJoints, driven, pushes
+from simspec.testing.bench import Bench, OracleJoints, Suite, driven, pushes, state_error, windows_operation
 from simspec.world.actions import Force, Motion
 from simspec.world.kinematics import initial_state
 from simspec.world.types import Body, Inertial, Joint, Physics, World

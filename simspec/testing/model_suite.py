@@ -28,10 +28,10 @@ from simspec.proof.verify import read_back_checks
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.testing import worlds
-from simspec.testing.base import Suite
 from simspec.testing.bench import (
     OWN,
     Bench,
+    Suite,
     failures,
     motion_operation,
     run_operation,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from simspec.audit.placed import WORLD, match, parents_first
+from simspec.audit.meaning import WORLD, match, parents_first
 from simspec.world.types import Body, Inertial, Joint
 
 

@@ -11,7 +11,7 @@ from simspec.control.law import Control, ControlError
 from simspec.control.reference import reference
 from simspec.control.request import from_request, to_request
 from simspec.dynamics.oracle import Oracle
-from simspec.testing.driving import OracleJoints, chain, driven, wheel, with_targets
+from simspec.testing.bench import OracleJoints, chain, driven, wheel, with_targets
 from simspec.world.actions import Controller, Trajectory
 from simspec.world.kinematics import initial_state
 from tests import worlds

@@ -10,7 +10,7 @@ import pytest
 from simspec.control.law import Control
 from simspec.control.reference import reference
 from simspec.control.stability import unstable
-from simspec.testing.driving import OracleJoints, chain, driven, wheel, with_targets
+from simspec.testing.bench import OracleJoints, chain, driven, wheel, with_targets
 from simspec.world.actions import Controller
 
 

@@ -12,8 +12,8 @@ from simspec.engines.kit.contract import Actuation
 from simspec.proof.verify import verify
 from simspec.runner.execution import run
 from simspec.testing import worlds
+from simspec.testing.bench import driven, wheel, with_targets
 from simspec.testing.control_suite import with_load
-from simspec.testing.driving import driven, wheel, with_targets
 from simspec.world.actions import Controller
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.kinematics import initial_state

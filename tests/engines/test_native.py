@@ -21,8 +21,7 @@ from simspec.engines.kit.registry import engines
 from simspec.errors import UnsupportedError
 from simspec.proof.verify import verify
 from simspec.runner.execution import run
-from simspec.testing.driving import chain, driven, native, wheel, with_targets
-from simspec.testing.servos import Servo, closed_form
+from simspec.testing.bench import Servo, chain, closed_form, driven, native, wheel, with_targets
 from simspec.world.actions import Controller, Trajectory
 from simspec.world.types import Record, World
 from tests import worlds

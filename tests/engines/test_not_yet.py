@@ -20,7 +20,7 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.contact.run import measure
 from simspec.support.declarations import EXACT, Attempt, combine
 from simspec.support.features import Feature
-from simspec.testing.driving import wheel
+from simspec.testing.bench import wheel
 from simspec.world.actions import Controller
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.types import Hardness, World

@@ -8,7 +8,7 @@ import pytest
 
 from simspec.engines.kit.contract import Engine
 from simspec.testing import worlds
-from simspec.testing.sleeping_suite import LENGTH, MASS, ON, SETTING, SETTLED, cylinder, scene
+from simspec.testing.suite import LENGTH, MASS, ON, SETTING, SETTLED, cylinder, scene
 from simspec.world.kinematics import free_rigid
 from simspec.world.types import World
 from tests.installed import having

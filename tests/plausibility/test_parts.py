@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from simspec.plausibility.masses import largest_share
+from simspec.plausibility.examine import largest_share
 from simspec.plausibility.parts import axis_distance, box, extent, gap, lump_of, outside, pose_of
 from simspec.world.frames import from_rpy
 from simspec.world.types import Inertial, Pose, Shape

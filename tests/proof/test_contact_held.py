@@ -244,7 +244,7 @@ def test_a_pair_is_only_its_own():
     frictions = {(pair.first, pair.second): pair.friction for pair in pairs}
     world = worlds.table(frictions)
     kind = find_engine(ENGINES[0])
-    whole = module.Held(
+    whole = module.FileLaw(
         dataclasses.replace(world.contact, pairs=pairs),
         contact_plan(world, kind.RULES, kind.LAYERS),
         world.options(kind.NAME),

@@ -17,7 +17,7 @@ from simspec.proof.checks import PRECISIONS
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.verify import prepare
 from simspec.testing import worlds
-from simspec.testing.driving import chain, driven
+from simspec.testing.bench import chain, driven
 from simspec.world.actions import Force
 from simspec.world.types import Body, PairContact, ReadBack, Surface, World
 

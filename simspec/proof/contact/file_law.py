@@ -41,7 +41,7 @@ HARDNESS_NUMBERS = ("time_constant", "damping_ratio", "stiffness", "damping")
 
 
 @dataclass(frozen=True)
-class Held:
+class FileLaw:
     """What the files of one engine say: contact laws, the numbers of materials, solver settings, the timestep (s)."""
 
     contact: Contact
@@ -79,7 +79,7 @@ def _told_belts(world: World, read: ReadBack) -> dict[Pair, Vector3]:
     }
 
 
-def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None = None) -> Held:
+def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None = None) -> FileLaw:
     """Read the contact law from the artifacts in ``folder``; ``read`` is what the independent reader made of them (default:
     read here).
 
@@ -108,7 +108,7 @@ def held(world: World, engine: type[Engine], folder: Path, read: ReadBack | None
     )
     options = EngineOptions(engine.NAME, written, EVERYTHING, pairs=pairs)
     plan = dataclasses.replace(plan, numbers=numbers, explicit=_explicit(world, read))
-    return Held(contact, plan, options, timestep, _told_belts(world, read))
+    return FileLaw(contact, plan, options, timestep, _told_belts(world, read))
 
 
 def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], timestep: float) -> Iterator[Problem]:
@@ -130,7 +130,7 @@ def _impossible(contact: Contact, numbers: Mapping[tuple[str, int], Surface], ti
                 yield Problem(f"the files hold an impossible {name.replace('_', ' ')} of {where}", found=f"{value}")
 
 
-def of_pair(whole: Held, first: str, second: str) -> Held:
+def of_pair(whole: FileLaw, first: str, second: str) -> FileLaw:
     """The part of a law that concerns two materials: what else a scenario has cannot matter to probes of these."""
     names = {first, second}
     contact = Contact(
@@ -148,7 +148,7 @@ def of_pair(whole: Held, first: str, second: str) -> Held:
         tuple(pair for pair in whole.plan.explicit or () if set(pair) <= names),
     )
     pairs = tuple(pair for pair in whole.options.pairs if {pair.first, pair.second} <= names)
-    return Held(contact, plan, dataclasses.replace(whole.options, pairs=pairs), whole.timestep, whole.belts)
+    return FileLaw(contact, plan, dataclasses.replace(whole.options, pairs=pairs), whole.timestep, whole.belts)
 
 
 def _numbers(world: World, read: ReadBack, plan: ContactPlan) -> dict[tuple[str, int], Surface]:

@@ -40,7 +40,7 @@ from simspec.proof.contact import (
     spin,
     stacks,
 )
-from simspec.proof.contact.file_law import Held, belts, held, of_pair
+from simspec.proof.contact.file_law import FileLaw, belts, held, of_pair
 from simspec.proof.contact.probe import GRAVITY, NO_BELT, Figure, Law, Probe, Trial
 from simspec.proof.contact.worlds import drive_of, joined, motion_of, split, world_of_trial
 from simspec.world.canonical import to_plain
@@ -236,7 +236,7 @@ def measure(
         )
 
 
-def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: bool, python: str | None) -> _Job:
+def _job(engine: type[Engine], whole: FileLaw, law: Law, probe: Probe, use_cache: bool, python: str | None) -> _Job:
     of_two = of_pair(whole, law.pair.first, law.pair.second)
     worlds: list[tuple[World, ...]] = []
     compiled: list[Compiled] = []
@@ -261,7 +261,7 @@ def _job(engine: type[Engine], whole: Held, law: Law, probe: Probe, use_cache: b
     )
 
 
-def _size_job(engine: type[Engine], whole: Held, sizes: size.SizeTrial, use_cache: bool, python: str | None) -> _Job:
+def _size_job(engine: type[Engine], whole: FileLaw, sizes: size.SizeTrial, use_cache: bool, python: str | None) -> _Job:
     contact = dataclasses.replace(
         sizes.world.contact, friction_cone=whole.contact.friction_cone, pairs=whole.contact.pairs
     )
@@ -291,7 +291,7 @@ def _key(
     return cache.key(engine, [artifacts.sha256 for artifacts in compiled], drives, wanted, probe)
 
 
-def _world(held_pair: Held, trial: Trial) -> World:
+def _world(held_pair: FileLaw, trial: Trial) -> World:
     physics = Physics((0.0, 0.0, -GRAVITY), held_pair.timestep)
     return world_of_trial(trial, held_pair.contact, physics, held_pair.options)
 

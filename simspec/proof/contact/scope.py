@@ -82,7 +82,7 @@ class Declared:
     @property
     def width(self) -> str:
         """The widest deviation in words: "oblique 99 %"; empty where there is none."""
-        return "" if self.widest is None else f"{self.widest.probe} {told_width(self.widest)}"
+        return "" if self.widest is None else f"{self.widest.probe} {width_text(self.widest)}"
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -129,7 +129,7 @@ def declared(figures: Sequence[Figure]) -> Declared:
     return Declared(len(figures), len(by), widest, absent, sum(figure.cached for figure in figures))
 
 
-def told_width(figure: Figure) -> str:
+def width_text(figure: Figure) -> str:
     """The width of a figure's tolerance: in per cent of the expected value, or as a multiple of the probe's tolerance."""
     if not math.isfinite(figure.width):
         return "of any size"

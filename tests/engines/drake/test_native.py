@@ -15,7 +15,7 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text
 from simspec.formats.world.format import WORLD
 from simspec.proof.verify import verify
-from simspec.testing.driving import chain, native, wheel, with_targets
+from simspec.testing.bench import chain, native, wheel, with_targets
 from tests import worlds
 from tests.engines.natively import at_work
 

@@ -10,7 +10,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import EngineError
 from simspec.proof.verify import verify
-from simspec.testing.driving import chain, native, wheel, with_targets
+from simspec.testing.bench import chain, native, wheel, with_targets
 from tests.dialects.mujoco.saying import emit
 from tests.engines.natively import at_work
 

@@ -18,8 +18,8 @@ from simspec.language.load import load
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.support.negotiation import needs
+from simspec.testing.bench import chain
 from simspec.testing.control_suite import native
-from simspec.testing.driving import chain
 from simspec.world import frames
 from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.kinematics import initial_state, poses
