@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT))
 
 import simspec  # noqa: E402
 from simspec.attribution.explanation import percent, ranged  # noqa: E402
-from simspec.report.explanations import explanation_data  # noqa: E402
+from simspec.report.explain import explanation_data  # noqa: E402
 from tests.attribution.planted import CASES  # noqa: E402
 
 PAGE, DATA = ROOT / "docs" / "guide" / "explain.md", ROOT / "docs" / "records" / "explain.json"

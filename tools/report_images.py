@@ -49,7 +49,7 @@ def _save(screenshot: bytes, name: str, said: list[str]) -> None:
 def main(folder: Path) -> None:
     from simspec.files import scratch_folder
     from simspec.report.page.document import page as page_of
-    from simspec.report.stored_study import load_study
+    from simspec.report.studies import load_study
 
     with scratch_folder("report-images") as place, browser.browsers() as start:
         path = place / "report.html"

@@ -226,10 +226,8 @@ def _momentum(run: Run, touching: NDArray[np.bool_]) -> tuple[Drift | None, Drif
     return found[0], found[1]
 
 
-# How far free bodies are moved from where they began: sideways, down, and whether one has left its place.
-#
-# For what is to stay where it is: towers, piles, boxes on a slope. Down is along gravity; without gravity nothing is down, and
-# every way is sideways.
+# Displacement of free bodies from their initial poses (towers, piles, boxes on a slope): sideways, and down along
+# gravity; without gravity every direction is sideways.
 
 LEFT = 1.0
 """Of its size that a body is moved sideways by when it has left its place: the centre is then beyond the edge of an equal body
@@ -287,7 +285,7 @@ def _size(body: Body) -> float:
     return max((SHAPES[shape.kind].inner_radius(shape.size) for shape in shapes), default=0.0)
 
 
-# How deep bodies overlap in a run: the deepest, over time, by pair, and for how long.
+# Penetration: depth of overlaps over time and by pair, and their duration.
 
 
 @dataclass(frozen=True)

@@ -226,14 +226,8 @@ def _judged(statistics: Numbers, exact: bool, smallest: float, level: float, sca
     return Test(float(statistics[0]), as_large / len(statistics), smallest, exact, len(statistics), level)
 
 
-# Contacts of two runs, matched by pair of shapes: how long each pair touched, at the same times or not, and with which
-# impulse.
-#
-# What is matched is what both runs tell: shapes that an engine does not tell apart count together, and all of a body where a
-# run did
-# not record shapes (:mod:`simspec.comparison.common`). A pair has the names of its sides: a body's, with shapes in brackets
-# where they are
-# not all of its shapes.
+# Contacts of two runs, matched by pair: durations, overlap in time, impulses. Sides of pairs are those that both runs
+# distinguish (:mod:`simspec.comparison.common`): a body, with its shapes in brackets where they are not all.
 
 Pair = tuple[str, str]
 

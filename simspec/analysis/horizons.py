@@ -169,7 +169,7 @@ def growth_rates(time: NDArray[np.float64], separation: NDArray[np.float64]) -> 
     return rates
 
 
-# Whether an engine agrees with itself: one scenario at several timesteps (after Erez, Tassa and Todorov 2015).
+# Consistency: one scenario at several timesteps (after Erez, Tassa and Todorov 2015).
 
 NEAR = 1e-9
 """Relative difference within which two ratios of timesteps are equal."""
@@ -270,7 +270,7 @@ def convergence(runs: Sequence[Run]) -> Convergence:
     return Convergence((steps[0], steps[1], steps[2]), outer.time[same], order, error)
 
 
-# Whether an engine gives the same bits again, and where it first does not.
+# Determinism: whether repeated runs have the same bits, and the first place where they differ.
 
 SAME = ("world_sha256", "engine_version", "artifacts_sha256", "perturb", "seed")
 """Entries of the provenance in which repeats are equal."""

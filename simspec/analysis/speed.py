@@ -153,7 +153,7 @@ def speed_ratio(first: Speed, second: Speed, name: str = "real_time_factor", lev
     return ratio(first[name], second[name], level)
 
 
-# How the speed of a run changes while it runs: what the steps between recorded rows took, beside the contacts there.
+# Speed over simulated time: cost of the steps between records, and contacts there.
 
 Numbers = NDArray[np.float64]
 INTERVALS = 20
@@ -280,9 +280,8 @@ def step_cost(runs: Sequence[Paced], steps: int) -> StepCost | None:
     return StepCost(runs[0].label, steps, len(runs), quiet, usual)
 
 
-# Single numbers of a run by name: its quantities at the end, what its expectations measured, and its last coordinates.
-#
-# Names are those that tables, baselines and runs have: ``deepest penetration``, ``expectation 1 displacement``, ``arm.z``.
+# Figures of a run by name, as in tables, baselines and runs: ``deepest penetration``, ``expectation 1 displacement``,
+# ``arm.z``.
 
 MOST_NAMED = 40
 """Names that an error lists; the others are counted."""

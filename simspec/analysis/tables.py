@@ -179,11 +179,8 @@ def grouped(
     return ResultTable(columns)
 
 
-# Confidence intervals: of a share of trials, and of a positive figure that several processes gave.
-#
-# A process is the unit. Within one process speed hardly varies; between processes it does, and often has two modes (where
-# memory
-# and code came to lie), so that steps or seconds of one process say nothing about the spread.
+# Confidence intervals of shares of trials and of positive figures over processes. A process is the unit: within a process speed
+# hardly varies; between processes it often has two modes (memory layout).
 
 LEVEL = 0.95
 """Of every interval, unless another is asked for."""

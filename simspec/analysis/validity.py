@@ -151,11 +151,8 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-# What happened first in a run that does not do what is expected of it, from its recorded motion.
-#
-# Looked at are places (``at_target``, ``position``): the first expectation that fails, the body that is farthest from its place
-# then, and what that body and the driven joints did until then. All is found to a recorded row: an event between two rows has
-# the time of the later one.
+# First event in a run that does not meet its expectations: the expectation that fails first, the body farthest from its target
+# then, and the events of that body and of driven joints before. Events between two records have the time of the later one.
 
 KINDS: Mapping[str, str] = {
     "no-result": "the run ended early",

@@ -170,7 +170,7 @@ def _compiled(configuration: Configuration) -> Iterator[Path]:
         yield folder
 
 
-# Whether each side's engine holds the world that it was given, as certificates have it.
+# Proofs of the sides: whether each engine has the model that it was given.
 
 MODEL = ("L0", "L1", "L2", "L3", "L4")
 """Levels that say whether the models are equal."""

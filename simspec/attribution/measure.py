@@ -29,7 +29,7 @@ from simspec.engines.kit.process import Answer, side_by_side
 from simspec.errors import EngineError, SpecError
 from simspec.runner.case import moved_states
 
-# What is measured of pairs of configurations: the gap at the ends of windows, of whole runs, and what a change moves.
+# Gaps at the ends of windows and of whole runs, and the effect of a change on them.
 
 RUN = "whole run"
 """The class of what windows do not show: the runs from their own beginnings, at the ends of all windows."""
@@ -182,10 +182,8 @@ class Gaps:
         return self._runs[key]
 
 
-# Intervals of shares: how far a share depends on which windows a run happens to have.
-#
-# Windows are drawn again with replacement, class by class, in blocks of neighbours, since what one window shows the next one
-# shows again; a share is computed from each draw. The generator's seed is fixed: the same windows give the same intervals.
+# Intervals of shares. Windows are drawn again with replacement, class by class, in blocks of neighbours, since
+# neighbouring windows are alike; a share is computed from each draw. The generator's seed is fixed.
 
 Floats = NDArray[np.float64]
 DRAWS = 400
@@ -244,7 +242,7 @@ def above(interval: Interval | None) -> bool:
     return interval is None or interval[0] > 0.0 or interval[1] < 0.0
 
 
-# What swaps close of a gap, each by itself and together; what of that may be claimed.
+# Judgement: the share of a gap that swaps close, each by itself and together.
 
 SMALLEST_SHARE = 0.01
 """A smaller share is not claimed."""

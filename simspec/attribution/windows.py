@@ -256,7 +256,7 @@ def _radius(world: World, index: int) -> float:
     return math.sqrt(sum(inertial.inertia[:3]) / (2.0 * inertial.mass)) if inertial.mass > 0.0 else 0.0
 
 
-# The first contact of a run, as both sides have it from the same state: whose it is, and which of its quantities differ.
+# First contact of a run, from the same state in both engines: its bodies, and the first quantity that differs.
 
 SAME = 1e-6
 """Relative difference from which quantities are told to differ."""

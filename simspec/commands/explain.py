@@ -31,7 +31,7 @@ from simspec.generated import CERTIFICATE_FILE, GENERATED, read_certificate
 from simspec.outputs.targets import STORE, STUDY, demand, folder_problem
 from simspec.outputs.writing import open_folder
 from simspec.report.experiments import bisect_data, bisect_lines
-from simspec.report.explanations import explanation_data, show_explanation
+from simspec.report.explain import explanation_data, show_explanation
 from simspec.report.screen import progress, say
 from simspec.runner.run import Run
 from simspec.runner.store import load_run

@@ -131,7 +131,7 @@ def write_page(folders: Sequence[Path], out: Path | None) -> Path:
     from simspec.experiments.store import Store
     from simspec.report.page.document import Part, is_page, page
     from simspec.report.plain import PAGE_FILE
-    from simspec.report.stored_study import load_study
+    from simspec.report.studies import load_study
     from simspec.report.study.pages import study_parts, study_tables
     from simspec.runner.store import is_run
 

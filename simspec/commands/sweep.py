@@ -30,7 +30,7 @@ from simspec.experiments.versions import versions_of
 from simspec.outputs.targets import STORE, STUDY, demand, file_problem, folder_problem
 from simspec.outputs.writing import open_folder, write_file
 from simspec.project import Interpreters, load_project
-from simspec.report.experiments import CSV_FIRST, csv_text, groups, outcome_data, show_outcome, show_plan
+from simspec.report.experiments import CSV_FIRST, groups, outcome_data, show_outcome, show_plan, sweep_csv
 from simspec.report.problems import show_error, show_not_taken
 from simspec.report.screen import console, progress, say
 from simspec.report.tested import skipped_suites, sweep_suites
@@ -151,7 +151,7 @@ def _show(
     unfulfilled = sum(row.expected - row.passed for row in stored if row.failed is None)
     code = outcome.exit_code(failed, unfulfilled)
     if csv is not None:
-        write_file(csv, csv_text(outcome.plan, rows), own_csv)
+        write_file(csv, sweep_csv(outcome.plan, rows), own_csv)
     if reports:
         suites = [*sweep_suites(outcome, rows, loaded.spec.locate)]
         suites += skipped_suites(outcome.plan.spec.name, selection.not_taken)

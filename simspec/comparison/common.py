@@ -19,7 +19,7 @@ from simspec.runner.run import Run
 from simspec.world.kinematics import layout_of
 from simspec.world.types import Inertial, Joint
 
-# Two runs at the times that both recorded: their poses and the engines' own noise, looked at block by block.
+# Times that both runs recorded: poses and noise, block by block.
 
 
 class Common:
@@ -167,8 +167,7 @@ def common_rows(a: Run, b: Run) -> tuple[np.ndarray, np.ndarray]:
     return rows_a[:count], rows_b[:count]
 
 
-# What touches in several runs, by names that all of them tell: shapes, or groups of shapes of a body that one of them does not
-# tell apart, or bodies where one did not record shapes.
+# Sides of contacts that all runs distinguish: shapes, groups of shapes of a body, or bodies where a run did not record shapes.
 
 Element = tuple[str, str]
 """A body, and a shape of it; "" for the body as a whole."""
@@ -258,10 +257,8 @@ def _notes(run: Run, array: str) -> list[str]:
     return [why] if grouped else []
 
 
-# The contacts of two runs: when a body first touched something, and when other pairs first touch in one than in the other.
-#
-# ``contact.row`` never falls (of an engine's answer and of a stored run that is checked), so that what is of a time is found by
-# bisection, and all of it is gone through block by block.
+# First contacts: of each body, and of pairs that touch in one run only. ``contact.row`` never decreases, so that rows
+# of a time are found by bisection.
 
 CONTACT_BYTES = 200
 """Of temporary arrays for each contact."""

@@ -236,10 +236,8 @@ def _read(file: Any, size: int, path: Path) -> tuple[Floor, FloorFacts]:
     return Floor(facts.engine, time, position, angle, facts.bitwise, facts.perturbation), facts
 
 
-# How far two runs can be compared: until the engines' own noise grows past the tolerance.
-#
-# Noise that grows is chaos: past that time two runs of the *same* engine differ without bound, and positions say nothing.
-# Noise that stays at a level is not: a difference above that level is one, and a tolerance below it cannot be told.
+# Horizon: the time up to which two runs can be compared. Noise that grows is chaos: past that time two runs of the
+# *same* engine differ without bound. Noise that stays at a level ends nothing: differences above that level count.
 
 DECADE = 10.0
 """Noise that grows by less than this until the end of the run has stopped growing, if it had the time to (see PATIENCE)."""

@@ -10,9 +10,8 @@ from simspec.audit.audit import PairAudit
 from simspec.audit.findings import EngineAudit, FileAudit, Finding, Group, Severity, What, grouped
 from simspec.errors import clipped, visible
 from simspec.report.model_files import plausibility_data, plausibility_lines
-from simspec.report.page.document import Section
+from simspec.report.page.document import Section, Sentence
 from simspec.report.page.packing import Packed
-from simspec.report.page.words import Sentence
 from simspec.report.plain import plain
 from simspec.report.screen import console
 from simspec.report.table import BAD, DIM, GOOD, PLAIN, WARNING, Table, TableCell

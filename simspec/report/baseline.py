@@ -31,8 +31,6 @@ from simspec.runner.run import Run
 from simspec.stored import StoredBaseline, parse, read_as
 from simspec.world.canonical import sha256
 
-# Figures of a study kept as a baseline: places, quantities and verdicts of each engine's run, and its speed.
-
 SCHEMA = 1
 BEGINNING = b'{\n "simspec_baseline"'
 """How each of these files begins: what simspec may replace."""
@@ -228,10 +226,8 @@ def _speeds(runs: Sequence[Run]) -> list[Figure]:
     return figures
 
 
-# A study compared with a baseline.
-#
-# Physics is compared on any machine, by the engines' own noise: a figure has changed where its interval and the baseline's have
-# nothing in common. Speed is compared on the same machine only.
+# Comparison with a baseline. Physics is compared on any machine, by the engines' noise: a figure has changed where its interval
+# and the baseline's are disjoint. Speed is compared on the same machine only.
 
 SLOWER = 0.1
 """Share by which an engine's fastest process must be slower than the baseline's slowest. Measured on two cores that were busy
@@ -391,7 +387,7 @@ def comparison_data(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-# A comparison with a baseline, on the terminal and in a job's summary.
+# Output of a comparison, on the terminal and in a job's summary.
 
 SHOWN = 20
 """Regressions that the terminal lists."""

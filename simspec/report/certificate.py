@@ -73,7 +73,7 @@ def certificate_tables(certificate: Certificate) -> list[Table]:
     for level in levels:
         blocks = {name: proof.level(level) for name, proof in certificate.engines.items()}
         # of checks with tolerances of their own, the one nearest to its own stands for the level
-        tightest = {name: max(checks, key=_strain) for name, checks in blocks.items() if checks}
+        tightest = {name: max(checks, key=strain) for name, checks in blocks.items() if checks}
         tolerances = sorted({level_check.tolerance for level_check in tightest.values() if level_check.tolerance})
         deviations.add(
             level_title(level, (check for checks in blocks.values() for check in checks)),
@@ -111,8 +111,8 @@ def _declared(proof: EngineProof) -> TableCell:
     return TableCell(f"{found.declared} of {found.figures}\nwidest: {found.width}{absent}", WARNING)
 
 
-def _strain(check: Check) -> float:
-    """How near a check came to its tolerance; beyond any number when something differs in kind."""
+def strain(check: Check) -> float:
+    """The worst deviation of a check as a share of its tolerance; infinite where something differs in kind."""
     if check.worst is None:
         return math.inf
     if check.tolerance:
@@ -209,7 +209,7 @@ def _outcome_cell(outcome: DefectOutcome) -> TableCell:
     return TableCell(", ".join(outcome.by), GOOD)
 
 
-# The figures of contact probes, as tables: one for each probe, engines side by side.
+# Contact figures: a table for each probe, engines side by side.
 
 TITLES: Mapping[str, str] = {
     "push": "Friction: force of a slider pushed in 24 directions at 1.6 times the limit",
@@ -286,7 +286,7 @@ def deviations(figures: Mapping[str, Sequence[Figure]]) -> list[str]:
     return list(declared)
 
 
-# What became of every change of a complete self-test: as a table, and as data.
+# Complete self-tests: the verdict of every change, as a table and as data.
 
 COLUMNS = ("planted", "caught", "refused", "inert", "missed")
 SHOWN = 40

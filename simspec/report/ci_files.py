@@ -14,10 +14,9 @@ from simspec.report.differences import told
 from simspec.report.table import markdown_rows
 from simspec.report.tested import Entry, Status, Suite, counts, file_of, wrong
 
-# A test report in the XML form that CI systems read ("JUnit"): one ``testsuite`` for each spec and engine.
-#
-# ``error``: it could not be done (an engine failed); ``failure``: a proof, an expectation or a comparison failed; ``skipped``:
-# with the reason. ``file`` and ``line`` of a ``testcase`` are read by several systems, and are in no standard.
+# XML ("JUnit"): one ``testsuite`` for each spec and engine. ``error``: an engine failed; ``failure``: a proof, an
+# expectation or a comparison failed. Several CI systems read ``file`` and ``line`` of a ``testcase``, which no standard
+# has.
 
 BEGINNING = '<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="simspec"'
 """How each of these files begins: what simspec may replace."""
@@ -72,7 +71,7 @@ def _add(parent: ElementTree.Element, suite: Suite, entry: Entry) -> None:
             child.text = visible(entry.detail[:LONGEST_DETAIL], lines=True)
 
 
-# Annotations of a spec's lines, as GitHub Actions reads them from a step's output.
+# Annotations of a spec's lines, for GitHub Actions.
 
 MOST = 10
 """Annotations of one kind that a step may have: further ones are dropped without a word."""
@@ -111,7 +110,7 @@ def _escaped(text: str, table: dict[str, str]) -> str:
     return "".join(table.get(character, character) for character in text)
 
 
-# A summary of a command in Markdown, as CI systems show it beside a job: verdict first, then tables.
+# Summary of a command in Markdown: verdict first, then tables.
 
 LARGEST = 2**20
 """Bytes that a job's summary may have: a longer one is not shown at all."""

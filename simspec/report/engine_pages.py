@@ -11,6 +11,7 @@ import dataclasses
 import functools
 import inspect
 import json
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -26,15 +27,14 @@ from simspec.generated import CERTIFICATE_FILE
 from simspec.outputs.files import read_bytes
 from simspec.proof.certificate import Certificate
 from simspec.proof.checks import Check
-from simspec.report.certificate import level_title
+from simspec.report.certificate import level_title, strain
 from simspec.report.matrix import NOT_YET, SIGNATURE, WORDS, support, word
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.world.canonical import from_plain
 from simspec.world.types import World
 
-# What is measured of each engine on its page: how closely the committed certificates hold, and how it does in the published
-# study of all engines.
+# Measured figures of an engine: deviations in the committed certificates, and the published study of all engines.
 
 STUDY = "docs/studies/every-engine"
 """The study that has every engine that can be had, each scenario of it in one run of one machine."""
@@ -68,7 +68,7 @@ def closeness(name: str, certificates: Mapping[str, Certificate]) -> Iterator[st
 
 def _nearest(checks: Iterable[tuple[str, Check]]) -> str:
     """The check whose deviation is the largest share of its tolerance; one that failed comes first."""
-    scenario, check = max(checks, key=lambda one: _share(one[1]))
+    scenario, check = max(checks, key=lambda one: strain(one[1]) if one[1].count else math.inf)
     if check.passed and not check.worst:
         return "equal"
     what = f"{check.name}, {scenario}"
@@ -77,14 +77,6 @@ def _nearest(checks: Iterable[tuple[str, Check]]) -> str:
     if check.worst is None:
         return f"{what}: different in kind"
     return f"{what}: {check.worst:.2g} of {check.tolerance:.2g}"
-
-
-def _share(check: Check) -> float:
-    if check.worst is None or not check.count:
-        return float("inf")
-    if not check.tolerance:
-        return float("inf") if check.worst else 0.0
-    return check.worst / check.tolerance
 
 
 def study_of(root: Path) -> dict[str, dict[str, list[dict[str, Any]]]]:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Any, Final
@@ -18,9 +16,9 @@ from simspec.experiments.proof_cost import ProofsLeft
 from simspec.experiments.roundings import rounded_data, rounding_lines, roundings
 from simspec.experiments.sweep import Outcome
 from simspec.report.screen import console, duration
-from simspec.report.table import BAD, Table, TableCell, length, number
+from simspec.report.table import BAD, Table, TableCell, csv_text, length, number
 
-# What a sweep came to, for people and for programs: a table of groups of runs, lines of CSV, plain data.
+# Sweeps: a table of groups of runs, CSV, plain data.
 
 MOST_ROWS = 60
 """Rows of a table on a terminal; a file of CSV has all."""
@@ -238,36 +236,23 @@ def short_names(paths: Sequence[str]) -> dict[str, str]:
     return names
 
 
-def csv_text(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> str:
+def sweep_csv(plan: Plan, rows: Iterable[tuple[Cell, Row | None]]) -> str:
     """A line for each cell: what was asked, and what came, quantities in SI units; empty where there is no run or no figure."""
     kept = list(rows)
     paths = list(dict.fromkeys(path for cell, _ in kept for path, _ in cell.overrides))
     quantities = list(dict.fromkeys(name for _, row in kept if row is not None for name in row.quantities))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*CSV_FIRST, *paths, *CSV_LAST, *quantities])
+    table = Table("", *CSV_FIRST, *paths, *CSV_LAST, *quantities)
     for cell, row in kept:
-        asked = {
-            name: getattr(cell, name) for name in ("index", "engine", "case", "sample", "perturb", "seed", "repeat")
-        }
-        told: Mapping[str, Any] = (
-            {} if row is None else {name: getattr(row, name) for name in CSV_LAST if name not in asked}
-        )
-        facts = {**asked, **told, "engine_version": "" if row is None else row.engine_version}
+        names = ("index", "engine", "case", "sample", "perturb", "seed", "repeat")
+        facts: dict[str, Any] = {name: getattr(cell, name) for name in names}
+        if row is not None:
+            facts |= {name: getattr(row, name) for name in ("engine_version", *CSV_LAST) if name not in facts}
         values, measured = dict(cell.overrides), {} if row is None else row.quantities
-        line = [_word(facts.get(name)) for name in CSV_FIRST]
-        line += [_word(values.get(path)) for path in paths]
-        line += [_word(facts.get(name)) for name in CSV_LAST]
-        writer.writerow([*line, *(_word(measured.get(name)) for name in quantities)])
-    return text.getvalue()
-
-
-def _word(value: Any) -> str:
-    """A value in a line of CSV. What a spreadsheet would take for a formula begins with an apostrophe."""
-    if value is None:
-        return ""
-    text = repr(value) if isinstance(value, float) else str(value)
-    return f"'{text}" if isinstance(value, str) and text[:1] in "=+-@" else text
+        line = [*map(facts.get, CSV_FIRST), *map(values.get, paths), *map(facts.get, CSV_LAST)]
+        table.add(
+            *(str(value) if isinstance(value, bool) else value for value in (*line, *map(measured.get, quantities)))
+        )
+    return csv_text(table, newline="\n", lines=True)
 
 
 def outcome_data(outcome: Outcome, found: Sequence[Group]) -> dict[str, Any]:
@@ -306,7 +291,7 @@ def outcome_data(outcome: Outcome, found: Sequence[Group]) -> dict[str, Any]:
     }
 
 
-# What a search for the version that changed a figure came to, in lines and as data.
+# Searches for the version that changed a figure.
 
 MOST_SKIPPED: Final = 5
 """Versions that could not be measured which are listed one by one; the others are counted."""

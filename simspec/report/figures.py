@@ -24,11 +24,9 @@ from simspec.comparison.study import Study
 from simspec.errors import Problem, SpecError, visible
 from simspec.proof.contact.friction import PUSH
 from simspec.proof.contact.probe import Figure, outline, project
-from simspec.report.page.curves import LEAST
+from simspec.report.page.playback import LEAST
 from simspec.runner import metrics
 from simspec.runner.run import Run
-
-# What every figure for papers is drawn with: colours that colour-blind people tell apart, and the same bytes each time.
 
 MARKERS = ("o", "x", "+", "s", "^", "d")
 """One per engine, in order: readable on top of each other, and without colours."""
@@ -310,7 +308,7 @@ def _saved(plot: Any, chart: Any) -> dict[str, bytes]:
     return drawn
 
 
-# Friction by direction: the section of the cone that the spec asks for, and what each engine does, at a glance.
+# Friction by direction: the section of the friction cone of the spec, and the forces in each engine.
 
 PROBE = "push-oblong"
 """The oblong slider's: that friction has the right size and direction does not follow from a square one."""

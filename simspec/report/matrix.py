@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from simspec.engines.kit.installed import Instance
 
 
-# Effects of contact that are absent in an engine by its own declarations, for the support matrix: a declared deviation so
-# wide that an engine without the effect would pass (see ``proof/contact/declared.py``).
+# Effects of contact that are absent in an engine: a declared deviation is so wide that an engine without the effect would pass
+# (``proof/contact/declared.py``).
 
 FRICTION, RESTITUTION, TIMESTEP = 0.5, 0.5, 1e-3
 """Of the laws that declarations are tried with, where a declaration does not start above these."""
@@ -307,7 +307,7 @@ def _range(minimum: float | None, maximum: float | None) -> str:
     return f"{'' if minimum is None else f'{minimum:g}'} … {'' if maximum is None else f'{maximum:g}'}".strip()
 
 
-# Why something is accepted or computed outside an engine, in one line, with the place where all of it is said.
+# Short reasons of approximations, with a link to the whole.
 
 PAGE = MATRIX_FILE
 
@@ -329,7 +329,7 @@ def short_reason(engine: str, feature: str, said: str) -> str:
     return support(engines()[engine])[Feature(feature)].brief(Level(level)) or how
 
 
-# tmp
+# Tables of engines on terminals.
 
 
 def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any], width: int) -> list[Table]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from simspec.audit.exported import ReaderLoss
     from simspec.formats.kit.contract import Loss
 
-# Tables of an import: what it does not carry, and what it repaired.
+# Imports: losses and repairs.
 
 
 def losses_table(file: str, groups: Sequence[Group]) -> Table:
@@ -38,7 +38,7 @@ def repairs_table(repairs: Sequence[Repair]) -> Table:
     return rows
 
 
-# The table of what plain files of a format do not carry.
+# Exports: losses of plain files.
 
 WIDTH: Final = 80
 """Columns of the lines about readers."""
@@ -76,7 +76,7 @@ def reader_lines(format_name: str, losses: Sequence[ReaderLoss]) -> Iterator[str
             yield from textwrap.wrap(f"{title}: {', '.join(names)}", WIDTH, subsequent_indent="  ")
 
 
-# What is implausible about a model, for people: a line for each rule, and on request each finding with reason and way out.
+# Implausible values: a line for each rule, or each finding with its reason and way out.
 
 WIDTH_PLAUSIBILITY = 80
 """Columns of a line."""

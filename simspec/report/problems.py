@@ -20,7 +20,7 @@ from simspec.selection import Selection, acceptable
 from simspec.support.declarations import Level
 from simspec.world.types import World
 
-# tmp
+# Errors and warnings.
 
 
 def show_error(error: SimspecError) -> None:
@@ -84,7 +84,7 @@ def show_not_taken(selection: Selection, screen: Console) -> None:
         screen.print(f"to accept by name what differs: simspec accept SPEC  ({', '.join(asked)})", soft_wrap=True)
 
 
-# What engines refuse of a spec, in few lines: one for each feature, and two at the end with the ways out of all together.
+# Refusals of engines: a line for each feature, and two with the ways out.
 
 EVERY = "all"
 """Stands for every feature with ``--accept``."""

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Protocol
 
 from simspec.errors import visible
 
-# What is shown to people: foreign text is text, never markup, never an emoji's name, and never what a terminal obeys.
-
 if TYPE_CHECKING:
     from simspec.report.console import Screen
 
@@ -37,7 +35,7 @@ def console(error: bool = False) -> Screen:
     return Screen(file=stream, width=min(max(wanted, NARROWEST), WIDEST))
 
 
-# What is being done, how far it is, and how long it will take: on a terminal as it goes, elsewhere a line now and then.
+# Progress: on a terminal as it goes, elsewhere a line now and then.
 
 EVERY = 10.0
 """s between two lines where there is no terminal: a run of a minute leaves six, and silence never means that it hangs."""

@@ -209,27 +209,27 @@ def escaped(text: str) -> str:
     return text.replace("\n", " ")
 
 
-def csv_text(table: Table | Columns, newline: str = "\r\n") -> str:
+def csv_text(table: Table | Columns, newline: str = "\r\n", lines: bool = False) -> str:
     """A table as CSV (RFC 4180, UTF-8): numbers whole, nothing for None. Texts that a spreadsheet would run begin with an
-    apostrophe."""
+    apostrophe. ``lines``: texts keep their ends of lines."""
     import csv  # spreadsheets alone need it
 
     written = io.StringIO()
     writer = csv.writer(written, lineterminator=newline)
     shown = as_table(table)
-    writer.writerow([_field(column.name) for column in shown.columns])
-    writer.writerows([_field(value) for value in row] for row in shown.rows)
+    writer.writerow([_field(column.name, lines) for column in shown.columns])
+    writer.writerows([_field(value, lines) for value in row] for row in shown.rows)
     return written.getvalue()
 
 
-def _field(value: Any) -> str:
+def _field(value: Any, lines: bool) -> str:
     if value is None:
         return ""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
         return repr(value)
-    text = visible(str(value))
+    text = visible(str(value), lines)
     return f"'{text}" if text.startswith(FORMULA) else text
 
 

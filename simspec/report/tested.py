@@ -18,7 +18,7 @@ from simspec.experiments.index import Row
 from simspec.experiments.plan import Cell
 from simspec.experiments.sweep import Outcome as SweepOutcome
 from simspec.proof.checks import Check
-from simspec.report.certificate import level_title
+from simspec.report.certificate import level_title, strain
 from simspec.report.differences import tolerances
 from simspec.runner.expectations import Outcome
 from simspec.runner.run import Run
@@ -106,7 +106,7 @@ def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[Entry]
         checks = proof.level(level)
         title = f"proof {level_title(level, checks)}"
         seconds = proof.seconds if number == 0 else 0.0  # the levels share one process
-        bad = sorted((check for check in checks if not check.passed), key=_excess, reverse=True)
+        bad = sorted((check for check in checks if not check.passed), key=strain, reverse=True)
         if bad:
             message = f"{bad[0].name}: {_deviation(bad[0])}" + (f" at {bad[0].where}" if bad[0].where else "")
             if len(bad) > 1:
@@ -115,15 +115,11 @@ def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[Entry]
                 f"{check.name}: {_deviation(check)} {check.where} {check.detail}".strip() for check in bad
             )
             place = _place(bad[0].where, world, locate)
-            yield Entry(title, Status.FAILED, message, detail, place, seconds, _excess(bad[0]))
+            yield Entry(title, Status.FAILED, message, detail, place, seconds, strain(bad[0]))
         elif checks:
             yield Entry(title, Status.PASSED, seconds=seconds)
         else:
             yield Entry(title, Status.SKIPPED, apart[level], seconds=seconds)
-
-
-def _excess(check: Check) -> float:
-    return check.worst / check.tolerance if check.worst is not None and check.tolerance else math.inf
 
 
 def _deviation(check: Check) -> str:
@@ -259,7 +255,7 @@ def file_of(location: Location, environment: Mapping[str, str] = os.environ) -> 
     return location.file
 
 
-# A sweep as suites of a test report: one for each engine, an entry for each run that was asked for.
+# Sweeps: a suite for each engine, an entry for each run.
 
 MOST_ENTRIES = 20_000
 """Entries of one engine: further runs are counted in one. A report of more has tens of megabytes, which no CI system shows."""

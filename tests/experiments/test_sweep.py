@@ -16,7 +16,7 @@ from simspec.experiments.plan import plan_sweep
 from simspec.experiments.store import Store, place_of
 from simspec.experiments.sweep import MOST_DEATHS, Outcome, sweep
 from simspec.language.load import Spec
-from simspec.report.experiments import csv_text, groups, outcome_data, results_table, short_names, show_outcome
+from simspec.report.experiments import groups, outcome_data, results_table, short_names, show_outcome, sweep_csv
 from simspec.runner.run import SCHEMA, Run
 from simspec.world.canonical import sha256
 
@@ -381,7 +381,7 @@ def test_groups_take_samples_and_repetitions_together(store):
 
 def test_lines_of_csv_are_the_cells(store):
     outcome = do(store, Engines(), spec())
-    lines = csv_text(outcome.plan, outcome.rows()).splitlines()
+    lines = sweep_csv(outcome.plan, outcome.rows()).splitlines()
     head = lines[0].split(",")
     assert len(lines) == 7
     assert head[:5] == ["index", "engine", "engine_version", "case", "bodies.ball.mass"]

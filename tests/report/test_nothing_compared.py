@@ -20,7 +20,7 @@ from simspec.comparison.study import Study
 from simspec.errors import EXIT_FAILED, EXIT_OK
 from simspec.report.ci_files import junit, summary
 from simspec.report.differences import diff_tables, differences, differences_table, inconclusive_note
-from simspec.report.page.words import verdict
+from simspec.report.page.document import verdict
 from simspec.report.plain import diff_data
 from simspec.report.screen import console
 from simspec.report.table import GOOD

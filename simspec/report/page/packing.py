@@ -15,9 +15,8 @@ from simspec.runner.metrics import moving_bodies
 from simspec.runner.run import Run
 from simspec.world.types import World
 
-# Numbers as text of a page: rounded to 16 bits where they are for the eye, gzip, base64. ``page/src/packing.ts`` reads them.
-#
-# Trajectories are packed as differences in time, all low bytes before all high bytes: what changes slowly is then mostly zeros.
+# Packing: 16 bits where numbers are for the eye, gzip, base64; ``page/src/packing.ts`` reads it. Trajectories are
+# differences in time, all low bytes before all high bytes, so that slow changes are mostly zeros.
 
 Numbers = NDArray[np.float64]
 Codes = NDArray[np.int16]
@@ -84,7 +83,7 @@ def turns(quaternions: Numbers) -> Codes:
     return np.round(np.clip(followed, -1.0, 1.0) * LARGEST_CODE).astype(np.int16)
 
 
-# Which recorded times a page shows, and the box that its positions are in.
+# Frames: the recorded times that a page shows, and the box of its positions.
 
 Rows = NDArray[np.int64]
 

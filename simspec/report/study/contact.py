@@ -218,7 +218,7 @@ def _deviation(form: Form, figure: Figure) -> float:
     return 100.0 * off / abs(figure.expected)
 
 
-# What runs come to: energy, penetration, contacts, speed and spread, by case, engine and timestep.
+# Quantities at the end of runs, by case, engine and timestep.
 
 
 def quantities_tables(done: Done) -> list[StudyTable]:

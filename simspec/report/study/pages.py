@@ -24,7 +24,7 @@ from simspec.outputs.targets import STUDY, read_marker
 from simspec.proof.certificate import Certificate
 from simspec.report.page.document import Section, section
 from simspec.report.page.packing import Packed
-from simspec.report.stored_study import StoredStudy, study_of
+from simspec.report.studies import StoredStudy, study_of
 from simspec.report.study.charts import charts
 from simspec.report.study.runs import Done, Record, StudyTable, milliseconds
 from simspec.report.study.sentences import verdict
@@ -186,7 +186,7 @@ def stored_table(stored: StoredTableShown, said: bool = False) -> Table:
     return table
 
 
-# Runs of a study that are played back on its page: of each engine the first of the plan, where the store has it.
+# Playback: of each engine the first run of the plan, where the store has it.
 
 PLAYBACK = "playback"
 TOLERANCE = 1e-3
@@ -262,7 +262,7 @@ def _motion(run: Run) -> str:
     return sha256(dataclasses.replace(run.world, name="", expectations=(), engines=()))
 
 
-# The tables of ``simspec study`` as parts of a page: read back from ``study.json``.
+# A study as a section of a page, read back from ``study.json``.
 
 TABLES_FILE = "study.json"
 SCHEMA = 2

@@ -27,8 +27,6 @@ from simspec.runner.expectations import Outcome as ExpectationsOutcome
 from simspec.runner.expectations import evaluate
 from simspec.runner.run import Run
 
-# One sweep of a study that was done, and what every table of it needs.
-
 Record = Mapping[str, Any]
 """A row of data: text, truth values, finite numbers, None, and lists of these, by name. SI units."""
 
@@ -125,7 +123,7 @@ def figure_records(figures: Iterable[Figure]) -> list[Record]:
     ]
 
 
-# The runs of a sweep by world: what engines, perturbations and repetitions of one world are compared by.
+# Runs by world: engines, perturbations and repetitions of one world.
 
 TIMESTEP = "physics.timestep"
 Member = tuple[Cell, Row]
@@ -175,7 +173,7 @@ def run_of(done: Done, row: Row) -> Run:
     return done.store.load(row.key)
 
 
-# The runs of a sweep by what tells them apart besides the timestep: engine, case and values.
+# Runs by variant: engine, case and values.
 
 TIMESTEP_VARIANTS = "physics.timestep"
 PLAIN = "–"
@@ -276,7 +274,7 @@ def unsupported_table(done: Done, name: str, made: list[Variant]) -> StudyTable:
     return shown
 
 
-# The runs of a sweep, each held against what the study expects of it; done once for all tables.
+# Runs judged by the expectations of the study; computed once for all tables.
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 from simspec.analysis.validity import measure_words, measured_name
 from simspec.errors import Problem, SpecError, visible
-from simspec.report.page.words import Sentence
+from simspec.report.page.document import Sentence
 from simspec.report.study.runs import Record, milliseconds
 from simspec.report.study.speed import ranking
 from simspec.report.table import BAD, GOOD, PLAIN, WARNING, listed, number
@@ -153,8 +153,8 @@ _SAID: Mapping[str, Callable[[str, list[Any]], Iterator[str]]] = {
 }
 """By the beginning of a table's name."""
 
-# What matters of a study, in a few sentences: the order of the engines with equal models, what unequal models change, and up
-# to which timestep each scenario holds and is proven. Everything else that its tables say stands under them.
+# Verdict of a study: the order of the engines with equal models, the effect of unequal models, and the timestep up to
+# which each scenario is valid and proven.
 
 CLOCKS = {"by wall time": "speed.real_time_factor", "by processor time": "speed.cpu_factor"}
 UNEQUAL = "unequal.models."

@@ -64,7 +64,7 @@ def _shown(done: Done, timestep: float, runs: Mapping[str, Sequence[Paced]], nam
     return made
 
 
-# What a step costs: the engine's step, control, recording.
+# Cost of a step: engine, control, recording.
 
 PARTS = {"step": "engine", "control": "control", "record": "recording"}
 """Parts of a step that are shown (wall time), with the heads of their columns."""
@@ -106,7 +106,7 @@ def _costs(done: Done) -> dict[tuple[float, str], StepCost | None]:
     }
 
 
-# What a step costs in each case of a sweep, beside the scenario itself, and what the engines said of it.
+# Cost of a step by case, and warnings of the engines.
 
 NOTE = (
     "Processor time of the step calls over the number of steps: the fastest of the runs, which the machine disturbed least. "
@@ -156,7 +156,7 @@ def _said(done: Done, one: Variant, step: float) -> str:
     return "; ".join(told)
 
 
-# Models that are not equal, beside equal ones: speed, spread and order of the engines.
+# Unequal models: speed, spread and order of the engines.
 
 SPREAD = "spread at the end"
 EQUAL = "equal models"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from simspec.report.explanations import attribution_tables
+from simspec.report.explain import attribution_tables
 from simspec.report.study.contact import contact_tables, quantities_tables
 from simspec.report.study.motion import (
     conservation_tables,
@@ -33,8 +33,6 @@ from simspec.report.study.validity import (
     failures_tables,
     validity_tables,
 )
-
-# What a study can show (``show``), by word.
 
 SHOWN: Mapping[str, Callable[[Done], list[StudyTable]]] = {
     "speed": speed_tables,
@@ -70,7 +68,7 @@ def shown_of(done: Done) -> list[StudyTable]:
     return tables
 
 
-# Where and when the runs of a study were made, from what they say of themselves.
+# Machine, versions and dates of the runs of a study.
 
 GIB = 2**30
 

@@ -12,6 +12,7 @@ from simspec.analysis.validity import KINDS, limit
 from simspec.experiments.sweep import REFUSED
 from simspec.proof.certificate import Certificate
 from simspec.proof.checks import Check
+from simspec.report.certificate import strain
 from simspec.report.study.runs import (
     PLAIN,
     Deviation,
@@ -29,7 +30,7 @@ from simspec.report.study.runs import (
 from simspec.report.table import BAD, TableCell, number
 from simspec.runner.expectations import Outcome
 
-# Up to which timestep all that is expected holds, and how closely.
+# Expectations: the largest timestep at which all hold, and the largest deviations.
 
 
 def validity_tables(done: Done) -> list[StudyTable]:
@@ -109,7 +110,7 @@ def cell(runs: list[Judged], units: set[str]) -> str | TableCell:
     return TableCell(f"fails ({failed} of {len(runs)}): {told}", BAD) if failed else told
 
 
-# What happened first in the runs that do not do what is expected.
+# First events in runs that fail.
 
 
 def failures_tables(done: Done) -> list[StudyTable]:
@@ -158,7 +159,7 @@ def _record(one: Judged) -> Record:
     }
 
 
-# The cases of a sweep beside the scenario itself: whether they hold, how closely, and what a step costs.
+# Cases: validity, deviation and cost of each.
 
 
 def cases_tables(done: Done) -> list[StudyTable]:
@@ -222,7 +223,7 @@ def _step_cost(runs: list[Judged]) -> float | None:
     return median(costs) if costs else None
 
 
-# Up to which timestep models are proven, and which checks fail beyond: read from the certificates of the store.
+# Proofs: the largest timestep at which models are proven, and the checks that fail beyond.
 
 MOST_SHOWN = 3
 """Checks of one model that are named; the others are counted."""
@@ -312,17 +313,10 @@ def words(failed: Sequence[Check]) -> str:
     """Failed checks, the worst first, each with its figure."""
     if not failed:
         return "nothing was compared"
-    ordered = sorted(failed, key=lambda check: -_excess(check))
+    ordered = sorted(failed, key=lambda check: -strain(check))
     told = [_figure(check) for check in ordered[:MOST_SHOWN]]
     more = len(ordered) - MOST_SHOWN
     return "; ".join([*told, *([f"and {more} more"] if more > 0 else [])])
-
-
-def _excess(check: Check) -> float:
-    """How many times its tolerance a check's worst deviation is."""
-    if check.worst is None or not check.tolerance:
-        return float("inf")
-    return check.worst / check.tolerance
 
 
 def _figure(check: Check) -> str:

@@ -20,7 +20,7 @@ from simspec.proof.checks import Check
 from simspec.report.page import playback
 from simspec.report.page.document import MOST_STUDIES, page
 from simspec.report.page.packing import Packed
-from simspec.report.stored_study import StoredStudy, load_study
+from simspec.report.studies import StoredStudy, load_study
 from simspec.world import shapes
 from simspec.world.canonical import sha256
 from simspec.world.hull import mesh_size, mesh_triangles

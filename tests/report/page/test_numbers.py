@@ -12,7 +12,7 @@ import pytest
 
 from simspec.report.page.document import page
 from simspec.report.page.playback import driven_bodies, target_poses
-from simspec.report.stored_study import load_study
+from simspec.report.studies import load_study
 from simspec.world.rotations import rotation_error
 from tests.report.page import samples
 

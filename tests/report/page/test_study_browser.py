@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simspec.report.page.document import page as page_of
-from simspec.report.stored_study import load_study
+from simspec.report.studies import load_study
 from simspec.report.study.pages import study_section
 from tests import browser
 from tests.report.page import samples, study_samples

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from simspec.errors import EngineError
-from simspec.report.page.words import verdict
+from simspec.report.page.document import verdict
 from simspec.report.table import BAD, GOOD, WARNING, listed
 from simspec.runner.execution import failed_run
 from tests.report.page import samples
