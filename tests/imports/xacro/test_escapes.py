@@ -91,7 +91,7 @@ for name, text in json.loads(sys.stdin.read()).items():
     try:
         answers[name] = program.run(text, None)
     except Exception as error:
-        answers[name] = "refused: " + child._told(error)
+        answers[name] = "refused: " + child._reason_of(error)
 sys.stdout.write(json.dumps(answers))
 """
 
