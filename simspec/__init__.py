@@ -50,6 +50,7 @@ _HOME = {
     "Cell": "simspec.experiments.plan:Cell",
     "case_of": "simspec.experiments.cases:case_of",
     "versions_of": "simspec.experiments.versions:versions_of",
+    "Swept": "simspec.api:Swept",
     "known_engines": "simspec.engines.kit.registry:engines",
     "SimspecError": "simspec.errors:SimspecError",
     "SpecError": "simspec.errors:SpecError",
@@ -83,6 +84,7 @@ def __dir__() -> list[str]:
 
 
 if TYPE_CHECKING:
+    from simspec.api import Swept
     from simspec.attribution.configuration import Configuration
     from simspec.attribution.explanation import Explanation
     from simspec.attribution.sides import explain

@@ -67,3 +67,50 @@ def test_what_a_notebook_shows_is_short():
     ]
     for value in shown:
         assert 10 < len(repr(value)) < 200, repr(value)[:300]
+
+
+BALL = {
+    "simspec": 1,
+    "name": "falling-ball",
+    "physics": {"duration": 0.1, "timestep": "1 ms"},
+    "bodies": {"ball": {"mass": 2.0, "inertia": {"principal": [0.01, 0.01, 0.01]}, "pose": {"xyz": [0, 0, 1]}}},
+    "record": {"every": "10 ms"},
+    "sweep": {"over": {"bodies.ball.mass": [1, 2]}, "engines": ["mujoco"]},
+}
+
+
+def test_worlds_and_runs_have_methods_that_need_no_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    world = simspec.Spec.from_data(BALL).resolve()
+    assert world.compile("mujoco").files == simspec.compile(world, ["mujoco"])["mujoco"].files
+    assert world.verify(["mujoco"]).valid
+    run, other = world.run("mujoco"), world.run("dart")
+    assert run.diff(other, tolerance=1e-3).within
+    with world.session("mujoco") as session:
+        q, _ = session.get_state()
+        session.step(10)
+        session.reset()
+        assert (session.get_state()[0] == q).all()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_session_keeps_its_temporary_folder_as_long_as_it_exists():
+    session = simspec.Spec.from_data(BALL).resolve().session("mujoco")
+    folder = session.artifacts
+    session.close()
+    assert folder.is_dir()
+    del session
+    assert not folder.exists()
+
+
+def test_a_spec_runs_its_sweep(tmp_path):
+    spec = simspec.Spec.from_data(BALL)
+    swept = spec.sweep(jobs=1)
+    assert [dict(cell.overrides) for cell, _ in swept.rows()] == [{"bodies.ball.mass": 1}, {"bodies.ball.mass": 2}]
+    assert [run.world.bodies[0].inertial.mass for _, run in swept.runs()] == [1.0, 2.0]
+    assert not swept.outcome.unproven
+    folder = swept.store.path
+    del swept
+    assert not folder.exists()
+    for ran in (2, 0):
+        assert spec.sweep(["mujoco"], store=tmp_path / "store", verify=False).outcome.ran == ran

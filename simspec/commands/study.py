@@ -15,7 +15,7 @@ from simspec.attribution.sides import explain
 from simspec.commands.experiment_options import StudyOptions
 from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import SWEEP_FOLDER
-from simspec.commands.sweep import RUNS, local_executor, side_by_side, stored_index, warn_of_disturbances
+from simspec.commands.sweep import RUNS, stored_index, warn_of_disturbances
 from simspec.comparison.study import missing_engines
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, Problem, SimspecError, SpecError
 from simspec.experiments.cost import costs, estimate
@@ -26,7 +26,7 @@ from simspec.experiments.published import MODELS_FILE, MOST_MODELS, strangers, s
 from simspec.experiments.published import SCHEMA as MODELS_SCHEMA
 from simspec.experiments.roundings import rounding_lines
 from simspec.experiments.store import Store
-from simspec.experiments.sweep import Outcome
+from simspec.experiments.sweep import Outcome, local_executor, side_by_side
 from simspec.experiments.sweep import sweep as run_sweep
 from simspec.experiments.versions import versions_of
 from simspec.files import resource_folder

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,21 +10,17 @@ from simspec.commands.experiment_options import SweepOptions
 from simspec.commands.loading import Loaded, load_spec, source_of
 from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import SWEEP_FOLDER, Reports, reporting, reports_of
-from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_OK, Problem, SpecError
 from simspec.experiments.cost import costs, estimate
-from simspec.experiments.executors.contract import Supplies
 from simspec.experiments.executors.dask import DaskExecutor, demand_address
-from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.index import Index, refresh
 from simspec.experiments.machine import disturbances
 from simspec.experiments.plan import Plan, plan_sweep
 from simspec.experiments.proof_cost import proof_seconds, proofs_left
 from simspec.experiments.roundings import rounded_data, rounding_sets
 from simspec.experiments.store import Store
-from simspec.experiments.sweep import Outcome
+from simspec.experiments.sweep import Outcome, local_executor, side_by_side
 from simspec.experiments.sweep import sweep as run_sweep
-from simspec.experiments.timing import timed_tasks
 from simspec.experiments.versions import versions_of
 from simspec.outputs.targets import STORE, STUDY, demand, file_problem, folder_problem
 from simspec.outputs.writing import open_folder, write_file
@@ -93,20 +88,6 @@ def sweep(options: SweepOptions) -> int:
         return _show(options, outcome, selection, folder, loaded, reports)
 
 
-def side_by_side(jobs: int | None, plan: Plan) -> int:
-    """How many runs at a time: as many as there are cores, one where speed is measured. Raises SpecError for another number
-    there."""
-    if plan.measure == "speed":
-        if jobs not in (None, 1):
-            message = "speed is measured with one run at a time"
-            raise SpecError(
-                [Problem(message, "sweep.measure", plan.spec.locate("sweep.measure"), f"--jobs {jobs}", "--jobs 1")]
-            )
-        return 1
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return jobs or cores
-
-
 def demand_cluster(scheduler: str, jobs: int | None, plan: Plan) -> None:
     """Raise SpecError where a sweep cannot be done on a cluster, or requests something of this machine."""
     demand_address(scheduler)
@@ -125,13 +106,6 @@ def warn_of_disturbances() -> None:
     """Warn of other work on the machine, which disturbs measured speeds."""
     for why in disturbances():
         say(f"warning: speed is measured, and the machine is not quiet: {why}", error=True)
-
-
-def local_executor(plan: Plan, jobs: int, pythons: Interpreters, supplies: Supplies) -> LocalExecutor:
-    """Runs on this machine. Where speed is measured, each is alone on a processor, in a new process."""
-    if plan.measure == "speed":
-        return LocalExecutor(supplies, 1, pythons, do_run=timed_tasks(pythons))
-    return LocalExecutor(supplies, jobs, pythons, warm=WarmProcesses())
 
 
 def own_csv(content: bytes) -> bool:

@@ -3,11 +3,13 @@ there. It may be ended at any moment: the next call does what is left."""
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import (
     EXIT_ENGINE,
     EXIT_FAILED,
@@ -21,14 +23,15 @@ from simspec.errors import (
 from simspec.experiments.cases import case_of
 from simspec.experiments.certify import Certifier
 from simspec.experiments.cost import USUAL, Steps, costs
-from simspec.experiments.executors.contract import Executor, Task
-from simspec.experiments.executors.local import packed
+from simspec.experiments.executors.contract import Executor, Supplies, Task
+from simspec.experiments.executors.local import LocalExecutor, packed
 from simspec.experiments.index import Index, Row, refresh, row_of
 from simspec.experiments.plan import Cell, Plan
 from simspec.experiments.result import TaskResult
 from simspec.experiments.roundings import rounded_data, roundings
 from simspec.experiments.store import Store
 from simspec.experiments.supplies import LocalSupplies, Prepared
+from simspec.experiments.timing import timed_tasks
 from simspec.runner.case import Case
 from simspec.runner.execution import failed_run
 from simspec.stored import SweptRun
@@ -383,3 +386,24 @@ class _Driver:
 
     def _tell(self, text: str) -> None:
         self._progress(text, min(1.0, self._weight_done / self._to_do) if self._to_do else None)
+
+
+def side_by_side(jobs: int | None, plan: Plan) -> int:
+    """How many runs at a time: as many as there are cores, one where speed is measured. Raises SpecError for another number
+    there."""
+    if plan.measure == "speed":
+        if jobs not in (None, 1):
+            message = "speed is measured with one run at a time"
+            raise SpecError(
+                [Problem(message, "sweep.measure", plan.spec.locate("sweep.measure"), f"--jobs {jobs}", "--jobs 1")]
+            )
+        return 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return jobs or cores
+
+
+def local_executor(plan: Plan, jobs: int, pythons: Mapping[str, str], supplies: Supplies) -> LocalExecutor:
+    """Runs on this machine. Where speed is measured, each is alone on a processor, in a new process."""
+    if plan.measure == "speed":
+        return LocalExecutor(supplies, 1, pythons, do_run=timed_tasks(pythons))
+    return LocalExecutor(supplies, jobs, pythons, warm=WarmProcesses())

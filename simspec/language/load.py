@@ -19,6 +19,7 @@ from simspec.language.problems import in_order
 from simspec.language.sources import Collector, Source, of_package, open_document, project_folder, validate
 from simspec.language.strict import ABSENT, bounded_suggestions
 from simspec.language.swept import check_sweep
+from simspec.methods import Method
 
 if TYPE_CHECKING:
     from simspec.world.types import World
@@ -113,6 +114,8 @@ class Spec:
         collector = self._collector.again()
         collector.collect(source, (self._place.resolve(),))
         return source, [*problems, *collector.problems]
+
+    sweep = Method("simspec.api:sweep")
 
     def resolve(self) -> World:
         """The world: frozen, SI, every default filled. Raises SpecError with every problem found."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from simspec.errors import Problem, SpecError, html_table
 from simspec.language.strict import near
+from simspec.methods import Method
 from simspec.world.kinematics import Coordinates, coordinates
 from simspec.world.types import World
 
@@ -146,6 +147,8 @@ class Run:
     def end_to_end_factor(self) -> float | None:
         """Simulated time over the wall time of the engine's whole process: start, load, step, record, hand over."""
         return self._factor("process")
+
+    diff = Method("simspec.comparison.runs:diff")
 
     def save(self, folder: Path | str) -> Path:
         """Write the run as the whole content of ``folder``: Parquet tables, world.json, provenance.json."""

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from simspec.language.vocabulary import CHANNELS
+from simspec.methods import Method
 from simspec.world.actions import Box, Controller, Fluid, Force, JointSum, Motion, Trajectory
 
 Pair = tuple[str, str]
@@ -368,6 +369,11 @@ class World:
 
     def __repr__(self) -> str:
         return f"<World {self.name!r}: {len(self.bodies)} bodies, {self.physics.steps} steps of {self.physics.timestep:g} s>"
+
+    compile = Method("simspec.api:compile_for")
+    verify = Method("simspec.proof.verify:verify")
+    run = Method("simspec.runner.execution:run")
+    session = Method("simspec.api:session")
 
     def options(self, engine: str) -> EngineOptions:
         """The options given for ``engine``; empty ones when the spec gives none."""
