@@ -65,9 +65,9 @@ __all__ = sorted(_HOME)  # noqa: PLE0605 (a list all the same; a literal would b
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from importlib.metadata import version
+        from simspec.distribution import own_version
 
-        return version("simspec")
+        return own_version()
     home = _HOME.get(name)
     if home is None:
         raise AttributeError(f"module 'simspec' has no attribute {name!r}")

@@ -35,7 +35,7 @@ def guarded(function: Callable[..., int | None]) -> Callable[..., None]:
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("simspec"):
                 raise
-            missing = EngineError(error.name, "not installed: pip install 'simspec[all]'")
+            missing = EngineError(error.name, "not installed: pip install 'simspec-physics[all]'")
             code = report_error(missing, keywords.get("as_json", False))
         except OSError as error:
             if error.filename is None:  # not about a file: standard output is closed
@@ -132,9 +132,9 @@ def _main(arguments: list[str]) -> int:
         write_file(Path(__file__).with_name("help.txt"), help_text(), lambda old: b"simspec" in old[:100])
         return EXIT_OK
     if arguments == ["--version"]:
-        from importlib.metadata import version
+        from simspec.distribution import own_version
 
-        print(f"simspec {version('simspec')}")
+        print(f"simspec {own_version()}")
         return EXIT_OK
     problem = _empty(arguments) or _not_text(arguments) or _not_numbers(arguments)
     if problem is not None:

@@ -165,7 +165,7 @@ def not_importable(engine: str, module: str, error: ImportError) -> EngineError:
     """The error of an engine whose Python ``module`` cannot be imported: it is not installed, or it is, and importing it fails
     for another reason (a library that does not load, a locale)."""
     if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == module:
-        return EngineError(engine, f"not installed: pip install 'simspec[{engine}]' ({error})")
+        return EngineError(engine, f"not installed: pip install 'simspec-physics[{engine}]' ({error})")
     return EngineError(engine, f"is installed, and importing {module} fails: {error}")
 
 

@@ -7,14 +7,13 @@ they are looked up. Plug-ins of other packages are imported and checked before t
 
 from __future__ import annotations
 
-import functools
 import importlib
 import importlib.metadata
-import tomllib
 from collections.abc import Callable, ItemsView, Iterator, Mapping, ValuesView
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from typing import Any, Generic, TypeVar
+
+from simspec.distribution import checkout
 
 OWN = "simspec"
 Plugin = TypeVar("Plugin")
@@ -33,7 +32,7 @@ class Plugins(Mapping[str, Plugin], Generic[Plugin]):
         self._broken: dict[str, str] = {}
         found = [*importlib.metadata.entry_points(group=group)]
         self._own = {point.name: point for point in found if point.module.partition(".")[0] == OWN}
-        for name, value in _checkout().get(group, {}).items():
+        for name, value in checkout().get("entry-points", {}).get(group, {}).items():
             self._own.setdefault(name, EntryPoint(name, value, group))
         self._others = [point for point in found if self._own.get(point.name) is not point]  # not loaded yet
         self._others.sort(key=lambda point: (point.name, point.value), reverse=True)
@@ -106,16 +105,3 @@ class Plugins(Mapping[str, Plugin], Generic[Plugin]):
 def _distribution(point: EntryPoint) -> str:
     found = getattr(point, "dist", None)
     return str(found.name) if found is not None else ""
-
-
-@functools.cache
-def _checkout() -> Mapping[str, Mapping[str, str]]:
-    """The entry points of the checkout that this is, by group: an installation for development knows those of the day when it
-    was made. Empty where simspec is installed otherwise."""
-    try:
-        content = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    project = content.get("project", {})
-    found: Mapping[str, Mapping[str, str]] = project.get("entry-points", {}) if project.get("name") == OWN else {}
-    return found

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from packaging.requirements import Requirement
 
+from simspec.distribution import NAME
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.installing import not_installed
 from simspec.engines.kit.registry import engines
@@ -31,9 +32,9 @@ def requirements(extra: str) -> tuple[set[str], set[str]]:
     packages, extras = set(), {extra}
     for line in PROJECT["optional-dependencies"][extra]:
         requirement = Requirement(line)
-        if requirement.name != "simspec":
+        if requirement.name != NAME:
             packages.add(requirement.name)
-        for other in requirement.extras if requirement.name == "simspec" else ():
+        for other in requirement.extras if requirement.name == NAME else ():
             more = requirements(other)
             packages |= more[0]
             extras |= more[1]

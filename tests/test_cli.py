@@ -488,7 +488,7 @@ def test_a_missing_engine(folder, monkeypatch):
     monkeypatch.setattr(engines()["dart"], "version", classmethod(lambda cls: None))
     found = data("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", code=3)
     assert found["error"]["engine"] == "dart"
-    assert "pip install 'simspec[dart]'" in found["error"]["message"]
+    assert "pip install 'simspec-physics[dart]'" in found["error"]["message"]
     assert not (folder / "runs").exists()
     words = ("run", "fall.yaml", "--engine", "mujoco", "--engine", "dart", "--keep-going", "--no-repeats")
     found = data(*words, code=3)

@@ -13,6 +13,7 @@ from tests.conftest import LONGEST as FIRST
 from tests.modules import MODULES, PACKAGE, TEST_MODULES, TESTS, name_of, offences, parsed
 
 ORDER = (
+    "distribution",
     "processes",
     "confinement",
     "errors",

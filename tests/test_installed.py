@@ -61,4 +61,4 @@ def test_an_engine_that_is_not_there_is_skipped_by_name_or_fails_where_it_is_dem
     done = subprocess.run(command, env=words, capture_output=True, text=True, check=False)
     assert done.returncode == code, done.stdout + done.stderr
     assert said in done.stdout
-    assert "ghost: not installed: pip install 'simspec[ghost]'" in done.stdout or code
+    assert "ghost: not installed: pip install 'simspec-physics[ghost]'" in done.stdout or code

@@ -34,7 +34,7 @@ def run(*command: object, cwd: Path) -> str:
 def test_the_wheel_runs_in_a_fresh_environment(tmp_path, whole):
     """``whole``: with the dependencies that it declares, installed anew; else with the packages of this environment."""
     run(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", tmp_path / "dist", ROOT, cwd=tmp_path)
-    (wheel,) = (tmp_path / "dist").glob("simspec-*.whl")
+    (wheel,) = (tmp_path / "dist").glob("simspec_physics-*.whl")
     names = zipfile.ZipFile(wheel).namelist()
     for part in ("_resources/templates/", "_resources/specs/spheres-216.yaml", "_resources/schema/", "help.txt"):
         assert any(part in name for name in names), part

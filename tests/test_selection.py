@@ -149,4 +149,4 @@ def test_what_is_not_installed_is_listed_too(place, capsys, monkeypatch):
     monkeypatch.setattr(engines()["dart"], "version", classmethod(lambda cls: None))
     run = answer(capsys, "run", "ball.yaml", "--all-engines", "--no-repeats", "--no-verify")
     assert set(run["runs"]) == set(INSTALLED) - {"dart", "drake"}
-    assert run["not_run"]["dart"]["reason"] == "not installed: pip install 'simspec[dart]'"
+    assert run["not_run"]["dart"]["reason"] == "not installed: pip install 'simspec-physics[dart]'"

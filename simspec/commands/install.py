@@ -164,7 +164,7 @@ def _make(
 
 def words(engine: type[Engine]) -> list[list[str]]:
     """The commands that install an engine: pip of this interpreter, and Debian's apt-get."""
-    commands = [isolated("-m", "pip", "install", f"simspec[{engine.EXTRA}]")] if engine.EXTRA else []
+    commands = [isolated("-m", "pip", "install", f"simspec-physics[{engine.EXTRA}]")] if engine.EXTRA else []
     if engine.NEEDS.debian:
         commands.append(["apt-get", "update", "--quiet"])
         commands.append(["apt-get", "install", "--yes", "--no-install-recommends", *engine.NEEDS.packages])

@@ -344,7 +344,9 @@ def engines_at_work(
     found = selection.available(pythons)
     demand_trusted(found.engines, pythons)
     if not found.engines:
-        raise SpecError([Problem("no engine is installed", hint="pip install 'simspec[all]', or use --engine NAME")])
+        raise SpecError(
+            [Problem("no engine is installed", hint="pip install 'simspec-physics[all]', or use --engine NAME")]
+        )
     return found
 
 

@@ -210,7 +210,7 @@ def _dynamics(world: World, bodies: tuple[Body, ...], asked: list[Controller]) -
         return Tree(dataclasses.replace(world, bodies=bodies))
     except ModuleNotFoundError as error:
         raise ControlError(
-            f"the law needs Pinocchio in the engine's environment ({error.name} is missing): pip install 'simspec[pin]'"
+            f"the law needs Pinocchio in the engine's environment ({error.name} is missing): pip install 'simspec-physics[pin]'"
         ) from None
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from simspec.distribution import own_version
 from simspec.engines.kit.identity import engine_name
 from simspec.errors import SpecError
 from simspec.experiments.models import files_hash
@@ -37,7 +37,7 @@ def model_key(world: World, prepared: Prepared, versions: Mapping[str, str]) -> 
     return sha256(
         {
             "schema": KEY_SCHEMA,
-            "simspec": version("simspec"),
+            "simspec": own_version(),
             "world": to_plain(alike),
             "engine": prepared.compiled.engine,
             "options": to_plain(world.options(name)),

@@ -22,11 +22,11 @@ import platform
 import re
 import zlib
 from collections.abc import Iterator, Mapping
-from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from simspec.distribution import own_version
 from simspec.errors import Problem, SpecError
 from simspec.experiments.result import CIRCUMSTANCE_TABLES, TaskResult, whole_world
 from simspec.outputs.collection import Collection, open_collection
@@ -71,7 +71,7 @@ class Store:
         Raises SpecError for a folder that is no store, of somebody else, or of a newer simspec.
         """
         if create:
-            facts = {"simspec_store": SCHEMA, "made_by": version("simspec")}
+            facts = {"simspec_store": SCHEMA, "made_by": own_version()}
             collection = open_collection(folder, STORE, {STORE_FILE: json.dumps(facts) + "\n"})
         else:
             marker = read_marker(folder) if folder.is_dir() else None

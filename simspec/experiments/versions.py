@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from importlib.metadata import version
 from types import MappingProxyType
 
+from simspec.distribution import own_version
 from simspec.engines.kit.installed import instances
 from simspec.errors import EngineError
 
@@ -20,14 +20,14 @@ def versions_of(labels: Iterable[str], pythons: Mapping[str, str] = MappingProxy
     used = {label: python for label in labels if (python := pythons.get(label)) is not None}
     closed = [label for label in labels if label in pythons and label not in used]
     known = {one.label: one for one in instances(used, [label for label in labels if label not in closed])}
-    versions = {label: {"simspec": version("simspec"), "engine_version": UNKNOWN} for label in closed}
+    versions = {label: {"simspec": own_version(), "engine_version": UNKNOWN} for label in closed}
     for label in labels:
         if label in closed:
             continue
         one = known[label]
         if one.version is None or one.problem is not None:
             raise EngineError(label, one.problem or "not installed")
-        versions[label] = {"simspec": version("simspec"), "engine_version": one.version}
+        versions[label] = {"simspec": own_version(), "engine_version": one.version}
         if one.numpy is not None:
             versions[label]["numpy_version"] = one.numpy
     return versions

@@ -228,7 +228,7 @@ def _pieces(count: int, edges: np.ndarray) -> int:
 
 SECONDS = 120.0
 """Processor time: a profile of 20 triangles takes 2 s on a quiet machine, a robot's link of 26,000 more than three minutes."""
-INSTALL = "pip install 'simspec[convex]'"
+INSTALL = "pip install 'simspec-physics[convex]'"
 
 
 def convex_pieces(vertices: Points, triangles: Triangles) -> list[Points]:

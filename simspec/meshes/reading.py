@@ -166,7 +166,7 @@ LARGEST_ANSWER = 2**30
 BUSY = 5.0
 """Times the processor time of a decomposition that its process may take."""
 NEEDED = ("trimesh", "collada")
-INSTALL = "pip install 'simspec[meshes]'"
+INSTALL = "pip install 'simspec-physics[meshes]'"
 
 
 @dataclass(frozen=True)

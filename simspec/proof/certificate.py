@@ -8,8 +8,8 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import version
 
+from simspec.distribution import own_version
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.errors import Problem, SpecError, html_table
 from simspec.proof.checks import TOO_CHAOTIC, Check
@@ -131,7 +131,7 @@ class Certificate:
     world_sha256: str
     oracle: str
     engines: dict[str, EngineProof]
-    simspec: str = field(default_factory=lambda: version("simspec"))
+    simspec: str = field(default_factory=lambda: own_version())
 
     def __repr__(self) -> str:
         valid = ", ".join(name for name, proof in self.engines.items() if proof.valid) or "no engine"

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import version
 
 import numpy as np
 
+from simspec.distribution import own_version
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
@@ -143,8 +143,8 @@ def judge(certificate: Certificate, world: World) -> list[str]:
     if certificate.world_sha256 != sha256(world):
         return ["it belongs to another world"]
     faults = []
-    if certificate.simspec != version("simspec"):
-        faults.append(f"it was made by simspec {certificate.simspec}, this is {version('simspec')}")
+    if certificate.simspec != own_version():
+        faults.append(f"it was made by simspec {certificate.simspec}, this is {own_version()}")
     if not certificate.engines:
         faults.append("it contains no engine")
     for name, proof in certificate.engines.items():
@@ -355,8 +355,8 @@ def still_holding(earlier: Certificate, world: World, files: Mapping[str, str], 
     whole = None
     if earlier.world_sha256 != sha256(world):
         whole = "of another world"
-    elif earlier.simspec != version("simspec"):
-        whole = f"made by simspec {earlier.simspec}, this is {version('simspec')}"
+    elif earlier.simspec != own_version():
+        whole = f"made by simspec {earlier.simspec}, this is {own_version()}"
     elif oracle is not None and earlier.oracle != oracle:
         whole = f"held against {earlier.oracle}, this is {oracle}"
     kept, dropped = {}, {}

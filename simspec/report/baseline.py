@@ -8,7 +8,6 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from simspec.analysis.speed import alike_size, half_width
 from simspec.comparison.floor import Floor
 from simspec.comparison.runs import summary
 from simspec.comparison.study import Study
+from simspec.distribution import own_version
 from simspec.errors import Problem, SpecError
 from simspec.experiments.machine import Machine
 from simspec.experiments.timing import disturbed
@@ -152,7 +152,7 @@ def baseline_of(study: Study, timed: Iterable[Run], tolerance: float, machine: M
     figures += _speeds(list(timed))
     versions = {name: str(run.provenance.get("engine_version", "")) for name, run in study.runs.items()}
     by_key = {one.key: one for one in figures}
-    return Baseline(study.world.name, sha256(study.world), version("simspec"), versions, machine, by_key)
+    return Baseline(study.world.name, sha256(study.world), own_version(), versions, machine, by_key)
 
 
 def _verdict(key: str, passed: bool) -> Figure:

@@ -53,7 +53,7 @@ def pyplot() -> Any:
     try:
         import matplotlib
     except ImportError as error:
-        problem = Problem("plots need matplotlib", found=str(error), hint="pip install 'simspec[plots]'")
+        problem = Problem("plots need matplotlib", found=str(error), hint="pip install 'simspec-physics[plots]'")
         raise SpecError([problem]) from None
     matplotlib.use("Agg")
     from matplotlib import pyplot

@@ -94,7 +94,7 @@ def unstable(source: Source, world: World) -> list[Problem]:
         instabilities = stability.unstable(world)
     except ModuleNotFoundError as error:
         message = f"control needs a library that is not installed ({error.name})"
-        return [source.document.problem(("control",), message, key=True, hint="pip install 'simspec[pin]'")]
+        return [source.document.problem(("control",), message, key=True, hint="pip install 'simspec-physics[pin]'")]
     floating = {body.joint.name for bodies in trees(world).values() if _without_law(bodies) for body in bodies}
     joints = {controller.name: controller.joints for controller in world.controllers}
     return [

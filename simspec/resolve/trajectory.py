@@ -88,7 +88,7 @@ def trajectory(
         problems += check.points() or check.between(velocity_limits)
     except ModuleNotFoundError as error:
         message = f"this trajectory needs a library that is not installed ({error.name})"
-        hint = "pip install 'simspec[pin]'"
+        hint = "pip install 'simspec-physics[pin]'"
         return None, [*problems, source.document.problem(("trajectory",), message, key=True, hint=hint)]
     return made, problems
 

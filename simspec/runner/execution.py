@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from simspec.compiler import compile_world
 from simspec.control.request import to_request
 from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.distribution import own_version
 from simspec.engines.kit import process
 from simspec.engines.kit.answer_forms import Operation
 from simspec.engines.kit.capabilities import Capability
@@ -70,12 +69,6 @@ def unrecordable(channels: Iterable[str], engine: type[Engine]) -> dict[str, str
         for channel in channels
         if channel in CHANNEL_NEEDS and CHANNEL_NEEDS[channel] in engine.LACKS
     }
-
-
-@functools.cache
-def own_version() -> str:
-    """The version of simspec; reading it takes 10 ms."""
-    return version("simspec")
 
 
 @contextlib.contextmanager

@@ -168,7 +168,7 @@ class Run:
         try:
             import pandas
         except ImportError as error:
-            hint = "pip install 'simspec[pandas]'"
+            hint = "pip install 'simspec-physics[pandas]'"
             raise SpecError([Problem("to_pandas needs pandas", found=str(error), hint=hint)]) from None
         del pandas  # pyarrow imports it by itself
         return arrow_table(self.world, self.columns, labels_of(self.provenance), table).to_pandas()

@@ -24,7 +24,7 @@ from tests.files import program
 REQUIRED = [
     "numpy>=1",
     'toy-core<2,>=1.0; extra == "toy"',
-    'simspec[toy-proof]; extra == "toy"',
+    'simspec-physics[toy-proof]; extra == "toy"',
     'toy-oracle>=3; extra == "toy-proof"',
     'other>=3; extra == "other"',
 ]
@@ -61,14 +61,18 @@ def packages(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("versions", "state", "problems"),
     [
-        ({}, State.ABSENT, ["toy-core is not installed: simspec[toy] asks for toy-core<2,>=1.0", "toy-oracle is not"]),
+        (
+            {},
+            State.ABSENT,
+            ["toy-core is not installed: simspec-physics[toy] asks for toy-core<2,>=1.0", "toy-oracle is not"],
+        ),
         ({"toy_core": "1.2", "toy_oracle": "3.1"}, State.WHOLE, []),
         ({"toy": "1.3", "toy_oracle": "3.1"}, State.WHOLE, []),
-        ({"toy_core": "1.2"}, State.HALF, ["toy-oracle is not installed: simspec[toy] asks for toy-oracle>=3"]),
+        ({"toy_core": "1.2"}, State.HALF, ["toy-oracle is not installed: simspec-physics[toy] asks for toy-oracle>=3"]),
         (
             {"toy_core": "2.0", "toy_oracle": "3.1"},
             State.OTHER_VERSION,
-            ["toy-core 2.0 is installed: simspec[toy] asks"],
+            ["toy-core 2.0 is installed: simspec-physics[toy] asks"],
         ),
         ({"toy_core": "unknown", "toy_oracle": "3.1"}, State.OTHER_VERSION, ["toy-core unknown is installed"]),
         ({"toy_core": "1.2", "toy_oracle": "2"}, State.OTHER_VERSION, ["toy-oracle 2 is installed"]),
@@ -79,7 +83,7 @@ def test_packages_that_are_there_in_part_or_in_another_version(packages, version
     assert found.state is state
     assert len(found.problems) == len(problems)
     assert all(told.startswith(words) for told, words in zip(found.problems, problems, strict=True))
-    assert found.install == "pip install 'simspec[toy]'"
+    assert found.install == "pip install 'simspec-physics[toy]'"
 
 
 def test_requirements_are_those_of_the_extra_alone(packages):
@@ -94,7 +98,7 @@ def test_doctor_ends_with_3_for_what_is_half_there_and_for_what_is_named(package
     assert cli.main(["engines", "doctor", "toy"]) == 3
     said = capsys.readouterr().out
     assert "toy-oracle is not installed" in said
-    assert "pip install 'simspec[toy]'" in said.replace("\n", " ")
+    assert "pip install 'simspec-physics[toy]'" in said.replace("\n", " ")
 
 
 @pytest.fixture
@@ -215,13 +219,13 @@ def commands(tmp_path, monkeypatch):
     return lambda: log.read_text().splitlines() if log.exists() else []
 
 
-PIP = "python -I -m pip install simspec[toy]"
+PIP = "python -I -m pip install simspec-physics[toy]"
 APT = ["apt-get update --quiet", "apt-get install --yes --no-install-recommends libtoys-dev gcc"]
 
 
 def test_the_words_are_printed_and_run_only_where_that_is_asked(packages, commands, capsys):
     [told] = answer(capsys, "install", "toy")["toy"]["commands"]
-    assert told == {"words": f"{sys.executable} -I -m pip install 'simspec[toy]'", "ran": False, "code": None}
+    assert told == {"words": f"{sys.executable} -I -m pip install 'simspec-physics[toy]'", "ran": False, "code": None}
     assert shlex.split(told["words"])[0] == sys.executable
     assert commands() == []
     assert cli.main(["engines", "install", "toy"]) == 0

@@ -218,11 +218,11 @@ def not_run(folder) -> dict[str, str]:
 def test_engines_that_did_not_run_are_on_the_page_with_the_reason(tmp_path, monkeypatch, capsys):
     folder = tmp_path / "sample"
     refused = NotTaken("Rapier has no <b>joints</b>", Location("some.yaml", 7, 3))
-    absent = NotTaken("not installed: pip install 'simspec[physx]'")
+    absent = NotTaken("not installed: pip install 'simspec-physics[physx]'")
     run_sample(samples.a_study(), folder, monkeypatch, not_taken={"rapier": refused, "physx": absent})
     assert html.unescape(not_run(folder)["rapier"]) == "Rapier has no <b>joints</b> (some.yaml:7:3)"
     assert "<b>joints" not in not_run(folder)["rapier"]
-    assert html.unescape(not_run(folder)["physx"]) == "not installed: pip install 'simspec[physx]'"
+    assert html.unescape(not_run(folder)["physx"]) == "not installed: pip install 'simspec-physics[physx]'"
     assert "Not run" in capsys.readouterr().out
     # a page that is made later of the folder says the same, as does one after a run of one engine more
     (folder / PAGE_FILE).unlink()

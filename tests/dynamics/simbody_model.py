@@ -20,7 +20,7 @@ MISSING = None
 try:
     importlib.metadata.version("opensim")
 except importlib.metadata.PackageNotFoundError:
-    MISSING = "the second oracle is not installed: pip install 'simspec[second-oracle]'"
+    MISSING = "the second oracle is not installed: pip install 'simspec-physics[second-oracle]'"
 """Why there is no Simbody here; None: there is."""
 
 

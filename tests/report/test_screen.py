@@ -14,7 +14,7 @@ from simspec.report.problems import show_error
 from simspec.report.screen import say
 from simspec.report.table import BAD, Table, TableCell
 
-FOREIGN = ["x[/red]y", "[bold]b", "pip install 'simspec[dart]'", ":smile:", "a\nerror: b", "a\x1b[31mb", "a\x9b31mb",
+FOREIGN = ["x[/red]y", "[bold]b", "pip install 'simspec-physics[dart]'", ":smile:", "a\nerror: b", "a\x1b[31mb", "a\x9b31mb",
            "\x07\x08\r", "a\u2028b", "\u202eabc", "\ud800", "\x00", "[link=file:///x]y"]  # fmt: skip
 
 

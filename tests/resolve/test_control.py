@@ -292,7 +292,7 @@ def test_without_the_library_of_dynamics_the_way_out_is_named(monkeypatch):
     (problem,) = caught.value.problems
     assert problem.path == "control"
     assert "pinocchio" in problem.message
-    assert problem.hint == "pip install 'simspec[pin]'"
+    assert problem.hint == "pip install 'simspec-physics[pin]'"
 
 
 # --- trajectory.until ---

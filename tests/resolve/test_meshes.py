@@ -85,7 +85,7 @@ def test_pieces_stand_behind_so_that_indices_stay(files):
     shapes = [{"mesh": {"file": "meshes/l.obj", "as": "pieces"}, "name": "cup"}, {"sphere": {"radius": 1}}]
     if find_spec("coacd") is None:
         (problem,) = problems(files, mass=3, shapes=shapes)
-        assert "pip install 'simspec[convex]'" in problem.message
+        assert "pip install 'simspec-physics[convex]'" in problem.message
         return
     one = body_of(files, mass=3, shapes=shapes)
     assert [shape.name for shape in one.shapes] == ["cup", "one_1", "cup_piece_1"]

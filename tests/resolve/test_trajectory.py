@@ -478,5 +478,5 @@ def test_without_the_library_it_says_what_to_install(monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(SpecError) as caught:
         solved({"move": {"xyz": [0.5, 0.3, 0], "free_orientation": True}, "in": 1})
-    assert caught.value.problems[0].hint == "pip install 'simspec[pin]'"
+    assert caught.value.problems[0].hint == "pip install 'simspec-physics[pin]'"
     assert caught.value.problems[0].path == "trajectory"

@@ -18,6 +18,8 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
+from simspec.distribution import NAME
+from simspec.distribution import requirements as own_requirements
 from simspec.engines.kit.compiled import package_version
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import EngineId, parse
@@ -201,7 +203,7 @@ def _known_packages(engine: type[Engine], environment: Mapping[str, str] | None)
     for requirement in requirements(engine.EXTRA, environment) if engine.EXTRA else ():
         names = engine.distributions() if requirement.name == engine.DISTRIBUTION else (requirement.name,)
         found = next((version for name in names if (version := _installed(name)) is not None), None)
-        asked = f"simspec[{engine.EXTRA}] asks for {requirement.name}{requirement.specifier}"
+        asked = f"simspec-physics[{engine.EXTRA}] asks for {requirement.name}{requirement.specifier}"
         if found is None:
             absent.append(f"{requirement.name} is not installed: {asked}")
         elif not _contains(requirement, found):
@@ -229,14 +231,14 @@ def _installed(name: str) -> str | None:
 
 def requirements(extra: str, environment: Mapping[str, str] | None = None) -> Iterator[Requirement]:
     """The packages that an extra of simspec pulls here, extras of simspec followed, as its own metadata say."""
-    for line in importlib.metadata.requires("simspec") or ():
+    for line in own_requirements():
         requirement = Requirement(line)
         marker = requirement.marker
         if marker is None or not marker.evaluate({**(environment or {}), "extra": extra}):
             continue
         if marker.evaluate({**(environment or {}), "extra": ""}):
             continue  # of simspec itself, whatever the extra
-        if requirement.name == "simspec":
+        if requirement.name == NAME:
             for other in requirement.extras:
                 yield from requirements(other, environment)
         else:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import platform
 
+from simspec.distribution import requirements as own_requirements
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.registry import engines
@@ -28,7 +28,7 @@ def pip_words(engine: type[Engine]) -> str:
     """The command that installs its packages of Python, here or in an environment of its own; empty where there are none."""
     if engine.APART:
         return f"simspec engines install {engine.NAME} --yes"
-    return f"pip install 'simspec[{engine.EXTRA}]'" if engine.EXTRA else ""
+    return f"pip install 'simspec-physics[{engine.EXTRA}]'" if engine.EXTRA else ""
 
 
 def apt_words(needs: Needs) -> str:
@@ -45,7 +45,7 @@ def why_not(engine: type[Engine], environment: dict[str, str] | None = None) -> 
     from packaging.requirements import Requirement
     from packaging.utils import canonicalize_name
 
-    for line in importlib.metadata.requires("simspec") or ():
+    for line in own_requirements():
         requirement = Requirement(line)
         marker = requirement.marker
         if canonicalize_name(requirement.name) != canonicalize_name(engine.DISTRIBUTION) or marker is None:

@@ -35,7 +35,7 @@ def explicit_servos_hold(world: World) -> Refinement | None:
         found = unstable(dataclasses.replace(world, controllers=given))
     except ModuleNotFoundError as error:
         return unsupported_if(
-            f"whether its explicit actuators are stable takes Pinocchio ({error}): pip install 'simspec[pin]'"
+            f"whether its explicit actuators are stable takes Pinocchio ({error}): pip install 'simspec-physics[pin]'"
         )
     if not found:
         return None

@@ -29,7 +29,7 @@ def import_pybullet() -> Any:
     try:
         import pybullet
     except ImportError as error:
-        raise EngineError("pybullet", f"not installed here ({error}); pip install simspec[pybullet]") from error
+        raise EngineError("pybullet", f"not installed here ({error}); pip install simspec-physics[pybullet]") from error
     return pybullet
 
 

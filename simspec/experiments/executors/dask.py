@@ -302,7 +302,7 @@ def _connected(address: str) -> Client:
     except ModuleNotFoundError as error:
         if error.name not in ("distributed", "dask"):
             raise
-        raise ExecutorError("Dask is not installed: pip install 'simspec[cluster]'") from None
+        raise ExecutorError("Dask is not installed: pip install 'simspec-physics[cluster]'") from None
     with _quiet():
         try:
             # asked before there is a client, which waits for ever where somebody else listens

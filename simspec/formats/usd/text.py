@@ -167,7 +167,7 @@ def encoded(text: str, suffix: str) -> bytes:
     try:
         from pxr import Sdf
     except ImportError:
-        hint = f"pip install 'simspec[usd]'; {TEXT} needs nothing"
+        hint = f"pip install 'simspec-physics[usd]'; {TEXT} needs nothing"
         raise SpecError([Problem(f"{suffix} is written by usd-core, which is not installed", hint=hint)]) from None
     layer = Sdf.Layer.CreateAnonymous(TEXT)
     with scratch_folder("usd") as folder:

@@ -374,7 +374,7 @@ def _compiler(root: Element) -> Compiler:
             chosen: Compiler = compiler
             return chosen
         extras.append(compiler.EXTRA)
-    hint = f"pip install 'simspec[{extras[0]}]'" if extras else None
+    hint = f"pip install 'simspec-physics[{extras[0]}]'" if extras else None
     raise root.error("MJCF is imported by way of its own compiler, which is not installed", hint=hint)
 
 

@@ -293,7 +293,7 @@ def _refused(answer: Mapping[str, Any], here: Location) -> Problem:
     message, found = str(answer["error"]), str(answer["found"]) or None
     hint = None
     if "not installed" in message:
-        hint = "pip install 'simspec[usd]'"
+        hint = "pip install 'simspec-physics[usd]'"
     elif answer["missing"]:
         hint = "simspec import --repair missing-files: what is not there is left out"
     elif message.startswith("leaves"):

@@ -66,7 +66,7 @@ def expand(files: Files, arguments: Mapping[str, str]) -> Expanded:
         if (why := numerals.like_a_number(value)) is not None:
             raise SpecError([Problem(f"the argument {name}: {value[:40]!r} is no number: {why}")])
     if importlib.util.find_spec("xacro") is None:
-        hint = 'pip install "simspec[import]"'
+        hint = 'pip install "simspec-physics[import]"'
         raise SpecError([Problem(f"{files.shown}: the package xacro is not installed", hint=hint)])
     with tempfile.TemporaryFile() as memory:
         memory.write(bytes(PLACE_NOW.size))

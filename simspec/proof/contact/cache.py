@@ -25,6 +25,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from simspec.distribution import own_version
 from simspec.engines.kit.contract import Engine
 from simspec.errors import SpecError
 from simspec.outputs.cache import processor
@@ -86,7 +87,7 @@ def _digest(files: Sequence[Path], root: Path) -> str:
 def environment() -> dict[str, Any]:
     """What else decides the last digits: versions, and the processor, whose instructions libraries choose by."""
     return {
-        "simspec": version("simspec"),
+        "simspec": own_version(),
         "numpy": version("numpy"),
         "python": sys.version,
         "platform": platform.platform(),

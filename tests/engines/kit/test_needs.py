@@ -71,9 +71,11 @@ def test_the_words_are_those_of_every_way():
         EXTRA = ""
 
     assert (
-        how_to_install(Drake) == not_installed(Drake).removeprefix("not installed: ") == "pip install 'simspec[drake]'"
+        how_to_install(Drake)
+        == not_installed(Drake).removeprefix("not installed: ")
+        == "pip install 'simspec-physics[drake]'"
     )
-    assert how_to_install(Both) == "pip install 'simspec[drake]' and apt-get install libtoys"
+    assert how_to_install(Both) == "pip install 'simspec-physics[drake]' and apt-get install libtoys"
     assert (how_to_install(Neither), not_installed(Neither), why_not(Neither)) == ("", "not installed", None)
 
 

@@ -1,0 +1,54 @@
+"""The distribution that contains simspec: its name on package indexes, its version and its requirements.
+
+A checkout that is used without an installation, or with one of an earlier commit, is described by its pyproject.toml.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+NAME = "simspec-physics"
+"""simspec itself is another project's name on the public index."""
+
+
+@functools.cache
+def checkout() -> Mapping[str, Any]:
+    """The table ``project`` of the pyproject.toml of this checkout; empty where simspec is installed otherwise."""
+    try:
+        content = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    project: Mapping[str, Any] = content.get("project", {})
+    return project if project.get("name") == NAME else {}
+
+
+@functools.cache
+def own_version() -> str:
+    """The version of simspec; reading it takes 10 ms. Raises PackageNotFoundError."""
+    try:
+        return importlib.metadata.version(NAME)
+    except importlib.metadata.PackageNotFoundError:
+        if checkout():
+            return str(checkout()["version"])
+        raise
+
+
+@functools.cache
+def requirements() -> tuple[str, ...]:
+    """The requirements of simspec, those of its extras marked as such. Raises PackageNotFoundError."""
+    try:
+        return tuple(importlib.metadata.requires(NAME) or ())
+    except importlib.metadata.PackageNotFoundError:
+        if not checkout():
+            raise
+    lines = list(checkout().get("dependencies", ()))
+    for extra, listed in checkout().get("optional-dependencies", {}).items():
+        for line in listed:
+            name, _, marker = line.partition(";")
+            lines.append(f'{name.strip()}; {f"{marker.strip()} and " if marker else ""}extra == "{extra}"')
+    return tuple(lines)
