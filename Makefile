@@ -44,9 +44,9 @@ demo: setup
 	$(BIN)/simspec run specs/spheres-216.yaml --all-engines
 	$(BIN)/simspec run specs/ur10e.yaml --all-engines
 
-# pages that are filled from the studies in docs/studies, as soon as these are published
-PAGES := docs/records/results.md $(if $(wildcard docs/studies/koerber-2021/study.json),docs/records/stacking.md) \
-	$(if $(wildcard docs/studies/contact/study.json),docs/records/contact.md)
+# pages that are filled from the studies in docs/records/studies, as soon as these are published
+PAGES := docs/records/results.md $(if $(wildcard docs/records/studies/koerber-2021/study.json),docs/records/stacking.md) \
+	$(if $(wildcard docs/records/studies/contact/study.json),docs/records/contact.md)
 
 check: types stale
 
@@ -159,7 +159,7 @@ study: setup
 
 # exit code 1 of the study: proofs fail at large timesteps, which is what its tables show
 study-contact: setup
-	$(BIN)/simspec study contact --deadline 3600 --publish docs/studies/contact || test $$? -eq 1
+	$(BIN)/simspec study contact --deadline 3600 --publish docs/records/studies/contact || test $$? -eq 1
 	$(BIN)/simspec pages docs/records/contact.md
 
 # page/bundle is committed: only who changes page/src needs this; tests hold it against its sources

@@ -2,7 +2,7 @@
 
     simspec run spheres-216 --all-engines
     python tools/report_images.py runs/spheres-216
-    python tools/report_images.py --study docs/studies/koerber-2021/report.html
+    python tools/report_images.py --study docs/records/studies/koerber-2021/report.html
 
 Needs Chromium, and Pillow and Playwright of the extras plots and test.
 """

@@ -1,7 +1,7 @@
 """Sentences and page of a published study anew, from its own figures and the runs that its page plays back: nothing is run,
 measured or proven, and no figure changes. For a change of words alone; `simspec study NAME --publish DIR` makes the tables too.
 
-    python tools/restate_study.py docs/studies/koerber-2021 runs/koerber-2021-small/sweep
+    python tools/restate_study.py docs/records/studies/koerber-2021 runs/koerber-2021-small/sweep
 """
 
 from __future__ import annotations

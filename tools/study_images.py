@@ -1,6 +1,6 @@
 """The picture of docs/records/stacking.md and the README, from the published study.
 
-    python tools/study_images.py docs/studies/koerber-2021
+    python tools/study_images.py docs/records/studies/koerber-2021
 
 Needs matplotlib (extra plots).
 """

@@ -73,7 +73,7 @@ class StudyOptions(Options):
     simspec study koerber-2021 --small --dry-run
     simspec study koerber-2021 --small
     simspec study mine.yaml --store /data/store
-    simspec study koerber-2021 --publish docs/studies/koerber-2021
+    simspec study koerber-2021 --publish docs/records/studies/koerber-2021
 
     A run that fails or does not do what is expected is a result of the study. Exit code 1 if a proof failed, 2 if values make a
     scenario invalid, 3 if an engine was stopped.

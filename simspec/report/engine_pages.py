@@ -36,9 +36,9 @@ from simspec.world.types import World
 
 # Measured figures of an engine: deviations in the committed certificates, and the published study of all engines.
 
-STUDY = "docs/studies/every-engine"
+STUDY = "docs/records/studies/every-engine"
 """The study that has every engine that can be had, each scenario of it in one run of one machine."""
-LINK = "../../studies/every-engine/study.md"
+LINK = "../../records/studies/every-engine/study.md"
 LARGEST = 64 * 2**20
 """Bytes of a study that are read."""
 HEAD = "| scenario, timestep | a step, processor time | × real time | all that is expected holds | the same run again | gap |"
