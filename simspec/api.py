@@ -1,4 +1,4 @@
-"""Functions behind the methods of worlds and specs that need no folders (docs/python-api.md)."""
+"""Functions behind the methods of worlds and specs that need no folders (docs/reference/python-api.md)."""
 
 from __future__ import annotations
 
