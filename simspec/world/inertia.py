@@ -268,7 +268,7 @@ def _edge(mass: float, moment: float) -> float:
 
 def boxed(bodies: Sequence[Body], kinematic: Container[str]) -> tuple[Body, ...]:
     """The bodies of a world with a fluid, each with the box by which it feels it: of what cannot move none, and of a rigid
-    group that is told as one (``world/gathering.py``) one, at its topmost body. ``bodies``: those with mass have a box of their
+    group that is told as one one, at its topmost body. ``bodies``: those with mass have a box of their
     own already; ``kinematic``: the names of those whose mass is another since."""
     told = lumped(World("", tuple(bodies)))
     boxes: dict[str, Box] = {}
