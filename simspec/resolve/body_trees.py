@@ -10,8 +10,9 @@ from simspec.language.joints import Joint as SpecJoint
 from simspec.language.models import Body as SpecBody
 from simspec.language.strict import required
 from simspec.language.trees import Bodies
-from simspec.resolve.shapes import PIECE, Resolved, ShapeFiles, direction, fills, orientation, pose, resolved_shape
+from simspec.resolve.shapes import PIECE, Resolved, ShapeFiles, fills, orientation, pose, resolved_shape
 from simspec.world import frames, inertia
+from simspec.world.frames import direction
 from simspec.world.inertia import box_of
 from simspec.world.kinematics import carrier_name, owner_of
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Vector3

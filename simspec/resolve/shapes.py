@@ -56,17 +56,6 @@ def pose(written: SpecPose | None) -> Pose:
     return Pose() if written is None else Pose(written.xyz, orientation(written))
 
 
-def direction(vector: Vector3) -> Vector3:
-    """The unit vector along a vector that is not zero."""
-    scale = max(map(abs, vector))  # a tiny vector's squares would vanish
-    x, y, z = vector[0] / scale, vector[1] / scale, vector[2] / scale
-    squared = x * x + y * y + z * z
-    if squared == 1.0:
-        return (x + 0.0, y + 0.0, z + 0.0)
-    length = math.sqrt(squared)
-    return (x / length + 0.0, y / length + 0.0, z / length + 0.0)
-
-
 def elements(array: Array | None) -> list[tuple[str, Pose]]:
     """The suffix of the name, and the pose in the array's frame, of every element; one without suffix for no array."""
     if array is None:

@@ -273,3 +273,14 @@ def vector6(values: Iterable[float]) -> tuple[float, float, float, float, float,
 def sorted_pair(first: str, second: str) -> tuple[str, str]:
     """Two names, the smaller one first."""
     return (first, second) if first <= second else (second, first)
+
+
+def direction(vector: Vector3) -> Vector3:
+    """The unit vector along a vector that is not zero."""
+    scale = max(map(abs, vector))  # a tiny vector's squares would vanish
+    x, y, z = vector[0] / scale, vector[1] / scale, vector[2] / scale
+    squared = x * x + y * y + z * z
+    if squared == 1.0:
+        return (x + 0.0, y + 0.0, z + 0.0)
+    length = math.sqrt(squared)
+    return (x / length + 0.0, y / length + 0.0, z / length + 0.0)

@@ -251,7 +251,7 @@ def test_more_vertices_lose_less():
 def test_pieces_fill_what_is_not_convex():
     points, faces = l_profile()
     if find_spec("coacd") is None:
-        with pytest.raises(MeshError, match=r"pip install 'simspec\[convex\]'"):
+        with pytest.raises(MeshError, match=r"pip install 'simspec-physics\[convex\]'"):
             made(Surface(points, faces), MeshOptions(pieces=True))
         return
     mesh = made(Surface(points, faces), MeshOptions(pieces=True))

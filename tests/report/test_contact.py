@@ -138,7 +138,7 @@ def test_without_matplotlib_the_way_out_is_named(monkeypatch):
         return real(name, *more, **named)
 
     monkeypatch.setattr(builtins, "__import__", absent)
-    with pytest.raises(SpecError, match=r"simspec\[plots\]"):
+    with pytest.raises(SpecError, match=r"simspec-physics\[plots\]"):
         polar.polar_plot({"one": [push()]}, "elliptic")
 
 

@@ -22,8 +22,8 @@ from simspec.imports.sdf.joints import (
 from simspec.imports.sdf.models import Scope
 from simspec.imports.sdf.values import IN_JOINT, finite_of, lost, set_aside
 from simspec.language.foreign import Severity
-from simspec.resolve.shapes import direction
 from simspec.world import frames
+from simspec.world.frames import direction
 from simspec.world.types import Pose, Vector3
 
 LEVER: Final = 0.1

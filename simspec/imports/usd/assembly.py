@@ -36,8 +36,8 @@ from simspec.imports.usd.stage import PrimRead, StageRead, agree
 from simspec.imports.writing import has_drives, stable_timestep
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
-from simspec.resolve.shapes import direction
 from simspec.world import frames
+from simspec.world.frames import direction
 from simspec.world.types import Pose
 
 RIGID: Final = "PhysicsRigidBodyAPI"

@@ -134,7 +134,7 @@ def test_the_operation_at_work_is_named(stub, what):
 
 def test_a_missing_engine_is_named_with_the_way_to_install_it(stub, monkeypatch, tmp_path):
     monkeypatch.setattr(process.find_engine("stub"), "version", classmethod(lambda cls: None))
-    with pytest.raises(EngineError, match=r"stub: not installed: pip install 'simspec\[stub\]'"):
+    with pytest.raises(EngineError, match=r"stub: not installed: pip install 'simspec-physics\[stub\]'"):
         call("stub", tmp_path, [])
 
 

@@ -22,6 +22,7 @@ from simspec.support.declarations import Level, combine
 from simspec.support.features import Feature
 from simspec.support.negotiation import negotiate
 from simspec.world import kinematics
+from simspec.world.contact_pairs import CollisionFilter
 from simspec.world.types import Body, Contact, Inertial, Joint, Material, PairContact, Physics, Pose, Shape, World
 from tests import worlds
 from tests.dialects.mujoco.saying import ALL_SHAPES, WORLDS, as_held, box_world, differences, emit, frictional
@@ -444,7 +445,7 @@ def test_all_on_one_heap_touch_as_the_filter_says(groups, ignored, friction, loa
     q, v = engine.get_state()
     q.reshape(-1, 7)[:, 0] = 0.001 * np.arange(len(groups))
     engine.set_state(q, v)
-    allowed = kinematics.CollisionFilter(world)
+    allowed = CollisionFilter(world)
     names = [body.name for body in world.bodies]
     count = len(names)
     want = [(i, j) for i in range(count) for j in range(i + 1, count) if allowed.may_touch(names[i], names[j])]

@@ -23,12 +23,12 @@ from simspec.formats.kit.contract import LossFate
 from simspec.formats.sdf.format import WORLD, Sdf
 from simspec.formats.sdf.plain import KINDS, SUPPORT
 from simspec.language.load import load
-from simspec.resolve.shapes import direction
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.frames import direction
 from simspec.world.kinematics import initial_state, layout_of, poses, rigid_groups, trees
 from simspec.world.types import Connect, Follow, Pose, World
 from tests import worlds

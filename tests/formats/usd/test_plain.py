@@ -17,11 +17,11 @@ from simspec.files import find_spec
 from simspec.formats.kit.contract import LossFate
 from simspec.formats.usd.format import KINDS, SUPPORT, WORLD, Usd
 from simspec.language.load import Spec, load
-from simspec.resolve.shapes import direction
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
 from simspec.support.negotiation import needs
 from simspec.world.contact_pairs import CollisionFilter
+from simspec.world.frames import direction
 from simspec.world.kinematics import poses
 from tests import worlds
 from tests.random_specs import spec
