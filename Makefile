@@ -28,10 +28,10 @@ unexport PYTHONDONTWRITEBYTECODE
 
 setup: .venv/ready
 
+# The former name of the distribution is uninstalled: an older environment would list every plug-in twice
 .venv/ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info[:2] == (3, 11) else "simspec needs Python 3.11 (wheels of pybullet end there); say make PYTHON=/path/to/python3.11")'
 	$(PYTHON) -m venv .venv
-	# an environment of before the distribution's name was simspec-physics would list every plug-in twice
 	@$(BIN)/pip uninstall --quiet --disable-pip-version-check --yes simspec 2>/dev/null
 	PIP_CONSTRAINT=$(CURDIR)/constraints.txt $(BIN)/pip install --quiet --disable-pip-version-check --editable '.[all,test,rapier]'
 	touch $@

@@ -28,15 +28,15 @@ import psutil
 from distributed import Client
 
 from simspec.experiments.cases import case_of
-from simspec.experiments.executors.contract import Task
+from simspec.experiments.certify import LocalSupplies
 from simspec.experiments.executors.dask import BATCH_BYTES, BATCH_SECONDS, LARGEST_BATCH, WINDOW
+from simspec.experiments.executors.local import Task
 from simspec.experiments.executors.remote import batch_parcel, do_batch, results_of, wanted_versions
 from simspec.experiments.index import Row, row_of
 from simspec.experiments.plan import Plan, plan_sweep
 from simspec.experiments.store import Store
-from simspec.experiments.supplies import LocalSupplies
 from simspec.experiments.sweep import cell_data, stored_key
-from simspec.experiments.versions import versions_of
+from simspec.experiments.timing import versions_of
 from simspec.files import find_spec
 from simspec.language.load import Spec, load
 from simspec.world.canonical import sha256

@@ -26,7 +26,7 @@ from simspec.experiments.executors.local import LocalExecutor
 from simspec.experiments.plan import plan_sweep
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import sweep
-from simspec.experiments.versions import versions_of
+from simspec.experiments.timing import versions_of
 from simspec.files import find_spec
 
 SCENARIOS = ("spheres-216", "bouncing-ball")

@@ -49,7 +49,7 @@ _HOME = {
     "Plan": "simspec.experiments.plan:Plan",
     "Cell": "simspec.experiments.plan:Cell",
     "case_of": "simspec.experiments.cases:case_of",
-    "versions_of": "simspec.experiments.versions:versions_of",
+    "versions_of": "simspec.experiments.timing:versions_of",
     "Swept": "simspec.api:Swept",
     "known_engines": "simspec.engines.kit.registry:engines",
     "SimspecError": "simspec.errors:SimspecError",
@@ -101,7 +101,7 @@ if TYPE_CHECKING:
     from simspec.experiments.bisect import Bisection, bisect
     from simspec.experiments.cases import case_of
     from simspec.experiments.plan import Cell, Plan, plan_sweep
-    from simspec.experiments.versions import versions_of
+    from simspec.experiments.timing import versions_of
     from simspec.files import find_spec
     from simspec.language.load import Spec, load
     from simspec.proof.certificate import Certificate

@@ -18,7 +18,7 @@ from simspec.experiments.plan import Cell, plan_sweep
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome, local_executor, side_by_side
 from simspec.experiments.sweep import sweep as run_sweep
-from simspec.experiments.versions import versions_of
+from simspec.experiments.timing import versions_of
 from simspec.files import scratch_folder
 from simspec.language.load import Spec
 from simspec.runner.run import Run

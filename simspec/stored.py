@@ -286,7 +286,7 @@ class StudyTables(Stored):
 
 
 class StoredModel(Stored):
-    """A model of a sweep, by hashes (:mod:`simspec.experiments.models`)."""
+    """A model of a sweep, by hashes (:mod:`simspec.experiments.certify`)."""
 
     engine: str
     case: str | None

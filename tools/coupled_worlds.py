@@ -35,8 +35,8 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, UnsupportedError
 from simspec.language.load import Spec
 from simspec.proof.verify import prepare, verify
-from simspec.runner.case import Case
 from simspec.runner.execution import run_case
+from simspec.runner.run import Case
 from tests.coupled_specs import coupled
 from tools.random_worlds import accepted
 

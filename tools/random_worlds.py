@@ -31,8 +31,8 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EngineError, SpecError, UnsupportedError
 from simspec.files import scratch_folder
 from simspec.proof.verify import LEVELS, verify
-from simspec.runner.case import Case
 from simspec.runner.execution import run_case
+from simspec.runner.run import Case
 from simspec.world.kinematics import initial_state
 from simspec.world.overlap import deep_overlaps
 from simspec.world.types import World

@@ -27,7 +27,7 @@ from simspec.attribution.windows import (
 from simspec.comparison.floor import FLOOR_FACTOR, perturbation_of
 from simspec.engines.kit.process import Answer, side_by_side
 from simspec.errors import EngineError, SpecError
-from simspec.runner.case import moved_states
+from simspec.runner.run import moved_states
 
 # Gaps at the ends of windows and of whole runs, and the effect of a change on them.
 

@@ -18,17 +18,16 @@ from simspec.commands.reports import SWEEP_FOLDER
 from simspec.commands.sweep import RUNS, stored_index, warn_of_disturbances
 from simspec.comparison.study import missing_engines
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EXIT_WRONG, Problem, SimspecError, SpecError
-from simspec.experiments.cost import costs, estimate
+from simspec.experiments.cases import rounding_lines
+from simspec.experiments.cost import costs, estimate, proof_seconds, proofs_left
 from simspec.experiments.first_gap import second_passes
 from simspec.experiments.plan import Plan, plan_sweep
-from simspec.experiments.proof_cost import proof_seconds, proofs_left
 from simspec.experiments.published import MODELS_FILE, MOST_MODELS, strangers, sweep_models
 from simspec.experiments.published import SCHEMA as MODELS_SCHEMA
-from simspec.experiments.roundings import rounding_lines
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome, local_executor, side_by_side
 from simspec.experiments.sweep import sweep as run_sweep
-from simspec.experiments.versions import versions_of
+from simspec.experiments.timing import versions_of
 from simspec.files import resource_folder
 from simspec.language.study_specs import StudySource, SweepOfStudy, load_study_file
 from simspec.outputs.targets import STORE, STUDY, demand, folder_problem

@@ -11,17 +11,15 @@ from simspec.commands.loading import Loaded, load_spec, source_of
 from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import SWEEP_FOLDER, Reports, reporting, reports_of
 from simspec.errors import EXIT_OK, Problem, SpecError
-from simspec.experiments.cost import costs, estimate
+from simspec.experiments.cases import rounded_data, rounding_sets
+from simspec.experiments.cost import costs, estimate, proof_seconds, proofs_left
 from simspec.experiments.executors.dask import DaskExecutor, demand_address
 from simspec.experiments.index import Index, refresh
-from simspec.experiments.machine import disturbances
 from simspec.experiments.plan import Plan, plan_sweep
-from simspec.experiments.proof_cost import proof_seconds, proofs_left
-from simspec.experiments.roundings import rounded_data, rounding_sets
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome, local_executor, side_by_side
 from simspec.experiments.sweep import sweep as run_sweep
-from simspec.experiments.versions import versions_of
+from simspec.experiments.timing import disturbances, versions_of
 from simspec.outputs.targets import STORE, STUDY, demand, file_problem, folder_problem
 from simspec.outputs.writing import open_folder, write_file
 from simspec.project import Interpreters, load_project

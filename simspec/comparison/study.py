@@ -20,10 +20,9 @@ from simspec.engines.kit.warm import WarmProcesses
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, EngineError, Location
 from simspec.files import scratch_folder
 from simspec.outputs.writing import Artifacts
-from simspec.runner.case import Case
 from simspec.runner.execution import failed_run, run_case, run_jobs
 from simspec.runner.expectations import Outcome, evaluate
-from simspec.runner.run import Run
+from simspec.runner.run import Case, Run
 from simspec.world.types import World
 
 if TYPE_CHECKING:

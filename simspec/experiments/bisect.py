@@ -18,14 +18,12 @@ from simspec.compiler import compile_world
 from simspec.engines.kit.identity import MARK
 from simspec.engines.kit.process import DEADLINE
 from simspec.errors import EngineError, Problem, SpecError, UnsupportedError
-from simspec.experiments.result import result_of
-from simspec.experiments.store import Store
+from simspec.experiments.store import Store, result_of
 from simspec.experiments.sweep import run_key
-from simspec.experiments.versions import versions_of
+from simspec.experiments.timing import versions_of
 from simspec.files import scratch_folder
-from simspec.runner.case import Case
 from simspec.runner.execution import run_jobs
-from simspec.runner.run import Run
+from simspec.runner.run import Case, Run
 from simspec.world.types import World
 
 REPEATS: Final = 1

@@ -7,22 +7,234 @@ nothing else share a certificate. Initial states that are moved a little are not
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+import threading
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from simspec.compiler import Compiled, compile_world
 from simspec.distribution import own_version
 from simspec.engines.kit.identity import engine_name
-from simspec.errors import SpecError
-from simspec.experiments.models import files_hash
+from simspec.engines.kit.registry import find_engine
+from simspec.engines.kit.settings import resolve_settings
+from simspec.errors import SpecError, UnsupportedError
+from simspec.experiments.cases import case_of
+from simspec.experiments.executors.local import Task
+from simspec.experiments.plan import Cell, Plan, digest
 from simspec.experiments.store import Store
-from simspec.experiments.supplies import Prepared
+from simspec.files import scratch_folder
+from simspec.outputs.writing import Artifacts
+from simspec.runner.run import Case
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import Record, World
 
 if TYPE_CHECKING:
     from simspec.proof.certificate import Certificate
     from simspec.proof.verify import Probes
+
+
+# What the tasks of a sweep need: worlds, and compiled files, made once for each world and engine, and let go when no task
+# needs them any more.
+
+MOST_KEPT = 16
+"""Compiled worlds that are kept while no task needs them: engines, repetitions and perturbations of one world follow each
+other."""
+
+
+@dataclass
+class Prepared:
+    """A world compiled for one engine, in a folder; ``users``: tasks that still need it."""
+
+    world: World
+    compiled: Compiled
+    folder: Path
+    closing: contextlib.ExitStack = field(repr=False)
+    users: int = 0
+
+
+class LocalSupplies:
+    """Worlds in memory, compiled files in temporary folders. ``close`` removes all of them. ``pythons``: interpreters by
+    label."""
+
+    def __init__(self, pythons: Mapping[str, str] | None = None) -> None:
+        self._pythons = pythons or {}
+        self._kept: OrderedDict[tuple[str, str], Prepared] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def prepare(self, case: Case) -> Prepared:
+        """The compiled world of a case. Raises UnsupportedError where its engine does not support it."""
+        name = (sha256(case.resolved), case.engine)
+        with self._lock:
+            prepared = self._kept.get(name)
+            if prepared is not None:
+                self._kept.move_to_end(name)
+                return prepared
+        compiled = compile_world(case.resolved, [case.engine], pythons=self._pythons)[case.engine]
+        with contextlib.ExitStack() as stack:
+            folder = stack.enter_context(scratch_folder("sweep")) / "compiled"
+            compiled.artifacts.write(folder)
+            prepared = Prepared(case.resolved, compiled, folder, stack.pop_all())
+        with self._lock:
+            self._kept[name] = prepared
+            idle = [old for old, one in self._kept.items() if not one.users and old != name]
+            dropped = [self._kept.pop(old) for old in idle[: max(0, len(self._kept) - MOST_KEPT)]]
+        for one in dropped:
+            one.closing.close()
+        return prepared
+
+    def hold(self, task: Task) -> Task:
+        """Keep what a task needs, until :meth:`release`."""
+        with self._lock:
+            self._kept[task.world, task.engine].users += 1
+        return task
+
+    def release(self, task: Task) -> None:
+        """The task is done."""
+        with self._lock:
+            self._kept[task.world, task.engine].users -= 1
+
+    def case(self, task: Task) -> Case:
+        """As of :class:`simspec.experiments.executors.local.Supplies`."""
+        with self._lock:
+            return Case(self._kept[task.world, task.engine].world, task.engine, perturb=task.perturb, seed=task.seed)
+
+    def folder(self, task: Task) -> Path:
+        """As of :class:`simspec.experiments.executors.local.Supplies`."""
+        with self._lock:
+            return self._kept[task.world, task.engine].folder
+
+    def close(self) -> None:
+        """Remove all folders."""
+        with self._lock:
+            kept = list(self._kept.values())
+            self._kept.clear()
+        for one in kept:
+            one.closing.close()
+
+
+# What a sweep is of: the models that its plan asks for as they are compiled today, each by hashes. No engine is started.
+#
+# Figures that are kept are of models that were compiled earlier. Where these hashes differ from those that were kept with the
+# figures, the figures are older than the code.
+
+PARTS = ("world", "settings", "files", "version")
+"""What of a model is told apart, the first cause first: files follow from the world and the settings."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model that an engine is given.
+
+    case, values  what the sweep puts into the scenario: (dotted path, plain value)
+    world         hash of the resolved world with its expectations, without its name and options of engines
+    settings      hash of all settings of the engine, and of what is accepted and outside
+    files         hash of the compiled files, without the hash of the world in them; empty where the engine does not support
+                  the world
+    version       of the engine
+    """
+
+    engine: str
+    case: str | None
+    values: tuple[tuple[str, Any], ...]
+    world: str
+    settings: str
+    files: str
+    version: str
+
+    @property
+    def place(self) -> str:
+        """Which model of its sweep it is."""
+        return digest([self.engine, self.case, [list(one) for one in self.values]]).hex()
+
+    def __str__(self) -> str:
+        values = [f"{path}={value}" for path, value in self.values if self.case is None]
+        return ", ".join([self.engine, *([self.case] if self.case else []), *values])
+
+
+def models_of(plan: Plan) -> Iterator[Model]:
+    """Every model of a plan once. What makes the scenario invalid has empty hashes."""
+    known: set[str] = set()
+    for cell in plan:
+        place = Model(cell.engine, cell.case, cell.overrides, "", "", "", "").place
+        if place not in known:
+            known.add(place)
+            yield model_of(plan, cell)
+
+
+def model_of(plan: Plan, cell: Cell) -> Model:
+    """The model of a cell, as it is compiled today."""
+    version = plan.versions[cell.engine]["engine_version"]
+    try:
+        world = case_of(plan, cell).resolved
+    except SpecError:
+        return Model(cell.engine, cell.case, cell.overrides, "", "", "", version)
+    try:
+        files = files_hash(world, compile_world(world, [cell.engine])[cell.engine])
+    except UnsupportedError:
+        files = ""
+    return Model(cell.engine, cell.case, cell.overrides, _world(world), _settings(world, cell.engine), files, version)
+
+
+def files_hash(world: World, compiled: Compiled) -> str:
+    """The hash of compiled files without the hash of the world in them."""
+    mark = sha256(world).encode()
+    return Artifacts({path: content.replace(mark, b"") for path, content in compiled.artifacts.items()}).sha256
+
+
+def _world(world: World) -> str:
+    return sha256(dataclasses.replace(world, name="", engines=()))
+
+
+def _settings(world: World, label: str) -> str:
+    name = engine_name(label)
+    options = world.options(name)
+    settings = dict(sorted(resolve_settings(find_engine(name), world).items()))
+    return digest([settings, sorted(options.accept), sorted(options.outside)]).hex()
+
+
+def asked_hash(spec_sweep: Any, words: Sequence[Any]) -> str:
+    """The hash of what a study asks for in a sweep: repetitions and seeds are of no model."""
+    return digest([spec_sweep, list(words)]).hex()
+
+
+def changed(kept: Iterable[Model], now: Iterable[Model]) -> str | None:
+    """In words, how models differ from those that were kept; None where they do not."""
+    before = {one.place: one for one in kept}
+    after = {one.place: one for one in now}
+    first = ""
+    counts: Counter[str] = Counter()
+    for place, one in after.items():
+        old = before.get(place)
+        if old is None:
+            why = "new"
+        else:
+            why = next((part for part in PARTS if getattr(one, part) != getattr(old, part)), "")
+        if why:
+            counts[why] += 1
+            first = first or f"{one} ({f'{old.version}, now {one.version}' if old and why == 'version' else why})"
+    gone = [one for place, one in before.items() if place not in after]
+    if gone:
+        counts["no longer asked for"] = len(gone)
+        first = first or f"{gone[0]} (no longer asked for)"
+    if not counts:
+        return None
+    told = ", ".join(f"{part}: {count}" for part, count in counts.items())
+    return f"{counts.total()} of {len(before.keys() | after.keys())} models differ ({told}), first {first}"
+
+
+def plain_model(model: Model) -> dict[str, Any]:
+    """As data of JSON."""
+    return {**dataclasses.asdict(model), "values": [list(one) for one in model.values]}
+
+
+def read_model(plain: Mapping[str, Any]) -> Model:
+    """The inverse of :func:`plain_model`."""
+    return Model(**{**plain, "values": tuple((path, value) for path, value in plain["values"])})
+
 
 KEY_SCHEMA = 1
 MEASURED_CONTACT = "L5"

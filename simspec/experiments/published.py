@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from simspec.errors import Problem, SpecError
-from simspec.experiments.asked import digest
 from simspec.experiments.cases import case_of
-from simspec.experiments.models import Model, changed, models_of, plain_model, read_model
-from simspec.experiments.plan import Plan
+from simspec.experiments.certify import Model, changed, models_of, plain_model, read_model
+from simspec.experiments.plan import Plan, digest
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome, stored_key
 from simspec.language.study_specs import StudySource, SweepOfStudy

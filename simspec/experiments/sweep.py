@@ -20,20 +20,16 @@ from simspec.errors import (
     SpecError,
     UnsupportedError,
 )
-from simspec.experiments.cases import case_of
-from simspec.experiments.certify import Certifier
+from simspec.experiments.cases import case_of, rounded_data, roundings
+from simspec.experiments.certify import Certifier, LocalSupplies, Prepared
 from simspec.experiments.cost import USUAL, Steps, costs
-from simspec.experiments.executors.contract import Executor, Supplies, Task
-from simspec.experiments.executors.local import LocalExecutor, packed
+from simspec.experiments.executors.local import Executor, LocalExecutor, Supplies, Task, packed
 from simspec.experiments.index import Index, Row, refresh, row_of
 from simspec.experiments.plan import Cell, Plan
-from simspec.experiments.result import TaskResult
-from simspec.experiments.roundings import rounded_data, roundings
-from simspec.experiments.store import Store
-from simspec.experiments.supplies import LocalSupplies, Prepared
+from simspec.experiments.store import Store, TaskResult
 from simspec.experiments.timing import timed_tasks
-from simspec.runner.case import Case
 from simspec.runner.execution import failed_run
+from simspec.runner.run import Case
 from simspec.stored import SweptRun
 from simspec.world.canonical import sha256
 from simspec.world.types import World

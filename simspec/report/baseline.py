@@ -20,8 +20,7 @@ from simspec.comparison.runs import summary
 from simspec.comparison.study import Study
 from simspec.distribution import own_version
 from simspec.errors import Problem, SpecError
-from simspec.experiments.machine import Machine
-from simspec.experiments.timing import disturbed
+from simspec.experiments.timing import Machine, disturbed
 from simspec.outputs.files import read_bytes
 from simspec.report.ci_files import words
 from simspec.report.table import Table, markdown_rows

@@ -9,11 +9,10 @@ from statistics import median
 from typing import Any, Final
 
 from simspec.experiments.bisect import Bisection, Reading
-from simspec.experiments.cost import Estimate
+from simspec.experiments.cases import rounded_data, rounding_lines, roundings
+from simspec.experiments.cost import Estimate, ProofsLeft
 from simspec.experiments.index import Row
 from simspec.experiments.plan import Cell, Plan
-from simspec.experiments.proof_cost import ProofsLeft
-from simspec.experiments.roundings import rounded_data, rounding_lines, roundings
 from simspec.experiments.sweep import Outcome
 from simspec.report.screen import console, duration
 from simspec.report.table import BAD, Table, TableCell, csv_text, length, number

@@ -27,9 +27,8 @@ from simspec.errors import EngineError, Problem, SpecError
 from simspec.files import scratch_folder
 from simspec.mapped import RECORDED_BYTES, parts, zeros
 from simspec.outputs.writing import Artifacts
-from simspec.runner.case import Case
 from simspec.runner.labels import GROUPS, contact_sides
-from simspec.runner.run import SCHEMA, Run
+from simspec.runner.run import SCHEMA, Case, Run
 from simspec.world.canonical import sha256, to_plain
 from simspec.world.types import Record, World
 

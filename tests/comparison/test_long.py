@@ -14,8 +14,7 @@ from simspec import mapped
 from simspec.comparison.common import first_touches
 from simspec.comparison.floor import load_floor, measure_floor, save_floor
 from simspec.comparison.runs import diff, summary
-from simspec.runner.expectations import evaluate
-from simspec.runner.measures import MEASURES
+from simspec.runner.expectations import MEASURES, evaluate
 from simspec.runner.run import Run
 from simspec.runner.store import load_run
 from simspec.world.types import Expectation

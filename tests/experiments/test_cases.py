@@ -9,11 +9,10 @@ import pytest
 import simspec
 from simspec.errors import SpecError
 from simspec.experiments import cases
-from simspec.experiments.cases import case_of, world_of
+from simspec.experiments.cases import case_of, rounding_lines, roundings, world_of
 from simspec.experiments.cost import Steps
 from simspec.experiments.plan import plan_sweep
-from simspec.experiments.roundings import rounding_lines, roundings
-from simspec.runner.case import Case
+from simspec.runner.run import Case
 from simspec.world.canonical import sha256
 from tests.experiments.swept import ENGINES, SWEEP, VERSIONS, spec
 
@@ -41,7 +40,7 @@ def test_the_sweep_changes_neither_the_world_nor_its_hash():
 
 
 def test_cells_with_the_same_values_share_a_world_and_few_are_kept(monkeypatch):
-    monkeypatch.setattr(cases, "MOST_KEPT", 2)
+    monkeypatch.setattr(cases, "MOST_KEPT_CASES", 2)
     made = plan({"over": {"bodies.rod.mass": [1, 2, 3]}, "repeat": 2})
     cells = list(made)
     worlds = [world_of(made, cell) for cell in cells]

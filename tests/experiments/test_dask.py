@@ -10,14 +10,13 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.experiments.executors import dask as module
-from simspec.experiments.executors.contract import ExecutorError, Task
 from simspec.experiments.executors.dask import MOST_LOSSES, DaskExecutor
-from simspec.experiments.executors.local import LocalExecutor
+from simspec.experiments.executors.local import ExecutorError, LocalExecutor, Task
 from simspec.experiments.executors.remote import do_batch
 from simspec.experiments.plan import plan_sweep
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import sweep
-from simspec.experiments.versions import versions_of
+from simspec.experiments.timing import versions_of
 from simspec.language.load import Spec
 from tests.experiments.cluster import cluster
 
@@ -196,7 +195,7 @@ class Done:
 
 
 def tasks_of(parcel) -> list[Task]:
-    from simspec.experiments.executors.parcel import Parcel, task_from
+    from simspec.experiments.executors.remote import Parcel, task_from
 
     return [task_from(data) for data in Parcel.unpack(parcel).facts["tasks"]]
 

@@ -10,9 +10,9 @@ import zlib
 
 import pytest
 
-from simspec.experiments.executors import parcel
-from simspec.experiments.executors.parcel import LENGTH, MARK, Parcel, ParcelError, result_data, result_from
-from simspec.experiments.result import result_of
+from simspec.experiments.executors import remote
+from simspec.experiments.executors.remote import LENGTH, MARK, Parcel, ParcelError, result_data, result_from
+from simspec.experiments.store import result_of
 from tests.runner.synthetic import free_body, run, world
 
 WORLD = world(free_body("ball"))
@@ -134,10 +134,10 @@ def test_a_head_that_lies_is_refused(content):
 
 
 def test_a_content_that_would_unpack_to_more_than_is_allowed_is_refused(monkeypatch):
-    monkeypatch.setattr(parcel, "LARGEST_CONTENT", 99_999)
+    monkeypatch.setattr(remote, "LARGEST_CONTENT", 99_999)
     with pytest.raises(ParcelError, match="too large, or not whole"):
         Parcel.unpack(packed(compress=True))
-    monkeypatch.setattr(parcel, "LARGEST_CONTENT", 100_000)
+    monkeypatch.setattr(remote, "LARGEST_CONTENT", 100_000)
     assert Parcel.unpack(packed(compress=True)).contents == CONTENTS
 
 

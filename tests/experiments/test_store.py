@@ -13,8 +13,7 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.experiments.index import CELLS_FILE, INDEX_FILE, refresh
-from simspec.experiments.result import result_of
-from simspec.experiments.store import RUN_FILE, Store, place_of
+from simspec.experiments.store import RUN_FILE, Store, place_of, result_of
 from simspec.runner.run import Run
 from simspec.world.canonical import sha256
 from simspec.world.types import EngineOptions, Expectation

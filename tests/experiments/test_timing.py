@@ -11,11 +11,22 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.engines.kit import process
-from simspec.experiments import machine, timing
-from simspec.experiments.machine import Clocks, Machine, Others, this_machine
-from simspec.experiments.result import result_of
-from simspec.experiments.timing import TIMED, TimedCase, bound_to, core_for_timing, disturbed, timed_runs
-from simspec.runner.case import Case
+from simspec.experiments import timing
+from simspec.experiments import timing as machine
+from simspec.experiments.store import result_of
+from simspec.experiments.timing import (
+    TIMED,
+    Clocks,
+    Machine,
+    Others,
+    TimedCase,
+    bound_to,
+    core_for_timing,
+    disturbed,
+    this_machine,
+    timed_runs,
+)
+from simspec.runner.run import Case
 from tests.experiments.swept import spec
 
 ONE = Machine("A processor", "x86_64", 4, 8, "performance", 16 * 2**30, "Linux 6.1", "CPython 3.11.9")

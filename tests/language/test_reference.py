@@ -10,7 +10,7 @@ from simspec.language.document import parse
 from simspec.language.expectations import KINDS
 from simspec.language.load import Spec
 from simspec.language.reference import missing, study_tables, tables, update
-from simspec.runner.measures import MEASURES
+from simspec.runner.expectations import MEASURES
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "language.md"
 STUDIES = PAGE.parents[1] / "guide" / "studies.md"

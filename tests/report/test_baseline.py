@@ -11,8 +11,7 @@ import pytest
 from simspec.comparison.floor import Floor
 from simspec.comparison.study import Study
 from simspec.errors import SpecError
-from simspec.experiments.machine import Machine
-from simspec.experiments.timing import TIMED
+from simspec.experiments.timing import TIMED, Machine
 from simspec.report.baseline import (
     Baseline,
     Change,

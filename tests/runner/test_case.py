@@ -9,8 +9,8 @@ import pytest
 
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import resolve_settings
-from simspec.runner.case import Case, perturbed_state
 from simspec.runner.execution import run_case
+from simspec.runner.run import Case, perturbed_state
 from simspec.world.canonical import sha256
 from simspec.world.types import EngineOptions, Expectation, Physics, Record
 from tests import worlds

@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from simspec.runner.expectations import evaluate
-from simspec.runner.measures import MEASURES
+from simspec.runner.expectations import MEASURES, evaluate
 from simspec.world.actions import Controller
 from simspec.world.types import Expectation
 from tests.runner.synthetic import column, free_body, run, world

@@ -12,9 +12,9 @@ from simspec.engines.kit.registry import engines
 from simspec.errors import EngineError, SpecError
 from simspec.outputs.writing import Artifacts
 from simspec.runner import metrics
-from simspec.runner.case import Case, perturbed_state
 from simspec.runner.execution import run, run_all, run_jobs
 from simspec.runner.expectations import evaluate
+from simspec.runner.run import Case, perturbed_state
 from simspec.world.canonical import sha256
 from simspec.world.kinematics import initial_state, layout_of
 from simspec.world.types import Expectation, Physics, Record

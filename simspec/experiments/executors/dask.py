@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from simspec.errors import Problem, SpecError, clipped
-from simspec.experiments.executors.contract import ExecutorError, Publish, Supplies, Task
+from simspec.experiments.executors.local import ExecutorError, Publish, Supplies, Task
 from simspec.experiments.executors.remote import (
     EndedError,
     RefusedError,
@@ -137,7 +137,7 @@ class DaskExecutor:
     # --- the contract ---------------------------------------------------------------------------------------------------
 
     def demand(self, engines: Collection[str]) -> None:
-        """As of :class:`simspec.experiments.executors.contract.Executor`: a task that no worker has the resource for would
+        """As of :class:`simspec.experiments.executors.local.Executor`: a task that no worker has the resource for would
         wait for ever."""
         self._look()
         missing = [name for name in engines if not self._slots.get(name)]
@@ -149,7 +149,7 @@ class DaskExecutor:
             )
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
-        """As of :class:`simspec.experiments.executors.contract.Executor`."""
+        """As of :class:`simspec.experiments.executors.local.Executor`."""
         with ThreadPoolExecutor(PUBLISHERS) as pool:
             try:
                 for task in tasks:

@@ -7,18 +7,82 @@ import os
 import tempfile
 import threading
 from collections.abc import Callable, Collection, Iterable, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import Executor as FuturesExecutor
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from simspec.engines.kit.process import side_by_side
 from simspec.engines.kit.warm import WarmProcesses
-from simspec.errors import EngineError
-from simspec.experiments.executors.contract import Publish, Supplies, Task
-from simspec.experiments.result import TaskResult, result_of
-from simspec.runner.case import Case
+from simspec.errors import EXIT_ENGINE, EngineError, SimspecError
+from simspec.experiments.store import TaskResult, result_of
 from simspec.runner.execution import failed_run, run_case
-from simspec.runner.run import Run
+from simspec.runner.run import Case, Run
+
+# What every executor of a sweep is given, and gives back. A task is plain data, so that it can be sent elsewhere; what it
+# needs, a world and compiled files, is named by hashes and supplied apart.
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One run to do.
+
+    key        under which it is stored
+    engine     label
+    world      hash of the world, as it is compiled
+    artifacts  hash of the compiled files
+    perturb, seed, repeat   as of the cell
+    deadline   s that the engine's process may take
+    cell       who asks for it: the key of the cell, and what it changes in the spec
+    source     where the spec came from
+    """
+
+    key: str
+    engine: str
+    world: str
+    artifacts: str
+    perturb: float
+    seed: int | None
+    repeat: int
+    deadline: float
+    cell: Mapping[str, Any]
+    source: Mapping[str, Any]
+
+
+class Supplies(Protocol):
+    """What tasks need. Both are there from when a task is given until it is published."""
+
+    def case(self, task: Task) -> Case:
+        """The case of a task."""
+
+    def folder(self, task: Task) -> Path:
+        """The folder of its compiled files."""
+
+
+Publish = Callable[[Task, TaskResult], None]
+"""Stores a result; may be called from any thread, and twice for one task: the second time does nothing."""
+
+
+class ExecutorError(SimspecError):
+    """Tasks cannot be done: nobody is there who does them, or not any more. What was published is stored."""
+
+    exit_code = EXIT_ENGINE
+
+
+class Executor(Protocol):
+    """Does tasks. Errors of an engine are results (``Run.failed``); an error of this machine (a full disk) ends the block,
+    and is no result of anything."""
+
+    def demand(self, engines: Collection[str]) -> None:
+        """Raise ExecutorError where nobody does tasks of one of these engines (labels): asked before any task is given."""
+
+    def run(self, tasks: Iterable[Task], publish: Publish) -> None:
+        """Do all tasks; they are made while others are at work, so no more are asked for than are needed soon."""
+
+    def close(self) -> None:
+        """Let go of what is held for further tasks."""
+
 
 DoRun = Callable[[Case, Path, Task], Run]
 """How one run is done. Raises EngineError where the engine gave no result."""
@@ -62,7 +126,7 @@ class LocalExecutor:
         """Every engine of a plan is installed here: its versions are part of the plan."""
 
     def run(self, tasks: Iterable[Task], publish: Publish) -> None:
-        """As of :class:`simspec.experiments.executors.contract.Executor`."""
+        """As of :class:`simspec.experiments.executors.local.Executor`."""
         # alone: the next task is made, and perhaps compiled and proven, when nothing runs; else meanwhile
         most = 0 if self._alone else self._jobs + STORED_BEHIND
         with side_by_side(1) as storing, side_by_side(self._jobs) as pool:
@@ -83,7 +147,7 @@ class LocalExecutor:
         if self._warm is not None:
             self._warm.close()
 
-    def _one(self, task: Task, storing: Executor, publish: Publish) -> Stored:
+    def _one(self, task: Task, storing: FuturesExecutor, publish: Publish) -> Stored:
         """Do a run, and let its result be stored while the next one is at work."""
         try:
             run = self._do_run(self._supplies.case(task), self._supplies.folder(task), task)

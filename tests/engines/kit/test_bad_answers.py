@@ -29,8 +29,8 @@ from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError
 from simspec.proof.verify import engine_checks, prepare
 from simspec.runner import execution as runner
-from simspec.runner.case import Case
 from simspec.runner.execution import run_all
+from simspec.runner.run import Case
 from tests import worlds
 from tests.installed import JOINTED
 

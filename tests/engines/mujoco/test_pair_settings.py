@@ -25,7 +25,7 @@ from simspec.errors import EngineError, UnsupportedError
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.contact.file_law import held, of_pair
 from simspec.proof.mutation_worlds import WORLDS
-from simspec.runner.case import Case
+from simspec.runner.run import Case
 from simspec.support.features import Feature
 from simspec.world.types import EngineOptions, Hardness, PairSettings
 from tests import worlds

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.commands.study_folder import Results
+from simspec.commands.run import Results
 from simspec.comparison.floor import measure_floor
 from simspec.comparison.runs import diff
 from simspec.comparison.study import Study
