@@ -34,7 +34,7 @@ Made by `python -m tests.formats.reader_table` from the rules of each reader (`e
 `tests/formats/test_readers.py` compares with the readers themselves: each loads every file by its plain loader, and every
 difference from the world must be one that the rules foresee. Versions: the ones that the rules were measured with. Figures are
 numbers of bodies, or `file` where the effect is of the whole file; `=` is as the world (but for what the format itself does not
-carry, [plain files](../plain-files.md)). The worlds are in `tests/formats/exported/`.
+carry, [plain files](../guide/plain-files.md)). The worlds are in `tests/formats/exported/`.
 """
 
 
