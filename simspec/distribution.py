@@ -38,7 +38,6 @@ def own_version() -> str:
         raise
 
 
-@functools.cache
 def requirements() -> tuple[str, ...]:
     """The requirements of simspec, those of its extras marked as such. Raises PackageNotFoundError."""
     try:

@@ -46,11 +46,12 @@ def _prose_pattern() -> re.Pattern[str]:
     return re.compile(rf"(?<![\w`.-])(?:{'|'.join(words)})(?![\w`-])", re.IGNORECASE)
 
 
-def in_name(name: str) -> list[str]:
+@functools.cache
+def in_name(name: str) -> tuple[str, ...]:
     """Avoided words among the words of an identifier; ``what`` begins no name of a test."""
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
     found = [word for word in words if word in avoided("names")]
-    return found + (["what"] if words[:1] == ["test"] and words[1:2] and words[1] in ("what", "whatever") else [])
+    return (*found, *(("what",) if words[:1] == ["test"] and words[1:2] and words[1] in ("what", "whatever") else ()))
 
 
 def in_prose(text: str, line: int) -> Iterator[Finding]:
