@@ -35,7 +35,7 @@ from simspec.engines.kit.deviations import LIMITS
 from simspec.engines.kit.process import Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import simultaneous, stacks
+from simspec.proof.contact import stacks
 from simspec.proof.contact.file_law import EVERYTHING
 from simspec.proof.contact.normal import DROP_RESTITUTION
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Probe, Trial
@@ -138,12 +138,12 @@ NEAR = 0.9
 """Share of a declared size from which on a figure is declared again: next to it a little more is to be expected."""
 LONGEST = 22.0
 """ms: local rows of the largest timestep count below it."""
+IMPACTS = ("strike", "row", "edge")
 
 
 def kind_of(probe: Probe) -> str:
-    kinds = {"impact": simultaneous.PROBES, "stack": stacks.STACKING, "sliding stack": stacks.SLIDING_STACKS}
-    found = next((kind for kind, probes in kinds.items() if probe.NAME in probes), None)
-    return found or ("coupled" if probe.NAME in COUPLED else "pair")
+    kinds = dict.fromkeys(IMPACTS, "impact") | {"stack": "stack", "stack-slides": "sliding stack"}
+    return kinds.get(probe.NAME) or ("coupled" if probe.NAME in COUPLED else "pair")
 
 
 def law_of(friction: float, restitution: float, ratio: float, cone: str, timestep: float) -> Law:
@@ -412,7 +412,7 @@ def _neighbours(
 def _probe(name: str) -> Probe:
     """A probe that is measured at the points of the figure ``name``: for figures of other names one of its kind."""
     if name in SLIDING:
-        return next(iter(stacks.SLIDING_STACKS.values()))
+        return PROBES["stack-slides"]
     several = [probe for probe in COUPLED.values() if name.startswith(probe.NAME)]
     return max(several, key=lambda probe: len(probe.NAME)) if several else PROBES["push"]
 
@@ -440,7 +440,7 @@ def _setting(settings: Mapping[str, Any]) -> str:
 def _measured(row: Mapping[str, Any]) -> tuple[str, float, float]:
     """Probe, and the restitution and ratio of masses from which its size counts: of a ratio from the one measured before."""
     probe = str(row["probe"])
-    varied = probe.split("-")[0] in simultaneous.PROBES or probe in SLIDING
+    varied = probe.split("-")[0] in IMPACTS or probe in SLIDING
     ratio = 0.0
     if probe.startswith("stack"):
         ratios = TABLES.values["sliding stack" if probe in SLIDING else "stack"][0].ratios

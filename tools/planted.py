@@ -35,8 +35,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.process import Answer, Operation, call
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import EngineError, UnsupportedError
-from simspec.proof.contact import friction, normal, oblique, run
-from simspec.proof.contact.carried import SQUEEZING
+from simspec.proof.contact import run
 from simspec.proof.contact.file_law import EVERYTHING
 from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Probe, Trial
 from simspec.proof.contact.run import deviating
@@ -46,12 +45,9 @@ from simspec.support.features import Feature
 from simspec.world.types import Body, Contact, EngineOptions, Material, Physics, World
 
 SHAPE = "compliance-shape"
-COUPLED: Mapping[str, Probe] = {**run.COUPLED, SHAPE: normal.COMPLIANCE[SHAPE]}
+COUPLED: Mapping[str, Probe] = {**run.COUPLED, SHAPE: run.PROBES[SHAPE]}
 ONE_PAIR: Mapping[str, Probe] = {
-    **friction.PROBES,
-    **normal.PROBES,
-    **oblique.PROBES,
-    "compliance": normal.COMPLIANCE["compliance"],
+    name: probe for name, probe in run.PROBES.items() if name not in (*COUPLED, "torsional", "rolling")
 }
 CONES = ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")
 DEADLINE = 600.0
@@ -253,7 +249,7 @@ def tried(
 def results(engine: str, settings: Mapping[str, Any], cone: str) -> list[Result]:
     """Of every defect, and of each unchanged law that fails. Nothing where the engine refuses the cone."""
     jointed = find_engine(engine).SUPPORT[Feature.JOINT_SLIDE].level is not Level.UNSUPPORTED
-    probes = {name: probe for name, probe in COUPLED.items() if jointed or name not in SQUEEZING}
+    probes = {name: probe for name, probe in COUPLED.items() if jointed or name != "squeeze"}
     everything = tried(engine, settings, cone, [*UNCHANGED, *DEFECTS], probes)
     before = {one.job.key: one for one in everything if one.job.defect in UNCHANGED}
     if all(isinstance(one.found, UnsupportedError) for one in before.values()):

@@ -7,16 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from simspec.proof.contact.carried import CARRYING
-from simspec.proof.contact.leaning import JAMMING
-from simspec.proof.contact.leaning import PROBES as LEANING
 from simspec.proof.contact.probe import Law
-from simspec.proof.contact.simultaneous import PROBES as IMPACTS
-from simspec.proof.contact.spin import SLIDING_WITH_SPIN
 from simspec.world.reach import Reach
 from simspec.world.types import Hardness, PairContact
 
 TIMESTEP = 1e-3
+LEANING, JAMMING, IMPACTS = ("rod", "clamp", "pile"), ("jam", "jam-light"), ("strike", "row", "edge")
 _REACH = Reach(
     leans=True, gathers=True, corners=True, carries=True, ratio=10.0, layers=3, crosses=True, jams=True, squeezes=True
 )
@@ -35,7 +31,7 @@ LAWS: Mapping[str, Law] = {
     ),
 }
 """The true laws, but for the cone."""
-SLIDING = (*LEANING, *JAMMING, *CARRYING, *SLIDING_WITH_SPIN)
+SLIDING = (*LEANING, *JAMMING, "carrier", "slide-spin")
 """Probes in which friction alone acts."""
 SLICK = "slick"
 """Material of a body without friction."""
@@ -117,9 +113,9 @@ DEFECTS = [
     Defect("friction 0.9 in place of 1", "rough", {"friction": 0.9}, probes=SLIDING),
     Defect("friction 1.1 in place of 1", "rough", {"friction": 1.1}, probes=SLIDING),
     Defect("no friction", pair={"friction": 0.0}),
-    Defect("restitution 0.5 in place of 0", pair={"restitution": 0.5}, probes=tuple(IMPACTS)),
-    Defect("restitution 0 in place of 0.5", "bouncing", {"restitution": 0.0}, probes=tuple(IMPACTS)),
-    Defect("restitution 0.6 in place of 0.5", "bouncing", {"restitution": 0.6}, probes=tuple(IMPACTS)),
+    Defect("restitution 0.5 in place of 0", pair={"restitution": 0.5}, probes=IMPACTS),
+    Defect("restitution 0 in place of 0.5", "bouncing", {"restitution": 0.0}, probes=IMPACTS),
+    Defect("restitution 0.6 in place of 0.5", "bouncing", {"restitution": 0.6}, probes=IMPACTS),
     *(Defect(f"cone {cone}", cone=cone) for cone in ("elliptic", "pyramid-circumscribed", "pyramid-inscribed")),
     Defect("timestep doubled", timestep=2.0),
     Defect(

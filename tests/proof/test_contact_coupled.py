@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import simspec
 from simspec.engines.kit.coupled import SLIDING, in_force
 from simspec.engines.kit.registry import find_engine
-from simspec.proof.contact import carried, leaning, oblique, run, scope, simultaneous, stacks
+from simspec.proof.contact import leaning, run, scope, stacks
 from simspec.proof.contact.leaning import Rod, pile_acceleration, rod_acceleration
 from simspec.proof.contact.probe import GRAVITY
 from simspec.proof.contact.simultaneous import OPENING, Strike, impulses
@@ -37,6 +37,7 @@ ALL = Reach(
     plane=True,
 )
 PROBES = run.COUPLED
+JAMMING, IMPACTS = ("jam", "jam-light"), ("strike", "row", "edge")
 
 
 def coupled(**pair):
@@ -334,13 +335,11 @@ EXACT = ("pybullet", "dart", "ode")
 
 
 @pytest.mark.parametrize("engine", EXACT)
-@pytest.mark.parametrize(
-    "name", [name for name in PROBES if name not in ("slide-spin", *leaning.JAMMING, *carried.SQUEEZING)]
-)
+@pytest.mark.parametrize("name", [name for name in PROBES if name not in ("slide-spin", *JAMMING, "squeeze")])
 def test_engines_keep_to_the_coupled_law(engine, name, tmp_path):
     if not installed(engine):
         pytest.skip(f"{engine} is not installed")
-    for restitution in (0.0, 0.5) if name in simultaneous.PROBES else (0.0,):
+    for restitution in (0.0, 0.5) if name in IMPACTS else (0.0,):
         wanted = coupled(restitution=restitution)
         if engine == "pybullet":  # what slides on a plane with a heavier body on it stops short, as is declared
             wanted = dataclasses.replace(wanted, reach=dataclasses.replace(ALL, plane=False))
@@ -380,15 +379,15 @@ def test_physx_has_friction_in_a_step_that_begins_just_before_an_impact(tmp_path
     if not installed("physx"):
         pytest.skip("physx is not installed")
     for timestep in (0.001, 0.004):
-        for name, probe in {**oblique.PROBES, "strike": PROBES["strike"]}.items():
+        for name, probe in ((name, run.PROBES[name]) for name in ("oblique", "strike")):
             shown = figures("physx", probe, coupled(timestep=timestep), tmp_path / f"{name}{timestep}")
             assert [figure for figure in shown if not figure.passed] == []
 
 
-@pytest.mark.parametrize("name", leaning.JAMMING)
+@pytest.mark.parametrize("name", JAMMING)
 @pytest.mark.parametrize("friction", [0.05, 0.3])
 def test_a_clamp_jams_in_a_direct_solver_and_falls_where_friction_makes_no_normal_force(name, friction, tmp_path):
-    probe, wanted = leaning.JAMMING[name], coupled(friction=friction)
+    probe, wanted = run.PROBES[name], coupled(friction=friction)
     for engine, settings, stands in (("ode", {}, True), ("dart", {"contact_solver": "dantzig"}, False)):
         if not installed(engine):
             continue
@@ -399,7 +398,7 @@ def test_a_clamp_jams_in_a_direct_solver_and_falls_where_friction_makes_no_norma
 
 def test_fingers_press_evenly_in_a_direct_solver_and_turn_boxes_where_sweeps_end_early(tmp_path):
     """What slips at 0.8 times the friction that holds falls with 0.2 g, straight."""
-    probe, wanted = carried.SQUEEZING["squeeze"], coupled()
+    probe, wanted = run.PROBES["squeeze"], coupled()
     slips = next(figure for figure in probe.wanted(wanted) if figure.probe == "squeeze-slips")
     assert slips.expected == pytest.approx(0.1, abs=0.001)
     assert slips.without == pytest.approx(5.0 * slips.expected)
@@ -410,7 +409,7 @@ def test_fingers_press_evenly_in_a_direct_solver_and_turn_boxes_where_sweeps_end
 
 
 def test_a_clamp_is_probed_where_a_world_can_have_one_and_its_friction_holds_within_two_metres():
-    for probe in leaning.JAMMING.values():
+    for probe in (PROBES[name] for name in JAMMING):
         assert probe.applies(coupled(friction=0.05))
         assert not probe.applies(coupled(friction=0.02))
         assert not probe.applies(dataclasses.replace(coupled(), reach=dataclasses.replace(ALL, jams=False)))
@@ -468,7 +467,7 @@ def test_what_is_declared_off_by_default_must_be_accepted_by_name(engine, featur
 )
 def test_a_wrong_number_is_seen(name, compiled, tmp_path):
     """What DART shows under another law than the one that the figures are held against."""
-    restitution = 0.3 if name in simultaneous.PROBES else 0.0
+    restitution = 0.3 if name in IMPACTS else 0.0
     wanted = coupled(friction=0.5, restitution=restitution)
     found_figures = figures("dart", PROBES[name], wanted, tmp_path, compiled=coupled(**compiled))
     assert any(not figure.passed for figure in found_figures)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from simspec.proof.contact import normal
+from simspec.proof.contact import normal, run
 from simspec.proof.contact.normal import Oscillator, bounce_ratio
 from simspec.proof.contact.probe import GRAVITY, Motion
 from simspec.support.features import Feature
@@ -19,8 +19,8 @@ pytestmark = pytest.mark.usefixtures("warm_engines")
 
 ENGINES = engines_with(Feature.RESTITUTION)
 DT = 0.001
-RESTITUTION, REST, OVERLAP = (normal.PROBES[name] for name in ("restitution", "rest", "overlap"))
-COMPLIANCE = normal.COMPLIANCE["compliance"]
+RESTITUTION, REST, OVERLAP = (run.PROBES[name] for name in ("restitution", "rest", "overlap"))
+COMPLIANCE = run.PROBES["compliance"]
 
 
 # --- what a motion is read as -------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from tests.proof.contact_probing import law
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-PROBE = oblique.PROBES["oblique"]
+PROBE = run.PROBES["oblique"]
 MODES = {name: () for name in with_the_cone(Feature.RESTITUTION) if name != "mujoco"} | {
     "mujoco": (("friction", "coulomb"),)
 }

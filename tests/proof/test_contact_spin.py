@@ -10,7 +10,7 @@ import pytest
 
 from simspec.compiler import compile_world
 from simspec.errors import UnsupportedError
-from simspec.proof.contact import spin
+from simspec.proof.contact import run
 from simspec.proof.contact.probe import GRAVITY, Motion
 from simspec.support.features import Feature
 from tests.declared import engines_with
@@ -18,7 +18,7 @@ from tests.proof.contact_probing import figures, law, world_of
 
 pytestmark = pytest.mark.usefixtures("warm_engines")
 
-TORSIONAL, ROLLING = spin.PROBES["torsional"], spin.PROBES["rolling"]
+TORSIONAL, ROLLING = run.PROBES["torsional"], run.PROBES["rolling"]
 WITH_MOMENTS = []
 for _name in engines_with(Feature.RESTITUTION):
     _law = law(torsional_friction=0.005, rolling_friction=0.005)

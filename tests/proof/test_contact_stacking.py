@@ -12,7 +12,7 @@ from simspec.proof.contact.probe import Law, Motion
 from simspec.world.reach import Reach
 from simspec.world.types import PairContact
 
-STACK = stacks.STACKING["stack"]
+STACK = stacks.Stack()
 SLIDES, FALLEN, SUNK = 30, 60, 7e-4
 """Sample after which the upper cube is adrift, and from which on it lies on the floor; how deep (m) it is before."""
 

@@ -13,14 +13,14 @@ squeeze  Boxes between two fingers on slides, one held and one slipping. Each fi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from simspec.proof.contact.friction import SETTLE
 from simspec.proof.contact.leaning import HELD_STEPS, HELD_TIME, SLIP_TOLERANCE, TOUCH, held_way
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, by_name
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial
 from simspec.proof.contact.worlds import box
 from simspec.world import frames
 from simspec.world.rotations import rotation_error
@@ -40,12 +40,9 @@ SLAB_SPACING = 10.0
 
 
 class Carrier(Probe):
-    """Boxes that lie on slabs that accelerate."""
+    """How far boxes slip on carriers that accelerate at half the limit of friction, along a line and turning."""
 
     NAME = "carrier"
-    MEANING = (
-        "how far a box slips on a carrier that accelerates at half the limit of friction, along a line and turning"
-    )
     CASES = ("speeds up", "turns")
 
     def applies(self, law: Law) -> bool:
@@ -128,11 +125,10 @@ FINGERS, BOX = "fingers", "boxes"
 
 
 class Squeeze(Probe):
-    """Two boxes, each between two fingers."""
+    """How far boxes between two fingers on slides move and turn, one held by friction and one slipping."""
 
     NAME = "squeeze"
     SLIDES, TURNS = "squeeze-slips", "squeeze-turns"
-    MEANING = "how far boxes between two fingers on slides move and turn, one held by friction and one slipping"
 
     def applies(self, law: Law) -> bool:
         return (
@@ -203,8 +199,3 @@ def _finger(law: Law, name: str, at: Vector3) -> Body:
     """A box on a slide along x."""
     joint = Joint(f"{name}_joint", "slide", origin=Pose(at), axis=(1.0, 0.0, 0.0), position=(0.0,), velocity=(0.0,))
     return replace(box(law, name, FINGER, FINGER_MASS, at, material=law.pair.first, group=FINGERS), joint=joint)
-
-
-CARRYING: Mapping[str, Probe] = by_name((Carrier(),))
-SQUEEZING: Mapping[str, Probe] = by_name((Squeeze(),))
-"""Of bodies with faces that others on joints can press."""

@@ -22,7 +22,7 @@ from simspec.proof.contact.probe import (
     Phase,
     Probe,
     Trial,
-    by_name,
+    cone_norm,
     direction,
     furthest,
     project,
@@ -150,10 +150,9 @@ class _Sliders(Probe):
 
 
 class Push(_Sliders):
-    """Sliders pushed beyond the limit of friction."""
+    """Friction force of sliders pushed in 24 directions at 1.6 times the limit, against the cone."""
 
     NAME = "push"
-    MEANING = "friction force of a slider pushed in 24 directions at 1.6 times the limit, against the cone"
 
     def applies(self, law: Law) -> bool:
         return law.pair.collide
@@ -189,10 +188,9 @@ class Push(_Sliders):
 
 
 class Stop(_Sliders):
-    """Sliders with an initial speed."""
+    """Distance of a slide in 24 directions, against the one-step law (elliptic: v²/2μg − v dt/2)."""
 
     NAME = "stop"
-    MEANING = "distance of a slide in 24 directions, against the one-step law (elliptic: v²/2μg − v dt/2)"
     RELATIVE = True
 
     def speed(self, law: Law) -> float:
@@ -229,20 +227,14 @@ class Stop(_Sliders):
 
 
 class Stick(_Sliders):
-    """Sliders pushed below the limit of friction."""
+    """Creep of sliders pushed in 24 directions at 0.8 times the limit, against none."""
 
     NAME = "stick"
-    MEANING = "creep of a slider pushed in 24 directions at 0.8 times the limit, against none"
 
     def _force(self, law: Law, degrees: float) -> np.ndarray:
         """0.8 of the force (2,), in N, that the cone holds in a direction."""
         along = direction(degrees)
-        norms = {
-            "elliptic": 1.0,
-            "pyramid-inscribed": np.abs(along).sum(),
-            "pyramid-circumscribed": np.abs(along).max(),
-        }
-        reach = 1.0 / float(norms[law.friction_cone])
+        reach = 1.0 if law.friction_cone == "elliptic" else 1.0 / cone_norm(along, law.friction_cone)
         force: np.ndarray = HELD * reach * law.pair.friction * WEIGHT * along
         return force
 
@@ -264,12 +256,9 @@ class Stick(_Sliders):
 
 
 class Carry(Stop):
-    """A slider that is put down on a surface that moves at the speed of the slides."""
+    """How far a moving surface carries a slider that is put down at rest, against the one-step law in the surface's frame."""
 
     NAME = "carry"
-    MEANING = (
-        "how far a moving surface carries a slider that is put down at rest, against the one-step law in its frame"
-    )
 
     def applies(self, law: Law) -> bool:
         return super().applies(law) and any(law.belt)
@@ -310,10 +299,9 @@ def _onto(belt: Vector3) -> Quaternion:
 
 
 class PushOblong(Push):
-    """Oblong sliders pushed beyond the limit of friction."""
+    """:class:`Push` of oblong sliders."""
 
     NAME = "push-oblong"
-    MEANING = "friction force of an oblong slider pushed in 24 directions at 1.6 times the limit, against the cone"
     SIZE = OBLONG
 
     def applies(self, law: Law) -> bool:
@@ -321,11 +309,7 @@ class PushOblong(Push):
 
 
 class StopOblong(Stop):
-    """Oblong sliders with an initial speed."""
+    """:class:`Stop` of oblong sliders."""
 
     NAME = "stop-oblong"
-    MEANING = "where an oblong slider ends that slides in 24 directions, against the one-step law"
     SIZE = OBLONG
-
-
-PROBES: Mapping[str, Probe] = by_name((Push(), PushOblong(), Stop(), StopOblong(), Stick(), Carry()))

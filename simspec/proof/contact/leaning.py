@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from simspec.proof.contact.friction import PUSH_TOLERANCE
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, by_name, direction, furthest
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, direction, furthest
 from simspec.proof.contact.worlds import ball, cluster, fixed_box, floor
 from simspec.world import frames
 from simspec.world.frames import vector3
@@ -215,10 +215,9 @@ def _stepped(
 
 
 class Rod(_Leaning):
-    """A rod that leans on a wall."""
+    """How far a rod that leans on a wall moves, at four ratios of its friction to the least that holds it."""
 
     NAME = "rod"
-    MEANING = "how far a rod that leans on a wall moves, at four ratios of its friction to the least that holds it"
     LENGTH, RADIUS, MASS = 1.0, 0.05, 1.0
     INERTIA = MASS * LENGTH**2 / 12.0
     """kg m², about every axis through the centre; the rod turns about the one across its plane alone."""
@@ -305,10 +304,9 @@ def rod_acceleration(
 
 
 class Clamp(_Leaning):
-    """A clamp that is pressed onto a post by its own weight and a moment."""
+    """How far a clamp slips down a post, where friction multiplies the force that weight and moment press it on with."""
 
     NAME = "clamp"
-    MEANING = "how far a clamp slips down a post, where friction multiplies the force that presses it on"
     RADIUS, MASS, POST = 0.05, 1.0, 0.2
     INERTIA = 1.0
     HEIGHT = 0.4
@@ -352,10 +350,9 @@ class Clamp(_Leaning):
 
 
 class Jam(Clamp):
-    """A clamp that jams, under the moment of its weight about its own height."""
+    """How far a clamp moves that jams, since slip would need a negative normal force; under its weight times its height."""
 
     NAME = "jam"
-    MEANING = "how far a clamp moves that jams, since slip would need a negative normal force"
     HEIGHT = 0.1
     MOMENT = 1.0
     """Over the weight times ``HEIGHT``: without friction the post would bear this many weights on each side."""
@@ -377,20 +374,16 @@ class Jam(Clamp):
 
 
 class LightJam(Jam):
-    """The same under a hundredth of the moment."""
+    """The same under a hundredth of the moment: friction makes nearly all of the normal force."""
 
     NAME = "jam-light"
-    MEANING = "the same where friction makes nearly all of the normal force"
     MOMENT = 0.01
 
 
 class Pile(_Leaning):
-    """A ball on two others, or under the elliptic cone on three, that only friction keeps together."""
+    """How far a ball on two others (elliptic cone: three) moves, at four ratios of friction to the least that holds them."""
 
     NAME = "pile"
-    MEANING = (
-        "how far the balls of a pile of three and one move, at four ratios of friction to the least that holds them"
-    )
     RADIUS, MASS = 0.1, 1.0
     WIDEST = math.radians(70.0)
     """Of the angle between the vertical and the line of centres."""
@@ -455,8 +448,3 @@ def pile_acceleration(angle: float, speed: float, friction: float, below: int, r
     )
     sides = np.array([1.4 * mass * 2.0 * radius * s * speed**2, mass * 2.0 * radius * c * speed**2 - mass * GRAVITY])
     return float(np.linalg.solve(equations, sides)[0])
-
-
-PROBES: Mapping[str, Probe] = by_name((Rod(), Clamp(), Pile()))
-JAMMING: Mapping[str, Probe] = by_name((Jam(), LightJam()))
-"""Of bodies of several shapes, which can clamp another."""

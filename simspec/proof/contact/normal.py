@@ -5,15 +5,15 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, by_name, furthest
+from simspec.proof.contact.probe import GRAVITY, Figure, Law, Motion, Phase, Probe, Trial, furthest
 from simspec.proof.contact.worlds import STEPS_BEFORE, ball, box, flight, floor, solid
 from simspec.world import frames
-from simspec.world.types import Body, Quaternion
+from simspec.world.types import Quaternion
 
 RESTITUTION_SPEEDS = (1.0, 2.0, 5.0)
 """Approach speeds (m/s): where bouncing matters, and where every engine bounces (one does not below e v = 0.1 m/s)."""
@@ -61,10 +61,9 @@ SPHERE, SPHERE_MASS = 0.1, 10.0
 
 
 class Restitution(Probe):
-    """Balls that arrive at several speeds and phases, all in one world."""
+    """Separation over approach speed of balls that arrive at a floor, at several speeds and phases in one world, against e."""
 
     NAME = "restitution"
-    MEANING = "separation over approach speed of balls dropped on a floor, against e"
 
     def applies(self, law: Law) -> bool:
         """A compliant contact has no restitution of its own (see ``compliance``), and a native one says nothing."""
@@ -80,7 +79,7 @@ class Restitution(Probe):
         return dict(sorted(expected.items()))
 
     def trials(self, law: Law) -> Sequence[Trial]:
-        bodies: list[Body] = [floor(law)]
+        bodies = [floor(law)]
         for row, speed in enumerate(self.speeds(law)):
             # large enough for the ball's centre to stay above the floor wherever in the step it arrives
             radius = max(0.1, 4.0 * speed * law.timestep)
@@ -97,23 +96,20 @@ class Restitution(Probe):
         figures = []
         for speed, expected in self.speeds(law).items():
             name = self.NAME if speed in RESTITUTION_SPEEDS else THRESHOLD
+            figure = self.figure(law, "", "ratio", "", expected, RESTITUTION_TOLERANCE, probe=name)
             case = f"arriving at {speed:g} m/s, {len(STEP_PHASES)} phases"
-            without = (0.0 if expected else e) if e else None
-            figures.append(
-                self.figure(law, case, "ratio", "", expected, RESTITUTION_TOLERANCE, probe=name, without=without)
-            )
+            figures.append(replace(figure, case=case, without=(0.0 if expected else e) if e else None))
         return figures
 
     def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[Mapping[str, Any]]:
         readings = []
         for row, expected in enumerate(self.speeds(law).values()):
-            ratios = {
-                phase: bounce_ratio(motions[0].velocity[f"ball_{row}_{column}"][:, 2], law.timestep)
-                for column, phase in enumerate(STEP_PHASES)
-            }
+            speeds = {phase: motions[0].velocity[f"ball_{row}_{n}"][:, 2] for n, phase in enumerate(STEP_PHASES)}
+            ratios = {phase: bounce_ratio(speed, law.timestep) for phase, speed in speeds.items()}
             worst = furthest(ratios, expected)
-            text = f"{worst:g} of a step"
-            readings.append({"measured": ratios[worst], "points": tuple(ratios.items()), "worst": text})
+            readings.append(
+                {"measured": ratios[worst], "points": tuple(ratios.items()), "worst": f"{worst:g} of a step"}
+            )
         return readings
 
 
@@ -138,12 +134,11 @@ def bounce_ratio(speed: np.ndarray, timestep: float) -> float:
 
 
 class Rest(Probe):
-    """A cube and a ball that are put down, and that are let fall a little."""
+    """How deep a cube and a ball lie in the floor, and how fast they still move: put down, and dropped from a small height."""
 
     NAME = "rest"
     STEADY = "steady"
     """The name of the figures of speed, so that a declared deviation in depth is none in speed."""
-    MEANING = "how deep a 1 kg, 10 cm cube and a 10 kg ball lie in the floor, and how fast they still move"
 
     def applies(self, law: Law) -> bool:
         return law.is_rigid
@@ -153,7 +148,7 @@ class Rest(Probe):
         return {"put down": 0.0} | ({"dropped": DROP_HEIGHT} if law.pair.restitution <= DROP_RESTITUTION else {})
 
     def trials(self, law: Law) -> Sequence[Trial]:
-        bodies: list[Body] = [floor(law)]
+        bodies = [floor(law)]
         for column, gap in enumerate(self.cases(law).values()):
             at = 3.0 * column
             bodies.append(box(law, f"cube_{column}", (CUBE, CUBE, CUBE), CUBE_MASS, (at, 0.0, CUBE / 2 + gap)))
@@ -175,10 +170,9 @@ class Rest(Probe):
     def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
         readings = []
         for name in (f"{shape}_{column}" for column in range(len(self.cases(law))) for shape in ("cube", "ball")):
-            pose, velocity = motions[0].pose[name][2:], motions[0].velocity[name][2:]
-            depth = np.array([-lowest_point(name.partition("_")[0], row) for row in pose])
+            depth = np.array([-lowest_point(name.partition("_")[0], pose) for pose in motions[0].pose[name][2:]])
             readings.append(float(depth[int(np.argmax(np.abs(depth)))]))
-            readings.append(float(np.abs(velocity[:, 2]).max()))
+            readings.append(float(np.abs(motions[0].velocity[name][2:, 2]).max()))
         return readings
 
 
@@ -204,29 +198,30 @@ def lowest_point(shape: str, pose: np.ndarray) -> float:
 
 
 class Overlap(Probe):
-    """Balls that begin inside the floor."""
+    """The speed at which balls that begin inside the floor leave it after one step, against β overlap / dt."""
 
     NAME = "overlap"
-    MEANING = "speed at which an overlap is left after one step, against β overlap / dt"
 
     def applies(self, law: Law) -> bool:
         """With restitution, e times one step's gravity comes on top in engines that add gravity first, and drowns it."""
         return law.is_rigid and not law.pair.restitution
 
     def trials(self, law: Law) -> Sequence[Trial]:
-        bodies: list[Body] = [floor(law)]
-        for column, overlap in enumerate(overlaps(law)):
-            bodies.append(ball(law, f"ball_{column}", SPHERE, 1.0, (3.0 * column, 0.0, SPHERE - overlap)))
-        return [Trial(tuple(bodies), (Phase(1),))]
+        balls = (
+            ball(law, f"ball_{column}", SPHERE, 1.0, (3.0 * column, 0.0, SPHERE - overlap))
+            for column, overlap in enumerate(overlaps(law))
+        )
+        return [Trial((floor(law), *balls), (Phase(1),))]
 
     def wanted(self, law: Law) -> Sequence[Figure]:
-        figures = []
-        for overlap in overlaps(law):
-            expected = ERROR_REDUCTION * overlap / law.timestep
-            tolerance = OVERLAP_SHARE * expected + OVERLAP_GRAVITY * GRAVITY * law.timestep
-            case = f"overlap {overlap * 1e6:g} µm"
-            figures.append(self.figure(law, case, "speed", "m/s", expected, tolerance, without=0.0))
-        return figures
+        speeds = {
+            f"overlap {overlap * 1e6:g} µm": ERROR_REDUCTION * overlap / law.timestep for overlap in overlaps(law)
+        }
+        least = OVERLAP_GRAVITY * GRAVITY * law.timestep
+        return [
+            self.figure(law, case, "speed", "m/s", speed, OVERLAP_SHARE * speed + least, without=0.0)
+            for case, speed in speeds.items()
+        ]
 
     def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
         return [float(motions[0].velocity[f"ball_{column}"][1, 2]) for column in range(len(OVERLAPS))]
@@ -310,10 +305,9 @@ class Oscillator:
 
 
 class Compliance(Probe):
-    """A ball at rest on the law, and one that arrives at the surface."""
+    """The depth of a ball at rest, and the deepest point of one that arrives, against the damped oscillator."""
 
     NAME = "compliance"
-    MEANING = "depth of a ball at rest, and deepest point of one that arrives, against the damped oscillator"
 
     def applies(self, law: Law) -> bool:
         return law.pair.collide and law.pair.hardness.kind in ("time-constant", "stiffness")
@@ -332,39 +326,36 @@ class Compliance(Probe):
 
     def trials(self, law: Law) -> Sequence[Trial]:
         mass, oscillator = self._case(law)
-        arrival = oscillator.arrival
         time, depth = oscillator.deepest()
-        radius = max(0.1, depth / SINKS_PER_RADIUS)
-        bodies: tuple[Body, ...] = (
-            floor(law),
-            ball(law, "resting", radius, mass, (0.0, 0.0, radius - oscillator.rest)),
-            ball(law, "arriving", radius, mass, (10.0 * radius, 0.0, radius), (0.0, 0.0, -arrival, 0.0, 0.0, 0.0)),
-        )
+        radius, falling = max(0.1, depth / SINKS_PER_RADIUS), (0.0, 0.0, -oscillator.arrival, 0.0, 0.0, 0.0)
+        resting = ball(law, "resting", radius, mass, (0.0, 0.0, radius - oscillator.rest))
+        arriving = ball(law, "arriving", radius, mass, (10.0 * radius, 0.0, radius), falling)
         lift = mass * (GRAVITY - oscillator.load)
         effort = dict.fromkeys(("resting", "arriving"), (0.0, 0.0, lift, 0.0, 0.0, 0.0)) if lift else {}
         dip = math.ceil(1.5 * time / law.timestep) + 3
-        rest = math.ceil(SETTLED / max(oscillator.decay, 1e-12) / law.timestep)
-        rest = max(1, min(MOST_STEPS, rest) - dip)
-        return [Trial(bodies, (Phase(dip, effort=effort), Phase(rest, every=rest, effort=effort)))]
+        rest = max(1, self._settling(law, oscillator) - dip)
+        phases = (Phase(dip, effort=effort), Phase(rest, every=rest, effort=effort))
+        return [Trial((floor(law), resting, arriving), phases)]
+
+    def _settling(self, law: Law, oscillator: Oscillator) -> int:
+        """Steps until a body lies at rest."""
+        return min(MOST_STEPS, math.ceil(SETTLED / max(oscillator.decay, 1e-12) / law.timestep))
 
     def wanted(self, law: Law) -> Sequence[Figure]:
         """A rigid contact lets nothing in."""
         _, oscillator = self._case(law)
-        arrival = oscillator.arrival
-        _, deepest = oscillator.deepest()
-        cases: list[tuple[str, float, float]] = [
-            ("ball at rest", oscillator.rest, REST_DEPTH_SHARE * oscillator.rest),
-            (f"arriving at {arrival:.3g} m/s, deepest", deepest, DIP_STEPS * arrival * law.timestep),
+        arrival, (_, deepest) = oscillator.arrival, oscillator.deepest()
+        resting = (oscillator.rest, REST_DEPTH_SHARE * oscillator.rest)
+        case, arriving = f"arriving at {arrival:.3g} m/s, deepest", (deepest, DIP_STEPS * arrival * law.timestep)
+        return [
+            self.figure(law, "ball at rest", "depth", "m", *resting, without=0.0),
+            self.figure(law, case, "depth", "m", *arriving, without=0.0),
         ]
-        return [self.figure(law, case, "depth", "m", *numbers, without=0.0) for case, *numbers in cases]
 
     def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
-        _, oscillator = self._case(law)
-        _, deepest = oscillator.deepest()
-        radius = max(0.1, deepest / SINKS_PER_RADIUS)
-        heights = {name: motions[0].pose[name][:, 2] for name in ("resting", "arriving")}
-        seen = heights["arriving"][:-1]  # the last is after the rest
-        return [float(radius - heights["resting"][-1]), float(radius - np.min(seen))]
+        radius = max(0.1, self._case(law)[1].deepest()[1] / SINKS_PER_RADIUS)
+        resting, arriving = (motions[0].pose[name][:, 2] for name in ("resting", "arriving"))
+        return [float(radius - resting[-1]), float(radius - np.min(arriving[:-1]))]  # the last is after the rest
 
 
 @dataclass(frozen=True)
@@ -391,10 +382,9 @@ SHAPE_SHARE = 0.03
 
 
 class ComplianceByShape(Compliance):
-    """Bodies of the scenario's kinds of shapes at rest."""
+    """The depth at rest of each kind of shape that the scenario has, against its weight over n k of its n points."""
 
     NAME = "compliance-shape"
-    MEANING = "depth at rest of each kind of shape that the scenario has, against its weight over n k of its n points"
 
     def lying(self, law: Law) -> dict[str, _Lying]:
         return {case: body for case, body in LYING.items() if body.kind in law.reach.kinds}
@@ -404,32 +394,24 @@ class ComplianceByShape(Compliance):
 
     def trials(self, law: Law) -> Sequence[Trial]:
         mass, oscillator = self._case(law)
-        bodies: list[Body] = [floor(law)]
-        efforts = {}
+        bodies = [floor(law)]
         for number, (case, body) in enumerate(self.lying(law).items()):
-            name, depth = case.replace(" ", "_"), oscillator.rest / body.points
-            lies = solid(law, name, body.kind, body.size, mass, (4.0 * number, 0.0, body.height - depth), body.turn)
-            bodies.append(lies)
-            efforts[name] = (0.0, 0.0, mass * (GRAVITY - oscillator.load), 0.0, 0.0, 0.0)
-        rest = math.ceil(SETTLED / max(oscillator.decay, 1e-12) / law.timestep)
-        steps = max(1, min(MOST_STEPS, rest))
-        return [Trial(tuple(bodies), (Phase(steps, every=steps, effort=efforts),))]
+            at = (4.0 * number, 0.0, body.height - oscillator.rest / body.points)
+            bodies.append(solid(law, case.replace(" ", "_"), body.kind, body.size, mass, at, body.turn))
+        lift = (0.0, 0.0, mass * (GRAVITY - oscillator.load), 0.0, 0.0, 0.0)
+        steps = max(1, self._settling(law, oscillator))
+        phase = Phase(steps, every=steps, effort={body.name: lift for body in bodies[1:]})
+        return [Trial(tuple(bodies), (phase,))]
 
     def wanted(self, law: Law) -> Sequence[Figure]:
         """Without a spring there is no depth."""
-        _, oscillator = self._case(law)
-        depths = {case: oscillator.rest / body.points for case, body in self.lying(law).items()}
+        rest = self._case(law)[1].rest
+        depths = {case: rest / body.points for case, body in self.lying(law).items()}
         return [
             self.figure(law, case, "depth", "m", depth, SHAPE_SHARE * depth, without=0.0)
             for case, depth in depths.items()
         ]
 
     def readings(self, law: Law, motions: Sequence[Motion]) -> Sequence[float]:
-        return [
-            body.height - float(motions[0].pose[case.replace(" ", "_")][-1, 2])
-            for case, body in self.lying(law).items()
-        ]
-
-
-PROBES: Mapping[str, Probe] = by_name((Restitution(), Rest(), Overlap()))
-COMPLIANCE: Mapping[str, Probe] = by_name((Compliance(), ComplianceByShape()))
+        ends = {case: motions[0].pose[case.replace(" ", "_")][-1] for case in self.lying(law)}
+        return [body.height - float(ends[case][2]) for case, body in self.lying(law).items()]

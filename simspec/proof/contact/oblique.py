@@ -31,7 +31,6 @@ from simspec.proof.contact.probe import (
     Phase,
     Probe,
     Trial,
-    by_name,
     direction,
     furthest,
     project,
@@ -112,12 +111,12 @@ class _Hit:
 
 
 class Oblique(Probe):
-    """Balls and flat boxes that land obliquely, and balls that hit each other off-centre."""
+    """Speed and spin that oblique impacts take and give, of balls and flat boxes that land and of balls that hit each other
+    off-centre, against Coulomb's law for impulses."""
 
     NAME = "oblique"
     SEPARATION = "oblique-separation"
     """The name of the figures along the normal: friction must not change how bodies part."""
-    MEANING = "speed and spin that an oblique impact takes and gives, against Coulomb's law for impulses"
 
     def applies(self, law: Law) -> bool:
         return law.is_rigid and law.pair.friction > 0.0
@@ -342,6 +341,3 @@ def _frame(normal: Vector3) -> tuple[np.ndarray, np.ndarray]:
     first = np.cross([0.0, 0.0, 1.0], unit)
     first /= np.linalg.norm(first)
     return unit, np.array([first, np.cross(unit, first)])
-
-
-PROBES: Mapping[str, Probe] = by_name((Oblique(),))

@@ -14,7 +14,7 @@ projection of F onto the section of size μ N, and a body that slides freely fol
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, TypeVar
@@ -171,11 +171,9 @@ class Figure:
 
 
 class Probe:
-    """One kind of measurement on two materials. Subclasses have no state."""
+    """One kind of measurement on two materials. Subclasses have no state; their docstrings name measurement and reference."""
 
     NAME: str
-    MEANING: str
-    """One line: what is measured, and against what."""
 
     def wanted(self, law: Law) -> Sequence[Figure]:
         """Every figure that this law must have, without what an engine did (``measured`` is None): name, case, quantity,
@@ -187,7 +185,7 @@ class Probe:
     def reference(self, law: Law, figure: Figure) -> Figure | None:
         """What a measured ``figure`` must be held against; None where the law has no such figure."""
         named = (figure.probe, figure.case, figure.quantity)
-        return next((one for one in wanted(self, law) if (one.probe, one.case, one.quantity) == named), None)
+        return next((each for each in wanted(self, law) if (each.probe, each.case, each.quantity) == named), None)
 
     def slack(self, law: Law) -> float:
         """By what share of it the expected value of a measured figure may differ from :meth:`reference`'s, since it follows
@@ -257,10 +255,6 @@ def direction(degrees: float) -> np.ndarray:
     return np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
 
 
-def by_name(probes: Iterable[Probe]) -> Mapping[str, Probe]:
-    return {probe.NAME: probe for probe in probes}
-
-
 # --- the one-step law of friction ----------------------------------------------------------------------------------
 
 
@@ -301,12 +295,16 @@ _SECTIONS = {"elliptic": _disc, "pyramid-inscribed": _diamond, "pyramid-circumsc
 def outline(size: float, friction_cone: str, points: int = 181) -> np.ndarray:
     """The boundary of the section, for plots: (points, 2)."""
     angles = np.linspace(0.0, 2.0 * np.pi, points)
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    return np.array(
+        [size * at / cone_norm(at, friction_cone) for at in np.column_stack([np.cos(angles), np.sin(angles)])]
+    )
+
+
+def cone_norm(vector: np.ndarray, friction_cone: str) -> float:
+    """The size of the cone's section on whose boundary the ``vector`` (2,) is."""
     if friction_cone == "elliptic":
-        return size * directions
-    norm = np.abs(directions).sum(axis=1) if friction_cone == "pyramid-inscribed" else np.abs(directions).max(axis=1)
-    boundary: np.ndarray = size * directions / norm[:, None]
-    return boundary
+        return float(np.linalg.norm(vector))
+    return float(np.abs(vector).sum() if friction_cone == "pyramid-inscribed" else np.abs(vector).max())
 
 
 def slide(velocity: np.ndarray, law: Law, steps: int) -> tuple[np.ndarray, np.ndarray]:

@@ -50,24 +50,26 @@ from simspec.world.reach import Reach, reach
 from simspec.world.types import Physics, ReadBack, World
 
 LEVEL = "L5"
-COUPLED: Mapping[str, Probe] = {
-    **leaning.PROBES,
-    **leaning.JAMMING,
-    **carried.SQUEEZING,
-    **simultaneous.PROBES,
-    **stacks.PROBES,
-    **carried.CARRYING,
-    **spin.SLIDING_WITH_SPIN,
-}
+_COUPLED = (
+    *(leaning.Rod(), leaning.Clamp(), leaning.Pile(), leaning.Jam(), leaning.LightJam(), carried.Squeeze()),
+    *(simultaneous.Strike(), simultaneous.Row(), simultaneous.Edge(), stacks.Stack(), stacks.SlidingStack()),
+    *(stacks.Cross(), carried.Carrier(), spin.Slide()),
+)
+_SINGLE = (
+    *(
+        friction.Push(),
+        friction.PushOblong(),
+        friction.Stop(),
+        friction.StopOblong(),
+        friction.Stick(),
+        friction.Carry(),
+    ),
+    *(normal.Restitution(), normal.Rest(), normal.Overlap(), oblique.Oblique()),
+    *(normal.Compliance(), normal.ComplianceByShape(), spin.Torsional(), spin.Rolling()),
+)
+COUPLED: Mapping[str, Probe] = {probe.NAME: probe for probe in _COUPLED}
 """Probes in which contacts depend on each other, by name."""
-PROBES: Mapping[str, Probe] = {
-    **friction.PROBES,
-    **normal.PROBES,
-    **oblique.PROBES,
-    **normal.COMPLIANCE,
-    **spin.PROBES,
-    **COUPLED,
-}
+PROBES: Mapping[str, Probe] = {probe.NAME: probe for probe in (*_SINGLE, *_COUPLED)}
 """Every probe of two materials, by name, in the order of reports."""
 PLOTTED = ("push-oblong",)
 """Probes whose points reports draw; the others' are not kept."""

@@ -27,7 +27,6 @@ from simspec.proof.contact.probe import (
     Phase,
     Probe,
     Trial,
-    by_name,
     furthest,
     signed_size,
 )
@@ -226,7 +225,6 @@ class Strike(_Together):
     """One ball on two that lie side by side."""
 
     NAME = "strike"
-    MEANING = "velocities and energy after one ball has hit two at once, against the law of all contacts together"
     TEXT = "one ball on two"
     ROLES, MEETS = ("striker", "left", "right"), ((0, 1), (0, 2))
 
@@ -269,9 +267,6 @@ class Row(_Together):
     """A ball against two that touch, in line."""
 
     NAME = "row"
-    MEANING = (
-        "velocities and energy after a ball has hit a row of two that touch, against the law of all contacts together"
-    )
     TEXT = "a ball against a row of two"
     ROLES, MEETS = ("first", "second", "third"), ((0, 1), (1, 2))
 
@@ -299,7 +294,6 @@ class Edge(_Together):
     """A box that lands on the two corners of one edge."""
 
     NAME = "edge"
-    MEANING = "velocity and energy after a box has landed on two corners, against the law of both together"
     TEXT = "a box on one edge"
     ROLES = ("box",)
     STANDS = True
@@ -348,6 +342,3 @@ class Edge(_Together):
         spin = (z * along - x * normal) / inertia
         motion = MASS * ((along / MASS) ** 2 + (normal / MASS - speed) ** 2) + inertia * spin * spin
         return motion / (MASS * speed * speed)
-
-
-PROBES: Mapping[str, Probe] = by_name((Strike(), Row(), Edge()))

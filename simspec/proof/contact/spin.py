@@ -20,7 +20,6 @@ from simspec.proof.contact.probe import (
     Phase,
     Probe,
     Trial,
-    by_name,
     direction,
     furthest,
     nearest,
@@ -126,10 +125,9 @@ class _Slowing(Probe):
 
 
 class Torsional(_Slowing):
-    """Balls that spin about the vertical axis on the spot, in both senses."""
+    """Spin-down of balls about the normal on the spot, in both senses, against c N / I."""
 
     NAME = "torsional"
-    MEANING = "spin-down of a ball about the normal, against c N / I"
     SPEED = ("spin", "rad/s")
 
     def applies(self, law: Law) -> bool:
@@ -155,10 +153,9 @@ class Torsional(_Slowing):
 
 
 class Rolling(_Slowing):
-    """Balls that roll without slipping, in several directions."""
+    """Deceleration of balls that roll without slipping in several directions, against (5/7) g c / r."""
 
     NAME = "rolling"
-    MEANING = "deceleration of a ball that rolls without slipping, against (5/7) g c / r"
     SPEED = ("speed", "m/s")
 
     def applies(self, law: Law) -> bool:
@@ -199,10 +196,9 @@ def deceleration(speed: np.ndarray, timestep: float) -> float:
 
 
 class Slide(Probe):
-    """Bodies on one and on three balls that slide with spin."""
+    """Velocity and spin of an eccentric ball and a tripod after a slide with spin, against their equation of motion."""
 
     NAME = "slide-spin"
-    MEANING = "velocity and spin of an eccentric ball and a tripod after a slide, against their equation of motion"
 
     def applies(self, law: Law) -> bool:
         """Torsional and rolling friction are moments that the equation has no place for."""
@@ -314,7 +310,3 @@ def _opposed(along: Sequence[float], across: Sequence[float], law: Law) -> np.nd
         far = -FAR * friction / math.hypot(x, y)
         found.append(nearest(far * x, far * y, friction, cone))
     return np.array(found)
-
-
-PROBES: Mapping[str, Probe] = by_name((Torsional(), Rolling()))
-SLIDING_WITH_SPIN: Mapping[str, Probe] = by_name((Slide(),))

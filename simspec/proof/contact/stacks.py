@@ -30,7 +30,6 @@ from simspec.proof.contact.probe import (
     Phase,
     Probe,
     Trial,
-    by_name,
     deviation,
     furthest,
 )
@@ -56,13 +55,10 @@ STACK_SPACING = 1.0
 
 
 class Stack(Probe):
-    """Cubes on each other, the heavy above the light."""
+    """How far cubes sink into lighter ones below them, or move sideways, at the scenario's ratios of masses."""
 
     NAME = "stack"
     SIDEWAYS = "stack-sideways"
-    MEANING = (
-        "how far cubes sink into lighter ones below them, or move sideways, at the scenario's own ratios of masses"
-    )
 
     def applies(self, law: Law) -> bool:
         return law.is_rigid and law.reach.ratio > 0.0 and law.pair.restitution <= DROP_RESTITUTION
@@ -146,13 +142,10 @@ SLIDING, STANDING = "sliding", "standing"
 
 
 class SlidingStack(Probe):
-    """A cube and a slab that slide together, and a cube that slides over a slab that stands."""
+    """How far a cube and a slab slide together, and a cube over a slab that stays, at the scenario's ratio of masses."""
 
     NAME = "stack-slides"
     STAYS = "stack-stays"
-    MEANING = (
-        "how far heavy bodies slide with lighter ones below them, and over them, at the scenario's ratio of masses"
-    )
 
     def applies(self, law: Law) -> bool:
         return (
@@ -247,11 +240,10 @@ along y, so that its centre of mass stays over the lower one."""
 
 
 class Cross(Probe):
-    """Boxes on boxes, turned or moved so that edges cross."""
+    """How far boxes sink, or move sideways, that lie on others so that edges cross."""
 
     NAME = "cross"
     SIDEWAYS = "cross-sideways"
-    MEANING = "how far boxes sink, or move sideways, that lie on others where edges cross"
 
     def applies(self, law: Law) -> bool:
         return law.is_rigid and law.reach.crosses and law.pair.restitution <= DROP_RESTITUTION
@@ -279,9 +271,3 @@ class Cross(Probe):
             if law.pair.friction:
                 readings.append(float(np.hypot(*upper[:2])))
         return readings
-
-
-STACKING: Mapping[str, Probe] = by_name((Stack(),))
-SLIDING_STACKS: Mapping[str, Probe] = by_name((SlidingStack(),))
-CROSSING: Mapping[str, Probe] = by_name((Cross(),))
-PROBES: Mapping[str, Probe] = {**STACKING, **SLIDING_STACKS, **CROSSING}

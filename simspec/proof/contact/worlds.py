@@ -5,14 +5,16 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from simspec.engines.kit.process import Answer, Operation
+from simspec.proof.building import AT_REST, fixed, free
 from simspec.proof.contact.probe import FLOOR, GRAVITY, Law, Motion, Phase, Trial
 from simspec.world import frames
 from simspec.world.frames import vector6
+from simspec.world.kinematics import joined as joined_bodies
 from simspec.world.kinematics import layout_of
 from simspec.world.shapes import SHAPES
 from simspec.world.types import (
@@ -20,7 +22,6 @@ from simspec.world.types import (
     Contact,
     EngineOptions,
     Inertial,
-    Joint,
     Physics,
     Pose,
     Quaternion,
@@ -35,26 +36,21 @@ MOVING = "probe"
 """Collision group of bodies that meet the floor alone."""
 STEPS_BEFORE = 2
 """Whole steps of flight before the one in which a body arrives."""
-STATIONARY = (0.0,) * 6
-"""Velocity: linear of the body's frame, then angular, both in world axes."""
 
 
 def floor(law: Law, size: Vector3 = FLOOR_SIZE) -> Body:
     """A fixed box whose upper face is at z = 0."""
-    shape = Shape(f"{FLOOR}_0", "box", size, Pose((0.0, 0.0, -size[2] / 2)), law.pair.first)
-    return Body(FLOOR, FLOOR, Inertial(0.0), Joint(f"{FLOOR}_joint", "fixed"), (shape,))
+    return fixed_box(FLOOR, size, (0.0, 0.0, -size[2] / 2), law.pair.first)
 
 
 def plane(law: Law) -> Body:
     """A fixed plane at z = 0."""
-    shape = Shape(f"{FLOOR}_0", "plane", (), Pose(), law.pair.first)
-    return Body(FLOOR, FLOOR, Inertial(0.0), Joint(f"{FLOOR}_joint", "fixed"), (shape,))
+    return fixed(FLOOR, Shape(f"{FLOOR}_0", "plane", (), Pose(), law.pair.first))
 
 
 def fixed_box(name: str, size: Vector3, at: Vector3, material: str, turn: Quaternion = frames.IDENTITY) -> Body:
     """A fixed box with its centre at ``at``."""
-    shape = Shape(f"{name}_0", "box", size, Pose(at, turn), material)
-    return Body(name, name, Inertial(0.0), Joint(f"{name}_joint", "fixed"), (shape,))
+    return fixed(name, Shape(f"{name}_0", "box", size, Pose(at, turn), material))
 
 
 def cluster(
@@ -66,15 +62,14 @@ def cluster(
     inertia: float,
     at: Vector3,
     turn: Quaternion = frames.IDENTITY,
-    velocity: tuple[float, ...] = STATIONARY,
+    velocity: tuple[float, ...] = AT_REST,
 ) -> Body:
     """A free body of several balls of one radius (m), by name the places of their centres in its frame; its centre of mass at
     ``at``, and one moment of inertia (kg m²) about every axis."""
-    shapes = tuple(
+    shapes = (
         Shape(f"{name}_{part}", "sphere", (radius,), Pose(place), law.pair.second) for part, place in balls.items()
     )
-    body = _free(name, Inertial(mass, inertia=(inertia,) * 3 + (0.0,) * 3), shapes[0], at, turn, velocity)
-    return dataclasses.replace(body, shapes=shapes)
+    return free(name, (*at, *turn), Inertial(mass, inertia=(inertia,) * 3 + (0.0,) * 3), *shapes, velocity=velocity)
 
 
 def ball(
@@ -83,17 +78,14 @@ def ball(
     radius: float,
     mass: float,
     at: Vector3,
-    velocity: tuple[float, ...] = STATIONARY,
-    inertia: float | None = None,
+    velocity: tuple[float, ...] = AT_REST,
     material: str | None = None,
     group: str = "default",
 ) -> Body:
-    """A free ball with its centre at ``at``; ``inertia`` (kg m²) about every axis, by default a solid ball's. ``material`` by
-    default the pair's second; ``group``: see :class:`Trial`."""
-    own = 0.4 * mass * radius * radius if inertia is None else inertia
+    """A free solid ball with its centre at ``at``; ``material`` by default the pair's second; ``group``: see :class:`Trial`."""
+    moment = 0.4 * mass * radius * radius
     shape = Shape(f"{name}_0", "sphere", (radius,), Pose(), material or law.pair.second)
-    body = _free(name, Inertial(mass, inertia=(own, own, own, 0.0, 0.0, 0.0)), shape, at, frames.IDENTITY, velocity)
-    return dataclasses.replace(body, collision_group=group)
+    return free(name, at, _uniform(mass, (moment, moment, moment)), shape, velocity=velocity, group=group)
 
 
 def box(
@@ -102,7 +94,7 @@ def box(
     size: Vector3,
     mass: float,
     at: Vector3,
-    velocity: tuple[float, ...] = STATIONARY,
+    velocity: tuple[float, ...] = AT_REST,
     turn: Quaternion = frames.IDENTITY,
     material: str | None = None,
     group: str = "default",
@@ -111,8 +103,7 @@ def box(
     x, y, z = (edge * edge for edge in size)
     moments = (mass / 12.0 * (y + z), mass / 12.0 * (x + z), mass / 12.0 * (x + y))
     shape = Shape(f"{name}_0", "box", size, Pose(), material or law.pair.second)
-    body = _free(name, Inertial(mass, inertia=(*moments, 0.0, 0.0, 0.0)), shape, at, turn, velocity)
-    return dataclasses.replace(body, collision_group=group)
+    return free(name, (*at, *turn), _uniform(mass, moments), shape, velocity=velocity, group=group)
 
 
 def solid(
@@ -125,16 +116,12 @@ def solid(
     turn: Quaternion = frames.IDENTITY,
 ) -> Body:
     """A free body of uniform density of a kind of shape, with its centre at ``at``."""
-    moments = SHAPES[kind].moments(size, mass)
     shape = Shape(f"{name}_0", kind, size, Pose(), law.pair.second)
-    return _free(name, Inertial(mass, inertia=vector6((*moments, 0.0, 0.0, 0.0))), shape, at, turn, STATIONARY)
+    return free(name, (*at, *turn), _uniform(mass, SHAPES[kind].moments(size, mass)), shape)
 
 
-def _free(
-    name: str, inertial: Inertial, shape: Shape, at: Vector3, turn: Quaternion, velocity: tuple[float, ...]
-) -> Body:
-    joint = Joint(f"{name}_joint", "free", position=(*at, *turn), velocity=tuple(velocity))
-    return Body(name, name, inertial, joint, (shape,))
+def _uniform(mass: float, moments: Vector3) -> Inertial:
+    return Inertial(mass, inertia=vector6((*moments, 0.0, 0.0, 0.0)))
 
 
 def flight(law: Law, speed: float, phase: float) -> tuple[float, float]:
@@ -156,14 +143,9 @@ def world_of_trial(trial: Trial, contact: Contact, physics: Physics, options: En
     )
     groups = sorted({MOVING, *meeting})
     ignored = tuple(pair for pair in itertools.combinations_with_replacement(groups, 2) if pair not in set(trial.meets))
-    contact = dataclasses.replace(contact, ignored_groups=ignored, excluded_bodies=_joined(bodies))
+    contact = dataclasses.replace(contact, ignored_groups=ignored, excluded_bodies=tuple(sorted(joined_bodies(bodies))))
     physics = dataclasses.replace(physics, steps=sum(phase.steps for phase in trial.phases))
     return World("contact-probe", bodies, contact, physics, engines=(options,))
-
-
-def _joined(bodies: Sequence[Body]) -> tuple[tuple[str, str], ...]:
-    pairs = ((body.name, body.joint.parent) for body in bodies if body.joint.parent is not None)
-    return tuple(sorted((min(pair), max(pair)) for pair in pairs))
 
 
 def drive_of(world: World, trial: Trial) -> Operation:
@@ -179,11 +161,10 @@ def drive_of(world: World, trial: Trial) -> Operation:
 
 
 def motion_of(world: World, answer: Answer) -> Motion:
-    """What came back of a driven world, by body."""
-    arrays = answer.arrays
-    pose = {body.name: arrays["pose"][:, number] for number, body in enumerate(world.bodies)}
-    velocity = {body.name: arrays["velocity"][:, number] for number, body in enumerate(world.bodies)}
-    return Motion(arrays["time"], pose, velocity)
+    """The motion of a driven world, by body."""
+    time, pose, velocity = (answer.arrays[name] for name in ("time", "pose", "velocity"))
+    places = {body.name: number for number, body in enumerate(world.bodies)}
+    return Motion(time, *({name: rows[:, at] for name, at in places.items()} for rows in (pose, velocity)))
 
 
 # --- trials in several worlds ------------------------------------------------------------------------------------
@@ -192,47 +173,40 @@ def motion_of(world: World, answer: Answer) -> Motion:
 def split(trial: Trial, most: int | None) -> list[Trial]:
     """``trial`` in parts of at most ``most`` moving bodies each, in their order; None: whole. Fixed roots are in every part;
     bodies that are joined, or that may meet, stay together even where they are more."""
-    if most is None:
-        return [trial]
-    together = list(_together(trial))
     chunks: list[set[str]] = []
-    for unit in together:
-        if not chunks or len(chunks[-1]) + len(unit) > most:
+    for unit in () if most is None else _together(trial):
+        if not chunks or len(chunks[-1]) + len(unit) > (most or 0):
             chunks.append(set())
         chunks[-1] |= unit
-    if len(chunks) < 2:
-        return [trial]
-    return [_part(trial, chunk) for chunk in chunks]
+    return [trial] if len(chunks) < 2 else [_part(trial, chunk) for chunk in chunks]
 
 
 def _stands(body: Body) -> bool:
     return body.joint.kind == "fixed" and body.joint.parent is None
 
 
-def _together(trial: Trial) -> Iterator[set[str]]:
+def _together(trial: Trial) -> Iterable[set[str]]:
     """The names of bodies that have to be in one world, in the order of the first of each."""
-    root = {body.name: body.name for body in trial.bodies}
-
-    def find(name: str) -> str:
-        while root[name] != name:
-            name = root[name]
-        return name
-
-    standing = {body.name for body in trial.bodies if _stands(body)}
+    units = {body.name: {body.name} for body in trial.bodies if not _stands(body)}
+    order = {name: number for number, name in enumerate(units)}
     of_group: dict[str, list[str]] = {}
     for body in trial.bodies:
         of_group.setdefault(body.collision_group, []).append(body.name)
-        if body.joint.parent is not None and body.joint.parent not in standing:
-            root[find(body.name)] = find(body.joint.parent)
-    for pair in trial.meets:
-        names = [name for group in pair for name in of_group.get(group, ()) if name not in standing]
-        for name in names[1:]:
-            root[find(name)] = find(names[0])
-    units: dict[str, set[str]] = {}
-    for body in trial.bodies:
-        if body.name not in standing:
-            units.setdefault(find(body.name), set()).add(body.name)
-    yield from units.values()
+    ties = [(body.name, body.joint.parent) for body in trial.bodies]
+    ties += [
+        (name, other)
+        for pair in trial.meets
+        for name, other in itertools.pairwise(
+            name for group in pair for name in of_group.get(group, ()) if name in units
+        )
+    ]
+    for name, other in ties:
+        if name in units and other in units and units[name] is not units[other]:
+            units[name] |= units[other]
+            units |= dict.fromkeys(units[other], units[name])
+    return sorted(
+        {id(unit): unit for unit in units.values()}.values(), key=lambda unit: min(order[name] for name in unit)
+    )
 
 
 def _part(trial: Trial, names: set[str]) -> Trial:
@@ -247,12 +221,8 @@ def _part(trial: Trial, names: set[str]) -> Trial:
 
 def joined(motions: Sequence[Motion]) -> Motion:
     """The motion of a whole trial from those of its parts. Raises ValueError where their times differ."""
-    first = motions[0]
-    if any(not np.array_equal(first.time, other.time) for other in motions[1:]):
+    time = motions[0].time
+    if any(not np.array_equal(time, motion.time) for motion in motions[1:]):
         raise ValueError("parts of a trial were seen at different times")
-    pose: dict[str, np.ndarray] = {}
-    velocity: dict[str, np.ndarray] = {}
-    for motion in motions:
-        pose.update(motion.pose)
-        velocity.update(motion.velocity)
-    return Motion(first.time, pose, velocity)
+    pose = {name: rows for motion in motions for name, rows in motion.pose.items()}
+    return Motion(time, pose, {name: rows for motion in motions for name, rows in motion.velocity.items()})

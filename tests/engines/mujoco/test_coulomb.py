@@ -14,7 +14,7 @@ from simspec.engines.kit.operations import OPERATIONS
 from simspec.engines.mujoco import stepping as mujoco_coulomb
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.proof.comparator import compare, inventory_checks
-from simspec.proof.contact import friction, leaning
+from simspec.proof.contact import leaning, run
 from simspec.proof.contact.probe import Motion
 from simspec.proof.contact.worlds import drive_of
 from simspec.world.reach import Reach
@@ -173,7 +173,7 @@ def test_a_clamp_that_jams_under_the_pyramid_stands(load, value, timestep):
     wanted = dataclasses.replace(
         law(timestep, friction=value), friction_cone="pyramid-inscribed", reach=Reach(jams=True)
     )
-    for probe in leaning.JAMMING.values():
+    for probe in (leaning.Jam(), leaning.LightJam()):
         figures, _, _ = probed(load, probe, wanted)
         assert [figure.passed for figure in figures] == [True]
 
@@ -183,12 +183,12 @@ def test_pushes_stops_and_creep(load, value):
     """Pushes within 0.1 %, stops within 1 %, creep below 0.1 µm/s, and nothing hops by more than 20 µm."""
     wanted = law(friction=value)
     for name, share in (("push", 1e-3), ("push-oblong", 1e-3), ("stop", 1e-2), ("stop-oblong", 1e-2)):
-        (figure,), motion, engine = probed(load, friction.PROBES[name], wanted)
+        (figure,), motion, engine = probed(load, run.PROBES[name], wanted)
         assert abs(figure.measured - figure.expected) <= share * figure.expected
         rise = max(float(pose[:, 2].max() - pose[0, 2]) for body, pose in motion.pose.items() if body != "floor")
         assert rise < 2e-5
         assert engine.log() == []
-    (figure,), _, _ = probed(load, friction.PROBES["stick"], wanted)
+    (figure,), _, _ = probed(load, run.PROBES["stick"], wanted)
     assert figure.measured < 1e-7
 
 
