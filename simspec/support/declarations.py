@@ -233,6 +233,17 @@ class Support:
 EXACT = Support(Level.EXACT)
 
 
+def exact(
+    how: str = "",
+    refine: Refine | None = None,
+    cases: tuple[Refinement, ...] = (),
+    since: str = "",
+    before: Refine | None = None,
+) -> Support:
+    """Exact, with the fields of :class:`Support`."""
+    return Support(Level.EXACT, how, refine=refine, cases=cases, since=since, before=before)
+
+
 def via_api(how: str, refine: Refine | None = None) -> Support:
     """Exact, but set through the engine's API (the file cannot carry it; it goes into the sidecar)."""
     return Support(Level.VIA_API, how, refine=refine)
@@ -283,40 +294,6 @@ def shape_kinds(owner: str, known: Iterable[str]) -> dict[Feature, Support]:
     lacking["mesh"] = never(f"simspec gives {owner} no meshes")
     lacking["heightfield"] = never(f"simspec gives {owner} no height fields")
     return {Feature(f"shape.{kind}"): EXACT if kind in known else lacking[kind] for kind in SHAPE_KINDS}
-
-
-HEAVY = (
-    "a free body of 1e5 times the mass of all that moves, to which an effort before every step gives the velocity that its "
-    "motion asks for: contact and joints feel that velocity, and shift it by 1e-5 of what they would shift themselves"
-)
-"""What a kinematic body is to engines."""
-AS_EFFORTS = "as efforts Jᵀ F on the joints before every step, J from the engine's own poses"
-"""How engines are given forces on bodies."""
-
-
-FRAMES_ALONGSIDE = Support(
-    Level.EXACT,
-    "beside the engine, which is told none: no motion depends on them, and their places follow from bodies'",
-)
-"""Of named frames, for dialects and engines that have none."""
-
-
-NO_CONSTRAINTS_YET: Mapping[Feature, Support] = for_each(
-    not_yet("simspec tells it no constraints outside the tree", Attempt.CONSTRAINED_MOTION),
-    *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
-)
-"""For formats, dialects and engines that nobody has told ``World.constraints``."""
-
-
-LUMPED: Mapping[Feature, Support] = for_each(
-    Support(Level.EXACT, "the topmost body of the rigid group is told the inertia of the whole group"),
-    *(Feature.MASSLESS, Feature.INERTIA_SINGULAR),
-)
-"""For dialects that write what ``formats/kit/contract.py`` gathers."""
-
-
-BETWEEN_JOINTS = Support(Level.EXACT, "bodies without mass and shapes stand between the joints")
-"""Of several joints of one body, for dialects and engines that hold such bodies."""
 
 
 def check_total(owner: str, table: Table) -> None:

@@ -13,14 +13,7 @@ from typing import ClassVar
 
 from simspec.contact.plan import ContactPlan
 from simspec.dialects.dart.contact import TINY_FRICTION, Node, Nodes, class_name, detector_of, problems
-from simspec.dialects.dart.sidecar import (
-    DartSidecar,
-    JointValue,
-    NodeFilter,
-    ShapeCopy,
-    ShapeEntry,
-    WeldedNode,
-)
+from simspec.dialects.dart.sidecar import DartSidecar, JointValue, NodeFilter, ShapeCopy, ShapeEntry, WeldedNode
 from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
 from simspec.dialects.kit.joints import springs_of
 from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields, known
@@ -30,22 +23,9 @@ from simspec.formats.skel import format
 from simspec.formats.skel.format import KINDS, coordinates, file_name, zero_poses
 from simspec.formats.skel.reading import SkelDocument
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.support.declarations import (
-    BETWEEN_JOINTS,
-    EXACT,
-    FRAMES_ALONGSIDE,
-    LUMPED,
-    Level,
-    Support,
-    Table,
-    acceptance,
-    exactly,
-    for_each,
-    never,
-    shape_kinds,
-    via_api,
-)
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support import classes, features
+from simspec.support.declarations import Table, acceptance, exact, for_each, never, shape_kinds, via_api
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.contact_pairs import excluded_pairs, frictionless, only_free_spheres, solid_shapes
 from simspec.world.kinematics import rigid_groups, trees
@@ -74,53 +54,15 @@ class DartDialect(Dialect):
     NAME: ClassVar[str] = "dart"
     FORMAT: ClassVar[str] = "skel"
     SUPPORT: ClassVar[Table] = {
-        **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            Feature.DRY_FRICTION,
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
-            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
-            *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
-        ),
+        **classes.with_sidecar("DART", "in the sidecar, set through the engine's API"),
         **shape_kinds("DART", KINDS),
-        Feature.BALL_ARMATURE: never("DART has no armature: what stands for it is of one axis"),
-        Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
-        **for_each(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
-        Feature.FREE_ARMATURE: never("DART has no armature of free bodies"),
-        Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits in the file, their enforcement in the sidecar"),
-        Feature.LIMIT_VELOCITY: via_api(_SIDECAR),
-        Feature.LIMIT_EFFORT: via_api(_SIDECAR),
-        Feature.DAMPING: via_api(_COMPUTED),
-        Feature.BALL_DAMPING: via_api(_COMPUTED),
-        Feature.ARMATURE: via_api(_SIDECAR),
-        Feature.SPRING: via_api(_COMPUTED),
-        Feature.BALL_SPRING: via_api(_COMPUTED),
-        Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
-        Feature.FRICTION: via_api(_SIDECAR),
-        Feature.FRICTION_PAIRS: via_api(_COPIES),
-        Feature.RESTITUTION: via_api(_SIDECAR),
-        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
-        Feature.PASSING_PAIRS: via_api(_SIDECAR),
-        Feature.IMPACT_FRICTION: EXACT,
-        **exactly(*COUPLED_CONTACT),
-        Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
-        Feature.CONE_PYRAMID_INSCRIBED: never("DART has the elliptic cone and the circumscribed pyramid only"),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
-        Feature.COLLISION_GROUPS: via_api(_SIDECAR),
-        Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
-        Feature.TOUCHING_PAIRS: via_api(_SIDECAR),
-        **LUMPED,
-        Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
-        **for_each(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
-        **for_each(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
+        **for_each(via_api(_SIDECAR), *features.LIMIT_RATINGS, Feature.FRICTION, Feature.RESTITUTION),
+        **for_each(via_api(_COMPUTED), *features.DAMPERS_AND_SPRINGS),
+        Feature.INERTIA_FULL: exact("the full tensor"),
+        **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.BALL_LIMIT: never(".skel has no limits of ball joints that DART would stop at their angle"),
-        Feature.FRAME: FRAMES_ALONGSIDE,
     }
 
     SIDECAR: ClassVar[type[Sidecar]] = DartSidecar

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 from simspec.dialects.kit.world import WorldDialect
-from simspec.support.declarations import BETWEEN_JOINTS, Table
+from simspec.support import classes
+from simspec.support.declarations import Table
 from simspec.support.features import Feature
 
 
@@ -13,4 +14,4 @@ class DrakeDialect(WorldDialect):
     """The world and its contact plan as JSON."""
 
     NAME: ClassVar[str] = "drake"
-    SUPPORT: ClassVar[Table] = {**WorldDialect.SUPPORT, Feature.JOINT_SEVERAL: BETWEEN_JOINTS}
+    SUPPORT: ClassVar[Table] = {**WorldDialect.SUPPORT, Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS}

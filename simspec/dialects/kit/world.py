@@ -21,7 +21,8 @@ from simspec.formats.world import tree
 from simspec.formats.world.format import WORLD, WorldJson
 from simspec.formats.world.tree import JsonWorld, ShapeCopy
 from simspec.language.vocabulary import HARDNESS_KINDS
-from simspec.support.declarations import LUMPED, Table
+from simspec.support import classes
+from simspec.support.declarations import Table
 from simspec.world import frames
 from simspec.world.contact_pairs import excluded_pairs, solid_shapes
 from simspec.world.inertia import NO_INERTIA
@@ -71,7 +72,7 @@ class WorldDialect(Dialect, abstract=True):
     """The document of a world with the copies of the target's plan, and a sidecar of the class ``SIDECAR``."""
 
     FORMAT: ClassVar[str] = "world"
-    SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **LUMPED}
+    SUPPORT: ClassVar[Table] = {**WorldJson.SUPPORT, **classes.LUMPED}
     SIDECAR: ClassVar[type[Sidecar]] = WorldSidecar
 
     def fields(self, world: World, target: Target, document: tree.JsonWorld) -> Mapping[str, Any]:
@@ -117,8 +118,7 @@ def world_document(world: World, target: Target) -> tuple[tree.JsonWorld, Mappin
             if {(material, layer) for material in pair} <= copies
         ),
         apart=tree.Apart(
-            excluded_pairs(world),
-            tuple(pair for pair in world.contact.ignored_groups if set(pair) <= used),
+            excluded_pairs(world), tuple(pair for pair in world.contact.ignored_groups if set(pair) <= used)
         ),
     )
     return document, offsets

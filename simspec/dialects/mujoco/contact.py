@@ -101,10 +101,7 @@ def contact_reference(world: World, target: Target, held: Surface, inverse_mass:
 def limit_reference(world: World, target: Target) -> Attributes:
     """How hard position limits are; a stop is inelastic."""
     return (
-        (
-            "solreflimit",
-            reference(float(target.settings["limit_error_reduction"]), 0.0, world.physics.timestep),
-        ),
+        ("solreflimit", reference(float(target.settings["limit_error_reduction"]), 0.0, world.physics.timestep)),
         ("solimplimit", _impedance(float(target.settings["limit_impedance"]))),
     )
 
@@ -189,7 +186,7 @@ def pair_defaults(world: World, target: Target) -> Attributes:
     )
 
 
-def classes(world: World, target: Target) -> tuple[MjcfDefault, ...]:
+def default_classes(world: World, target: Target) -> tuple[MjcfDefault, ...]:
     """One class for each material, and the class of shapes that only show."""
     rows = [MjcfDefault(VISUAL_CLASS, (("geom", (("contype", 0), ("conaffinity", 0), ("group", 2))),))]
     for material in world.contact.materials:

@@ -13,8 +13,8 @@ from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields
 from simspec.dialects.mujoco.contact import (
     check_friction,
     check_laws,
-    classes,
     contact_reference,
+    default_classes,
     dry_reference,
     equality_reference,
     explicit_pairs,
@@ -79,20 +79,19 @@ from simspec.formats.mjcf.tree import (
     MjcfSite,
     Value,
 )
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    LUMPED,
-    Level,
     Refinement,
-    Support,
     Table,
     approximate,
+    exact,
     exactly,
     for_each,
     never,
     shape_kinds,
     unsupported_if,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.constraints import anchors
 from simspec.world.contact_pairs import excluded_pairs
@@ -280,60 +279,35 @@ class MujocoDialect(Dialect):
     SETTINGS: ClassVar[Mapping[str, NeededSetting]] = SETTINGS
     SUPPORT: ClassVar[Table] = {
         **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            *(Feature.LIMIT_POSITION, Feature.BALL_LIMIT),
-            *(
-                Feature.DAMPING,
-                Feature.BALL_DAMPING,
-                Feature.DRY_FRICTION,
-                Feature.ARMATURE,
-                Feature.BALL_ARMATURE,
-                Feature.SPRING,
-                Feature.BALL_SPRING,
-            ),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(
-                Feature.SHAPE_VISUAL,
-                Feature.SHAPE_MARGIN,
-                Feature.SURFACE_VELOCITY,
-                Feature.SHAPES_PER_BODY,
-                Feature.MATERIALS_PER_BODY,
-            ),
-            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
-            *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
-            *COUPLED_CONTACT,
-            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS, Feature.MARGIN_PAIRS),
-            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
-            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-            *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL),
-            *(Feature.GRAVITY, Feature.TIMESTEP, Feature.FLUID),
+            *(*features.JOINTS, Feature.LIMIT_POSITION, Feature.BALL_LIMIT, *features.DAMPERS_AND_SPRINGS),
+            *(Feature.DRY_FRICTION, Feature.ARMATURE, Feature.BALL_ARMATURE, *features.INITIAL_STATE),
+            *(Feature.KINEMATIC, *features.LARGE_TREES, *features.SHAPES_OF_BODIES, *features.MARGINS),
+            *(Feature.SURFACE_VELOCITY, *features.FRICTIONS, Feature.RESTITUTION_PAIRS),
+            *(Feature.RESTITUTION_THRESHOLD, *features.HARDNESSES, *features.FILTERS, Feature.IMPACT_FRICTION),
+            *(*features.COUPLED_CONTACT, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.FORCES),
+            *(Feature.CONTROL, *features.PHYSICS, Feature.FLUID),
         ),
         **shape_kinds("MuJoCo", KINDS),
-        Feature.INERTIA: Support(
-            Level.EXACT,
-            f"of moving bodies from {LEAST_INERTIA:g} kg and kg m² on: MuJoCo refuses less",
-            refine=heavy_enough,
+        Feature.INERTIA: exact(
+            f"of moving bodies from {LEAST_INERTIA:g} kg and kg m² on: MuJoCo refuses less", refine=heavy_enough
         ),
-        Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
-        Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as user data of the joint"),
-        Feature.LIMIT_EFFORT: Support(Level.EXACT, "as user data of the joint"),
-        Feature.CONTROL_NATIVE: Support(Level.EXACT, "position and velocity actuators in the file"),
+        Feature.INERTIA_FULL: exact("as principal moments with an orientation"),
+        **for_each(exact("as user data of the joint"), *features.LIMIT_RATINGS),
+        Feature.CONTROL_NATIVE: exact("position and velocity actuators in the file"),
         Feature.RESTITUTION: approximate(
             "a reference velocity of the contact constraint, −e times the approach speed",
             short="a bounce is a reference velocity of the contact, not an impulse",
         ),
-        Feature.GRAVITY_SCALE: Support(Level.EXACT, "gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
-        Feature.FREE_DAMPING: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "damping")),
-        Feature.FREE_ARMATURE: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "armature")),
+        Feature.GRAVITY_SCALE: exact("gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
+        Feature.FREE_DAMPING: exact(ONE_NUMBER, refine=functools.partial(one_number, "damping")),
+        Feature.FREE_ARMATURE: exact(ONE_NUMBER, refine=functools.partial(one_number, "armature")),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
-        **LUMPED,
-        Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one MuJoCo body, which act one after the other"),
-        Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "an equality of two joints"),
-        Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "an equality of two sites"),
-        Feature.FRAME: Support(Level.EXACT, "a site"),
-        **for_each(Support(Level.EXACT, "a fixed tendon"), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
+        **classes.LUMPED,
+        Feature.JOINT_SEVERAL: exact("several joints of one MuJoCo body, which act one after the other"),
+        Feature.CONSTRAINT_COUPLING: exact("an equality of two joints"),
+        Feature.CONSTRAINT_LOOP: exact("an equality of two sites"),
+        Feature.FRAME: exact("a site"),
+        **for_each(exact("a fixed tendon"), *features.SUMS),
     }
 
     def lower(self, world: World, target: Target) -> Lowered:
@@ -359,7 +333,7 @@ class MujocoDialect(Dialect):
                     ("pair", pair_defaults(world, target)),
                 )
             ),
-            classes(world, target),
+            default_classes(world, target),
             tuple(
                 lower_body(
                     row,

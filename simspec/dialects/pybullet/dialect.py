@@ -65,20 +65,9 @@ from simspec.formats.urdf.robots import (
     visual_of,
 )
 from simspec.language.vocabulary import SCALAR_JOINTS, TREE_JOINTS
-from simspec.support.declarations import (
-    BETWEEN_JOINTS,
-    EXACT,
-    FRAMES_ALONGSIDE,
-    LUMPED,
-    Support,
-    Table,
-    exactly,
-    for_each,
-    never,
-    shape_kinds,
-    via_api,
-)
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support import classes, features
+from simspec.support.declarations import Table, exact, exactly, for_each, never, shape_kinds, via_api
+from simspec.support.features import Feature
 from simspec.world.kinematics import free_rigid, trees
 from simspec.world.types import POSITION_SIZE, Body, Pose, ReadBack, Shape, Surface, World
 
@@ -263,71 +252,28 @@ class PybulletDialect(Dialect):
         "collision_margin": NeededSetting(float),
     }
     SUPPORT: ClassVar[Table] = {
-        Feature.JOINT_FIXED: EXACT,
-        Feature.JOINT_HINGE: EXACT,
-        Feature.JOINT_SLIDE: EXACT,
-        Feature.JOINT_BALL: Support(EXACT.level, "as type spherical, PyBullet's extension"),
-        Feature.JOINT_FREE: EXACT,
-        Feature.LIMIT_POSITION: EXACT,
-        Feature.LIMIT_VELOCITY: EXACT,
-        Feature.LIMIT_EFFORT: EXACT,
-        Feature.DAMPING: EXACT,
-        Feature.BALL_DAMPING: EXACT,
-        Feature.DRY_FRICTION: EXACT,
-        Feature.ARMATURE: via_api(_SIDECAR),
-        Feature.SPRING: via_api(_SIDECAR),
-        Feature.BALL_SPRING: via_api(_SIDECAR),
-        Feature.INITIAL_POSITION: via_api(_SIDECAR),
-        Feature.INITIAL_VELOCITY: via_api(_SIDECAR),
-        Feature.INERTIA: EXACT,
-        Feature.INERTIA_FULL: Support(EXACT.level, "as principal moments with an orientation"),
+        **classes.with_sidecar("PyBullet", "in the sidecar, set through the engine's API"),
+        Feature.JOINT_BALL: exact("as type spherical, PyBullet's extension"),
+        **exactly(
+            Feature.LIMIT_POSITION, *features.LIMIT_RATINGS, Feature.DAMPING, Feature.BALL_DAMPING, Feature.FRICTION
+        ),
+        **for_each(
+            via_api(_SIDECAR),
+            *(Feature.SPRING, Feature.BALL_SPRING, *features.INITIAL_STATE, Feature.RESTITUTION_THRESHOLD),
+            *(Feature.HARDNESS_NATIVE, *features.PHYSICS),
+        ),
+        Feature.INERTIA_FULL: exact("as principal moments with an orientation"),
         Feature.TREE_SIZE: TREE_SIZE,
         Feature.TREE_DEPTH: never(NO_LINKS),
         **shape_kinds("PyBullet", (*KINDS, *OWN_GEOMETRIES, "heightfield")),
-        Feature.SHAPE_CAPSULE: Support(EXACT.level, "PyBullet's extension"),
-        Feature.SHAPE_PLANE: Support(EXACT.level, "PyBullet's extension"),
-        Feature.BALL_ARMATURE: never("PyBullet has no armature: what stands for it is of one axis"),
-        Feature.MARGIN_PAIRS: never("PyBullet's contact begins where shapes touch"),
+        **for_each(exact("PyBullet's extension"), Feature.SHAPE_CAPSULE, Feature.SHAPE_PLANE),
         Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
-        **for_each(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
-        Feature.FREE_ARMATURE: never("PyBullet has no armature of free bodies"),
-        Feature.SHAPE_MARGIN: never("PyBullet's contact begins where shapes touch"),
-        Feature.SHAPE_VISUAL: EXACT,
-        Feature.SHAPES_PER_BODY: EXACT,
-        Feature.MATERIALS_PER_BODY: via_api(_COPIES),
-        Feature.FRICTION: EXACT,
-        Feature.FRICTION_PAIRS: via_api(_COPIES),
-        Feature.RESTITUTION: EXACT,
-        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
-        Feature.RESTITUTION_THRESHOLD: via_api(_SIDECAR),
-        Feature.TORSIONAL_FRICTION: EXACT,
-        Feature.ROLLING_FRICTION: EXACT,
-        Feature.HARDNESS_COMMON: EXACT,
+        **for_each(
+            via_api(_COPIES),
+            *(Feature.MATERIALS_PER_BODY, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.HARDNESS_PAIRS),
+        ),
         Feature.HARDNESS_TIME_CONSTANT: never("PyBullet's springs are in N/m, for whatever mass"),
-        Feature.HARDNESS_STIFFNESS: EXACT,
-        Feature.HARDNESS_NATIVE: via_api(_SIDECAR),
-        Feature.HARDNESS_PAIRS: via_api(_COPIES),
-        Feature.PASSING_PAIRS: via_api(_SIDECAR),
-        Feature.IMPACT_FRICTION: EXACT,
-        **exactly(*COUPLED_CONTACT),
-        Feature.CONE_ELLIPTIC: via_api(_SIDECAR),
-        Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(_SIDECAR),
-        Feature.COLLISION_GROUPS: via_api(_SIDECAR),
-        Feature.EXCLUDED_PAIRS: via_api(_SIDECAR),
-        Feature.KINEMATIC: EXACT,
-        Feature.FORCES: EXACT,
-        Feature.TOUCHING_PAIRS: via_api(_SIDECAR),
-        Feature.CONTROL: EXACT,
-        Feature.CONTROL_NATIVE: EXACT,
-        Feature.GRAVITY: via_api(_SIDECAR),
-        Feature.TIMESTEP: via_api(_SIDECAR),
-        **LUMPED,
-        Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
-        **for_each(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
-        **for_each(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
         Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
-        Feature.FRAME: FRAMES_ALONGSIDE,
     }
 
     def lower(self, world: World, target: Target) -> Lowered:

@@ -15,28 +15,13 @@ from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.joints import Coordinates, armature_of, springs_of
 from simspec.dialects.kit.sidecar import SIDECAR, Sidecar, Target, common_fields
 from simspec.dialects.urdf.raising import raised
-from simspec.dialects.urdf.sidecar import (
-    BESIDE,
-    BesideShape,
-    Instance,
-    Numbers,
-    ShapePair,
-    UrdfSidecar,
-)
+from simspec.dialects.urdf.sidecar import BESIDE, BesideShape, Instance, Numbers, ShapePair, UrdfSidecar
 from simspec.errors import Problem, UnsupportedError
 from simspec.formats.kit.contract import recentre_free_roots
 from simspec.formats.urdf.reading import UrdfDocument
 from simspec.formats.urdf.robots import LANGUAGE_KINDS, UNLIMITED, RobotFiles, standard_robot
-from simspec.support.declarations import (
-    FRAMES_ALONGSIDE,
-    LUMPED,
-    Table,
-    exactly,
-    for_each,
-    never,
-    shape_kinds,
-    via_api,
-)
+from simspec.support import classes, features
+from simspec.support.declarations import Table, exactly, for_each, never, shape_kinds, via_api
 from simspec.support.features import COUPLED_CONTACT, Feature
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws, shape_pairs
 from simspec.world.kinematics import trees
@@ -65,11 +50,7 @@ _IN_THE_FILE = (
 )
 _NOT_OF_FILES = (
     *COUPLED_CONTACT,
-    Feature.IMPACT_FRICTION,
-    Feature.KINEMATIC,
-    Feature.FORCES,
-    Feature.CONTROL,
-    Feature.CONTROL_NATIVE,
+    *(Feature.IMPACT_FRICTION, Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
 )
 """What no file says: what the engine does by itself, and what is given to it while it runs."""
 
@@ -81,23 +62,22 @@ class UrdfDialect(Dialect):
     FORMAT: ClassVar[str] = "urdf"
     SIDECAR: ClassVar[type[Sidecar]] = UrdfSidecar
     SUPPORT: ClassVar[Table] = {
+        **classes.with_sidecar("URDF", "in the sidecar, for the engine's own calls"),
         **shape_kinds("URDF", LANGUAGE_KINDS),
-        **exactly(*_IN_THE_FILE),
-        **for_each(via_api(_SIDECAR), *_BY_NAME),
-        **exactly(*_NOT_OF_FILES),
-        Feature.MARGIN_PAIRS: never("simspec writes no margins beside URDF"),
+        **exactly(Feature.JOINT_SEVERAL, Feature.LIMIT_POSITION, *features.LIMIT_RATINGS, Feature.DAMPING),
+        **for_each(
+            via_api(_SIDECAR),
+            *(Feature.SPRING, *features.INITIAL_STATE, Feature.SHAPE_CAPSULE, Feature.SHAPE_ELLIPSOID),
+            *(Feature.SHAPE_PLANE, Feature.MATERIALS_PER_BODY, *features.FRICTIONS, *features.RESTITUTIONS),
+            *(*features.HARDNESSES, Feature.CONE_PYRAMID_INSCRIBED, *features.PHYSICS),
+        ),
+        **for_each(never("simspec writes no margins beside URDF"), *features.MARGINS),
         Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves beside URDF"),
-        Feature.SHAPE_MARGIN: never("simspec writes no margins beside URDF"),
         **for_each(
             never(_NO_BALL), Feature.JOINT_BALL, Feature.BALL_DAMPING, Feature.BALL_ARMATURE, Feature.BALL_SPRING
         ),
-        **for_each(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID),
         Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies beside URDF"),
-        **LUMPED,
-        **for_each(via_api(_SIDECAR), Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING),
-        **for_each(via_api(_SIDECAR), Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION),
         Feature.BALL_LIMIT: never("URDF has no ball joints"),
-        Feature.FRAME: FRAMES_ALONGSIDE,
     }
 
     def lower(self, world: World, target: Target) -> Lowered:
@@ -202,11 +182,5 @@ def _pairs(world: World, plan: ContactPlan) -> Iterator[ShapePair]:
         one, other = sorted((material[first], material[second]))
         law = laws[one, other]
         yield ShapePair(
-            first,
-            second,
-            law.friction,
-            law.torsional_friction,
-            law.rolling_friction,
-            law.restitution,
-            law.hardness,
+            first, second, law.friction, law.torsional_friction, law.rolling_friction, law.restitution, law.hardness
         )

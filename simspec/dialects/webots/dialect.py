@@ -26,13 +26,12 @@ from simspec.formats.kit.contract import recentre_free_roots
 from simspec.formats.wbt.format import WbtNodeTree, WbtWorld
 from simspec.formats.wbt.reading import WbtDocument
 from simspec.language.vocabulary import TREE_JOINTS
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    FRAMES_ALONGSIDE,
-    LUMPED,
-    Level,
     Refinement,
     Support,
     Table,
+    exact,
     exactly,
     for_each,
     never,
@@ -40,7 +39,7 @@ from simspec.support.declarations import (
     unsupported_if,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.inertia import lumped_inertial, rigid_members, summed_inertial
@@ -136,58 +135,43 @@ class WebotsDialect(Dialect):
     NAME: ClassVar[str] = "webots"
     FORMAT: ClassVar[str] = "wbt"
     SUPPORT: ClassVar[Table] = {
+        **classes.with_sidecar("Webots", "in the sidecar, given as forces and torques before every step"),
         **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            *(Feature.DRY_FRICTION, Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
-            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
-            *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
-            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION, Feature.EXCLUDED_PAIRS),
-            *COUPLED_CONTACT,
-            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
-            *(Feature.FORCES, Feature.CONTROL),
+            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
+            Feature.EXCLUDED_PAIRS,
         ),
         **shape_kinds("Webots", KINDS),
         **{
             feature: Support(support.level, support.how, refine=_massless_unsolid)
-            for feature, support in LUMPED.items()
+            for feature, support in classes.LUMPED.items()
         },
-        Feature.GRAVITY: Support(
-            Level.EXACT, "along -z, with a Pose around all Solids that turns other directions there"
-        ),
-        Feature.TIMESTEP: Support(Level.EXACT, "whole milliseconds alone", refine=_whole_milliseconds),
-        Feature.LIMIT_POSITION: Support(Level.EXACT, "minStop and maxStop within ±π; others in the sidecar"),
-        **for_each(via_api(_HELD), Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-        **for_each(via_api(_SIDECAR), Feature.DAMPING, Feature.BALL_DAMPING, Feature.SPRING, Feature.BALL_SPRING),
-        **for_each(via_api(_SIDECAR), Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.FLUID, Feature.SUM),
-        **for_each(
-            never("no node of a .wbt has an armature"),
-            *(Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.FREE_ARMATURE),
-        ),
+        Feature.GRAVITY: exact("along -z, with a Pose around all Solids that turns other directions there"),
+        Feature.TIMESTEP: exact("whole milliseconds alone", refine=_whole_milliseconds),
+        Feature.LIMIT_POSITION: exact("minStop and maxStop within ±π; others in the sidecar"),
+        **for_each(via_api(_HELD), *features.LIMIT_RATINGS),
+        **for_each(via_api(_SIDECAR), *features.DAMPERS_AND_SPRINGS),
+        **for_each(never("no node of a .wbt has an armature"), *features.ARMATURES),
         Feature.JOINT_SEVERAL: never(
             "between two joints of one body stands one without mass, which Webots' Solids have"
         ),
         Feature.BALL_LIMIT: never("a BallJoint stops three angles about axes, and no angle of the whole turn"),
         Feature.TREE_DEPTH: never("nobody has tried whether Webots reads Solids nested so deep"),
-        Feature.KINEMATIC: never("simspec does not write it for Webots"),
-        Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
-        **for_each(never("Webots' contact begins where shapes touch"), Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
-        Feature.SURFACE_VELOCITY: never("of a .wbt only Tracks have surfaces that move, which simspec does not write"),
         **for_each(
-            never("contacts in a .wbt have a softness in s²/kg, for whatever mass"),
-            *(Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
+            never("simspec does not write it for Webots"),
+            *(Feature.KINEMATIC, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         ),
-        **for_each(never("simspec does not write it for Webots"), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
+        **for_each(never("Webots' contact begins where shapes touch"), *features.MARGINS),
+        Feature.SURFACE_VELOCITY: never("of a .wbt only Tracks have surfaces that move, which simspec does not write"),
+        **for_each(never("contacts in a .wbt have a softness in s²/kg, for whatever mass"), *features.COMPLIANCES),
         Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot tell Webots the axes of its pyramid"),
         Feature.PASSING_PAIRS: never("a .wbt has no contact of two materials without contact"),
         Feature.COLLISION_GROUPS: never("a .wbt has no groups that pass through each other"),
         Feature.TOUCHING_PAIRS: never("what a joint joins never touches in Webots"),
         **for_each(
             never("simspec tells Webots no constraints outside the tree"),
-            *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
+            *(*features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),
-        Feature.FRAME: FRAMES_ALONGSIDE,
         Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
     }
     SIDECAR: ClassVar[type[Sidecar]] = WebotsSidecar
@@ -213,12 +197,7 @@ class WebotsDialect(Dialect):
             "physicsDisableTime": ALWAYS,
             "contactProperties": tuple(contact_properties(law, settings) for law in laws),
         }
-        robot = {
-            "name": SUPERVISOR,
-            "controller": "<extern>",
-            "supervisor": True,
-            "window": "<none>",
-        }
+        robot = {"name": SUPERVISOR, "controller": "<extern>", "supervisor": True, "window": "<none>"}
         nodes = (
             WbtNodeTree("WorldInfo", info),
             WbtNodeTree("Viewpoint"),

@@ -38,33 +38,31 @@ from simspec.engines.kit.blunt import BLUNT, blunted
 from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
+from simspec.engines.kit.efforts import outside_constraints
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.inventory import expected_labels
-from simspec.engines.kit.refinements import NO_FRICTION, armature_felt
+from simspec.engines.kit.refinements import NO_FRICTION, implicit_damping_armature
 from simspec.engines.kit.settings import Setting, resolve_settings
 from simspec.engines.kit.simulated import SteppedEngine
 from simspec.errors import EngineError
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    AS_EFFORTS,
-    EXACT,
-    FRAMES_ALONGSIDE,
-    HEAVY,
     Level,
     Refinement,
     Support,
     Table,
     approximate,
+    exact,
     exactly,
+    for_each,
     never,
-    outside,
     shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import frictionless, meeting_laws
 from simspec.world.reach import reach
-from simspec.world.types import Body, EngineValue, PairContact, ReadBack, World
+from simspec.world.types import EngineValue, PairContact, ReadBack, World
 
 _COMPUTED = "an effort computed from DART's own state before every step; DART's own is implicit in time"
 _SET = "set through dartpy"
@@ -114,11 +112,6 @@ _TURNED = Refinement(
 )
 
 
-def _held_alone(world: World) -> Refinement | None:
-    """Not supported where something would not feel a constraint that is computed outside DART."""
-    return constraints_felt(world, Dart.TITLE)
-
-
 def _coulomb(world: World) -> Refinement | None:
     """The elliptic cone is exact unless the spec asks for the solver that has only the pyramid, and something has friction."""
     if frictionless(world):
@@ -155,19 +148,7 @@ def _shape(kind: str, how: str = _DETECTORS) -> Support:
             return dataclasses.replace(accepted, how=wrong, note=note)
         return Refinement(note=note) if note else None
 
-    return Support(Level.EXACT, how, refine=refine, cases=(accepted,))
-
-
-def _armature_covered(world: World) -> Refinement | None:
-    """Not supported where some armature sits in a tree where it is not exact."""
-    return armature_felt(world, Dart.TITLE, _not_felt)
-
-
-def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
-    for body in bodies:
-        if body.joint.dry_friction or body.joint.position_limits is not None:
-            return f"{body.name!r} has dry friction or position limits, whose impulses would ignore the armature"
-    return None
+    return exact(how, refine=refine, cases=(accepted,))
 
 
 class Dart(SteppedEngine[Simulation]):
@@ -185,35 +166,19 @@ class Dart(SteppedEngine[Simulation]):
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-6, implicit_damping=True)
     SUPPORT: ClassVar[Table] = {
+        **classes.driven("DART"),
         **shape_kinds("DART", (kind for kind, _ in SHAPE_KINDS.values())),
-        **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            *(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
-        ),
+        **exactly(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION),
         Feature.BALL_ARMATURE: never("DART has no armature, and what stands for it is of one axis"),
-        Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("the velocity of a contact's surface is not in DART's Python interface"),
-        Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
         Feature.LIMIT_POSITION: via_api("limits stop dead within the step, once their enforcement is switched on"),
-        Feature.LIMIT_VELOCITY: Support(
-            Level.EXACT, "in the sidecar only: DART would enforce it together with the position limits"
-        ),
+        Feature.LIMIT_VELOCITY: exact("in the sidecar only: DART would enforce it together with the position limits"),
         Feature.LIMIT_EFFORT: via_api(_SET),
-        Feature.DAMPING: via_api(_COMPUTED),
-        Feature.BALL_DAMPING: via_api(_COMPUTED),
-        Feature.ARMATURE: outside(
-            "DART's implicit damping A / dt with the effort (A / dt) v against it",
-            _armature_covered,
-            "a joint's armature by an implicit damping and an effort against it at every step",
+        **for_each(via_api(_COMPUTED), *features.DAMPERS_AND_SPRINGS),
+        Feature.ARMATURE: implicit_damping_armature(
+            TITLE, "a joint's armature by an implicit damping and an effort against it at every step"
         ),
-        Feature.SPRING: via_api(_COMPUTED),
-        Feature.BALL_SPRING: via_api(_COMPUTED),
-        Feature.TREE_SIZE: Support(Level.EXACT, _SLOW_LOADING),
-        Feature.TREE_DEPTH: Support(Level.EXACT, _SLOW_LOADING),
+        **for_each(exact(_SLOW_LOADING), *features.LARGE_TREES),
         Feature.SHAPE_SPHERE: _shape("sphere"),
         Feature.SHAPE_BOX: _shape("box"),
         Feature.SHAPE_CYLINDER: _shape(
@@ -227,14 +192,13 @@ class Dart(SteppedEngine[Simulation]):
         Feature.SHAPE_ELLIPSOID: _shape("ellipsoid", f"with detector fcl, to 0.06 mm; {_DETECTORS}"),
         Feature.SHAPE_MESH: _shape("mesh", f"seen, and in contacts that are accepted; {_DETECTORS}"),
         Feature.SHAPE_PLANE: _shape("plane", f"with detector ode, under spheres with any; {_DETECTORS}"),
-        Feature.FRICTION_PAIRS: via_api(_COPIES),
+        **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.FRICTION: via_api(f"{_SET}; up to 0.001 is refused unless accepted: DART treats it as zero"),
         Feature.RESTITUTION: approximate(
             "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "
             "at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
             short="what would leave at less than 0.1 m/s does not bounce; else e is up to 0.009 too large",
         ),
-        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION_THRESHOLD: approximate(
             "DART's own, which cannot be set: nothing bounces that would leave at less than 0.1 m/s (e v < 0.1 m/s), "
             "and all else does, whatever threshold is asked for",
@@ -242,17 +206,15 @@ class Dart(SteppedEngine[Simulation]):
         ),
         Feature.TORSIONAL_FRICTION: never(f"{_NO_MOMENT} about the normal"),
         Feature.ROLLING_FRICTION: never(f"{_NO_MOMENT} across the normal"),
-        Feature.HARDNESS_COMMON: Support(
-            Level.EXACT,
-            "DART's own law, for overlaps up to 0.1 mm for each ms of the timestep; larger ones are taken back at 1 mm/s",
+        Feature.HARDNESS_COMMON: exact(
+            "DART's own law, for overlaps up to 0.1 mm for each ms of the timestep; larger ones are taken back at 1 mm/s"
         ),
-        Feature.HARDNESS_TIME_CONSTANT: never(_RIGID),
-        Feature.HARDNESS_STIFFNESS: never(_RIGID),
-        Feature.HARDNESS_NATIVE: Support(Level.EXACT, "DART's default is the common law"),
-        Feature.HARDNESS_PAIRS: never(_RIGID),
-        Feature.PASSING_PAIRS: via_api("pairs in the collision filter"),
-        Feature.IMPACT_FRICTION: EXACT,
-        Feature.CARRIED_FRICTION: EXACT,
+        **for_each(never(_RIGID), *features.COMPLIANCES, Feature.HARDNESS_PAIRS),
+        Feature.HARDNESS_NATIVE: exact("DART's default is the common law"),
+        **for_each(
+            via_api("pairs in the collision filter"),
+            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+        ),
         Feature.SELF_LOCKING: SELF_LOCKING,
         Feature.EVEN_PRESSURE: EVEN_PRESSURE,
         Feature.MASS_RATIO: MASS_RATIO,
@@ -267,26 +229,14 @@ class Dart(SteppedEngine[Simulation]):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: Support(
             Level.VIA_API, "NsgsFrictionSolver, law Box", refine=_pyramid, cases=(_FRICTIONLESS_BOUNDS, _TURNED)
         ),
-        Feature.KINEMATIC: via_api(HEAVY),
-        Feature.FORCES: via_api(AS_EFFORTS, none_on_servos),
-        Feature.GRAVITY_SCALE: dataclasses.replace(GIVEN_GRAVITY_SCALE, refine=no_weights_on_servos),
-        Feature.FREE_DAMPING: GIVEN_DAMPING,
-        Feature.FLUID: dataclasses.replace(GIVEN_FLUID, refine=no_fluid_on_servos),
-        Feature.FREE_ARMATURE: never("DART has no armature of free bodies, and contact would ignore a computed one"),
-        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.FORCES: via_api(classes.AS_EFFORTS, none_on_servos),
+        Feature.GRAVITY_SCALE: via_api(classes.WEIGHTS, no_weights_on_servos),
+        Feature.FLUID: via_api(classes.DRAG, no_fluid_on_servos),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_springs),
-        Feature.COLLISION_GROUPS: via_api("pairs in the collision filter"),
-        Feature.EXCLUDED_PAIRS: via_api("pairs in the collision filter"),
         Feature.TOUCHING_PAIRS: via_api("enableAdjacentBodyCheck"),
-        Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
-        Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
+        **outside_constraints(TITLE),
         Feature.SUM: via_api(_COMPUTED, none_along_servos),
         Feature.BALL_LIMIT: never("DART limits the components of the rotation vector, and no angle"),
-        Feature.FRAME: FRAMES_ALONGSIDE,
-        Feature.SUM_DRY_FRICTION: never(
-            "DART has dry friction of single joints, and none along sums of their positions"
-        ),
-        Feature.SUM_LIMITS: never("DART stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
@@ -308,10 +258,7 @@ class Dart(SteppedEngine[Simulation]):
         ),
         *(
             Deviation(name, size, _LIVELY, relative, timestep=0.016, restitution=0.55)
-            for name, size, relative in (
-                *(("push", 0.42, True), ("push-oblong", 0.42, True)),
-                ("stick", 0.25, False),
-            )
+            for name, size, relative in (*(("push", 0.42, True), ("push-oblong", 0.42, True)), ("stick", 0.25, False))
         ),
         Deviation("oblique-separation", 0.085, _PREDICTED, timestep=0.016, restitution=0.55),
         *(

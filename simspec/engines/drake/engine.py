@@ -35,23 +35,20 @@ from simspec.engines.drake.readback import SIZES, read_back
 from simspec.engines.drake.simulation import NATIVE, JointServos, Simulation, pd_controllers_hold
 from simspec.engines.kit.capabilities import COMMON, Capability, NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
+from simspec.engines.kit.efforts import outside_constraints
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.settings import Group, Setting, under_weight
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    AS_EFFORTS,
-    FRAMES_ALONGSIDE,
-    HEAVY,
     Attempt,
-    Level,
     Refinement,
-    Support,
     Table,
     approximate,
+    exact,
     exactly,
+    for_each,
     never,
-    not_yet,
     shape_kinds,
     unsupported_if,
     via_api,
@@ -63,7 +60,6 @@ from simspec.world.kinematics import rigid_groups
 from simspec.world.types import VELOCITY_SIZE, PairContact, ReadBack, World
 
 _COMPUTED = "given as an effort at every step: Drake's own damping is implicit in time, and it has no springs of joints"
-_NOT_YET = "simspec does not write it for Drake"
 SAP, TAMSI = (("contact_approximation", name) for name in ("sap", "tamsi"))
 _ONE_POINT = "Drake has one point of contact for each pair of geometries"
 _LIFTS = (
@@ -76,11 +72,6 @@ _LIFTS_IMPACT = (
 _SLOW_RECOVERY = (
     "TAMSI takes an overlap back at no more than 1/dissipation, 1 mm/s, whatever the overlap and the timestep"
 )
-
-
-def _held_alone(world: World) -> Refinement | None:
-    """Not supported where something would not feel a constraint that is computed outside Drake."""
-    return constraints_felt(world, Drake.TITLE)
 
 
 def planes_covered(world: World) -> Refinement | None:
@@ -144,38 +135,23 @@ class Drake(WorldEngine[Simulation]):
     EXTRA: ClassVar[str] = "drake"
     RULES: ClassVar[Rules] = Rules("harmonic", "none")
     LAYERS: ClassVar[bool] = True
-    LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints",
-    }
+    LACKS: ClassVar[Mapping[Capability, str]] = {Capability.DRY_FRICTION_OFF: "Drake has no dry friction in joints"}
     FOREIGN: ClassVar[Mapping[str, Reads]] = FOREIGN
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.IMPLICIT_SPRING, accuracy=1e-7, residual=1e-6)
     SUPPORT: ClassVar[Table] = {
-        **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_SEVERAL),
-            *(Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
-            *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            Feature.FRICTION,
-            Feature.HARDNESS_COMMON,
-            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
-        ),
+        **classes.driven("Drake"),
+        **exactly(Feature.JOINT_SEVERAL, Feature.FRICTION, Feature.HARDNESS_COMMON, *features.FILTERS),
         **shape_kinds("Drake", [kind for kind, _ in SIZES.values()]),
-        Feature.INERTIA: Support(
-            Level.EXACT,
+        Feature.INERTIA: exact(
             f"in worlds that need at most {MOST_GIGABYTES:g} GB: Drake keeps every pair of geometries, and a dense mass matrix",
             refine=inertia_held,
         ),
-        Feature.JOINT_FREE: Support(Level.EXACT, "rotations by the exponential map after every step, for Drake's own"),
-        Feature.JOINT_BALL: Support(
-            Level.EXACT,
-            "BallRpyJoint at its zero, on a frame that carries the rotation: it is singular at a pitch of 90°",
+        Feature.JOINT_FREE: exact("rotations by the exponential map after every step, for Drake's own"),
+        Feature.JOINT_BALL: exact(
+            "BallRpyJoint at its zero, on a frame that carries the rotation: it is singular at a pitch of 90°"
         ),
         Feature.BALL_ARMATURE: never("Drake's rotors are those of joints of one axis"),
-        Feature.MARGIN_PAIRS: never("Drake's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("Drake's surfaces move with their bodies alone"),
         Feature.SHAPE_MARGIN: never(
             "Drake's contact begins where shapes touch: its margin is that of pressure fields, without a force"
@@ -186,12 +162,9 @@ class Drake(WorldEngine[Simulation]):
             stops,
             "with contact_approximation: tamsi limits are springs: 0.035 rad deep at 10 rad/s and 1 ms",
         ),
-        Feature.DAMPING: via_api(_COMPUTED),
-        Feature.BALL_DAMPING: via_api(_COMPUTED),
-        Feature.SPRING: via_api(_COMPUTED),
-        Feature.BALL_SPRING: via_api(_COMPUTED),
+        **for_each(via_api(_COMPUTED), *features.DAMPERS_AND_SPRINGS, Feature.SUM),
         Feature.DRY_FRICTION: never("Drake has no dry friction in joints"),
-        Feature.ARMATURE: Support(Level.EXACT, "the rotor inertia of an actuator with gear ratio 1"),
+        Feature.ARMATURE: exact("the rotor inertia of an actuator with gear ratio 1"),
         Feature.SHAPE_BOX: approximate(
             f"with eight balls in its corners: {_ONE_POINT}. Exact on planes, on boxes four times as wide, and by pressure "
             "with hydroelastic_faces: true. Where the edges of boxes cross, and fewer than three corners are over the other's "
@@ -200,38 +173,32 @@ class Drake(WorldEngine[Simulation]):
             boxes_hold,
             "boxes whose edges cross sink by up to 13 mm/s (hydroelastic_faces: true does not)",
         ),
-        Feature.SHAPE_CYLINDER: Support(
-            Level.EXACT,
-            f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_ONE_POINT}",
+        Feature.SHAPE_CYLINDER: exact(
+            f"with eight balls on each rim and a disc at each end, on which it lies and rolls: {_ONE_POINT}"
         ),
-        Feature.SHAPE_CAPSULE: Support(Level.EXACT, f"with its two ends as balls: {_ONE_POINT}"),
+        Feature.SHAPE_CAPSULE: exact(f"with its two ends as balls: {_ONE_POINT}"),
         Feature.SHAPE_HEIGHTFIELD: never(
             "Drake's point contact takes a mesh for its convex hull: a ball that is free in a valley 1 m deep is told to be "
             "0.55 m deep in it (measured), and hydroelastic contact of what cannot move never touches what is rigid"
         ),
-        Feature.SHAPE_MESH: Support(
-            Level.EXACT,
+        Feature.SHAPE_MESH: exact(
             f"the convex hull, to the last bit, with up to {MOST_CORNERS} balls in its corners: {_ONE_POINT}; hulls touch "
             "hulls, boxes and cylinders from 2e-6 m of overlap on. By TAMSI 15 of 160 landings of irregular hulls at 1 m/s and "
-            "1 ms end with an error, since its equations do not converge (5 with stiction_tolerance 1e-5); by SAP none of 20",
+            "1 ms end with an error, since its equations do not converge (5 with stiction_tolerance 1e-5); by SAP none of 20"
         ),
-        Feature.SHAPE_PLANE: Support(Level.EXACT, "half spaces of bodies that cannot move", refine=planes_covered),
-        Feature.CARRIED_FRICTION: Support(Level.EXACT),
+        Feature.SHAPE_PLANE: exact("half spaces of bodies that cannot move", refine=planes_covered),
         Feature.SELF_LOCKING: SELF_LOCKING,
         Feature.EVEN_PRESSURE: EVEN_PRESSURE,
         Feature.MASS_RATIO: MASS_RATIO,
-        Feature.FRICTION_PAIRS: Support(Level.EXACT, "copies of shapes in layers"),
-        Feature.RESTITUTION: never("Drake's contact has no restitution"),
-        Feature.RESTITUTION_PAIRS: never("Drake's contact has no restitution"),
-        Feature.RESTITUTION_THRESHOLD: Support(Level.EXACT, "nothing bounces"),
+        Feature.FRICTION_PAIRS: exact("copies of shapes in layers"),
+        **for_each(never("Drake's contact has no restitution"), Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+        Feature.RESTITUTION_THRESHOLD: exact("nothing bounces"),
         Feature.TORSIONAL_FRICTION: never("Drake's point contact has no moment about the normal"),
         Feature.ROLLING_FRICTION: never("Drake's point contact has no moment across the normal"),
         Feature.HARDNESS_TIME_CONSTANT: never("Drake's contact is a spring in N/m, for whatever mass"),
-        Feature.HARDNESS_STIFFNESS: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
-        Feature.HARDNESS_NATIVE: not_yet(_NOT_YET, Attempt.READ_BACK),
-        Feature.HARDNESS_PAIRS: not_yet(_NOT_YET, Attempt.READ_BACK),
-        Feature.CONE_PYRAMID_INSCRIBED: never("Drake has the elliptic cone only"),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("Drake has the elliptic cone only"),
+        Feature.HARDNESS_STIFFNESS: classes.unwritten(TITLE, Attempt.CONTACT_PROBES),
+        **for_each(classes.unwritten(TITLE, Attempt.READ_BACK), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        **for_each(never("Drake has the elliptic cone only"), *features.PYRAMIDS),
         Feature.CONE_ELLIPTIC: approximate(
             f"exact by TAMSI (to 0.01 %), and without friction. {_LIFTS}; stops are up to 15 % off from μ = 1 on",
             coulomb,
@@ -242,23 +209,10 @@ class Drake(WorldEngine[Simulation]):
             coulomb,
             "by SAP: friction in oblique impacts is up to 62 % too large, and the bodies fly apart",
         ),
-        Feature.KINEMATIC: via_api(HEAVY, light_enough),
-        Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
-        Feature.FREE_DAMPING: GIVEN_DAMPING,
-        Feature.FLUID: GIVEN_FLUID,
-        Feature.FREE_ARMATURE: never("Drake has no armature of free bodies, and contact would ignore a computed one"),
-        Feature.CONTROL: via_api("efforts given before every step"),
-        Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE, refine=pd_controllers_hold),
-        Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
-        Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
-        Feature.SUM: via_api(_COMPUTED),
+        Feature.KINEMATIC: via_api(classes.HEAVY, light_enough),
+        Feature.CONTROL_NATIVE: exact(NATIVE, refine=pd_controllers_hold),
+        **outside_constraints(TITLE),
         Feature.BALL_LIMIT: never("Drake has no limits of ball joints"),
-        Feature.FRAME: FRAMES_ALONGSIDE,
-        Feature.SUM_DRY_FRICTION: never(
-            "Drake has dry friction of single joints, and none along sums of their positions"
-        ),
-        Feature.SUM_LIMITS: never("Drake stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_approximation": Setting(
@@ -343,7 +297,7 @@ class Drake(WorldEngine[Simulation]):
         ),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "Drake's filter is set by pairs of geometries, not by groups",
+        "collision_group": "Drake's filter is set by pairs of geometries, not by groups"
     }
 
     @classmethod

@@ -5,7 +5,7 @@ Facts marked *measured*: gz-physics 5.1.0, libdart 6.12.1, libsdformat 12.3.0, a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -29,29 +29,25 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
-from simspec.engines.kit.refinements import armature_felt, no_friction, planes_still
+from simspec.engines.kit.efforts import outside_constraints
+from simspec.engines.kit.refinements import implicit_damping_armature, no_friction, planes_still
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    AS_EFFORTS,
-    BETWEEN_JOINTS,
     EXACT,
-    FRAMES_ALONGSIDE,
-    HEAVY,
     Level,
     Refinement,
-    Support,
     Table,
     approximate,
-    exactly,
+    exact,
+    for_each,
     never,
-    outside,
     shape_kinds,
     via_api,
 )
 from simspec.support.features import Feature
-from simspec.world.types import Body, World
+from simspec.world.types import World
 
 TINY_FRICTION = 0.001
 """DART treats a friction coefficient of up to this as zero."""
@@ -75,23 +71,6 @@ _LATE = (
     "between the pyramid's axes, where its friction is 1.41 times that along them, sliders stop late: by 0.5 % at 4 ms"
 )
 _PYRAMID = "the circumscribed pyramid in place of the elliptic cone, as accepted"
-
-
-def _held_alone(world: World) -> Refinement | None:
-    """Not supported where something would not feel a constraint that is computed outside gz-physics."""
-    return constraints_felt(world, Gazebo.TITLE)
-
-
-def _armature_covered(world: World) -> Refinement | None:
-    """Not supported where some armature sits in a tree where it is not exact."""
-    return armature_felt(world, Gazebo.TITLE, _not_felt)
-
-
-def _not_felt(armed: str, bodies: Sequence[Body]) -> str | None:
-    for body in bodies:
-        if body.joint.dry_friction or body.joint.position_limits is not None:
-            return f"{body.name!r} has dry friction or position limits, whose impulses would ignore the armature"
-    return None
 
 
 _TINY = Refinement(
@@ -127,66 +106,40 @@ class Gazebo(WorldEngine[Simulation]):
         Capability.FOREIGN_FILES: "simspec does not load users' SDF files through it yet",
     }
     SUPPORT: ClassVar[Table] = {
+        **classes.driven("DART"),
         **shape_kinds("Gazebo's DART", ("sphere", "box", "cylinder", "capsule", "plane")),
-        **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            *(Feature.DRY_FRICTION, Feature.LIMIT_EFFORT),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
-            *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
-        ),
-        Feature.JOINT_SEVERAL: BETWEEN_JOINTS,
-        Feature.LIMIT_POSITION: Support(Level.EXACT, "limits stop dead within the step"),
-        Feature.LIMIT_VELOCITY: Support(
-            Level.EXACT, "not told to DART, which would enforce it together with the position limits"
-        ),
-        Feature.DAMPING: via_api(_GIVEN),
-        Feature.BALL_DAMPING: via_api(_GIVEN),
-        Feature.SPRING: via_api(_GIVEN),
-        Feature.BALL_SPRING: via_api(_GIVEN),
-        Feature.ARMATURE: outside(
-            "DART's implicit damping A / dt with the effort (A / dt) v against it",
-            _armature_covered,
-            "a joint's armature by DART's damping in SDF, and an effort against it at every step",
+        Feature.DRY_FRICTION: EXACT,
+        Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS,
+        Feature.LIMIT_POSITION: exact("limits stop dead within the step"),
+        Feature.LIMIT_VELOCITY: exact("not told to DART, which would enforce it together with the position limits"),
+        **for_each(via_api(_GIVEN), *features.DAMPERS_AND_SPRINGS),
+        Feature.ARMATURE: implicit_damping_armature(
+            TITLE, "a joint's armature by DART's damping in SDF, and an effort against it at every step"
         ),
         Feature.BALL_ARMATURE: never("DART has no armature, and what stands for it is of one axis"),
-        Feature.FREE_ARMATURE: never("DART has no armature of free bodies, and contact would ignore a computed one"),
         Feature.BALL_LIMIT: never("DART limits the components of the rotation vector, and no angle"),
-        Feature.SHAPE_PLANE: Support(
-            Level.EXACT,
+        Feature.SHAPE_PLANE: exact(
             "of bodies that cannot move, as the top of gz-physics' box of 2.1 km: beyond that nothing bears",
             refine=planes_still("planes are boxes here, and {name} would move as one"),
         ),
-        Feature.SHAPE_CYLINDER: Support(
-            Level.EXACT,
-            "whose flat faces touch at the corners of the octagon around the circle",
-            refine=cylinders,
-            cases=CASES,
+        Feature.SHAPE_CYLINDER: exact(
+            "whose flat faces touch at the corners of the octagon around the circle", refine=cylinders, cases=CASES
         ),
-        Feature.SHAPE_CAPSULE: Support(Level.EXACT, refine=capsules),
+        Feature.SHAPE_CAPSULE: exact(refine=capsules),
         Feature.SHAPE_MESH: via_api(_HULLS),
-        Feature.SHAPE_MARGIN: never("DART's contact begins where shapes touch"),
-        Feature.MARGIN_PAIRS: never("DART's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("gz-physics 5 has no velocity of a contact's surface"),
-        Feature.FRICTION: Support(
-            Level.EXACT,
-            "up to 0.001 is accepted by name: DART treats it as zero",
-            refine=_friction,
-            cases=(_TINY, SWEEPS),
+        Feature.FRICTION: exact(
+            "up to 0.001 is accepted by name: DART treats it as zero", refine=_friction, cases=(_TINY, SWEEPS)
         ),
-        Feature.CARRIED_FRICTION: EXACT,
         Feature.SELF_LOCKING: SELF_LOCKING,
         Feature.EVEN_PRESSURE: EVEN_PRESSURE,
         Feature.MASS_RATIO: MASS_RATIO,
-        Feature.FRICTION_PAIRS: via_api(_COPIES),
+        **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION: approximate(
             "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "
             "at less than 0.1 m/s, so that it settles sooner than elsewhere; nothing leaves faster than 100 m/s",
             short="nothing bounces that would leave at less than 0.1 m/s; else e is up to 0.009 too large",
         ),
-        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION_THRESHOLD: approximate(
             "DART's own, which cannot be set: nothing bounces that would leave at less than 0.1 m/s (e v < 0.1 m/s), "
             "and all else does, whatever threshold is asked for",
@@ -194,14 +147,11 @@ class Gazebo(WorldEngine[Simulation]):
         ),
         Feature.TORSIONAL_FRICTION: never(f"{_NO_MOMENT} about the normal"),
         Feature.ROLLING_FRICTION: never(f"{_NO_MOMENT} across the normal"),
-        Feature.IMPACT_FRICTION: EXACT,
         Feature.HARDNESS_COMMON: via_api("DART's error reduction of 0.01, once its largest speed is set to 1e9 m/s"),
-        Feature.HARDNESS_TIME_CONSTANT: never(_RIGID),
-        Feature.HARDNESS_STIFFNESS: never(_RIGID),
+        **for_each(never(_RIGID), *features.COMPLIANCES, Feature.HARDNESS_PAIRS),
         Feature.HARDNESS_NATIVE: never(
             "DART's own takes overlaps back at 0.01 m/s at most, and simspec sets that aside"
         ),
-        Feature.HARDNESS_PAIRS: never(_RIGID),
         Feature.CONE_ELLIPTIC: approximate(
             "the circumscribed pyramid: up to 1.41 times the friction between its axes",
             no_friction,
@@ -211,23 +161,9 @@ class Gazebo(WorldEngine[Simulation]):
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api(
             "Dantzig's solver in passes, bound by the last one's normal forces"
         ),
-        Feature.PASSING_PAIRS: via_api(_FILTER),
-        Feature.COLLISION_GROUPS: via_api(_FILTER),
-        Feature.EXCLUDED_PAIRS: via_api(_FILTER),
-        Feature.TOUCHING_PAIRS: via_api(_FILTER),
-        Feature.KINEMATIC: via_api(HEAVY),
-        Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: FRAMES_ALONGSIDE,
-        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
-        Feature.FREE_DAMPING: GIVEN_DAMPING,
-        Feature.FLUID: GIVEN_FLUID,
-        Feature.CONTROL: via_api("efforts given before every step"),
+        **for_each(via_api(_FILTER), *features.FILTERS),
         Feature.CONTROL_NATIVE: never("gz-physics' dartsim has no controllers of positions"),
-        Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
-        Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
-        Feature.SUM: via_api("given as efforts before every step"),
-        Feature.SUM_DRY_FRICTION: never("DART has dry friction of single joints, and none along sums of positions"),
-        Feature.SUM_LIMITS: never("DART stops joints one by one, and no sum of their positions"),
+        **outside_constraints(TITLE),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "contact_solver": Setting(
@@ -239,7 +175,7 @@ class Gazebo(WorldEngine[Simulation]):
             "on one another cost no more so. pgs: sweeps over the rows, approximate where many bodies bear each other.",
             ("dantzig", "pgs"),
             group=Group.SOLVER,
-        ),
+        )
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
         *DEVIATIONS,
@@ -258,7 +194,7 @@ class Gazebo(WorldEngine[Simulation]):
     )
     ACCEPTED_CONES: ClassVar[Mapping[str, str]] = {"elliptic": "pyramid-circumscribed"}
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "simspec's filter has classes of shapes, in which groups are merged with materials",
+        "collision_group": "simspec's filter has classes of shapes, in which groups are merged with materials"
     }
 
     PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)

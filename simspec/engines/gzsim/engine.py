@@ -21,24 +21,12 @@ from simspec.engines.gzsim.simulation import Simulation
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
 from simspec.engines.kit.settings import Setting
 from simspec.engines.kit.simulated import SteppedEngine
 from simspec.language.vocabulary import SHAPE_KINDS
-from simspec.support.declarations import (
-    AS_EFFORTS,
-    FRAMES_ALONGSIDE,
-    Level,
-    Refinement,
-    Support,
-    Table,
-    approximate,
-    exactly,
-    for_each,
-    never,
-    via_api,
-)
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support import classes, features
+from simspec.support.declarations import EXACT, Level, Refinement, Table, approximate, exact, for_each, never, via_api
+from simspec.support.features import Feature
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.inertia import lumped
 from simspec.world.kinematics import rigid_groups
@@ -95,10 +83,6 @@ def _whole_microseconds(world: World) -> Refinement | None:
     )
 
 
-def _without_contact(*features: Feature) -> dict[Feature, Support]:
-    return {feature: dataclasses.replace(never(_NO_CONTACT), refine=_nothing_solid) for feature in features}
-
-
 class GzSim(SteppedEngine[Simulation]):
     """The simulator gz sim with its physics system, through its Python bindings: poses, velocities and joint states of its
     server's components, efforts as its commands. Files only: where it is not installed, the files are proven (L0). *simspec
@@ -127,62 +111,37 @@ class GzSim(SteppedEngine[Simulation]):
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through gz sim",
     }
     SUPPORT: ClassVar[Table] = {
-        **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE),
-            *(Feature.DRY_FRICTION, Feature.LIMIT_EFFORT),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY, Feature.GRAVITY),
-        ),
-        **for_each(
-            Support(Level.EXACT, "of what cannot move", refine=_all_weigh), Feature.MASSLESS, Feature.INERTIA_SINGULAR
-        ),
+        **classes.driven("gz sim"),
+        Feature.DRY_FRICTION: EXACT,
+        **for_each(exact("of what cannot move", refine=_all_weigh), Feature.INERTIA_SINGULAR, Feature.MASSLESS),
         Feature.JOINT_FREE: approximate(
             "as DART moves them, which follows the law to round-off (measured there), but told late: gz sim tells pose and "
             "velocity of a link only once it has moved or turned by 1e-6 since it last told them",
             short="pose and velocity of a free body are told only once it has moved or turned by 1e-6",
         ),
-        **for_each(never(_NOT_TOLD), Feature.JOINT_BALL, Feature.BALL_LIMIT, Feature.BALL_DAMPING, Feature.BALL_SPRING),
+        **for_each(
+            never(_NOT_TOLD),
+            *(Feature.JOINT_BALL, Feature.BALL_LIMIT, Feature.BALL_DAMPING, Feature.BALL_SPRING, Feature.KINEMATIC),
+        ),
         Feature.JOINT_SEVERAL: never(
             "SDF has no bodies without mass that move, which stand between two joints of one body"
         ),
-        Feature.LIMIT_POSITION: Support(Level.EXACT, "limits stop dead within the step, in DART itself"),
-        Feature.LIMIT_VELOCITY: Support(Level.EXACT, "not told to gz sim, whose DART would enforce it"),
-        Feature.DAMPING: via_api(_GIVEN),
-        Feature.SPRING: via_api(_GIVEN),
+        Feature.LIMIT_POSITION: exact("limits stop dead within the step, in DART itself"),
+        Feature.LIMIT_VELOCITY: exact("not told to gz sim, whose DART would enforce it"),
+        **for_each(via_api(_GIVEN), Feature.DAMPING, Feature.SPRING),
+        **for_each(never("DART has no armature, and simspec does not compute it for gz sim"), *features.ARMATURES),
+        **{Feature(f"shape.{kind}"): exact("seen, and not told to gz sim", refine=_only_seen) for kind in SHAPE_KINDS},
+        Feature.SHAPE_VISUAL: exact("not told to gz sim, whose physics does not know it"),
         **for_each(
-            never("DART has no armature, and simspec does not compute it for gz sim"),
-            *(Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.FREE_ARMATURE),
+            dataclasses.replace(never(_NO_CONTACT), refine=_nothing_solid),
+            *(*features.MARGINS, Feature.SURFACE_VELOCITY),
+            *(*features.CONTACT_LAWS, *features.HARDNESSES, *features.FILTERS),
         ),
-        **{
-            Feature(f"shape.{kind}"): Support(Level.EXACT, "seen, and not told to gz sim", refine=_only_seen)
-            for kind in SHAPE_KINDS
-        },
-        Feature.SHAPE_VISUAL: Support(Level.EXACT, "not told to gz sim, whose physics does not know it"),
-        **_without_contact(
-            *(Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS, Feature.SURFACE_VELOCITY),
-            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.IMPACT_FRICTION),
-            *COUPLED_CONTACT,
-            *(Feature.RESTITUTION, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
-            *(Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
-            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
-            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
-            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-        ),
-        Feature.KINEMATIC: never(_NOT_TOLD),
-        Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: FRAMES_ALONGSIDE,
-        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
-        Feature.FREE_DAMPING: GIVEN_DAMPING,
-        Feature.FLUID: GIVEN_FLUID,
-        Feature.TIMESTEP: Support(Level.EXACT, "whole microseconds", refine=_whole_microseconds),
-        Feature.CONTROL: via_api("efforts given before every step"),
+        Feature.TIMESTEP: exact("whole microseconds", refine=_whole_microseconds),
         Feature.CONTROL_NATIVE: never("simspec drives gz sim by efforts"),
-        Feature.SUM: via_api("given as efforts before every step"),
         **for_each(
             never("simspec tells gz sim no constraints outside the tree"),
-            *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
+            *(*features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {}

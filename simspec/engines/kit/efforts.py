@@ -9,7 +9,8 @@ would: exact, also in contact.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+import functools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from simspec.dialects.kit.joints import Around, Passive, fluid_of, with_passive
 from simspec.engines.kit.contract import Engine
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.support.declarations import Refinement, Support, outside, unsupported_if, via_api
+from simspec.support.declarations import Refinement, Support, outside, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.actions import JointSum
 from simspec.world.constraints import Violation, multipliers
@@ -46,12 +47,16 @@ HOW = (
 Array = NDArray[np.float64]
 
 
-def computed(feature: Feature, title: str, refine: Callable[[World], Refinement | None]) -> Support:
-    """That simspec computes the constraints of ``feature`` outside an engine (``title``), where ``refine`` has nothing
-    against it. Each feature of each engine has a short reason of its own."""
-    noun = feature.value.rpartition(".")[2]
-    short = f"a {noun} as an effort before every step, outside {title}, where nothing touches the held trees"
-    return outside(HOW, refine, short)
+def outside_constraints(title: str) -> dict[Feature, Support]:
+    """That simspec computes constraints outside an engine (``title``), where everything in the constrained trees feels them."""
+    return {
+        feature: outside(
+            HOW,
+            functools.partial(constraints_felt, title=title),
+            f"a {noun} as an effort before every step, outside {title}, where nothing touches the held trees",
+        )
+        for feature, noun in ((Feature.CONSTRAINT_LOOP, "loop"), (Feature.CONSTRAINT_COUPLING, "coupling"))
+    }
 
 
 def constraints_felt(world: World, title: str) -> Refinement | None:
@@ -139,11 +144,6 @@ def _part(world: World, bodies: Sequence[Body], constraints: Sequence[Constraint
     at_q = np.concatenate([np.r_[whole.position[index]] for index in rows]).astype(np.intp)
     at_v = np.concatenate([np.r_[whole.velocity[index]] for index in rows]).astype(np.intp)
     return _Part(rows, at_q, at_v, Violation(bodies, constraints), JointForces(bodies))
-
-
-GIVEN_GRAVITY_SCALE = via_api("the difference as a force at the centre of mass before every step")
-GIVEN_DAMPING = via_api("as an effort before every step, from the engine's own velocities")
-GIVEN_FLUID = via_api("its forces on each body as an effort before every step, from the engine's own velocities")
 
 
 class GivenForces:

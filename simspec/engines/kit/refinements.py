@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from simspec.support.declarations import Level, Refinement, Table, never, unsupported_if
-from simspec.support.features import Feature
+from simspec.support.declarations import Level, Refine, Refinement, Support, exact, outside, unsupported_if
 from simspec.world.contact_pairs import CollisionFilter, frictionless, meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.inertia import lumped
 from simspec.world.kinematics import natively_driven, rigid_groups, trees
 from simspec.world.types import Body, Pair, Shape, World
-
-Refine = Callable[[World], Refinement | None]
 
 ROUND_OFF = 1e-9
 """Relative: what calculating an inertia or a centre of mass may cost."""
@@ -55,9 +52,9 @@ def _is_ball(body: Body, shapes: Sequence[Shape]) -> bool:
     return round_inertia and centred and all(shape.kind == "sphere" for shape in shapes)
 
 
-def still_or_light(why: str) -> Refine:
-    """Not where a body that has a mass is fixed to one that moves, to an engine whose coordinates are those of their common
-    centre of mass. ``why`` names the body as ``{name}``."""
+def still_or_light(why: str) -> Support:
+    """Of fixed joints: not where a body that has a mass is fixed to one that moves, in an engine whose coordinates are those of
+    their common centre of mass. ``why`` names the body as ``{name}``."""
 
     def refine(world: World) -> Refinement | None:
         groups, told = rigid_groups(world), lumped(world)
@@ -71,7 +68,12 @@ def still_or_light(why: str) -> Refine:
         name = next(heavy, None)
         return unsupported_if(None if name is None else why.format(name=repr(name)))
 
-    return refine
+    return exact("of what cannot move, and of bodies without mass on one that moves, which are parts of it", refine)
+
+
+def static_planes(why: str) -> Support:
+    """Planes of bodies that cannot move alone. ``why`` names a plane that would move as ``{name}``."""
+    return exact("of bodies that cannot move", planes_still(why))
 
 
 def planes_still(why: str) -> Refine:
@@ -103,32 +105,6 @@ def approximate_pairs(told: Mapping[Pair, str], short: str) -> Refinement:
     return Refinement(Level.APPROXIMATE, how, short)
 
 
-# Declarations of engines that simspec gives no joints: all of it follows from why.
-
-JOINTS = (Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_SEVERAL)
-OF_JOINTS = (
-    *(Feature.LIMIT_POSITION, Feature.DAMPING, Feature.BALL_DAMPING, Feature.SPRING, Feature.BALL_SPRING),
-    *(Feature.DRY_FRICTION, Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.CONTROL, Feature.CONSTRAINT_COUPLING),
-    *(Feature.SUM, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
-)
-"""What acts on joints alone."""
-
-
-def jointless(engine: str, drift: str, moved_by: str) -> Table:
-    """The declarations of an engine without joints. ``drift``: why; ``moved_by``: what of its own would move them."""
-    nothing = f"there are no joints that it could act on: {drift}"
-    return {
-        **dict.fromkeys(JOINTS, never(drift)),
-        **dict.fromkeys(OF_JOINTS, never(nothing)),
-        Feature.FREE_ARMATURE: never(
-            f"{engine} has no armature of free bodies, and contact would ignore a computed one"
-        ),
-        Feature.BALL_LIMIT: never("world.json has no limits of balls"),
-        Feature.CONTROL_NATIVE: never(f"simspec gives {engine} no joints, which its {moved_by} would move"),
-        Feature.CONSTRAINT_LOOP: never(f"loops are closed by joints: {drift}"),
-    }
-
-
 # Armature that simspec computes outside an engine, as an effort before every step: in which worlds that is exact.
 
 
@@ -157,3 +133,19 @@ def armature_felt(world: World, title: str, impulses: Callable[[str, Sequence[Bo
                         f"{body.name!r} may touch {other.name!r}, and contact would ignore the armature"
                     )
     return None
+
+
+def implicit_damping_armature(title: str, short: str) -> Support:
+    """Armature by an engine's implicit damping; not where impulses of dry friction or limits would ignore it."""
+
+    def not_felt(_: str, bodies: Sequence[Body]) -> str | None:
+        for body in bodies:
+            if body.joint.dry_friction or body.joint.position_limits is not None:
+                return f"{body.name!r} has dry friction or position limits, whose impulses would ignore the armature"
+        return None
+
+    return outside(
+        "the engine's implicit damping A / dt with the effort (A / dt) v against it",
+        lambda world: armature_felt(world, title, not_felt),
+        short,
+    )

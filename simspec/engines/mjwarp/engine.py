@@ -22,7 +22,7 @@ from simspec.engines.mujoco.expectation import Expectation
 from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.rewritten import NO_EQUALITIES, met_exactly, no_friction, rubs, without_coulomb
 from simspec.engines.mujoco.settings import SETTINGS as MUJOCO_SETTINGS
-from simspec.support.declarations import EXACT, Level, Refinement, Support, Table, never, unsupported_if
+from simspec.support.declarations import EXACT, Refinement, Support, Table, exact, never, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.kinematics import rigid_groups
@@ -195,8 +195,7 @@ def _torsional(world: World) -> Refinement | None:
 
 def _of_kind(kind: str) -> Support:
     met = EXACTLY_MET[kind]
-    return Support(
-        Level.EXACT,
+    return exact(
         f"with what is a {' or a '.join(met)}, and what never meets anything",
         refine=functools.partial(met_exactly, kind, met, SEARCHED),
     )
@@ -237,17 +236,15 @@ class MjWarp(MjWarpSimulation):
         Feature.SHAPE_HEIGHTFIELD: never(
             "MuJoCo Warp meets height fields by prisms of their cells, by the search that loses digits with size"
         ),
-        Feature.MASSLESS: Support(Level.EXACT, "of what touches nothing with friction", refine=weightless_rub),
+        Feature.MASSLESS: exact("of what touches nothing with friction", refine=weightless_rub),
         Feature.TORSIONAL_FRICTION: dataclasses.replace(
             _TORSIONAL,
             how=f"beside rolling friction, or at an impratio of up to {MOST_TORSIONAL_RATIO:g}: {_TORSIONAL.how}",
             refine=_torsional,
         ),
         Feature.CONTROL_NATIVE: never("simspec drives MuJoCo Warp by efforts"),
-        Feature.CONE_PYRAMID_INSCRIBED: Support(
-            Level.EXACT,
-            "where nothing has friction: a pyramid of one edge",
-            refine=functools.partial(no_friction, why=PYRAMID),
+        Feature.CONE_PYRAMID_INSCRIBED: exact(
+            "where nothing has friction: a pyramid of one edge", refine=functools.partial(no_friction, why=PYRAMID)
         ),
         **NO_EQUALITIES,
     }

@@ -28,17 +28,7 @@ from simspec.engines.mujoco.rewritten import (
     without_coulomb,
 )
 from simspec.engines.mujoco.settings import SETTINGS as MUJOCO_SETTINGS
-from simspec.support.declarations import (
-    EXACT,
-    Level,
-    Refinement,
-    Support,
-    Table,
-    approximate,
-    for_each,
-    never,
-    unsupported_if,
-)
+from simspec.support.declarations import EXACT, Refinement, Table, approximate, exact, for_each, never, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.kinematics import layout_of
@@ -178,15 +168,12 @@ class Mjx(MjxSimulation):
         **MuJoCo.SUPPORT,
         **hardnesses(MuJoCo.SUPPORT, _small_enough),
         Feature.SHAPE_BOX: EXACT,  # by a function of its own, whatever MuJoCo's release
-        Feature.SHAPE_CYLINDER: Support(
-            Level.EXACT,
+        Feature.SHAPE_CYLINDER: exact(
             "against planes and spheres, and what never meets anything",
             refine=functools.partial(met_exactly, "cylinder", EXACTLY_MET, _NOT_EXACTLY),
         ),
-        Feature.SHAPE_ELLIPSOID: Support(
-            Level.EXACT,
-            "against planes and spheres",
-            refine=functools.partial(met_exactly, "ellipsoid", EXACTLY_MET, _NOT_EXACTLY),
+        Feature.SHAPE_ELLIPSOID: exact(
+            "against planes and spheres", refine=functools.partial(met_exactly, "ellipsoid", EXACTLY_MET, _NOT_EXACTLY)
         ),
         Feature.SHAPE_HEIGHTFIELD: never(
             "MJX meets height fields by prisms of their cells, and with spheres, capsules, boxes and hulls alone"
@@ -200,13 +187,11 @@ class Mjx(MjxSimulation):
         Feature.EVEN_PRESSURE: MuJoCo.SUPPORT[Feature.EVEN_PRESSURE],
         Feature.MASS_RATIO: MuJoCo.SUPPORT[Feature.MASS_RATIO],
         Feature.CONTROL_NATIVE: never("simspec drives MJX by efforts"),
-        Feature.CONE_ELLIPTIC: Support(
-            Level.EXACT, "cone=elliptic; a pyramid of one edge where nothing has friction", refine=_friction_everywhere
+        Feature.CONE_ELLIPTIC: exact(
+            "cone=elliptic; a pyramid of one edge where nothing has friction", refine=_friction_everywhere
         ),
-        Feature.CONE_PYRAMID_INSCRIBED: Support(
-            Level.EXACT,
-            "where nothing has friction: a pyramid of one edge",
-            refine=functools.partial(no_friction, why=_HOPS),
+        Feature.CONE_PYRAMID_INSCRIBED: exact(
+            "where nothing has friction: a pyramid of one edge", refine=functools.partial(no_friction, why=_HOPS)
         ),
         Feature.IMPACT_FRICTION: approximate(
             "most of it is missing, as in MuJoCo: of the speed along the surface that an impact should take away 80 to 90 % "

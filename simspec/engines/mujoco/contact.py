@@ -17,7 +17,7 @@ from simspec.dialects.mujoco.sidecar import COULOMB, NATIVE
 from simspec.engines.kit.coupled import in_force
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.mujoco.coupled import DEVIATIONS, coupled_support
-from simspec.support.declarations import Level, Refinement, Support, approximate, never
+from simspec.support.declarations import Level, Refinement, Support, approximate, exact, never
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_kinds, meeting_laws, solid_shapes
 from simspec.world.types import World
@@ -39,9 +39,7 @@ _SLID: Sizes = {
     0.0005: {0.04: 0.026, 0.17: 0.045, 0.57: 0.056, 0.77: 0.11, 0.97: 0.23, 1.17: 0.49, 1.37: 0.62},
     0.004: {0.37: 0.096, 0.57: 0.22, 0.77: 0.33, 0.97: 0.37, 1.17: 0.61},
 }
-_PUSHED_UNDER_PYRAMID: Sizes = {
-    0.0005: {0.04: 0.12, 0.17: 0.53, 0.37: 1.3, 0.77: 1.6, 0.97: 2.3, 1.37: 2.8},
-}
+_PUSHED_UNDER_PYRAMID: Sizes = {0.0005: {0.04: 0.12, 0.17: 0.53, 0.37: 1.3, 0.77: 1.6, 0.97: 2.3, 1.37: 2.8}}
 _SLID_UNDER_PYRAMID: Sizes = {
     0.0005: {0.17: 0.17, 0.37: 0.34, 0.57: 0.71, 0.97: 1.4, 1.17: 2.1, 1.37: 2.5},
     0.004: {0.77: 0.89},
@@ -118,27 +116,25 @@ def boxes_before(world: World) -> Refinement | None:
 
 
 CONTACT_SUPPORT: Mapping[Feature, Support] = {
-    Feature.SHAPE_BOX: Support(
-        Level.EXACT,
+    Feature.SHAPE_BOX: exact(
         f"before {BOXES} two boxes that may meet are approximate, and accepted by name: they touch with half the depth of "
         "their overlap, so that a box lies twice as deep on another one",
         cases=(HALF_DEPTH,),
         since=BOXES,
         before=boxes_before,
     ),
-    Feature.SHAPE_CYLINDER: Support(
-        Level.EXACT,
+    Feature.SHAPE_CYLINDER: exact(
         "flat faces touch at points on their rim; on the soft first layer of friction they lean: an upright cylinder that "
-        "should tip where its weight points 1.00 R beside the axis tips at 0.94 to 0.98 R (R = 5 cm)",
+        "should tip where its weight points 1.00 R beside the axis tips at 0.94 to 0.98 R (R = 5 cm)"
     ),
-    Feature.FRICTION_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
+    Feature.FRICTION_PAIRS: exact("as explicit pairs of shapes"),
     Feature.RESTITUTION: approximate(
         "a reference velocity of −e times the approach speed: within 0.03 of e for spheres from 1 m/s at 1 ms, 0.05 at 2 ms, "
         "0.11 at 4 ms, where gravity acts on during the steps out of the overlap; impacts on several bodies pass from one to "
         "the next, so that the last of a row leaves alone",
         short="what bounces leaves with e off by up to 0.03 at 1 ms, 0.05 at 2 ms and 0.11 at 4 ms",
     ),
-    Feature.RESTITUTION_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
+    Feature.RESTITUTION_PAIRS: exact("as explicit pairs of shapes"),
     Feature.RESTITUTION_THRESHOLD: approximate(
         "MuJoCo has none: what should rest after a slow impact bounces at up to e times the threshold speed",
         short="there is no threshold: what should rest after a slow impact bounces on",
@@ -153,29 +149,27 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         "which costs 1.3 % at c = 0.4 μ r and 17 % at c = μ r",
         short="what rolls is braked too little where c is large: by 1.3 % at c = 0.4 μ r, 17 % at c = μ r",
     ),
-    Feature.HARDNESS_COMMON: Support(
-        Level.EXACT,
-        "with friction of MuJoCo's own and without restitution on a cushion of 0.1 mm (setting friction_cushion)",
+    Feature.HARDNESS_COMMON: exact(
+        "with friction of MuJoCo's own and without restitution on a cushion of 0.1 mm (setting friction_cushion)"
     ),
     Feature.HARDNESS_TIME_CONSTANT: approximate(
         "for one point of contact: rest depth g T² ζ² within 0.01 %, oscillation within 0.3 % at T ζ = 15 steps, rebound "
         "within 0.04; the n points of a face act as n springs, so a box lies a quarter as deep",
         short="right for one point of contact; a face is as stiff as its n points: a box lies 1/4 as deep",
     ),
-    Feature.HARDNESS_STIFFNESS: Support(
-        Level.EXACT,
+    Feature.HARDNESS_STIFFNESS: exact(
         "between free single bodies and what cannot move: rest depth within 1e-5, at any number of points; mechanisms are "
-        "refused, since MuJoCo's numbers are accelerations",
+        "refused, since MuJoCo's numbers are accelerations"
     ),
-    Feature.HARDNESS_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
-    Feature.SURFACE_VELOCITY: Support(Level.EXACT, "surfacevel of a geom", since="3.11"),
-    Feature.MARGIN_PAIRS: Support(Level.EXACT, "as explicit pairs of shapes"),
+    Feature.HARDNESS_PAIRS: exact("as explicit pairs of shapes"),
+    Feature.SURFACE_VELOCITY: exact("surfacevel of a geom", since="3.11"),
+    Feature.MARGIN_PAIRS: exact("as explicit pairs of shapes"),
     Feature.HARDNESS_NATIVE: approximate(
         "solref 0.02 1, solimp 0.9 0.95 0.001: a 1 kg box rests 0.11 mm deep, a sphere 0.37 mm; a slider hops 3 mm at 5 m/s "
         "and μ = 0.5; impratio stays the world's",
         short="MuJoCo's own soft contact: a box rests 0.1 mm deep, a sphere 0.4 mm, a slider hops 3 mm",
     ),
-    Feature.PASSING_PAIRS: Support(Level.EXACT, "by masks of shapes, or excluded pairs of bodies"),
+    Feature.PASSING_PAIRS: exact("by masks of shapes, or excluded pairs of bodies"),
     Feature.IMPACT_FRICTION: approximate(
         "friction lags where it changes within steps. Most of that in impacts is missing: of the speed along the surface that "
         "one should take away 80 to 90 % stays at 1 ms. What leans or clamps settles by up to 5 mm before it is held, what "
@@ -187,7 +181,7 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         cases=(BY_COULOMB, UNLISTED),
     ),
     **coupled_support(BY_COULOMB, coulomb_asked),
-    Feature.CONE_ELLIPTIC: Support(Level.EXACT, "cone=elliptic"),
+    Feature.CONE_ELLIPTIC: exact("cone=elliptic"),
     Feature.CONE_PYRAMID_INSCRIBED: approximate(
         "the force keeps to the pyramid, but MuJoCo's pyramid throws sliding bodies up, by 4 to 13 mm at 1 m/s and 100 to "
         "320 mm at 5 m/s (μ 0.3 to 1), and with restitution slip bounces back too",
@@ -373,10 +367,7 @@ _OWN: tuple[Deviation, ...] = (
     *_rows("stop-oblong", _PYRAMID, {0.0005: _LASTING}, restitution=0.01, friction_cone="pyramid-inscribed"),
     *(
         row
-        for cone, why, tables in (
-            ("elliptic", _BOUNCING, ELLIPTIC),
-            ("pyramid-inscribed", _PYRAMID, PYRAMID),
-        )
+        for cone, why, tables in (("elliptic", _BOUNCING, ELLIPTIC), ("pyramid-inscribed", _PYRAMID, PYRAMID))
         for probe, table in tables.items()
         for row in _rows(probe, why, table, restitution=LEAST, friction_cone=cone)
     ),
@@ -442,10 +433,7 @@ _COULOMB: tuple[Deviation, ...] = (
         row
         for probe in ("push", "push-oblong")
         for row in _rows(
-            probe,
-            _RESTLESS,
-            {0.0005: {0.0: 0.08, 1.25: 0.11}, 0.008: {0.0: 0.08, 0.4: 0.11}},
-            restitution=_LIVELY,
+            probe, _RESTLESS, {0.0005: {0.0: 0.08, 1.25: 0.11}, 0.008: {0.0: 0.08, 0.4: 0.11}}, restitution=_LIVELY
         )
     ),
     *(

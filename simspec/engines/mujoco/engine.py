@@ -23,18 +23,8 @@ from simspec.engines.mujoco.readback import UNREADABLE
 from simspec.engines.mujoco.settings import SETTINGS
 from simspec.engines.mujoco.simulation import MujocoSimulation, import_mujoco
 from simspec.formats.mjcf.bodies import KINDS
-from simspec.support.declarations import (
-    AS_EFFORTS,
-    HEAVY,
-    Level,
-    Support,
-    Table,
-    approximate,
-    exactly,
-    never,
-    shape_kinds,
-    via_api,
-)
+from simspec.support import classes, features
+from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds
 from simspec.support.features import Feature
 from simspec.world.types import EngineValue, ReadBack, World
 
@@ -67,24 +57,11 @@ class MuJoCo(MujocoSimulation):
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.EXPLICIT_SPRING, accuracy=1e-13)
     SUPPORT: ClassVar[Table] = {
+        **classes.driven("MuJoCo"),
         **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            Feature.JOINT_SEVERAL,
-            *(Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-            *(
-                Feature.DAMPING,
-                Feature.BALL_DAMPING,
-                Feature.ARMATURE,
-                Feature.BALL_ARMATURE,
-                Feature.SPRING,
-                Feature.BALL_SPRING,
-            ),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS, Feature.TREE_SIZE),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPE_MARGIN, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            Feature.FRICTION,
-            *(Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
+            *(Feature.JOINT_SEVERAL, *features.DAMPERS_AND_SPRINGS, *features.ARMATURES, Feature.FREE_DAMPING),
+            *(Feature.SHAPE_MARGIN, Feature.FRICTION, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
+            Feature.TOUCHING_PAIRS,
         ),
         **shape_kinds("MuJoCo", KINDS),
         Feature.SHAPE_HEIGHTFIELD: HEIGHT_FIELDS,
@@ -105,18 +82,13 @@ class MuJoCo(MujocoSimulation):
         Feature.TREE_DEPTH: never(
             "MuJoCo's XML reader stops at 500 nested elements, which are 496 bodies in a chain (measured)"
         ),
-        Feature.KINEMATIC: via_api(HEAVY),
-        Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.GRAVITY_SCALE: Support(Level.EXACT, "gravcomp = 1 − scale, up to 1"),
-        **exactly(Feature.FREE_DAMPING, Feature.FREE_ARMATURE),
-        Feature.FLUID: Support(Level.EXACT, "density, viscosity and wind: MuJoCo's forces on boxes of equal inertia"),
-        Feature.CONTROL: via_api("efforts given before every step"),
-        Feature.CONTROL_NATIVE: Support(Level.EXACT, NATIVE_CONTROL, refine=explicit_servos_hold),
+        Feature.GRAVITY_SCALE: exact("gravcomp = 1 − scale, up to 1"),
+        Feature.FLUID: exact("density, viscosity and wind: MuJoCo's forces on boxes of equal inertia"),
+        Feature.CONTROL_NATIVE: exact(NATIVE_CONTROL, refine=explicit_servos_hold),
         **CONTACT_SUPPORT,
-        Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, EQUALITIES),
-        Feature.CONSTRAINT_LOOP: Support(Level.EXACT, EQUALITIES),
-        Feature.FRAME: Support(Level.EXACT, "a site"),
-        Feature.SUM: Support(Level.EXACT, "a fixed tendon's spring and damper, explicit in time"),
+        **for_each(exact(EQUALITIES), *features.CONSTRAINTS),
+        Feature.FRAME: exact("a site"),
+        Feature.SUM: exact("a fixed tendon's spring and damper, explicit in time"),
         Feature.SUM_DRY_FRICTION: approximate(
             "as dry friction of joints: sticks softly, and creeps at up to 1e-4 dt times the acceleration it holds back",
             short="what dry friction along a sum holds creeps: by 1e-7 m/s at 1 ms and 1 m/s²",

@@ -15,8 +15,8 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.coupled import leans
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, computed, constraints_felt
-from simspec.engines.kit.refinements import planes_still
+from simspec.engines.kit.efforts import outside_constraints
+from simspec.engines.kit.refinements import static_planes
 from simspec.engines.kit.settings import Group, Setting, of_mobility
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.ode import building
@@ -36,18 +36,15 @@ from simspec.engines.ode.approximations import (
 from simspec.engines.ode.inventory import expected, inventory, neutral
 from simspec.engines.ode.readback import read_back
 from simspec.engines.ode.simulation import Simulation
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    AS_EFFORTS,
-    FRAMES_ALONGSIDE,
-    HEAVY,
     Attempt,
-    Level,
     Refinement,
-    Support,
     Table,
+    exact,
     exactly,
+    for_each,
     never,
-    not_yet,
     shape_kinds,
     unsupported_if,
     via_api,
@@ -56,7 +53,6 @@ from simspec.support.features import Feature
 from simspec.world.kinematics import rigid_groups, trees
 from simspec.world.types import World
 
-_NOT_YET = "simspec does not write it for ODE"
 _HULLS = (
     "the convex hull, to the last bit, as a class of geoms of simspec's own, whose points of contact with everything, up to 16 "
     "of a pair, its part in C finds: depth and normal of the least way out, to 1e-14 m (to 1e-12 of the shapes' extent with "
@@ -73,11 +69,6 @@ _MOMENTS = (
 )
 _GIVEN = "given as forces at every step, explicit in time: ODE's joints have neither"
 _MOTOR = "a motor of speed 0 with this largest effort, on the joint's axis, solved with contact"
-
-
-def _held_alone(world: World) -> Refinement | None:
-    """Not supported where something would not feel a constraint that is computed outside ODE."""
-    return constraints_felt(world, Ode.TITLE)
 
 
 def _settled(world: World) -> Refinement | None:
@@ -111,9 +102,6 @@ def _light_links(world: World) -> Refinement | None:
     return None
 
 
-_planes_still = planes_still("ODE's planes cannot move, as {name} does")
-
-
 class Ode(WorldEngine[Simulation]):
     """ODE's worlds, by dWorldStep or dWorldQuickStep."""
 
@@ -130,87 +118,49 @@ class Ode(WorldEngine[Simulation]):
         Capability.FOREIGN_FILES: "ODE reads no files",
     }
     SUPPORT: ClassVar[Table] = {
-        **exactly(
-            *(Feature.JOINT_FIXED, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
-            *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            *(Feature.RESTITUTION, Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD),
-            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION),
-            Feature.CARRIED_FRICTION,
-            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
-        ),
+        **classes.driven("ODE"),
+        **exactly(*features.RESTITUTIONS, Feature.HARDNESS_COMMON, *features.FILTERS),
         **JOINTS,
-        Feature.INERTIA: Support(
-            Level.EXACT,
-            f"of trees whose masses, and moments, differ by less than {LARGEST_MASS_RATIO:g}",
-            refine=_light_links,
+        Feature.INERTIA: exact(
+            f"of trees whose masses, and moments, differ by less than {LARGEST_MASS_RATIO:g}", refine=_light_links
         ),
         **shape_kinds("ODE", ("sphere", "box", "capsule")),
         Feature.JOINT_SEVERAL: never("ODE's bodies have mass, and between two joints of one body stands one without"),
-        Feature.LIMIT_POSITION: Support(
-            Level.EXACT, "stops as rows of ODE's own, within the step in which a joint arrives"
+        Feature.LIMIT_POSITION: exact("stops as rows of ODE's own, within the step in which a joint arrives"),
+        **for_each(via_api(_GIVEN), *features.DAMPERS_AND_SPRINGS),
+        Feature.DRY_FRICTION: exact(_MOTOR),
+        Feature.ARMATURE: exact("a motor with the present speed and softness dt/armature, solved with contact"),
+        **for_each(
+            classes.unwritten(TITLE, Attempt.READ_BACK),
+            *(Feature.BALL_ARMATURE, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         ),
-        Feature.DAMPING: via_api(_GIVEN),
-        Feature.BALL_DAMPING: via_api(_GIVEN),
-        Feature.SPRING: via_api(_GIVEN),
-        Feature.BALL_SPRING: via_api(_GIVEN),
-        Feature.DRY_FRICTION: Support(Level.EXACT, _MOTOR),
-        Feature.ARMATURE: Support(
-            Level.EXACT, "a motor with the present speed and softness dt/armature, solved with contact"
-        ),
-        Feature.BALL_ARMATURE: not_yet(_NOT_YET, Attempt.READ_BACK),
-        Feature.FREE_ARMATURE: never("ODE has no armature of free bodies, and contact would ignore a computed one"),
-        Feature.SHAPE_CYLINDER: Support(
-            Level.EXACT,
+        Feature.SHAPE_CYLINDER: exact(
             "by ODE's own code, which overlooks 4 of 100 overlaps with boxes; where one meets cylinders or capsules by libccd, "
             "in one point along a line, accepted by name",
             refine=cylinders,
             cases=CASES,
         ),
-        Feature.SHAPE_CAPSULE: Support(Level.EXACT, refine=capsules),
-        Feature.SHAPE_PLANE: Support(Level.EXACT, "of bodies that cannot move", refine=_planes_still),
+        Feature.SHAPE_CAPSULE: exact(refine=capsules),
+        Feature.SHAPE_PLANE: static_planes("ODE's planes cannot move, as {name} does"),
         Feature.SHAPE_MESH: via_api(_HULLS),
-        Feature.SHAPE_MARGIN: never("ODE's contact begins where shapes touch"),
-        Feature.MARGIN_PAIRS: never("ODE's contact begins where shapes touch"),
-        Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
-        Feature.FRICTION: Support(
-            Level.EXACT, "the law of the two materials at every point of contact", refine=_settled, cases=(SWEEPS,)
+        Feature.SURFACE_VELOCITY: classes.NO_BELTS,
+        Feature.FRICTION: exact(
+            "the law of the two materials at every point of contact", refine=_settled, cases=(SWEEPS,)
         ),
-        Feature.FRICTION_PAIRS: Support(Level.EXACT, "the law of the two materials at every point of contact"),
-        Feature.TORSIONAL_FRICTION: Support(Level.EXACT, _MOMENTS),
-        Feature.ROLLING_FRICTION: Support(Level.EXACT, _MOMENTS),
+        Feature.FRICTION_PAIRS: exact("the law of the two materials at every point of contact"),
+        **for_each(exact(_MOMENTS), *features.MOMENTS),
         Feature.SELF_LOCKING: SELF_LOCKING,
         Feature.EVEN_PRESSURE: EVEN_PRESSURE,
         Feature.MASS_RATIO: MASS_RATIO,
         Feature.HARDNESS_TIME_CONSTANT: never("ODE's softness is that of a spring in N/m, for whatever mass"),
-        Feature.HARDNESS_STIFFNESS: not_yet(_NOT_YET, Attempt.CONTACT_PROBES),
-        Feature.HARDNESS_NATIVE: not_yet(_NOT_YET, Attempt.READ_BACK),
-        Feature.HARDNESS_PAIRS: not_yet(_NOT_YET, Attempt.READ_BACK),
-        Feature.CONE_PYRAMID_INSCRIBED: Support(
-            Level.EXACT, f"ODE's pyramid, turned by 45° and smaller by √2; {_PASSES}"
-        ),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: Support(Level.EXACT, f"ODE's pyramid, along the world's x; {_PASSES}"),
-        Feature.CONE_ELLIPTIC: Support(
-            Level.EXACT,
-            f"{_PASSES}; what slips is solved against its slip alone",
-        ),
-        Feature.KINEMATIC: via_api(HEAVY),
-        Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: FRAMES_ALONGSIDE,
-        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
-        Feature.FREE_DAMPING: GIVEN_DAMPING,
-        Feature.FLUID: GIVEN_FLUID,
+        Feature.HARDNESS_STIFFNESS: classes.unwritten(TITLE, Attempt.CONTACT_PROBES),
+        Feature.CONE_PYRAMID_INSCRIBED: exact(f"ODE's pyramid, turned by 45° and smaller by √2; {_PASSES}"),
+        Feature.CONE_PYRAMID_CIRCUMSCRIBED: exact(f"ODE's pyramid, along the world's x; {_PASSES}"),
+        Feature.CONE_ELLIPTIC: exact(f"{_PASSES}; what slips is solved against its slip alone"),
         Feature.BALL_LIMIT: never("world.json has no limits of balls"),
-        Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: never("ODE's motors follow a speed, and simspec does not drive them"),
-        Feature.CONSTRAINT_LOOP: computed(Feature.CONSTRAINT_LOOP, TITLE, _held_alone),
-        Feature.CONSTRAINT_COUPLING: computed(Feature.CONSTRAINT_COUPLING, TITLE, _held_alone),
-        Feature.SUM: via_api("given as efforts before every step"),
+        **outside_constraints(TITLE),
         Feature.SUM_DRY_FRICTION: never("ODE's motors are of single joints, and of no sum of their positions"),
-        Feature.SUM_LIMITS: never("ODE stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "solver": Setting(
@@ -250,7 +200,7 @@ class Ode(WorldEngine[Simulation]):
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = DEVIATIONS
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "ODE is told by a callback what touches, and has no groups",
+        "collision_group": "ODE is told by a callback what touches, and has no groups"
     }
 
     PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)

@@ -26,7 +26,7 @@ from simspec.engines.kit.arrays import CollisionUnit, empty_contacts, pick_block
 from simspec.engines.kit.capabilities import NativeLaw, Recovery, ServoLaw
 from simspec.engines.kit.contract import Actuation
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE, BeforeSteps
+from simspec.engines.kit.efforts import BeforeSteps
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.inventory import expected_labels
 from simspec.engines.kit.refinements import armature_felt, only_balls_slide
@@ -66,16 +66,14 @@ from simspec.engines.pybullet.readback import SHAPE_KINDS, read_back
 from simspec.engines.pybullet.simulation import Simulation, import_pybullet
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    AS_EFFORTS,
-    EXACT,
-    FRAMES_ALONGSIDE,
-    HEAVY,
-    Level,
     Refinement,
-    Support,
     Table,
     approximate,
+    exact,
+    exactly,
+    for_each,
     never,
     outside,
     shape_kinds,
@@ -127,84 +125,62 @@ class PyBullet(SimulatedEngine[Simulation]):
     FOREIGN_OWN: ClassVar[Mapping[str, Own]] = FOREIGN_OWN
     NATIVE_LAW: ClassVar[NativeLaw | None] = NativeLaw(ServoLaw.MOTOR, accuracy=1e-12)
     SUPPORT: ClassVar[Table] = {
-        Feature.JOINT_FIXED: EXACT,
-        Feature.JOINT_HINGE: EXACT,
-        Feature.JOINT_SLIDE: EXACT,
-        Feature.JOINT_BALL: EXACT,
-        Feature.JOINT_SEVERAL: EXACT,
-        Feature.JOINT_FREE: EXACT,
+        **classes.driven("PyBullet"),
+        **exactly(Feature.JOINT_SEVERAL, Feature.DAMPING, Feature.BALL_DAMPING),
         Feature.LIMIT_POSITION: approximate(
             "passes a limit by up to v dt, then comes back at joint_erp of that in each step, and keeps that speed: a "
             "rebound of up to joint_erp (0.01) times the speed of arrival; the impulse does not feel a computed armature",
             short="a joint passes its limit by up to one step's way, and rebounds with up to 1 % of its speed",
         ),
-        Feature.LIMIT_VELOCITY: EXACT,
-        Feature.LIMIT_EFFORT: EXACT,
-        Feature.DAMPING: EXACT,
-        Feature.BALL_DAMPING: EXACT,
         Feature.DRY_FRICTION: via_api("a velocity motor with target 0 and the friction as its largest force"),
         Feature.ARMATURE: outside(
             f"{_COMPUTED}: τ − A v̇ with (M + A) v̇ = τ − D v − h",
             _armature_covered,
             "a joint's armature by a torque before every step",
         ),
-        Feature.SPRING: via_api(_COMPUTED),
-        Feature.BALL_SPRING: via_api(_COMPUTED),
-        Feature.INITIAL_POSITION: via_api("reset of base and joint states"),
-        Feature.INITIAL_VELOCITY: via_api("reset of base and joint states"),
-        Feature.INERTIA: EXACT,
-        Feature.INERTIA_FULL: EXACT,
-        Feature.INERTIA_SINGULAR: EXACT,
-        Feature.MASSLESS: EXACT,
+        **for_each(via_api(_COMPUTED), Feature.SPRING, Feature.BALL_SPRING, Feature.SUM),
+        **for_each(via_api("reset of base and joint states"), *features.INITIAL_STATE),
         Feature.TREE_SIZE: TREE_SIZE,
         Feature.TREE_DEPTH: never(NO_LINKS),
         **shape_kinds("PyBullet", SHAPE_KINDS.values()),
-        Feature.SHAPE_BOX: Support(
-            Level.EXACT,
+        Feature.SHAPE_BOX: exact(
             "with PyBullet's margin within it: on a link that is no base 1 mm, so that none is thinner than 2 mm there",
             refine=lambda world: thick_enough(PyBullet, "box", world),
             cases=(THICK["box"],),
         ),
-        Feature.SHAPE_CYLINDER: Support(
-            Level.EXACT,
+        Feature.SHAPE_CYLINDER: exact(
             "implicit cylinder, collision margin 0; an upright one tips where its weight points 1.00 R beside the axis, as it "
             "should",
             refine=lambda world: thick_enough(PyBullet, "cylinder", world),
             cases=(THICK["cylinder"], DULL["cylinder"]),
         ),
-        Feature.SHAPE_PLANE: Support(
-            Level.EXACT, "boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"
-        ),
-        Feature.SHAPE_MESH: Support(
-            Level.EXACT,
+        Feature.SHAPE_PLANE: exact("boxes bounce wrongly (they tumble) on PyBullet's plane; use a big box there"),
+        Feature.SHAPE_MESH: exact(
             f"the convex hull to {KEPT:g} of its extent, computed with whole numbers; on links other than bases of "
             "trees told 1 mm smaller, for the margin of 1 mm that PyBullet keeps there: faces are exact, edges rounded",
             refine=lambda world: meshes_held(PyBullet, world),
             cases=(LANDING, THICK["mesh"], DULL["mesh"]),
         ),
-        Feature.SHAPE_HEIGHTFIELD: Support(Level.EXACT, GROUND, refine=_ground_held),
+        Feature.SHAPE_HEIGHTFIELD: exact(GROUND, refine=_ground_held),
         Feature.BALL_ARMATURE: never("PyBullet has no armature, and what stands for it is of one axis"),
-        Feature.MARGIN_PAIRS: never("PyBullet's contact begins where shapes touch"),
         Feature.SURFACE_VELOCITY: never("PyBullet's surfaces move with their bodies alone"),
         Feature.SHAPE_MARGIN: never(
             "PyBullet's contact begins where shapes touch: its margins are inside of shapes, or round hulls at all times"
         ),
-        Feature.SHAPE_VISUAL: EXACT,
-        Feature.SHAPES_PER_BODY: EXACT,
-        Feature.MATERIALS_PER_BODY: via_api(_COPIES),
-        Feature.FRICTION: Support(Level.EXACT, "numbers, up to 10 for a pair"),
-        Feature.CARRIED_FRICTION: EXACT,
+        **for_each(
+            via_api(_COPIES),
+            *(Feature.MATERIALS_PER_BODY, Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS, Feature.HARDNESS_PAIRS),
+        ),
+        Feature.FRICTION: exact("numbers, up to 10 for a pair"),
         Feature.SELF_LOCKING: SELF_LOCKING,
         Feature.EVEN_PRESSURE: EVEN_PRESSURE,
         Feature.MASS_RATIO: MASS_RATIO,
-        Feature.FRICTION_PAIRS: via_api(_COPIES),
-        Feature.RESTITUTION: Support(
-            Level.EXACT, "numbers; taking back the overlap adds up to 0.013 to the ratio (measured, contact_erp 0.01)"
+        Feature.RESTITUTION: exact(
+            "numbers; taking back the overlap adds up to 0.013 to the ratio (measured, contact_erp 0.01)"
         ),
-        Feature.RESTITUTION_PAIRS: via_api(_COPIES),
         Feature.RESTITUTION_THRESHOLD: via_api("restitutionVelocityThreshold: one for all pairs that bounce"),
-        Feature.TORSIONAL_FRICTION: Support(Level.EXACT, "spinning friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
-        Feature.ROLLING_FRICTION: Support(Level.EXACT, "rolling friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
+        Feature.TORSIONAL_FRICTION: exact("spinning friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
+        Feature.ROLLING_FRICTION: exact("rolling friction: s₁ μ₂ + s₂ μ₁, needs sliding friction"),
         Feature.HARDNESS_COMMON: via_api("contactERP, contactSlop, no speculative contact"),
         Feature.HARDNESS_TIME_CONSTANT: never(
             "PyBullet's springs are in N/m, for whatever mass; state stiffness and damping"
@@ -215,36 +191,18 @@ class PyBullet(SimulatedEngine[Simulation]):
             "capsules and cylinders have two or three points, so that they lie up to a third too high or deep",
         ),
         Feature.HARDNESS_NATIVE: via_api("contactERP and contactSlop left as they are, for all pairs or none"),
-        Feature.HARDNESS_PAIRS: via_api(_COPIES),
-        Feature.PASSING_PAIRS: via_api("setCollisionFilterGroupMask"),
-        Feature.IMPACT_FRICTION: EXACT,
+        **for_each(via_api("setCollisionFilterGroupMask"), Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS),
         Feature.CONE_ELLIPTIC: approximate(CONE, only_balls_slide("enableConeFriction=1"), CONE_SHORT),
         Feature.CONE_PYRAMID_INSCRIBED: never("PyBullet has the elliptic cone and the circumscribed pyramid only"),
         Feature.CONE_PYRAMID_CIRCUMSCRIBED: via_api("enableConeFriction=0"),
-        Feature.KINEMATIC: via_api(HEAVY),
-        Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
-        Feature.FREE_DAMPING: GIVEN_DAMPING,
-        Feature.FLUID: GIVEN_FLUID,
-        Feature.FREE_ARMATURE: never(
-            "PyBullet has no armature of free bodies, and contact would ignore a computed one"
-        ),
-        Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: via_api(NATIVE, no_dry_friction),
-        Feature.COLLISION_GROUPS: via_api("setCollisionFilterGroupMask"),
         Feature.EXCLUDED_PAIRS: via_api("setCollisionFilterPair"),
         Feature.TOUCHING_PAIRS: via_api("URDF_USE_SELF_COLLISION_INCLUDE_PARENT"),
         Feature.GRAVITY: via_api("setGravity"),
         Feature.TIMESTEP: via_api("setTimeStep"),
         Feature.CONSTRAINT_LOOP: via_api("createConstraint, JOINT_POINT2POINT and JOINT_FIXED", loops_held),
         Feature.CONSTRAINT_COUPLING: via_api("createConstraint, JOINT_GEAR", within_one_tree),
-        Feature.SUM: via_api(_COMPUTED),
         Feature.BALL_LIMIT: never("PyBullet's spherical joints have no limits"),
-        Feature.FRAME: FRAMES_ALONGSIDE,
-        Feature.SUM_DRY_FRICTION: never(
-            "PyBullet has dry friction of single joints, and none along sums of their positions"
-        ),
-        Feature.SUM_LIMITS: never("PyBullet stops joints one by one, and no sum of their positions"),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (*CONTACT_DEVIATIONS, *DEVIATIONS)

@@ -11,8 +11,7 @@ from typing import ClassVar
 from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
-from simspec.engines.kit.refinements import jointless, only_balls_slide, planes_still, still_or_light
+from simspec.engines.kit.refinements import only_balls_slide, static_planes, still_or_light
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.rapier.approximations import (
@@ -29,24 +28,10 @@ from simspec.engines.rapier.approximations import (
 from simspec.engines.rapier.inventory import expected, inventory, neutral
 from simspec.engines.rapier.readback import read_back
 from simspec.engines.rapier.simulation import Simulation
-from simspec.support.declarations import (
-    AS_EFFORTS,
-    FRAMES_ALONGSIDE,
-    HEAVY,
-    Attempt,
-    Level,
-    Support,
-    Table,
-    approximate,
-    exactly,
-    never,
-    not_yet,
-    shape_kinds,
-    via_api,
-)
+from simspec.support import classes, features
+from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds
 from simspec.support.features import Feature
 
-_NOT_YET = "simspec does not write it for Rapier"
 _DRIFT = (
     "Rapier's chains of joints step by another law: two hinges are 1e-6 off after 20 steps of 1 ms and 0.24 after 2,000, seven "
     "2.0 (measured), where the round-off of single precision makes 1e-4"
@@ -57,11 +42,6 @@ _BOUNCE = (
     "in the sweeps of all contacts, as an overlap that error reduction undoes at e times the speed of approach: Rapier's own, "
     "added in one sweep after them, makes energy where one body hits two at once (12.5 % at e = 1)"
 )
-_still_or_light = still_or_light(
-    "Rapier would move the common centre of mass of {name} and what it is fixed to, where the coordinates are those of "
-    "one of them: 1e-4 apart after 2 s"
-)
-_planes_still = planes_still("simspec tells Rapier planes of what cannot move alone, and {name} does")
 
 
 class Rapier(WorldEngine[Simulation]):
@@ -82,67 +62,38 @@ class Rapier(WorldEngine[Simulation]):
         Capability.FOREIGN_FILES: "simspec does not use Rapier's loaders of robot files",
     }
     SUPPORT: ClassVar[Table] = {
-        **exactly(
-            *(Feature.JOINT_FREE, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
-            *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            *(Feature.HARDNESS_COMMON, Feature.IMPACT_FRICTION),
-            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-            *(Feature.GRAVITY, Feature.TIMESTEP),
-        ),
-        **jointless("Rapier", _DRIFT, "motors"),
+        **classes.free_bodies_only("Rapier", _DRIFT, "motors"),
+        **exactly(Feature.HARDNESS_COMMON, *features.FILTERS),
         **shape_kinds("Rapier", ("sphere", "box", "capsule", "cylinder")),
-        Feature.SHAPE_SPHERE: Support(Level.EXACT, "balls of at least 0.1 mm of radius", refine=balls, cases=(SMALL,)),
-        Feature.SHAPE_CYLINDER: Support(
-            Level.EXACT,
+        Feature.SHAPE_SPHERE: exact("balls of at least 0.1 mm of radius", refine=balls, cases=(SMALL,)),
+        Feature.SHAPE_CYLINDER: exact(
             "those that may meet more than planes and balls are approximate, and accepted by name",
             refine=cylinders,
             cases=(CYLINDERS,),
         ),
-        Feature.JOINT_FIXED: Support(
-            Level.EXACT,
-            "of what cannot move, and of bodies without mass on one that moves, which are parts of it",
-            refine=_still_or_light,
+        Feature.JOINT_FIXED: still_or_light(
+            "Rapier would move the common centre of mass of {name} and what it is fixed to, where the coordinates are those of "
+            "one of them: 1e-4 apart after 2 s"
         ),
-        Feature.SHAPE_PLANE: Support(
-            Level.EXACT,
-            "of bodies that cannot move",
-            refine=_planes_still,
-        ),
-        Feature.SHAPE_MESH: Support(
-            Level.EXACT,
+        Feature.SHAPE_PLANE: static_planes("simspec tells Rapier planes of what cannot move alone, and {name} does"),
+        Feature.SHAPE_MESH: exact(
             "the convex hull, where no two faces meet at less than 1.5°, none has more than four corners, and on planes the "
             "deepest corner is always one of the face that looks down; what balls alone touch may have any faces. Hulls that "
             "may touch each other are approximate, and accepted by name",
             refine=hulls_held,
             cases=(STACKED,),
         ),
-        Feature.SHAPE_MARGIN: never("Rapier's contact begins where shapes touch"),
-        Feature.MARGIN_PAIRS: never("Rapier's contact begins where shapes touch"),
-        Feature.SURFACE_VELOCITY: never("the format world has no surfaces that move by themselves"),
-        Feature.FRICTION: Support(Level.EXACT, _LAW),
-        Feature.CARRIED_FRICTION: Support(Level.EXACT),
+        **for_each(exact(_LAW), Feature.FRICTION, Feature.FRICTION_PAIRS),
         Feature.SELF_LOCKING: SELF_LOCKING,
-        Feature.EVEN_PRESSURE: never("simspec gives Rapier no joints"),
         Feature.MASS_RATIO: MASS_RATIO,
-        Feature.FRICTION_PAIRS: Support(Level.EXACT, _LAW),
-        Feature.RESTITUTION: Support(Level.EXACT, _BOUNCE),
-        Feature.RESTITUTION_PAIRS: Support(Level.EXACT, _BOUNCE),
-        Feature.RESTITUTION_THRESHOLD: Support(Level.EXACT, "points that approach slower do not bounce"),
-        Feature.TORSIONAL_FRICTION: never("Rapier's contacts have no torque about their normal"),
-        Feature.ROLLING_FRICTION: never("Rapier's contacts have no torque against rolling"),
-        Feature.HARDNESS_TIME_CONSTANT: never(
-            "Rapier has one softness for all that moves, and one for what meets the still"
+        **for_each(exact(_BOUNCE), Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
+        Feature.RESTITUTION_THRESHOLD: exact("points that approach slower do not bounce"),
+        **for_each(
+            never("Rapier has one softness for all that moves, and one for what meets the still"),
+            *features.COMPLIANCES,
+            Feature.HARDNESS_PAIRS,
         ),
-        Feature.HARDNESS_STIFFNESS: never(
-            "Rapier has one softness for all that moves, and one for what meets the still"
-        ),
-        Feature.HARDNESS_NATIVE: not_yet(_NOT_YET, Attempt.READ_BACK),
-        Feature.HARDNESS_PAIRS: never("Rapier has one softness for all that moves, and one for what meets the still"),
-        Feature.CONE_PYRAMID_INSCRIBED: never("Rapier's friction is bound by a circle"),
-        Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("Rapier's friction is bound by a circle"),
+        **for_each(never("Rapier's friction is bound by a circle"), *features.PYRAMIDS),
         Feature.CONE_ELLIPTIC: approximate(
             "friction model SIMPLIFIED, which takes the points of a pair together, and acts along K⁻¹ v, K the mobility of the "
             "contact: exact for balls; an oblong body is braked up to 1.1° aside of its slip, and a tripod that slides and "
@@ -152,12 +103,6 @@ class Rapier(WorldEngine[Simulation]):
             only_balls_slide("friction model SIMPLIFIED"),
             "what slides on several shapes stops late (7 % on corners of a cube, 25 % with half its inertia)",
         ),
-        Feature.KINEMATIC: via_api(HEAVY),
-        Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: FRAMES_ALONGSIDE,
-        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
-        Feature.FREE_DAMPING: GIVEN_DAMPING,
-        Feature.FLUID: GIVEN_FLUID,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {
         "iterations": Setting(
@@ -166,7 +111,7 @@ class Rapier(WorldEngine[Simulation]):
             minimum=1,
             group=Group.ACCURACY,
             finer=1000,
-        ),
+        )
     }
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (
         *DEVIATIONS,
@@ -174,7 +119,7 @@ class Rapier(WorldEngine[Simulation]):
         Deviation("stop-oblong", 0.027, _ASIDE),
     )
     UNREADABLE: ClassVar[Mapping[str, str]] = {
-        "collision_group": "Rapier is told by a hook what touches, and has no groups of that name",
+        "collision_group": "Rapier is told by a hook what touches, and has no groups of that name"
     }
 
     PARTS: ClassVar[Parts[Simulation]] = Parts(Simulation, read_back, inventory, neutral, expected)

@@ -18,22 +18,21 @@ from simspec.contact.rules import Rules
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.efforts import GIVEN_DAMPING, GIVEN_FLUID, GIVEN_GRAVITY_SCALE
-from simspec.engines.kit.refinements import no_friction, planes_still
+from simspec.engines.kit.refinements import no_friction, static_planes
 from simspec.engines.kit.settings import Group, Setting, of_mobility
 from simspec.engines.kit.simulated import GivenEngine
 from simspec.engines.webots.program import INSTALLED
 from simspec.engines.webots.readback import read_back
 from simspec.engines.webots.simulation import Simulation
 from simspec.language.vocabulary import TREE_JOINTS
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    AS_EFFORTS,
-    FRAMES_ALONGSIDE,
     Level,
     Refinement,
     Support,
     Table,
     approximate,
+    exact,
     exactly,
     for_each,
     never,
@@ -41,7 +40,7 @@ from simspec.support.declarations import (
     unsupported_if,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.canonical import derived
 from simspec.world.contact_pairs import CollisionFilter, solid_shapes
@@ -159,9 +158,6 @@ def _joint(noun: str) -> Support:
     )
 
 
-_planes_still = planes_still("a Plane cannot be of a Solid that moves, as {name} does")
-
-
 class Webots(GivenEngine[Simulation]):
     """Webots' copy of ODE, with a .wbt that leaves nothing to a default. Files only: where no Webots is installed, the
     independent reader proves the files (L0). An installed Webots is started without a window, once for every state that
@@ -188,14 +184,10 @@ class Webots(GivenEngine[Simulation]):
         Capability.FOREIGN_FILES: "simspec does not load users' worlds through Webots",
     }
     SUPPORT: ClassVar[Table] = {
+        **classes.driven("Webots"),
         **exactly(
-            *(Feature.JOINT_FIXED, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS, Feature.TREE_SIZE),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
-            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
-            *(Feature.RESTITUTION_THRESHOLD, Feature.IMPACT_FRICTION, Feature.GRAVITY, Feature.TIMESTEP),
-            *COUPLED_CONTACT,
+            *(Feature.FRICTION, Feature.FRICTION_PAIRS, *features.RESTITUTIONS, Feature.SELF_LOCKING),
+            *(Feature.EVEN_PRESSURE, Feature.MASS_RATIO),
         ),
         **shape_kinds("Webots", ("sphere", "box", "capsule")),
         Feature.JOINT_HINGE: _joint("hinges"),
@@ -211,23 +203,17 @@ class Webots(GivenEngine[Simulation]):
             _STOPS, short="a joint goes past a limit for some steps; hinges beyond ±π have no stops"
         ),
         Feature.BALL_LIMIT: never("a BallJoint stops three angles about axes, and no angle of the whole turn"),
-        Feature.DRY_FRICTION: Support(Level.EXACT, "staticFriction, a motor of speed 0 with this largest effort"),
-        Feature.DAMPING: via_api(_GIVEN),
-        Feature.BALL_DAMPING: via_api(_GIVEN),
-        Feature.SPRING: via_api(_GIVEN),
-        Feature.BALL_SPRING: via_api(_GIVEN),
-        **for_each(
-            never("Webots has no armature, and contact would ignore a computed one"),
-            *(Feature.ARMATURE, Feature.BALL_ARMATURE, Feature.FREE_ARMATURE),
-        ),
+        Feature.DRY_FRICTION: exact("staticFriction, a motor of speed 0 with this largest effort"),
+        **for_each(via_api(_GIVEN), *features.DAMPERS_AND_SPRINGS),
+        **for_each(never("Webots has no armature, and contact would ignore a computed one"), *features.ARMATURES),
         Feature.TREE_DEPTH: never("nobody has tried whether Webots reads Solids nested so deep"),
         Feature.SHAPE_CYLINDER: approximate(
             "by Webots' copy of ODE, whose cylinders overlook 4 of 100 overlaps with boxes in ODE itself, and meet each other "
             "and capsules along a line in one point (measured there)",
             short="cylinders by ODE's own code, which overlooks some overlaps and has one point along a line",
         ),
-        Feature.SHAPE_PLANE: Support(Level.EXACT, "of bodies that cannot move", refine=_planes_still),
-        **for_each(never("Webots' contact begins where shapes touch"), Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
+        Feature.SHAPE_PLANE: static_planes("a Plane cannot be of a Solid that moves, as {name} does"),
+        **for_each(never("Webots' contact begins where shapes touch"), *features.MARGINS),
         Feature.SURFACE_VELOCITY: never("in Webots only Tracks have surfaces that move, which simspec does not write"),
         Feature.MATERIALS_PER_BODY: never("a Solid has one contactMaterial"),
         Feature.TORSIONAL_FRICTION: approximate(
@@ -237,11 +223,9 @@ class Webots(GivenEngine[Simulation]):
             f"{_MOMENTS}; in ODE itself 0.7 of it between the axes of its pyramid (measured there)",
             short="torque across a normal, point by point: never measured; 0.7 of it between the axes in ODE",
         ),
-        Feature.HARDNESS_COMMON: Support(
-            Level.EXACT, "softERP 0.01, with which ODE itself has the common law (measured there)"
-        ),
-        **for_each(never(_RIGID), Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-        **for_each(never(_NOT_WRITTEN), Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        Feature.HARDNESS_COMMON: exact("softERP 0.01, with which ODE itself has the common law (measured there)"),
+        **for_each(never(_RIGID), *features.COMPLIANCES),
+        **for_each(never(_NOT_WRITTEN), Feature.KINEMATIC, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
         Feature.CONE_ELLIPTIC: approximate(
             "the circumscribed pyramid on ODE's own axes: up to 1.41 times the friction between them",
             no_friction,
@@ -255,20 +239,12 @@ class Webots(GivenEngine[Simulation]):
         Feature.CONE_PYRAMID_INSCRIBED: never("simspec cannot tell Webots the axes of its pyramid"),
         Feature.PASSING_PAIRS: never("Webots has no contact of two materials without contact"),
         Feature.COLLISION_GROUPS: never("Webots has no groups that pass through each other"),
-        Feature.EXCLUDED_PAIRS: Support(Level.EXACT, "of bodies that a joint joins", refine=only_joined),
+        Feature.EXCLUDED_PAIRS: exact("of bodies that a joint joins", refine=only_joined),
         Feature.TOUCHING_PAIRS: never("what a joint joins never touches in Webots"),
-        Feature.KINEMATIC: never(_NOT_WRITTEN),
-        Feature.FORCES: via_api(AS_EFFORTS),
-        Feature.FRAME: FRAMES_ALONGSIDE,
-        Feature.GRAVITY_SCALE: GIVEN_GRAVITY_SCALE,
-        Feature.FREE_DAMPING: GIVEN_DAMPING,
-        Feature.FLUID: GIVEN_FLUID,
-        Feature.CONTROL: via_api("efforts given before every step"),
         Feature.CONTROL_NATIVE: never("simspec writes no motors, whose controllers follow speeds"),
-        Feature.SUM: via_api("given as efforts before every step"),
         **for_each(
             never("simspec tells Webots no constraints outside the tree"),
-            *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
+            *(*features.CONSTRAINTS, Feature.SUM_DRY_FRICTION, Feature.SUM_LIMITS),
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = {

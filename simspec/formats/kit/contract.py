@@ -13,15 +13,11 @@ from typing import Any, ClassVar, Final
 from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.plugins import Plugins
 from simspec.support.declarations import Level, Table, check_total
-from simspec.support.features import Feature
 from simspec.support.negotiation import needs
 from simspec.world import frames
 from simspec.world.frames import direction
 from simspec.world.inertia import lumped, lumped_gravity_scale
 from simspec.world.types import Body, Pose, Quaternion, Vector3, World
-
-SUMS: Final = (Feature.SUM, Feature.SUM_LIMITS, Feature.SUM_DRY_FRICTION)
-"""Features along sums of joint positions."""
 
 
 class LossFate(StrEnum):

@@ -42,8 +42,9 @@ from simspec.formats.mjcf.contact import Kind, arena_megabytes, collision_masks
 from simspec.formats.mjcf.reading import MjcfDocument, read_document
 from simspec.formats.mjcf.tree import Attributes, MjcfBody, MjcfDefault, MjcfModel, Value
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.support.declarations import LUMPED, Level, Support, Table, approximate, exactly, never, shape_kinds
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support import classes, features
+from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds
+from simspec.support.features import Feature
 from simspec.world import types
 from simspec.world.contact_pairs import excluded_pairs, meeting_laws, shape_pairs, solid_shapes
 from simspec.world.kinematics import absorbed, is_carrier
@@ -73,30 +74,33 @@ FLAGS: Final = (
 )
 
 SUPPORT: Final[Table] = {
+    **classes.file_language("MJCF"),
     **exactly(
-        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-        *(Feature.DAMPING, Feature.BALL_DAMPING, Feature.ARMATURE, Feature.BALL_ARMATURE),
-        *(Feature.SPRING, Feature.BALL_SPRING),
-        *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-        *(Feature.SHAPE_VISUAL, Feature.SHAPE_MARGIN, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-        *(Feature.MARGIN_PAIRS, Feature.SURFACE_VELOCITY),
-        *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION, Feature.ROLLING_FRICTION),
-        *(Feature.IMPACT_FRICTION, Feature.HARDNESS_NATIVE, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
-        *COUPLED_CONTACT,
-        *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-        *(Feature.GRAVITY, Feature.TIMESTEP, Feature.FLUID),
+        *(*features.DAMPERS_AND_SPRINGS, Feature.ARMATURE, Feature.BALL_ARMATURE, *features.MARGINS),
+        *(Feature.SURFACE_VELOCITY, *features.FRICTIONS, Feature.HARDNESS_NATIVE, *features.FILTERS),
+        *(Feature.IMPACT_FRICTION, *features.COUPLED_CONTACT, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
+        Feature.FLUID,
     ),
     **shape_kinds("MJCF", KINDS),
-    Feature.INERTIA_FULL: Support(Level.EXACT, "as principal moments with an orientation"),
-    Feature.INITIAL_POSITION: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
-    Feature.INITIAL_VELOCITY: Support(Level.EXACT, f"in the keyframe {KEYFRAME!r}"),
-    Feature.LIMIT_POSITION: approximate("the range; its stop is a spring-damper, with the default solreflimit"),
-    Feature.BALL_LIMIT: approximate("the range; its stop is a spring-damper, with the default solreflimit"),
-    Feature.LIMIT_EFFORT: Support(Level.EXACT, "as actuatorfrcrange, which holds for actuators only"),
+    Feature.INERTIA_FULL: exact("as principal moments with an orientation"),
+    **for_each(exact(f"in the keyframe {KEYFRAME!r}"), *features.INITIAL_STATE),
+    **for_each(
+        approximate("the range; its stop is a spring-damper, with the default solreflimit"),
+        Feature.LIMIT_POSITION,
+        Feature.BALL_LIMIT,
+    ),
+    Feature.LIMIT_EFFORT: exact("as actuatorfrcrange, which holds for actuators only"),
     Feature.LIMIT_VELOCITY: never("MJCF has no velocity ratings"),
-    Feature.DRY_FRICTION: approximate("frictionloss, which creeps; with the default solreffriction"),
-    Feature.RESTITUTION: never("MJCF has no restitution; the default solref is critically damped"),
-    Feature.RESTITUTION_PAIRS: never("MJCF has no restitution; the default solref is critically damped"),
+    **for_each(
+        approximate("frictionloss, which creeps; with the default solreffriction"),
+        Feature.DRY_FRICTION,
+        Feature.SUM_DRY_FRICTION,
+    ),
+    **for_each(
+        never("MJCF has no restitution; the default solref is critically damped"),
+        Feature.RESTITUTION,
+        Feature.RESTITUTION_PAIRS,
+    ),
     Feature.RESTITUTION_THRESHOLD: never("MJCF has no speed below which nothing bounces"),
     Feature.HARDNESS_COMMON: approximate("contacts are spring-dampers, with the default solref and solimp"),
     Feature.HARDNESS_TIME_CONSTANT: approximate(
@@ -107,10 +111,9 @@ SUPPORT: Final[Table] = {
     ),
     Feature.HARDNESS_PAIRS: approximate("time constants by pair; all other kinds are the default solref"),
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: approximate("the inscribed pyramid, up to half the friction across an edge"),
-    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
-    Feature.GRAVITY_SCALE: Support(Level.EXACT, "gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
-    Feature.FREE_DAMPING: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "damping")),
-    Feature.FREE_ARMATURE: Support(Level.EXACT, ONE_NUMBER, refine=functools.partial(one_number, "armature")),
+    Feature.GRAVITY_SCALE: exact("gravcomp = 1 − scale, up to 1", refine=no_more_than_its_weight),
+    Feature.FREE_DAMPING: exact(ONE_NUMBER, refine=functools.partial(one_number, "damping")),
+    Feature.FREE_ARMATURE: exact(ONE_NUMBER, refine=functools.partial(one_number, "armature")),
     Feature.FORCES: never("MJCF has no forces that begin and end"),
     Feature.CONTROL: approximate(
         "actuators with the gains and effort limits of pd and the target at the start, motors for laws without gains; without "
@@ -119,13 +122,12 @@ SUPPORT: Final[Table] = {
     Feature.CONTROL_NATIVE: approximate(
         "actuators with gains, effort limits and the target at the start, without the trajectory"
     ),
-    Feature.JOINT_SEVERAL: Support(Level.EXACT, "several joints of one body"),
-    **LUMPED,
+    Feature.JOINT_SEVERAL: exact("several joints of one body"),
+    **classes.LUMPED,
     Feature.CONSTRAINT_COUPLING: approximate("an equality of two joints: a spring-damper with the default solref"),
     Feature.CONSTRAINT_LOOP: approximate("an equality of two sites: a spring-damper with the default solref"),
-    Feature.FRAME: Support(Level.EXACT, "a site"),
-    Feature.SUM: Support(Level.EXACT, "a fixed tendon"),
-    Feature.SUM_DRY_FRICTION: approximate("frictionloss, which creeps; with the default solreffriction"),
+    Feature.FRAME: exact("a site"),
+    Feature.SUM: exact("a fixed tendon"),
     Feature.SUM_LIMITS: approximate(
         "a fixed tendon's range; its stop is a spring-damper, with the default solreflimit"
     ),

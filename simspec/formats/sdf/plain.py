@@ -8,23 +8,23 @@ from collections.abc import Iterator, Mapping, Sequence, Set
 from itertools import combinations
 from typing import Final
 
-from simspec.formats.kit.contract import SUMS, Loss, LossFate, readable
+from simspec.formats.kit.contract import Loss, LossFate, readable
 from simspec.formats.sdf import tree
 from simspec.language.vocabulary import SCALAR_JOINTS
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    EXACT,
     Level,
     Refinement,
-    Support,
     Table,
     approximate,
+    exact,
     exactly,
     for_each,
     never,
     shape_kinds,
     unsupported_if,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world import frames
 from simspec.world.canonical import derived
 from simspec.world.contact_pairs import CollisionFilter, meeting_laws
@@ -169,63 +169,53 @@ def on_or_off(world: World) -> Refinement | None:
 
 
 SUPPORT: Final[Table] = {
+    **classes.file_language("SDF"),
     **exactly(
-        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-        *(Feature.DAMPING, Feature.DRY_FRICTION, Feature.SPRING, Feature.LIMIT_POSITION),
-        *(Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-        *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-        *(Feature.FRICTION, Feature.RESTITUTION, Feature.RESTITUTION_THRESHOLD),
-        *(Feature.GRAVITY, Feature.TIMESTEP),
+        *(Feature.LIMIT_POSITION, Feature.DAMPING, Feature.DRY_FRICTION, Feature.SPRING, Feature.FRICTION),
+        *(Feature.RESTITUTION, Feature.RESTITUTION_THRESHOLD),
     ),
     **shape_kinds("SDF", KINDS),
-    Feature.BALL_ARMATURE: never("SDF has no armature"),
-    Feature.MARGIN_PAIRS: never("simspec writes no margins into SDF"),
+    **for_each(never("simspec writes no margins into SDF"), *features.MARGINS),
     Feature.SURFACE_VELOCITY: never("SDF says it by plug-ins of a simulator, which simspec does not write"),
     Feature.FLUID: never("simspec writes no drag into SDF, whose worlds have a wind and leave what it does to plugins"),
-    Feature.GRAVITY_SCALE: Support(Level.EXACT, "<gravity> of a link, on or off", refine=on_or_off),
+    Feature.GRAVITY_SCALE: exact("<gravity> of a link, on or off", refine=on_or_off),
     Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into SDF"),
     Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into SDF"),
-    Feature.SHAPE_MARGIN: never("simspec writes no margins into SDF"),
-    Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
+    Feature.INERTIA_FULL: exact("the full tensor"),
     Feature.INERTIA_SINGULAR: approximate("SDF demands positive moments: 1e-12 kg m² in place of zero"),
     Feature.JOINT_SEVERAL: approximate(
         "bodies without mass stand between the joints, of 1e-9 kg: SDF demands a positive mass"
     ),
     Feature.MASSLESS: approximate("SDF demands a positive mass: 1e-9 kg"),
-    Feature.LIMIT_VELOCITY: Support(Level.EXACT, "as <velocity>, which some readers enforce"),
-    Feature.LIMIT_EFFORT: Support(Level.EXACT, "as <effort>, which some readers enforce"),
+    Feature.LIMIT_VELOCITY: exact("as <velocity>, which some readers enforce"),
+    Feature.LIMIT_EFFORT: exact("as <effort>, which some readers enforce"),
     Feature.BALL_DAMPING: never("SDF has damping along axes only"),
     Feature.BALL_SPRING: never("SDF has springs along axes only"),
-    Feature.ARMATURE: never("SDF has no armature"),
     Feature.INITIAL_POSITION: never("every joint of an SDF file is at zero"),
     Feature.INITIAL_VELOCITY: never("everything in an SDF file is at rest"),
-    Feature.TORSIONAL_FRICTION: Support(Level.EXACT, "as a coefficient with the radius of the patch"),
+    Feature.TORSIONAL_FRICTION: exact("as a coefficient with the radius of the patch"),
     Feature.ROLLING_FRICTION: never("SDF has no rolling friction as a length"),
-    Feature.FRICTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
-    Feature.RESTITUTION_PAIRS: approximate("each shape has its own material's number; readers take the smaller"),
-    Feature.IMPACT_FRICTION: never(_SOLVER),
-    **for_each(never(_SOLVER), *COUPLED_CONTACT),
     **for_each(
-        never(_SOLVER),
-        *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
-        *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-        *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        approximate("each shape has its own material's number; readers take the smaller"),
+        Feature.FRICTION_PAIRS,
+        Feature.RESTITUTION_PAIRS,
+    ),
+    **for_each(
+        never(_SOLVER), *features.HARDNESSES, Feature.IMPACT_FRICTION, *features.COUPLED_CONTACT, *features.CONES
     ),
     Feature.PASSING_PAIRS: never("SDF does not say it of pairs of surfaces"),
-    Feature.COLLISION_GROUPS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
-    Feature.EXCLUDED_PAIRS: Support(EXACT.level, "as self_collide", refine=_by_self_collide),
-    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
+    **for_each(exact("as self_collide", refine=_by_self_collide), Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
     Feature.FORCES: never("simspec writes no forces into SDF"),
     Feature.TOUCHING_PAIRS: never("links that a joint joins do not touch each other in SDF"),
-    Feature.CONTROL: never("SDF has no gains of controllers: those are parameters of plugins of one simulator"),
-    Feature.CONTROL_NATIVE: never("SDF has no gains of controllers: those are parameters of plugins of one simulator"),
-    Feature.CONSTRAINT_LOOP: Support(
-        EXACT.level, "as a further joint of a link, which many readers do not support", refine=loops_in_trees
+    **for_each(
+        never("SDF has no gains of controllers: those are parameters of plugins of one simulator"), *features.CONTROLS
     ),
-    Feature.CONSTRAINT_COUPLING: Support(EXACT.level, "as mimic of a joint, in SDF 1.11", refine=couplings_in_trees),
+    Feature.CONSTRAINT_LOOP: exact(
+        "as a further joint of a link, which many readers do not support", refine=loops_in_trees
+    ),
+    Feature.CONSTRAINT_COUPLING: exact("as mimic of a joint, in SDF 1.11", refine=couplings_in_trees),
     Feature.BALL_LIMIT: never("SDF has limits along axes only"),
-    Feature.FRAME: Support(Level.EXACT, "<frame>"),
-    **for_each(never("SDF has nothing along sums of joint positions"), *SUMS),
+    Feature.FRAME: exact("<frame>"),
 }
 """What plain SDF carries of each feature."""
 

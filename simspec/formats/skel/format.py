@@ -13,13 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import SUMS, Format, Loss, LossFate, Plain, losses
+from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.kit.text import environment, mesh_file, mesh_files
 from simspec.formats.skel.reading import SkelDocument
 from simspec.language.vocabulary import SCALAR_JOINTS
-from simspec.support.declarations import Level, Support, Table, approximate, exactly, for_each, never, shape_kinds
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support import classes, features
+from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds
+from simspec.support.features import Feature
 from simspec.world import frames, types
 from simspec.world.kinematics import poses, rigid_groups, trees
 from simspec.world.types import Body, Inertial, Joint, Pose, Quaternion, Vector3, World
@@ -163,24 +164,13 @@ _FILTER = ".skel does not say what touches what"
 _HARDNESS = ".skel has no hardness of contact"
 
 SUPPORT: Final[Table] = {
-    **exactly(
-        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-        *(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION),
-        *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-        *(Feature.INERTIA, Feature.INERTIA_SINGULAR, Feature.MASSLESS, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-        *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY),
-        *(Feature.GRAVITY, Feature.TIMESTEP),
-    ),
+    **classes.file_language(".skel"),
+    **exactly(Feature.JOINT_SEVERAL, Feature.DRY_FRICTION, *features.INITIAL_STATE),
     **shape_kinds(".skel", KINDS),
-    Feature.BALL_ARMATURE: never(".skel has no armature"),
-    Feature.MARGIN_PAIRS: never(".skel has no margins"),
-    Feature.SURFACE_VELOCITY: never(".skel has no surfaces that move by themselves"),
-    Feature.FLUID: never(".skel has no fluids"),
     Feature.GRAVITY_SCALE: never("simspec writes no weights of single bodies into .skel"),
     Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into .skel"),
     Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into .skel"),
-    Feature.SHAPE_MARGIN: never(".skel has no margins"),
-    Feature.INERTIA_FULL: Support(Level.EXACT, "the full tensor"),
+    Feature.INERTIA_FULL: exact("the full tensor"),
     Feature.LIMIT_POSITION: approximate("the limits, but not that they are enforced"),
     Feature.LIMIT_VELOCITY: never(".skel has limits of velocity that are enforced, and no ratings"),
     Feature.LIMIT_EFFORT: never(".skel has limits of effort that are enforced, and no ratings"),
@@ -188,33 +178,13 @@ SUPPORT: Final[Table] = {
     Feature.BALL_DAMPING: never(".skel has damping at hinges and slides only"),
     Feature.SPRING: approximate("the same numbers, implicit in time"),
     Feature.BALL_SPRING: never(".skel has springs at hinges and slides only"),
-    Feature.ARMATURE: never(".skel has no armature"),
-    **for_each(
-        never(_SURFACE),
-        *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION),
-        *(Feature.RESTITUTION_PAIRS, Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
-        *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC),
-        *COUPLED_CONTACT,
-        *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
-    ),
-    **for_each(
-        never(_HARDNESS),
-        *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-        *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
-    ),
-    Feature.PASSING_PAIRS: never(_FILTER),
-    Feature.COLLISION_GROUPS: never(_FILTER),
-    Feature.EXCLUDED_PAIRS: never(_FILTER),
-    Feature.TOUCHING_PAIRS: never(_FILTER),
+    **for_each(never(_SURFACE), Feature.MATERIALS_PER_BODY, *features.CONTACT_LAWS),
+    **for_each(never(_HARDNESS), *features.HARDNESSES),
+    **for_each(never(_FILTER), *features.FILTERS),
     Feature.CONSTRAINT_LOOP: never(".skel has no constraints between bodies"),
     Feature.CONSTRAINT_COUPLING: never(".skel has no couplings of joints"),
-    Feature.BALL_LIMIT: never(".skel has no limits of ball joints"),
     Feature.FRAME: never(".skel has no frames but those of bodies"),
-    **for_each(never(".skel has nothing along sums of joint positions"), *SUMS),
-    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
-    Feature.FORCES: never(".skel has no forces on bodies"),
     Feature.CONTROL: never(".skel has no control laws"),
-    Feature.CONTROL_NATIVE: never(".skel has no gains of controllers"),
 }
 """What plain .skel carries of each feature."""
 

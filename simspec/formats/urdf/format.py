@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from simspec.formats.kit.contract import SUMS, Format, Loss, LossFate, Plain, losses
+from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
 from simspec.formats.kit.mesh_reading import read_meshes
 from simspec.formats.kit.text import FIELDS, environment, field_files, json_text, mesh_files
 from simspec.formats.urdf.reading import UrdfDocument
@@ -29,12 +29,12 @@ from simspec.formats.urdf.robots import (
     unlike,
 )
 from simspec.language.vocabulary import TREE_JOINTS
+from simspec.support import classes, features
 from simspec.support.declarations import (
-    Level,
     Refinement,
-    Support,
     Table,
     approximate,
+    exact,
     exactly,
     for_each,
     never,
@@ -42,7 +42,7 @@ from simspec.support.declarations import (
     unsupported_if,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world import types
 from simspec.world.kinematics import trees
 from simspec.world.types import Body, Follow, World
@@ -82,17 +82,12 @@ def _follows(world: World) -> Iterator[Follow]:
 
 
 SUPPORT: Final[Table] = {
+    **classes.file_language("URDF"),
     **exactly(
-        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.DAMPING),
-        Feature.JOINT_SEVERAL,
-        *(Feature.DRY_FRICTION, Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-        *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
-        *(Feature.TREE_SIZE, Feature.TREE_DEPTH, Feature.SHAPE_VISUAL),
-        Feature.SHAPES_PER_BODY,
+        Feature.JOINT_SEVERAL, Feature.LIMIT_POSITION, *features.LIMIT_RATINGS, Feature.DAMPING, Feature.DRY_FRICTION
     ),
     Feature.JOINT_FREE: via_api(f"a tree without a joint to the world; where it stands is {_IN_PLACEMENT}"),
-    Feature.INITIAL_POSITION: via_api(_IN_PLACEMENT),
-    Feature.INITIAL_VELOCITY: via_api(_IN_PLACEMENT),
+    **for_each(via_api(_IN_PLACEMENT), *features.INITIAL_STATE),
     Feature.JOINT_BALL: approximate(
         "three hinges about x, y, z through two links without mass; they have no inverse where the second is at 90°"
     ),
@@ -101,40 +96,17 @@ SUPPORT: Final[Table] = {
     Feature.SHAPE_CAPSULE: approximate("a cylinder and two spheres: together the same solid"),
     Feature.SHAPE_PLANE: approximate("a box of 200 x 200 x 1 m below it"),
     Feature.CONSTRAINT_LOOP: never("URDF has trees only"),
-    Feature.CONSTRAINT_COUPLING: Support(Level.EXACT, "mimic of a joint", refine=within_trees),
+    Feature.CONSTRAINT_COUPLING: exact("mimic of a joint", refine=within_trees),
     Feature.BALL_LIMIT: never("URDF has no ball joints"),
-    Feature.FRAME: Support(Level.EXACT, "a link without mass on a fixed joint, NAME_joint"),
-    **for_each(never("URDF has nothing along sums of joint positions"), *SUMS),
-    Feature.BALL_ARMATURE: never("URDF has no armature"),
-    Feature.MARGIN_PAIRS: never("URDF has no margins"),
-    Feature.SURFACE_VELOCITY: never("URDF has no surfaces that move by themselves"),
+    Feature.FRAME: exact("a link without mass on a fixed joint, NAME_joint"),
     Feature.FLUID: never("URDF has nothing around a robot"),
-    Feature.GRAVITY_SCALE: never("URDF has no weights of single bodies"),
-    Feature.FREE_DAMPING: never("URDF has no damping of free bodies"),
     Feature.FREE_ARMATURE: never("URDF has no armature of free bodies"),
-    Feature.SHAPE_MARGIN: never("URDF has no margins"),
-    Feature.ARMATURE: never("URDF has no armature"),
-    Feature.SPRING: never("URDF has no springs"),
-    Feature.BALL_SPRING: never("URDF has no springs"),
+    **for_each(never("URDF has no springs"), Feature.SPRING, Feature.BALL_SPRING),
+    **for_each(never(_NO_CONTACT), Feature.MATERIALS_PER_BODY, *features.CONTACT_LAWS, *features.HARDNESSES),
+    **for_each(never("URDF does not say what touches what"), *features.FILTERS),
     **for_each(
-        never(_NO_CONTACT),
-        *(Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.TORSIONAL_FRICTION),
-        *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
-        *COUPLED_CONTACT,
-        *(Feature.RESTITUTION_THRESHOLD, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
-        *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS, Feature.CONE_ELLIPTIC),
-        *(Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
-    ),
-    **for_each(
-        never("URDF does not say what touches what"),
-        *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
-        Feature.TOUCHING_PAIRS,
-    ),
-    Feature.KINEMATIC: approximate("a free body of 1e5 times the mass of all that moves, without its motion"),
-    Feature.FORCES: never("URDF has no forces on bodies"),
-    Feature.CONTROL: never("URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"),
-    Feature.CONTROL_NATIVE: never(
-        "URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"
+        never("URDF has no gains: <transmission> and <ros2_control> name interfaces of a robot's driver"),
+        *features.CONTROLS,
     ),
     Feature.GRAVITY: never("URDF has no gravity"),
     Feature.TIMESTEP: never("URDF has no timestep"),

@@ -6,23 +6,24 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import ClassVar, Final
 
-from simspec.formats.kit.contract import SUMS, Format, Loss, LossFate, Plain, losses
+from simspec.formats.kit.contract import Format, Loss, LossFate, Plain, losses
 from simspec.formats.usd.joints import carriers, separate_carriers, several
 from simspec.formats.usd.stage import model_of, stage_of
 from simspec.formats.usd.text import BINARY, PACKAGE, TEXT, UsdStage, encoded, text
+from simspec.support import classes, features
 from simspec.support.declarations import (
     Level,
     Refinement,
-    Support,
     Table,
     approximate,
+    exact,
     exactly,
     for_each,
     never,
     shape_kinds,
     via_api,
 )
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support.features import Feature
 from simspec.world import types
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import trees
@@ -42,67 +43,53 @@ def _between(world: World) -> Refinement | None:
 
 
 SUPPORT: Final[Table] = {
-    **exactly(
-        *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-        *(Feature.LIMIT_POSITION, Feature.INERTIA, Feature.TREE_SIZE, Feature.TREE_DEPTH),
-        *(Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY, Feature.FRICTION, Feature.RESTITUTION, Feature.GRAVITY),
-    ),
+    **classes.file_language("UsdPhysics"),
+    **exactly(Feature.LIMIT_POSITION, Feature.FRICTION, Feature.RESTITUTION),
     **shape_kinds("UsdPhysics", KINDS),
-    Feature.SHAPE_MESH: Support(Level.EXACT, "as a mesh with the approximation convexHull"),
-    Feature.SHAPE_VISUAL: Support(Level.EXACT, "what is not drawn has the purpose guide"),
-    Feature.INERTIA_FULL: Support(Level.EXACT, "principal moments and axes"),
+    Feature.SHAPE_MESH: exact("as a mesh with the approximation convexHull"),
+    Feature.SHAPE_VISUAL: exact("what is not drawn has the purpose guide"),
+    Feature.INERTIA_FULL: exact("principal moments and axes"),
     Feature.INERTIA_SINGULAR: approximate("a moment of zero means that none is said: 1e-12 kg m² stands for it"),
     Feature.MASSLESS: approximate("a mass of zero means that none is said: 1e-9 kg stands for it"),
-    Feature.JOINT_SEVERAL: Support(
-        Level.EXACT, "as one joint with several axes: slides before turns, turns in the order X, Y, Z", refine=_between
+    Feature.JOINT_SEVERAL: exact(
+        "as one joint with several axes: slides before turns, turns in the order X, Y, Z", refine=_between
     ),
-    Feature.DAMPING: Support(Level.EXACT, "as the damping of a drive"),
-    Feature.SPRING: Support(Level.EXACT, "as the stiffness of a drive"),
-    Feature.LIMIT_VELOCITY: via_api(_OWN),
-    Feature.LIMIT_EFFORT: via_api(_OWN),
-    Feature.DRY_FRICTION: via_api(_OWN),
-    Feature.ARMATURE: via_api(_OWN),
-    Feature.TIMESTEP: via_api(_OWN),
-    Feature.MARGIN_PAIRS: never("simspec writes no margins into USD: UsdPhysics has none"),
+    Feature.DAMPING: exact("as the damping of a drive"),
+    Feature.SPRING: exact("as the stiffness of a drive"),
+    **for_each(
+        via_api(_OWN),
+        *(*features.LIMIT_RATINGS, Feature.BALL_DAMPING, Feature.DRY_FRICTION, Feature.ARMATURE, Feature.BALL_SPRING),
+        Feature.TIMESTEP,
+    ),
+    **for_each(never("simspec writes no margins into USD: UsdPhysics has none"), *features.MARGINS),
     Feature.SURFACE_VELOCITY: never("simspec writes no surfaces that move by themselves into USD"),
-    Feature.SHAPE_MARGIN: never("simspec writes no margins into USD: UsdPhysics has none"),
-    Feature.BALL_DAMPING: via_api(_OWN),
     Feature.BALL_ARMATURE: never("simspec writes no armature of balls into USD"),
-    Feature.FLUID: never("UsdPhysics has no fluids"),
     Feature.GRAVITY_SCALE: never("simspec writes no weights of single bodies into USD"),
     Feature.FREE_DAMPING: never("simspec writes no damping of free bodies into USD"),
     Feature.FREE_ARMATURE: never("simspec writes no armature of free bodies into USD"),
-    Feature.BALL_SPRING: via_api(_OWN),
-    Feature.INITIAL_POSITION: Support(Level.EXACT, "by the places of the bodies"),
+    Feature.INITIAL_POSITION: exact("by the places of the bodies"),
     Feature.INITIAL_VELOCITY: via_api("bodies that move freely have theirs; those of joints are " + _OWN),
-    Feature.FRICTION_PAIRS: approximate(_COMBINED),
-    Feature.RESTITUTION_PAIRS: approximate(_COMBINED),
-    Feature.RESTITUTION_THRESHOLD: never(_SOLVER),
-    Feature.TORSIONAL_FRICTION: never("UsdPhysics has sliding friction only"),
-    Feature.ROLLING_FRICTION: never("UsdPhysics has sliding friction only"),
+    **for_each(approximate(_COMBINED), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
     **for_each(
         never(_SOLVER),
-        *(Feature.IMPACT_FRICTION, Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED),
-        *COUPLED_CONTACT,
-        *(Feature.CONE_PYRAMID_CIRCUMSCRIBED, Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT),
-        *(Feature.HARDNESS_STIFFNESS, Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
+        *(Feature.RESTITUTION_THRESHOLD, *features.HARDNESSES, Feature.IMPACT_FRICTION, *features.COUPLED_CONTACT),
+        *features.CONES,
     ),
+    **for_each(never("UsdPhysics has sliding friction only"), *features.MOMENTS),
     Feature.PASSING_PAIRS: never("UsdPhysics does not say it of pairs of materials"),
-    Feature.COLLISION_GROUPS: Support(Level.EXACT, "as collision groups"),
-    Feature.EXCLUDED_PAIRS: Support(Level.EXACT, "as filtered pairs"),
+    Feature.COLLISION_GROUPS: exact("as collision groups"),
+    Feature.EXCLUDED_PAIRS: exact("as filtered pairs"),
     Feature.KINEMATIC: approximate("as a kinematic body, without its motion"),
-    Feature.TOUCHING_PAIRS: Support(Level.EXACT, "as joints with collisions"),
-    Feature.FORCES: never("UsdPhysics has no forces on bodies"),
+    Feature.TOUCHING_PAIRS: exact("as joints with collisions"),
     Feature.CONTROL: approximate(
         "drives with the gains and effort limits of pd and the target at the start; without the trajectory, gravity "
         "compensation, implicit laws, laws that act every few steps, and laws without gains"
     ),
     Feature.CONTROL_NATIVE: approximate("drives with gains, effort limits and the target at the start"),
-    Feature.CONSTRAINT_LOOP: Support(Level.EXACT, "as joints that are excluded from the articulation"),
+    Feature.CONSTRAINT_LOOP: exact("as joints that are excluded from the articulation"),
     Feature.CONSTRAINT_COUPLING: never("UsdPhysics has no couplings of joints"),
     Feature.BALL_LIMIT: never("a cone of UsdPhysics limits where an axis points, and lets the body turn about it"),
-    Feature.FRAME: Support(Level.EXACT, "an Xform in that of its body"),
-    **for_each(never("UsdPhysics has nothing along sums of joint positions"), *SUMS),
+    Feature.FRAME: exact("an Xform in that of its body"),
 }
 """What plain USD carries of each feature."""
 

@@ -23,8 +23,9 @@ from simspec.formats.world.tree import (
 )
 from simspec.language.vocabulary import FRICTION_CONES
 from simspec.outputs.files import read_text
-from simspec.support.declarations import FRAMES_ALONGSIDE, Table, exactly, never, shape_kinds
-from simspec.support.features import COUPLED_CONTACT, Feature
+from simspec.support import classes, features
+from simspec.support.declarations import Table, exactly, for_each, never, shape_kinds
+from simspec.support.features import Feature
 from simspec.world.canonical import canonical_json
 from simspec.world.shapes import SHAPES
 from simspec.world.types import World
@@ -40,37 +41,20 @@ class WorldJson(Format):
     NAME: ClassVar[str] = "world"
     SUPPORT: ClassVar[Table] = {
         **exactly(
-            *(Feature.JOINT_FIXED, Feature.JOINT_HINGE, Feature.JOINT_SLIDE, Feature.JOINT_BALL, Feature.JOINT_FREE),
-            Feature.JOINT_SEVERAL,
-            *(Feature.LIMIT_POSITION, Feature.LIMIT_VELOCITY, Feature.LIMIT_EFFORT),
-            *(Feature.DAMPING, Feature.BALL_DAMPING, Feature.DRY_FRICTION, Feature.ARMATURE),
-            *(Feature.SPRING, Feature.BALL_SPRING),
-            *(Feature.INITIAL_POSITION, Feature.INITIAL_VELOCITY),
-            *(Feature.INERTIA, Feature.INERTIA_FULL, Feature.INERTIA_SINGULAR, Feature.MASSLESS),
-            *(Feature.TREE_SIZE, Feature.TREE_DEPTH),
-            *(Feature.SHAPE_VISUAL, Feature.SHAPES_PER_BODY, Feature.MATERIALS_PER_BODY),
-            *(Feature.FRICTION, Feature.FRICTION_PAIRS, Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
-            *(Feature.RESTITUTION_THRESHOLD, Feature.TORSIONAL_FRICTION),
-            *(Feature.ROLLING_FRICTION, Feature.IMPACT_FRICTION),
-            *COUPLED_CONTACT,
-            *(Feature.HARDNESS_COMMON, Feature.HARDNESS_TIME_CONSTANT, Feature.HARDNESS_STIFFNESS),
-            *(Feature.HARDNESS_NATIVE, Feature.HARDNESS_PAIRS),
-            *(Feature.CONE_ELLIPTIC, Feature.CONE_PYRAMID_INSCRIBED, Feature.CONE_PYRAMID_CIRCUMSCRIBED),
-            *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS, Feature.TOUCHING_PAIRS),
-            *(Feature.KINEMATIC, Feature.FORCES, Feature.CONTROL, Feature.CONTROL_NATIVE),
-            *(Feature.CONSTRAINT_LOOP, Feature.CONSTRAINT_COUPLING, Feature.SUM, Feature.SUM_LIMITS),
-            Feature.SUM_DRY_FRICTION,
-            *(Feature.GRAVITY, Feature.GRAVITY_SCALE, Feature.FREE_DAMPING, Feature.TIMESTEP, Feature.FLUID),
+            *(*features.JOINTS, Feature.JOINT_SEVERAL, Feature.LIMIT_POSITION, *features.LIMIT_RATINGS),
+            *(*features.DAMPERS_AND_SPRINGS, Feature.DRY_FRICTION, Feature.ARMATURE, *features.PASSIVE_FORCES),
+            *(*features.INITIAL_STATE, *features.INERTIAS, Feature.KINEMATIC, *features.LARGE_TREES),
+            *(*features.SHAPES_OF_BODIES, *features.CONTACT_LAWS, *features.HARDNESSES, *features.FILTERS),
+            *(*features.CONSTRAINTS, *features.SUMS, Feature.FORCES, *features.CONTROLS, *features.PHYSICS),
         ),
         Feature.BALL_LIMIT: never("world.json has no limits of balls: no engine that reads it has any"),
-        Feature.FRAME: FRAMES_ALONGSIDE,
+        Feature.FRAME: classes.FRAMES_ALONGSIDE,
         Feature.FREE_ARMATURE: never("world.json has no armature of free bodies: no engine that reads it has any"),
         Feature.BALL_ARMATURE: never("world.json has no armature of balls: no engine that reads it has any"),
-        Feature.MARGIN_PAIRS: never("world.json has no margins: no engine that reads it has any"),
+        **for_each(never("world.json has no margins: no engine that reads it has any"), *features.MARGINS),
         Feature.SURFACE_VELOCITY: never(
             "world.json has no surfaces that move by themselves: no engine that reads it has any"
         ),
-        Feature.SHAPE_MARGIN: never("world.json has no margins: no engine that reads it has any"),
         **shape_kinds("world.json", SHAPES),
     }
     """What the language can say; an engine's dialect may have less of it, or more in its sidecar."""
