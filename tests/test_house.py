@@ -95,7 +95,7 @@ NAMED_ELSEWHERE = {
     ("imports/packages.py", "SDF_PATH"): "the same",
     ("dialects/pybullet/mutations.py", "gazebo"): "an element of the language",
     **{("imports/urdf", part): "the same" for part in ("gazebo", "Gazebo", "GAZEBO")},
-    ("dialects/gazebo", "DART"): "the library that is that engine's own engine",
+    ("dialects/gazebo.py", "DART"): "the library that is that engine's own engine",
     **{
         ("engines/gazebo", part): "the same, by its detector"
         for part in ("DART", "Dart", "dart", "Ode", "ode", "Sdf", "SDF", "sdf")
@@ -294,7 +294,7 @@ FORMATS = packages("formats") - {"world"}
 def foreign_words(path: str) -> set[str]:
     """What a file of simspec (path inside the package) may not name: engines and formats whose own place it is not in."""
     folder, name = (*path.split("/"), "", "")[:2]
-    own = name if folder in HOMES else ""
+    own = name.removesuffix(".py") if folder in HOMES else ""
     if own in ENGINES:
         return ENGINES - {own} - BUILT_ON.get(own, set())
     engines = ENGINES | {word for words in ALSO.values() for word in words}

@@ -126,9 +126,10 @@ WORKERS = 2
 
 
 def table_of(dialect: str) -> MutationTable:
-    """The table of a dialect: ``TABLE`` of the module ``mutations`` or ``defects`` beside its own; empty without one."""
-    package = type(dialects()[dialect]).__module__.rpartition(".")[0]
-    for name in (f"{package}.mutations", f"{package}.defects"):
+    """``TABLE`` of a dialect's module, or of the module ``mutations`` or ``defects`` next to it; empty without one."""
+    own = type(dialects()[dialect]).__module__
+    package = own.rpartition(".")[0]
+    for name in (own, f"{package}.mutations", f"{package}.defects"):
         try:
             module = importlib.import_module(name)
         except ModuleNotFoundError as error:

@@ -69,11 +69,13 @@ class SelfTest:
 
 
 def defects_of(dialect: str) -> Mapping[str, Plant | str]:
-    """The table of defects of a dialect: ``DEFECTS`` of the module ``defects`` beside its own.
+    """The table of defects of a dialect: ``DEFECTS`` of its module, or of the module ``defects`` next to it.
 
     Raises LookupError when the table leaves out a defect.
     """
-    module = importlib.import_module(f"{type(dialects()[dialect]).__module__.rpartition('.')[0]}.defects")
+    module = importlib.import_module(type(dialects()[dialect]).__module__)
+    if not hasattr(module, "DEFECTS"):
+        module = importlib.import_module(f"{module.__package__}.defects")
     missing = [name for name in NAMES if name not in module.DEFECTS]
     if missing:
         raise LookupError(f"{module.__name__} does not cover {missing}")

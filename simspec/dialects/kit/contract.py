@@ -105,10 +105,10 @@ class Lowered:
 
 
 class Dialect:
-    """How one engine, or several, are told a world in the files of a format. Subclasses are in ``dialects/<name>/dialect.py``.
+    """How a world is written for one engine, or for several, in the files of a format.
 
-    Next to that module, ``defects.py`` (``DEFECTS``) and ``mutations.py`` (``TABLE``, which may stand in ``defects.py`` too)
-    list the changes that the self-tests make.
+    Subclasses are in ``dialects/<name>/dialect.py``, or in ``dialects/<name>.py``. ``DEFECTS`` and ``TABLE`` list the changes
+    that the self-tests make: of the module itself, or of ``defects.py`` and ``mutations.py`` next to it.
     """
 
     NAME: ClassVar[str]

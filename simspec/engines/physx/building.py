@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from simspec.dialects.physx.dialect import PhysxSidecar
+from simspec.dialects.physx import PhysxSidecar
 from simspec.engines.kit.arrays import held_by
 from simspec.engines.kit.building import PlacedBody, Unit, Walk, refuse
 from simspec.errors import EngineError

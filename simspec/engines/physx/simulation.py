@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from simspec.dialects.physx.dialect import PhysxSidecar
+from simspec.dialects.physx import PhysxSidecar
 from simspec.engines.kit.arrays import demand_held
 from simspec.engines.kit.world_simulation import FreeBodySimulation
 from simspec.engines.physx.building import (

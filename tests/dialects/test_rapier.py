@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from simspec.compiler import target_of
-from simspec.dialects.rapier.dialect import RapierDialect
+from simspec.dialects.rapier import RapierDialect
 from simspec.engines.rapier.engine import Rapier
 from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS

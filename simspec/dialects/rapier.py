@@ -1,13 +1,22 @@
-"""Defects planted into ``world.json`` and the sidecar as Rapier reads them."""
+"""Rapier's dialect: ``world.json``, with the laws of materials in the sidecar, which a hook writes into every contact."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import GROUND, MARGINS, Plant
 from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, Addition, Inert, in_single_precision, table
+from simspec.dialects.kit.world import LawDialect
 from simspec.dialects.kit.world_defects import ADDED_LAW
+
+
+class RapierDialect(LawDialect):
+    """The world as JSON, and a table of laws."""
+
+    NAME: ClassVar[str] = "rapier"
+
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.LAW_DEFECTS,
@@ -18,8 +27,6 @@ DEFECTS: Mapping[str, Plant | str] = {
     "mesh, margin": "Rapier's hulls are told without a margin, and no file has a number for one",
     **dict.fromkeys(MARGINS, "Rapier's contact begins where shapes touch"),
 }
-
-# The complete self-test; see ``dialects/kit/mutations.py``.
 
 NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
 

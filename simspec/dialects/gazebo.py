@@ -1,12 +1,25 @@
-"""Defects planted into ``world.json`` as Gazebo's engine reads it."""
+"""Gazebo's dialect: ``world.json``, from which the engine generates SDF when it loads the world."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 from simspec.dialects.kit import world_defects
 from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
 from simspec.dialects.kit.mutations import SYMMETRIC, WORLD, Addition, Inert, table
+from simspec.dialects.kit.world import WorldDialect
+from simspec.support import classes
+from simspec.support.declarations import Table
+from simspec.support.features import Feature
+
+
+class GazeboDialect(WorldDialect):
+    """The world and its contact plan as JSON."""
+
+    NAME: ClassVar[str] = "gazebo"
+    SUPPORT: ClassVar[Table] = {**WorldDialect.SUPPORT, Feature.JOINT_SEVERAL: classes.BETWEEN_JOINTS}
+
 
 DEFECTS: Mapping[str, Plant | str] = {
     **world_defects.DEFECTS,
@@ -20,8 +33,6 @@ DEFECTS: Mapping[str, Plant | str] = {
     **dict.fromkeys(BELTS, "world.json has no surfaces that move by themselves"),
     "hardness": "DART's contacts have the common hardness alone, which has no numbers",
 }
-
-# The complete self-test; see ``dialects/kit/mutations.py``.
 
 NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")
 

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from simspec.compiler import compile_world, target_of
-from simspec.dialects.physx.dialect import PhysxDialect, PhysxSidecar
+from simspec.dialects.physx import PhysxDialect, PhysxSidecar
 from simspec.engines.physx.engine import PhysX
 from simspec.errors import UnsupportedError
 from simspec.proof.comparator import compare

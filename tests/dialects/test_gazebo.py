@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from simspec.compiler import target_of
-from simspec.dialects.gazebo.dialect import GazeboDialect
+from simspec.dialects.gazebo import GazeboDialect
 from simspec.engines.gazebo.engine import Gazebo
 from simspec.proof.comparator import compare
 from simspec.testing.worlds import accepting
