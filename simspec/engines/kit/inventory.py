@@ -17,6 +17,7 @@ the engine, ``expect`` derives the value from the world. The proof compares the 
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Generic, Self, TypeVar
@@ -116,6 +117,26 @@ def listed(names: Sequence[str]) -> str:
     if len(names) <= MOST_NAMED:
         return " ".join(names)
     return f"{len(names)} in all, {hashlib.sha256(chr(0).join(names).encode()).hexdigest()[:16]}"
+
+
+LARGEST = 1e308
+"""In place of infinity, which JSON does not have."""
+
+
+def finite(value: float) -> float:
+    """A number with :data:`LARGEST` in place of infinity."""
+    return max(-LARGEST, min(LARGEST, float(value)))
+
+
+def excluded_carriers(names: Sequence[str], filtered: Callable[[int, int], bool]) -> dict[str, EngineValue]:
+    """For every carrier, as ``apart.NAME``, the others that the engine keeps from touching it: ``filtered`` is the engine's
+    answer for the places of two names."""
+    excluded: dict[str, list[str]] = {name: [] for name in names}
+    for (row, first), (column, second) in itertools.combinations(enumerate(names), 2):
+        if filtered(row, column):
+            excluded[first].append(second)
+            excluded[second].append(first)
+    return {f"apart.{name}": named_set(others) for name, others in excluded.items()}
 
 
 def expected_apart(world: World, plan: ContactPlan, carriers: Iterable[Carrier]) -> dict[str, EngineValue]:

@@ -21,7 +21,7 @@ from simspec.engines.kit.simulated import Stepped, SteppedEngine
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import FreeJoint, JsonShape, parent_of
+from simspec.formats.world.tree import FreeJoint, JsonShape, parent_of, rows_of
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
 from simspec.world.actions import JointSum
@@ -148,6 +148,13 @@ class WorldSimulation(Generic[SidecarType]):
         if len(self._quaternions):
             q[self._quaternions] = unit(q[self._quaternions])
         return q
+
+    def tree_places(self) -> list[np.ndarray]:
+        """The places in v of each tree that has velocities, in the order of the trees' roots."""
+        trees: dict[int, list[int]] = {}
+        for root, place in zip(rows_of(self.document.bodies).roots, self.v_places, strict=True):
+            trees.setdefault(root, []).extend(range(place.start, place.stop))
+        return [np.array(places) for places in trees.values() if places]
 
     def rows_at(self, v: np.ndarray) -> list[int]:
         """The rows of the bodies whose joints have their first velocities at the places ``v`` (n,)."""
@@ -297,6 +304,22 @@ def only_common(law: PairContact) -> str | None:
     if law.hardness != Hardness():
         return "numbers beside the common hardness"
     return "a margin" if law.margin is not None else None
+
+
+def unit_responses(
+    trees: Sequence[np.ndarray], size: int, respond: Callable[[np.ndarray], np.ndarray]
+) -> list[np.ndarray]:
+    """For each tree, given by its places in v (size,), the matrix of the responses to a unit at each of them. Trees do not act
+    on each other: ``respond`` is called with a unit in each tree at once."""
+    matrices = [np.zeros((len(tree), len(tree))) for tree in trees]
+    for column in range(max(map(len, trees), default=0)):
+        present = [(tree, matrix) for tree, matrix in zip(trees, matrices, strict=True) if column < len(tree)]
+        units = np.zeros(size)
+        units[[tree[column] for tree, _ in present]] = 1.0
+        found = respond(units)
+        for tree, matrix in present:
+            matrix[:, column] = found[tree]
+    return matrices
 
 
 def growing_pairs(query: Callable[[Any, int], int]) -> np.ndarray:

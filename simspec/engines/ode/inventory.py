@@ -4,13 +4,23 @@ which runs without ODE)."""
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from simspec.contact.plan import ContactPlan
-from simspec.engines.kit.inventory import Carrier, expected_apart, named_set, sidecar_labels
+from simspec.engines.kit.inventory import (
+    NEUTRAL,
+    Carrier,
+    Items,
+    below,
+    excluded_carriers,
+    expected_apart,
+    finite,
+    sidecar_labels,
+)
 from simspec.engines.ode.building import ERROR_REDUCTION, SOLVERS
-from simspec.engines.ode.readback import asked, told_law
+from simspec.engines.ode.readback import queried, read_laws
 from simspec.engines.ode.simulation import Simulation
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
@@ -19,237 +29,233 @@ from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import rigid_groups
 from simspec.world.types import Body, EngineValue, World
 
-BIG = 1e308
-"""In place of infinity, which JSON does not have."""
-WORLD = (
-    *("ERP", "CFM", "AutoDisableFlag", "QuickStepNumIterations", "QuickStepW", "ContactMaxCorrectingVel"),
-    *("ContactSurfaceLayer", "LinearDamping", "AngularDamping", "MaxAngularSpeed"),
-)
-"""Numbers of a world, by the ends of the names of ODE's functions."""
-BODY = (
-    *("GyroscopicMode", "FiniteRotationMode", "GravityMode", "AutoDisableFlag"),
-    *("LinearDamping", "AngularDamping", "MaxAngularSpeed", "NumJoints"),
-)
-"""The same of a body."""
-TYPES = {1: "ball", 2: "hinge", 3: "slider", 5: "universal", 6: "hinge2", 7: "fixed", 9: "amotor", 10: "lmotor"}
+JOINT_TYPES = {1: "ball", 2: "hinge", 3: "slider", 5: "universal", 6: "hinge2", 7: "fixed", 9: "amotor", 10: "lmotor"}
 """ODE's numbers of types of joints."""
 ROWS = ("joint", "rotor", "rub", "stop")
 """The joints of a body, as the part in C numbers them."""
+OWN_TYPES = {"hinge": "hinge", "slide": "slider", "ball": "ball", "fixed": "fixed"}
+MOTOR_TYPES = {"hinge": "amotor", "slide": "lmotor"}
+FIT = 1e-9
+"""How far ODE's joints may be from the coordinates that bodies are laid by (rad, m): the proof's tolerance."""
+
+Settings = Mapping[str, bool | int | float | str]
 
 
-def finite(value: float) -> float:
-    return max(-BIG, min(BIG, float(value)))
+class OdeObject(NamedTuple):
+    """One of ODE's objects, of the body at ``row``."""
+
+    sim: Simulation
+    row: int
+    handle: Any
+
+    def get(self, function: str, *arguments: int) -> Any:
+        """The value of one of ODE's functions."""
+        return getattr(self.sim.library, function)(self.handle, *arguments)
+
+
+class ExpectedBody(NamedTuple):
+    """A body of the world, ODE's number of its joints, and whether it moves by ODE's steps alone."""
+
+    body: Body
+    joints: int
+    native: bool
+
+
+def _native(settings: Settings) -> bool:
+    return bool(settings.get("native_motion", False))
+
+
+WORLD = Items[tuple[Any, Any], Settings].named(
+    lambda of, name: finite(getattr(of[0], f"dWorldGet{name}")(of[1])),
+    {
+        **dict.fromkeys(("ERP", "QuickStepW", "ContactMaxCorrectingVel", "ContactSurfaceLayer"), NEUTRAL),
+        **dict.fromkeys(("LinearDamping", "AngularDamping", "MaxAngularSpeed"), NEUTRAL),
+        **dict.fromkeys(("CFM", "AutoDisableFlag"), 0.0),
+        "QuickStepNumIterations": lambda settings: float(settings["iterations"]),
+    },
+)
+"""Of ODE's library and one of its worlds, as ``world.NAME``, by the ends of the names of ODE's functions."""
+
+SIMULATION = Items[Simulation, tuple[World, Settings]](
+    {
+        "solver": (lambda sim: SOLVERS[sim.library.sim_quick(sim.sim)], lambda of: of[1]["solver"]),
+        "laid before every step": (lambda sim: not sim.library.sim_native(sim.sim), lambda of: not _native(of[1])),
+        "count.geoms": (
+            lambda sim: int(sim.library.dSpaceGetNumGeoms(sim.library.sim_space(sim.sim))),
+            lambda of: sum(len(solid_shapes(body)) for body in of[0].bodies),
+        ),
+    }
+)
+LABELS = Items[tuple[Any, bool], tuple[Body, bool]](
+    {
+        "model": (lambda of: of[0].model, lambda of: of[0].model),
+        "held": (lambda of: of[1], lambda of: of[1]),
+        "joint": (lambda of: of[0].joint.name, lambda of: of[0].joint.name),
+        "seen": (
+            lambda of: ", ".join(shape.name for shape in of[0].shapes if not shape.copies),
+            lambda of: ", ".join(shape.name for shape in of[0].shapes if not shape.collision),
+        ),
+    }
+)
+"""Of a body of the document, or of the world, and whether ODE has a body for it."""
+
+BODY = Items[OdeObject, ExpectedBody].named(
+    lambda body, name: finite(body.get(f"dBodyGet{name}")),
+    {
+        "FiniteRotationMode": lambda of: float(not of.native),
+        "GravityMode": 1.0,
+        **dict.fromkeys(("AutoDisableFlag", "LinearDamping", "AngularDamping"), 0.0),
+        "MaxAngularSpeed": 1e308,
+        "NumJoints": lambda of: float(of.joints),
+    },
+) | Items[OdeObject, ExpectedBody](
+    {
+        # ODE returns the bit of a flag
+        "GyroscopicMode": (lambda body: float(bool(body.get("dBodyGetGyroscopicMode"))), lambda of: float(of.native)),
+        "enabled": (lambda body: bool(body.get("dBodyIsEnabled")), True),
+        "kinematic": (lambda body: bool(body.get("dBodyIsKinematic")), False),
+    }
+)
+JOINT = Items[OdeObject, str](
+    {
+        "type": (lambda joint: JOINT_TYPES.get(joint.get("dJointGetType"), "unknown"), lambda kind: kind),
+        "enabled": (lambda joint: bool(joint.get("dJointIsEnabled")), True),
+        "of": (lambda joint: joint.get("dJointGetBody", 0) == _body_at(joint.sim, joint.row), True),
+    }
+)
+"""As ``body.NAME.ROW.NAME``, from the name of ODE's type."""
+
+
+def _moves_with(geom: OdeObject) -> bool:
+    carrier = geom.sim.library.sim_carrier(geom.sim.sim, geom.row)
+    return bool(geom.get("dGeomGetBody") == (None if carrier < 0 else _body_at(geom.sim, carrier)))
+
+
+SHAPE = Items[OdeObject, Body](
+    {
+        "of": (lambda geom: geom.sim.names[geom.row], lambda body: body.name),
+        "enabled": (lambda geom: bool(geom.get("dGeomIsEnabled")), True),
+        "bits": (lambda geom: bool(geom.get("dGeomGetCategoryBits") & geom.get("dGeomGetCollideBits")), True),
+        "moves_with": (_moves_with, True),
+    }
+)
+
+
+def _body_at(sim: Simulation, row: int) -> Any:
+    return sim.library.sim_body_of(sim.sim, row)
 
 
 def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """The stored values by name."""
-    lib, built = sim.library, sim.built
-    found = of_world(sim, lib.sim_world(sim.sim))
-    found |= sidecar_labels(sim.sidecar)
-    found["solver"] = SOLVERS[lib.sim_quick(sim.sim)]
-    found["laid before every step"] = not lib.sim_native(sim.sim)
-    found["count.geoms"] = int(lib.dSpaceGetNumGeoms(lib.sim_space(sim.sim)))
+    lib = sim.library
+    found = WORLD.read((lib, lib.sim_world(sim.sim)), "world") | sidecar_labels(sim.sidecar) | SIMULATION.read(sim)
     for row, body in enumerate(sim.document.bodies):
-        for name, value in _body(sim, row).items():
-            found[f"body.{body.name}.{name}"] = value
+        handle, at = _body_at(sim, row), f"body.{body.name}"
+        found |= LABELS.read((body, bool(handle)), at)
+        if handle:
+            found |= BODY.read(OdeObject(sim, row, handle), at)
+        for number, name in enumerate(ROWS):
+            if joint := lib.sim_joint(sim.sim, row, number):
+                found |= JOINT.read(OdeObject(sim, row, joint), f"{at}.{name}")
+        if body.joint.kind in SCALAR_JOINTS and (joint := lib.sim_joint(sim.sim, row, 0)):
+            found[f"{at}.joint.fits"] = _fits(sim, row, joint)
     for number, (row, name) in enumerate(sim.units()):
-        geom = lib.sim_geom(sim.sim, number)
-        found[f"shape.{name}.of"] = sim.names[row]
-        found[f"shape.{name}.enabled"] = bool(lib.dGeomIsEnabled(geom))
-        found[f"shape.{name}.bits"] = bool(lib.dGeomGetCategoryBits(geom) & lib.dGeomGetCollideBits(geom))
-        carrier = lib.sim_carrier(sim.sim, row)
-        wanted = None if carrier < 0 else lib.sim_body_of(sim.sim, carrier)
-        found[f"shape.{name}.moves_with"] = lib.dGeomGetBody(geom) == wanted and (carrier >= 0 or wanted is None)
-    for one, first in enumerate(built.materials):
-        for other in range(one, len(built.materials)):
-            held = told_law(sim, one, other)
-            if held[7]:
-                found[f"law.{first}.{built.materials[other]}.softness"] = tuple(held[5:7])
-    return found | _filter(sim)
-
-
-def of_world(sim: Simulation, world: Any) -> dict[str, EngineValue]:
-    """The numbers of a world."""
-    return {f"world.{name}": finite(getattr(sim.library, f"dWorldGet{name}")(world)) for name in WORLD}
+        found |= SHAPE.read(OdeObject(sim, row, lib.sim_geom(sim.sim, number)), f"shape.{name}")
+    for first, second, law in read_laws(sim):
+        found[f"law.{first}.{second}.softness"] = tuple(law[5:7])
+    names = [f"{name}.0" for _, name in sim.units()]  # of carriers, all in one layer
+    return found | excluded_carriers(names, lambda one, other: bool(lib.sim_apart(sim.sim, one, other)))
 
 
 def neutral(sim: Simulation) -> dict[str, EngineValue]:
     """The values of an empty world."""
     world = sim.library.dWorldCreate()
     try:
-        return of_world(sim, world)
+        return WORLD.read((sim.library, world), "world")
     finally:
         sim.library.dWorldDestroy(world)
 
 
-def _body(sim: Simulation, row: int) -> dict[str, EngineValue]:
-    lib = sim.library
-    body = lib.sim_body_of(sim.sim, row)
-    found: dict[str, EngineValue] = {"model": sim.document.bodies[row].model, "held": bool(body)}
-    found["joint"] = sim.document.bodies[row].joint.name
-    found["seen"] = ", ".join(shape.name for shape in sim.document.bodies[row].shapes if not shape.copies)
-    if body:
-        found |= {name: finite(getattr(lib, f"dBodyGet{name}")(body)) for name in BODY}
-        found["GyroscopicMode"] = float(bool(found["GyroscopicMode"]))  # ODE returns the bit of a flag
-        found["enabled"] = bool(lib.dBodyIsEnabled(body))
-        found["kinematic"] = bool(lib.dBodyIsKinematic(body))
-    for number, name in enumerate(ROWS):
-        joint = lib.sim_joint(sim.sim, row, number)
-        if joint:
-            found[f"{name}.type"] = TYPES.get(lib.dJointGetType(joint), "unknown")
-            found[f"{name}.enabled"] = bool(lib.dJointIsEnabled(joint))
-            found[f"{name}.of"] = lib.dJointGetBody(joint, 0) == body
-    return found | _where(sim, row)
-
-
-def _where(sim: Simulation, row: int) -> dict[str, EngineValue]:
-    """What ODE's own joint says of its axis and position, beside the coordinates that bodies are laid by."""
-    lib, joint = sim.library, sim.library.sim_joint(sim.sim, row, 0)
-    kind = sim.document.bodies[row].joint.kind
-    q, _ = sim.get_state()
-    if not joint or kind not in SCALAR_JOINTS:
-        return {}
-    axis = asked(lib.dJointGetHingeAxis if kind == "hinge" else lib.dJointGetSliderAxis, joint, 3)
-    own = float(lib.dJointGetHingeAngle(joint) if kind == "hinge" else lib.dJointGetSliderPosition(joint))
-    position = float(q[sim.q_places[row]][0])
-    off = own - position
-    if kind == "hinge":
+def _fits(sim: Simulation, row: int, joint: Any) -> bool:
+    """Whether ODE's joint has the axis and position of the coordinates by which bodies are laid."""
+    lib, hinge = sim.library, sim.document.bodies[row].joint.kind == "hinge"
+    axis = queried(lib.dJointGetHingeAxis if hinge else lib.dJointGetSliderAxis, joint, 3)
+    position = float(sim.get_state()[0][sim.q_places[row]][0])
+    off = float((lib.dJointGetHingeAngle if hinge else lib.dJointGetSliderPosition)(joint)) - position
+    if hinge:
         off = math.remainder(off, 2.0 * math.pi)
-    poses, _ = sim.file_frames()
-    turn = tuple(poses[row, 3:].tolist())
+    turn = tuple(sim.file_frames()[0][row, 3:].tolist())
     local = frames.rotate(frames.conjugate(turn), tuple(axis))  # type: ignore[arg-type]
-    told = sim.document.bodies[row].joint.axis  # type: ignore[union-attr]
-    apart = max(abs(a - b) for a, b in zip(local, told, strict=True))
-    return {"joint.fits": abs(off) <= FIT * max(1.0, abs(position)) and apart <= FIT}
-
-
-FIT = 1e-9
-"""How far ODE's joints may be from the coordinates that bodies are laid by (rad, m): the proof's tolerance."""
-
-
-def _filter(sim: Simulation) -> dict[str, EngineValue]:
-    """For every shape the others that it does not touch, itself not counted."""
-    names = [f"{name}.0" for _, name in sim.units()]  # as carriers are called: in one layer
-    apart: dict[str, list[str]] = {name: [] for name in names}
-    for one, first in enumerate(names):
-        for other in range(one + 1, len(names)):
-            if sim.library.sim_apart(sim.sim, one, other):
-                apart[first].append(names[other])
-                apart[names[other]].append(first)
-    return {f"apart.{name}": named_set(others) for name, others in apart.items()}
-
-
-OWN_TYPES = {"hinge": "hinge", "slide": "slider", "ball": "ball", "fixed": "fixed"}
-ROW_TYPES = {"hinge": "amotor", "slide": "lmotor"}
-Settings = Mapping[str, bool | int | float | str]
+    given = sim.document.bodies[row].joint.axis  # type: ignore[union-attr]
+    deviation = max(abs(a - b) for a, b in zip(local, given, strict=True))
+    return abs(off) <= FIT * max(1.0, abs(position)) and deviation <= FIT
 
 
 def expected(
     world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
 ) -> dict[str, EngineValue]:
     """The values that follow from ``world`` under its ``settings``; ``neutral`` are ODE's defaults."""
-    groups = rigid_groups(world)
-    native = bool(settings.get("native_motion", False))
-    found = dict(neutral)
-    found |= {
-        "world.ERP": neutral["world.ERP"] if native else 1e-300,
-        "laid before every step": not native,
-        "world.CFM": 0.0,
-        "world.AutoDisableFlag": 0.0,
-        "world.QuickStepNumIterations": float(settings["iterations"]),
-        "solver": settings["solver"],
-        "count.geoms": sum(len(solid_shapes(body)) for body in world.bodies),
-    }
-    joints = _joints(world)
+    native = _native(settings)
+    found = WORLD.expect(settings, "world", below("world", neutral)) | SIMULATION.expect((world, settings))
+    if not native:
+        found["world.ERP"] = 1e-300
+    movers = _movers(world)
+    joints = _joints(world, movers)
     carriers = []
     for body in world.bodies:
-        still = groups[body.name] == "world"
-        for name, value in _body_expected(world, body, still, joints, native).items():
-            found[f"body.{body.name}.{name}"] = value
+        at, stored = f"body.{body.name}", movers[body.name] == body.name
+        found |= LABELS.expect((body, stored), at)
+        if stored:
+            found |= BODY.expect(ExpectedBody(body, joints[body.name], native), at)
+            for name, kind in _rows(body).items():
+                found |= JOINT.expect(kind, f"{at}.{name}")
+            if body.joint.kind in MOTOR_TYPES:
+                found[f"{at}.joint.fits"] = True
         for shape in solid_shapes(body):
             carriers.append(Carrier(f"{shape.name}.0", body.name, shape.material, 0))
-            found |= {
-                f"shape.{shape.name}.of": body.name,
-                f"shape.{shape.name}.enabled": True,
-                f"shape.{shape.name}.bits": True,
-                f"shape.{shape.name}.moves_with": True,
-            }
-    used = {shape.material for body in world.bodies for shape in solid_shapes(body)}
-    for one, other in meeting_laws(world):
-        if {one, other} <= used:
-            found[f"law.{one}.{other}.softness"] = (ERROR_REDUCTION, float(settings["softness"]))
+            found |= SHAPE.expect(body, f"shape.{shape.name}")
+    used = {carrier.material for carrier in carriers}
+    for pair in meeting_laws(world):
+        if used.issuperset(pair):
+            found[f"law.{'.'.join(pair)}.softness"] = (ERROR_REDUCTION, float(settings["softness"]))
     return found | expected_apart(world, plan, carriers)
 
 
 def _rows(body: Body) -> dict[str, str]:
-    """The joints that ODE has for one of the world, by what they are for."""
+    """The types of the joints that ODE has for one of the world, by ROWS."""
     joint = body.joint
-    if joint.kind == "free":
-        return {}
-    rows = {"joint": OWN_TYPES[joint.kind]}
-    if joint.kind in ROW_TYPES:
-        row = ROW_TYPES[joint.kind]
-        rows |= {"rotor": row} if joint.armature else {}
-        rows |= {"rub": row} if joint.dry_friction else {}
+    rows = {} if joint.kind == "free" else {"joint": OWN_TYPES[joint.kind]}
+    if joint.kind in MOTOR_TYPES:
+        motor = MOTOR_TYPES[joint.kind]
+        rows |= {"rotor": motor} if joint.armature else {}
+        rows |= {"rub": motor} if joint.dry_friction else {}
         if joint.position_limits is not None:
             rows["stop"] = "amotor" if joint.kind == "hinge" else "slider"
     return rows
 
 
-def _held(world: World) -> dict[str, str | None]:
-    """By body the one that ODE has a body for and that carries it; None of what cannot move."""
+def _movers(world: World) -> dict[str, str | None]:
+    """By body the name of the one that ODE has a body for and that carries it; None for static bodies."""
     groups = rigid_groups(world)
-    held: dict[str, str | None] = {}
+    movers: dict[str, str | None] = {}
     for body in world.bodies:
         if groups[body.name] == "world":
-            held[body.name] = None
-        elif lumped_inertial(world, body).mass > 0.0:
-            held[body.name] = body.name
+            movers[body.name] = None
         else:
-            held[body.name] = held[body.joint.parent or ""]
-    return held
+            massive = lumped_inertial(world, body).mass > 0.0
+            movers[body.name] = body.name if massive else movers[body.joint.parent or ""]
+    return movers
 
 
-def _joints(world: World) -> dict[str, int]:
-    """How many of ODE's joints each of its bodies has; one for stops of a slide is its slider."""
-    held = _held(world)
-    count: dict[str, int] = {}
+def _joints(world: World, movers: Mapping[str, str | None]) -> Counter[str]:
+    """The number of ODE's joints on each of its bodies. The stop of a slide is its slider."""
+    count: Counter[str] = Counter()
     for body in world.bodies:
-        if held[body.name] != body.name:
+        above = movers.get(body.joint.parent or "")
+        if movers[body.name] != body.name or (body.joint.kind == "fixed" and above is None):
             continue
-        rows = _rows(body)
-        above = None if body.joint.parent is None else held[body.joint.parent]
-        if body.joint.kind == "fixed" and above is None:
-            rows = {}
-        number = len(set(rows) - ({"stop"} if body.joint.kind == "slide" else set()))
+        rows = set(_rows(body)) - ({"stop"} if body.joint.kind == "slide" else set())
         for name in (body.name, above):
             if name is not None:
-                count[name] = count.get(name, 0) + number
+                count[name] += len(rows)
     return count
-
-
-def _body_expected(
-    world: World, body: Body, still: bool, joints: Mapping[str, int], native: bool
-) -> dict[str, EngineValue]:
-    held = not still and lumped_inertial(world, body).mass > 0.0
-    found: dict[str, EngineValue] = {"model": body.model, "held": held, "joint": body.joint.name}
-    found["seen"] = ", ".join(shape.name for shape in body.shapes if not shape.collision)
-    if not held:
-        return found
-    found |= {
-        "GyroscopicMode": float(native),
-        "FiniteRotationMode": float(not native),
-        "GravityMode": 1.0,
-        "AutoDisableFlag": 0.0,
-        "LinearDamping": 0.0,
-        "AngularDamping": 0.0,
-        "MaxAngularSpeed": 1e308,
-        "NumJoints": float(joints.get(body.name, 0)),
-        "enabled": True,
-        "kinematic": False,
-    }
-    for name, kind in _rows(body).items():
-        found |= {f"{name}.type": kind, f"{name}.enabled": True, f"{name}.of": True}
-    if body.joint.kind in ROW_TYPES:
-        found["joint.fits"] = True
-    return found

@@ -13,10 +13,10 @@ from simspec.dialects.kit.world import LawSidecar
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.building import Walk
 from simspec.engines.kit.hulls import DOUBTED
-from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, growing_pairs
+from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, growing_pairs, unit_responses
 from simspec.engines.ode.building import NAME, Built, Integers, library, pointer
 from simspec.errors import EngineError
-from simspec.formats.world.tree import initial_coordinates, parent_of
+from simspec.formats.world.tree import initial_coordinates
 from simspec.world.rotations import unit
 
 
@@ -71,24 +71,9 @@ class Simulation(WorldSimulation[LawSidecar]):
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The mass matrix as parts (places, M), one for each tree: the inverse of what unit efforts give for accelerations, of
         one joint of all trees at once, which do not act on each other."""
-        root: dict[str, str] = {}
-        trees: dict[str, list[int]] = {}
-        for body, place in zip(self.document.bodies, self.v_places, strict=True):
-            parent = parent_of(body.joint)
-            root[body.name] = body.name if parent is None else root[parent]
-            trees.setdefault(root[body.name], []).extend(range(place.start, place.stop))
-        places = [np.array(tree) for tree in trees.values() if tree]
-        inverse = [np.zeros((len(tree), len(tree))) for tree in places]
-        for column in range(max((len(tree) for tree in places), default=0)):
-            effort = np.zeros(self.nv)
-            effort[[tree[column] for tree in places if column < len(tree)]] = 1.0
-            found = self.acceleration(effort)
-            for tree, part in zip(places, inverse, strict=True):
-                if column < len(tree):
-                    part[:, column] = found[tree]
-        parts = []
-        for tree, part in zip(places, inverse, strict=True):
-            mass = np.linalg.inv(part)
+        trees, parts = self.tree_places(), []
+        for tree, inverse in zip(trees, unit_responses(trees, self.nv, self.acceleration), strict=True):
+            mass = np.linalg.inv(inverse)
             parts.append((tree, 0.5 * (mass + mass.T)))
         return parts
 
