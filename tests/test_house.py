@@ -121,7 +121,6 @@ NAMED_ELSEWHERE = {
     **{("imports/usd", part): "a prefix of the language's schemas" for part in ("physx", "Physx", "PhysX")},
     ("imports/usd/losses.py", "Skel"): "types of prims, of skeletons",
     ("imports/usd/shapes.py", '"sdf"'): "an approximation of the language, by signed distance fields",
-    ("language/hint_words_bodies.py", "sdf_shape"): "a word for signed distance fields",
 }
 """What may stand in a file or a folder although it names an engine, with its reason."""
 

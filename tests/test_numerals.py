@@ -270,7 +270,7 @@ ALLOWED = {
     "imports/sdf/shapes.py": "bits in any base of ASCII digits, asked for beside it",
     "language/beginning.py": "of the text that simspec wrote, with a unit",
     "language/models.py": "rounding of a number by its text",
-    "language/rounding.py": "the same",
+    "experiments/cases.py": "the same",
     "language/sweep_values.py": "the same",
     "language/overrides.py": "of ASCII digits, asked for beside it",
     "meshes/child.py": "what a pattern of bytes matched",

@@ -9,7 +9,7 @@ from simspec.commands.loading import Loaded, load_spec
 from simspec.commands.options import names_alone, print_json
 from simspec.commands.scenario_options import CheckOptions
 from simspec.errors import EXIT_OK, Problem, SpecError, UnsupportedError
-from simspec.language.losses import repaired, repairs_data
+from simspec.language.foreign import repaired, repairs_data
 from simspec.option_checks import check_options
 from simspec.plausibility.examine import examine
 from simspec.plausibility.findings import Plausibility

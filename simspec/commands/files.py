@@ -17,13 +17,12 @@ from simspec.engines.kit import request
 from simspec.errors import EXIT_FAILED, EXIT_OK, Problem, SpecError
 from simspec.files import read_bytes
 from simspec.imports.writing import copies, from_folder, is_unchanged, spec_text, too_long
-from simspec.language import schema as language_schema
+from simspec.language import reference as language_schema
 from simspec.language.beginning import AT_LIMITS, listed
 from simspec.language.document import LARGEST_FILE, decode
-from simspec.language.foreign import Imported, is_foreign, suffixes
+from simspec.language.foreign import Imported, counts, grouped, is_foreign, of_physics, problems, repairs_data, suffixes
 from simspec.language.formatting import format_text
 from simspec.language.load import Spec, load
-from simspec.language.losses import counts, grouped, of_physics, problems, repairs_data
 from simspec.language.packages import PACKAGE, ROBOT, ROBOTS, NotCachedError, Package, is_packaged, is_robot, packaged
 from simspec.language.sources import project_folder
 from simspec.meshes.reading import LARGEST_FILE as LARGEST_MESH

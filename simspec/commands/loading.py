@@ -12,9 +12,8 @@ from simspec.commands.options import Options, RobotFiles, engine_names, interpre
 from simspec.commands.scenario_options import CompileOptions, ExportOptions
 from simspec.errors import Problem, SpecError, UnsupportedError
 from simspec.files import find_spec
-from simspec.language.foreign import suffixes
+from simspec.language.foreign import repaired, repairs_data, suffixes
 from simspec.language.load import Spec, load
-from simspec.language.losses import repaired, repairs_data
 from simspec.language.packages import ROBOT, is_packaged, is_robot, packaged
 from simspec.option_checks import check_at_timestep, deep_contact, pairs_without_effect
 from simspec.world.types import World

@@ -20,8 +20,9 @@ from simspec.imports.elements import Element
 from simspec.imports.files import Files
 from simspec.language.document import Path_, dotted
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Repair, RequestedRepairs, Severity
-from simspec.language.mesh import MOST_VERTICES, SUFFIXES
 from simspec.language.quantities import Number
+from simspec.language.shapes import MESH_SUFFIXES as SUFFIXES
+from simspec.language.shapes import MOST_VERTICES
 from simspec.language.strict import Faults
 from simspec.language.words import LONGEST_NAME, NAME, clean_name
 from simspec.meshes.load import MadeMesh, MeshOptions, load

@@ -16,10 +16,10 @@ from simspec.errors import Location, Problem, SpecError, visible
 from simspec.language.beginning import begin_within
 from simspec.language.document import MOST_EVENTS, build, event_count, events
 from simspec.language.foreign import Imported
-from simspec.language.layout import WIDTH, Entry, Node, lines, node_of
+from simspec.language.formatting import WIDTH, Entry, Node, lines, node_of
 from simspec.language.load import Spec
-from simspec.language.mesh import named_files
 from simspec.language.packages import Package
+from simspec.language.shapes import named_files
 from simspec.world.kinematics import owner_of
 from simspec.world.types import World
 

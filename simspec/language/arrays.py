@@ -1,4 +1,4 @@
-"""Arrays: many bodies or models written once."""
+"""Parts of models other than bodies: arrays (many bodies or models written once), named initial states, named frames."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from simspec.language.quantities import Number, Vector, Whole
-from simspec.language.reader import Reader
-from simspec.language.shapes import Length, Point, Pose, Switch
+from simspec.language.joint_names import NamePattern
+from simspec.language.quantities import Number, Reader, Vector, Whole
+from simspec.language.shapes import Length, Point, Pose, Switch, Velocity
 from simspec.language.strict import ABSENT, Fault, Maybe, Strict, fault, required, show
+from simspec.language.words import Name
 
 MOST_ELEMENTS = 100_000
 """Elements of one array, and bodies of one scenario: beyond it a slip of the pen is likelier than a plan."""
@@ -120,3 +121,33 @@ class Array(Strict):
         poses = data.get("poses")
         if isinstance(poses, list) and not 0 < len(poses) <= MOST_ELEMENTS:
             yield Fault(("poses",), "expected one pose or more", f"{len(poses)} poses", f"1 to {MOST_ELEMENTS}")
+
+
+class State(Strict):
+    """An initial state of a model. What it does not say is as the model's bodies say."""
+
+    pose: Maybe[Pose] = Field(ABSENT, description="Pose of the root in the model, instead of its own")
+    velocity: Maybe[Velocity] = Field(
+        ABSENT, description="Velocity of a free root in the model's axes, instead of its own"
+    )
+    positions: dict[Annotated[str, NamePattern()], Any] = Field(
+        {}, description="Joint positions by the joint's name in the model; `*` matches any text"
+    )
+    velocities: dict[Annotated[str, NamePattern()], Any] = Field(
+        {}, description="Joint velocities by the joint's name in the model; `*` matches any text"
+    )
+    commands: dict[Annotated[str, NamePattern("actuator")], Any] = Field(
+        {},
+        description="Commands by the actuator's name in the model, instead of the actuators' own; `*` matches any text",
+    )
+
+
+class Frame(Strict):
+    """A frame that is fixed to a body. It has no mass, touches nothing and moves nothing: it names a place:
+    a tool point, a sensor, a site."""
+
+    body: Annotated[str, Name(path=True)] = Field(
+        ...,
+        description="The body that it is fixed to: by its name in the model, of a scenario's frame by its full name",
+    )
+    pose: Maybe[Pose] = Field(ABSENT, description="Its pose in the body's frame; default: the same frame")

@@ -10,8 +10,7 @@ from pydantic import Field
 
 from simspec.language.contact import Names
 from simspec.language.joints import DIMENSION, check_suits_driven
-from simspec.language.quantities import Number, Vector
-from simspec.language.reader import Reader
+from simspec.language.quantities import Number, Reader, Vector
 from simspec.language.shapes import Point, Pose
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, replace_loc, show
 from simspec.language.vocabulary import SCALAR_JOINTS

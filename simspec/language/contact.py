@@ -10,8 +10,7 @@ from pydantic import Field
 from pydantic_core import core_schema
 
 from simspec.language.document import INVALID
-from simspec.language.quantities import Number
-from simspec.language.reader import Reader
+from simspec.language.quantities import Number, Reader
 from simspec.language.shapes import Length0, NameOf
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, near, replace_loc, show
 from simspec.language.vocabulary import (

@@ -11,8 +11,7 @@ from pydantic import Field, create_model
 from pydantic_core import core_schema
 
 from simspec.language.document import INVALID
-from simspec.language.quantities import Number, Vector
-from simspec.language.reader import Reader
+from simspec.language.quantities import Number, Reader, Vector
 from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, replace_loc, show
 from simspec.language.words import NAME, Name
 

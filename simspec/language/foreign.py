@@ -9,18 +9,29 @@ from __future__ import annotations
 import functools
 import json
 import os
-from collections.abc import Iterable, Mapping
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Any, Final, Protocol, runtime_checkable
+
+from pydantic import Field
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.files import NotReadableError, open_regular
 from simspec.language.beginning import Start, begin_within
 from simspec.language.document import Document, Key, Mark, Path_
 from simspec.language.packages import Package, shown_path
+from simspec.language.shapes import NameOf
+from simspec.language.strict import Strict
+from simspec.language.words import FileName, Flag, Text, Texts
 from simspec.plugins import Plugins
+
+if TYPE_CHECKING:
+    from simspec.language.sources import Source
+
 
 GROUP = "simspec.importers"
 """The entry points of importers, by the name of their language."""
@@ -317,3 +328,115 @@ def _beginning(path: Path) -> bytes:
         raise SpecError([Problem(f"{path}: cannot be read: {error}")]) from None
     except OSError as error:
         raise SpecError([Problem(f"{path}: cannot be read: {error.strerror}")]) from None
+
+
+# What a placement of a file of another language says to its importer.
+
+
+class Import(Strict):
+    """What is said to the importer of a file of another language."""
+
+    packages: dict[NameOf, Annotated[str, FileName()]] = Field(
+        {}, description="Folders of packages that the file names, by their names, relative to this file"
+    )
+    package_path: list[Annotated[str, FileName()]] = Field(
+        [], description="Folders in which packages are looked for, relative to this file"
+    )
+    arguments: dict[NameOf, Annotated[str, Text()]] = Field(
+        {}, description="Arguments of a file that is a program (xacro), by name"
+    )
+    repair: Annotated[list[str], Texts()] = Field(
+        [],
+        description="Rules by which defects of the file are repaired, `RULE` or `RULE=VALUE`; `all`: every rule that it needs",
+    )
+    self_collision: Annotated[bool, Flag()] = Field(
+        True, description="false: the bodies of the model that the file describes do not touch each other"
+    )
+
+    def options(self, folder: Path, project: Path | None) -> ImportOptions:
+        """The same as importers take it; ``folder``: that of the file which says so."""
+        return ImportOptions(
+            self.packages,
+            tuple(self.package_path),
+            self.arguments,
+            tuple(self.repair),
+            project,
+            folder,
+            self.self_collision,
+        )
+
+
+# What an import does not carry, and what it repaired, for people: counted, grouped, and as warnings.
+
+_IN_BRACKETS: Final = re.compile(r"\[[^\]]*\]")
+ORDER: Final = (Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION)
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Accounts that say the same of the same kind of thing; the first of them stands for all."""
+
+    first: Account
+    count: int
+
+
+def kind_of(account: Account) -> str:
+    """What an account is of, without names: ``joint/mimic/@multiplier``."""
+    return _IN_BRACKETS.sub("", account.what)
+
+
+def grouped(accounts: Iterable[Account]) -> list[Group]:
+    """Losses by kind and reason, those that change physics first, each kind in the order of the file."""
+    groups: dict[tuple[Any, ...], list[Account]] = {}
+    for account in accounts:
+        key = (kind_of(account), account.severity, account.reason)
+        groups.setdefault(key, []).append(account)
+    rows = [Group(members[0], len(members)) for members in groups.values()]
+    return sorted(rows, key=lambda group: ORDER.index(group.first.severity))
+
+
+def counts(imported: Imported) -> dict[str, int]:
+    """How many elements and attributes have which fate, and how many of the lost ones change physics."""
+    fates = Counter(account.fate for account in imported.accounts)
+    physics = sum(account.severity is Severity.PHYSICS for account in imported.losses())
+    return {
+        "carried": fates[Fate.CARRIED],
+        "carried_but_unused": fates[Fate.UNUSED],
+        "lost": fates[Fate.LOST],
+        "lost_of_physics": physics,
+    }
+
+
+def of_physics(imported: Imported) -> list[Account]:
+    """The losses that change physics."""
+    return [account for account in imported.losses() if account.severity is Severity.PHYSICS]
+
+
+def problems(accounts: Sequence[Account]) -> Iterator[Problem]:
+    """Losses as problems, of each kind the first with the number of the others."""
+    for group in grouped(accounts):
+        account, more = group.first, group.count - 1
+        counted = f" (and {more} more)" if more else ""
+        message = f"the import loses {kind_of(account)}{counted}: {account.reason}"
+        yield Problem(message, account.what, account.location, hint=account.hint or None)
+
+
+def repaired(sources: Iterable[Source]) -> list[Repair]:
+    """The repairs of all files of other languages among ``sources``, each once."""
+    return list(
+        dict.fromkeys(repair for source in sources if source.imported is not None for repair in source.imported.repairs)
+    )
+
+
+def repairs_data(repairs: Iterable[Repair]) -> list[dict[str, Any]]:
+    """Repairs as plain data: the rule, the place, what was changed, and where the spec has it."""
+    return [
+        {
+            "rule": repair.rule,
+            "file": repair.location.file,
+            "line": repair.location.line,
+            "what": repair.what,
+            "path": repair.path,
+        }
+        for repair in repairs
+    ]

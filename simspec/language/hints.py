@@ -7,10 +7,33 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import NamedTuple
 
-if TYPE_CHECKING:
-    from simspec.language.hint import Hint
+
+class Hint(NamedTuple):
+    """The replacement of a word of another language; a row of ``hint_words.txt``, whose head explains the columns."""
+
+    text: str
+    targets: tuple[str, ...]
+    models: tuple[str, ...]
+
+    @property
+    def of_value(self) -> bool:
+        """Whether it replaces a value, not a key."""
+        return any("=" in target for target in self.targets)
+
+
+@functools.cache
+def entries() -> tuple[tuple[str, Hint], ...]:
+    """Every known foreign word as written, with its hint; a word can have several."""
+    found = []
+    for line in Path(__file__).with_name("hint_words.txt").read_text("utf-8").splitlines():
+        if not line.startswith("#"):
+            words, text, targets, models = (*line.split(" | "), "", "")[:4]
+            hint = Hint(text, tuple(targets.split()), tuple(models.split()))
+            found += [(word, hint) for word in words.split()]
+    return tuple(found)
 
 
 def _plain(word: str) -> str:
@@ -21,10 +44,8 @@ def _plain(word: str) -> str:
 @functools.cache
 def hints() -> Mapping[str, tuple[Hint, ...]]:
     """Every known foreign word, without its case, hyphens and underscores."""
-    from simspec.language.hint_words import ENTRIES
-
     table: dict[str, tuple[Hint, ...]] = {}
-    for word, hint in ENTRIES:
+    for word, hint in entries():
         table[_plain(word)] = (*table.get(_plain(word), ()), hint)
     return table
 
@@ -34,29 +55,21 @@ def _known(word: str) -> tuple[Hint, ...]:
 
 
 def hint_for_key(word: str, model: str) -> str | None:
-    """What to write instead of an unknown key of a model of the language (its name, as ``Joint``); None: not a known word.
+    """The replacement of an unknown key of a model of the language (its name, as ``Joint``); None for an unknown word.
 
-    What is meant in this model alone comes before what is meant anywhere; hints about values come last.
+    A meaning in this model precedes a general one. Hints about values are last: a kind of joint can be written as a key.
     """
     known = _known(word)
-    own = [hint for hint in known if model in hint.at]
-    anywhere = [hint for hint in known if not hint.at and not _of_values(hint)]
-    # a kind of joint that is written as a key: `revolute: {...}`
-    as_key = [hint for hint in known if not hint.at and _of_values(hint)]
-    chosen = (own or anywhere or as_key)[:1]
+    chosen = [hint for hint in known if model in hint.models]
+    chosen += sorted((hint for hint in known if not hint.models), key=lambda hint: hint.of_value)
     return f"in simspec: {chosen[0].text}" if chosen else None
 
 
 def hint_for_word(word: str, words: Iterable[str]) -> str | None:
-    """What to write instead of a word that is none of ``words``; None: not a known word, or known for something else."""
-    known = _known(word)
+    """The replacement of a word that is none of ``words``; None for a word that is unknown, or known for another place."""
     allowed = set(words)
-    for hint in known:
-        values = [target.partition("=")[2] for target in hint.targets if "=" in target]
-        if values and set(values) <= allowed:
+    for hint in _known(word):
+        values = {target.partition("=")[2] for target in hint.targets if "=" in target}
+        if values and values <= allowed:
             return f"in simspec: {hint.text!r}" if hint.text in allowed else f"in simspec: {hint.text}"
     return None
-
-
-def _of_values(hint: Hint) -> bool:
-    return any("=" in target for target in hint.targets)

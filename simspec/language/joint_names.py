@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from simspec.language.document import INVALID
-from simspec.language.reader import Reader
+from simspec.language.quantities import Reader
 from simspec.language.strict import Fault, Faults, fault, replace_loc, show
 from simspec.language.units import article
 from simspec.language.vocabulary import SCALAR_JOINTS

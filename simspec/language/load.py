@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.language.amounts import too_much
 from simspec.language.checks import check
 from simspec.language.document import Document
 from simspec.language.foreign import Imported, ImportOptions, suffixes
 from simspec.language.models import VERSION, File
-from simspec.language.overrides import Override, apply, overridden, without_effect
+from simspec.language.overrides import Override, apply, check_sweep, overridden, without_effect
 from simspec.language.packages import Package, digests, is_packaged, packaged
 from simspec.language.problems import in_order
 from simspec.language.sources import Collector, Source, of_package, open_document, project_folder, validate
 from simspec.language.strict import ABSENT, bounded_suggestions
-from simspec.language.swept import check_sweep
+from simspec.language.trees import too_much
 from simspec.methods import Method
 
 if TYPE_CHECKING:

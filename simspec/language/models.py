@@ -12,26 +12,20 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
 
-from simspec.language.actuators import Actuator
-from simspec.language.arrays import Array
+from simspec.language.actions import MOST_FORCES, Force, Grasp, Motion, Trajectory
+from simspec.language.arrays import Array, Frame, State
 from simspec.language.constraints import Constraint
 from simspec.language.contact import Contact
-from simspec.language.control import MOST_CONTROLLERS, Controller
+from simspec.language.control import MOST_CONTROLLERS, Actuator, Controller
 from simspec.language.engine_options import WHOLE, EngineOptions
 from simspec.language.expectations import Expectation
-from simspec.language.forces import MOST_FORCES, Force
-from simspec.language.import_options import Import
+from simspec.language.foreign import Import
 from simspec.language.joint_names import NamePattern
 from simspec.language.joints import Joint
-from simspec.language.motions import Motion
-from simspec.language.named_frames import Frame
-from simspec.language.quantities import Number, Vector
-from simspec.language.reader import Reader
+from simspec.language.quantities import Number, Reader, Vector
 from simspec.language.shapes import Inertia, LinearVelocity, NameOf, Point, Pose, Shape, Switch, Velocity
-from simspec.language.states import State
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, misspelt, show
 from simspec.language.sweep import Sweep
-from simspec.language.trajectory import Grasp, Trajectory
 from simspec.language.vocabulary import CHANNELS, JOINT_KINDS, STATIC_SHAPES, TREE_JOINTS
 from simspec.language.words import FileName, Name, Text, Word
 

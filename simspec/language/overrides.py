@@ -7,15 +7,16 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.language import walk
+from simspec.language import problems as walk
 from simspec.language.control import PerJoint
 from simspec.language.document import Document, Key, Mark, parse
 from simspec.language.engine_options import EngineOptions, SettingsAtTimestep
 from simspec.language.hints import hint_for_key
 from simspec.language.models import File
-from simspec.language.quantities import Vector
-from simspec.language.reader import Reader
-from simspec.language.strict import near, show
+from simspec.language.quantities import Reader, Vector
+from simspec.language.strict import Faults, near, show
+from simspec.language.sweep import Sweep
+from simspec.language.sweep_values import Distribution, same
 
 FILE = "--set"
 """What stands for the file in the location of an override's value; the line is the override's number."""
@@ -105,7 +106,7 @@ def _no_parts(kind: Any, step: str, path: str, override: Override) -> Problem | 
 
 
 def kind_at(document: Document, path: str, place: Location | None) -> Any:
-    """The type that the language has at the path of an override (see :func:`simspec.language.walk.at`), or the problem of a
+    """The type that the language has at the path of an override (see :func:`simspec.language.problems.at`), or the problem of a
     path that nothing can be put at. The document stays as it is."""
     _, problems = overridden(document, [Override(path, None, place, place)])
     if problems:
@@ -243,3 +244,90 @@ def _put(holder: Any, mark: Mark | None, kind: Any, step: str, override: Overrid
         if mark.keys is not None:
             mark.keys.setdefault(step, (value_place.line, value_place.column))
     return None
+
+
+# What is wrong with the paths and values of a sweep, held against the rest of the spec.
+
+MOST_REPORTED = 20
+"""Values of one path that are reported: more of them have the same cause."""
+SWEEP = "sweep"
+
+Placed = list[tuple[tuple[Key, ...], Any]]
+"""Values, each with its place below that of its path."""
+
+
+def check_sweep(document: Document, sweep: Sweep | None) -> Iterator[Problem]:
+    """Every problem of a sweep's paths, checked as ``--set`` checks them, and of the values whose type is known before the spec
+    is resolved. What shows only in a world that a value makes is a problem of that run."""
+    if sweep is None:
+        return
+    for place, path, values, alike in _axes(document, sweep):
+        location = document.locate(place, key=True)
+        kind = kind_at(document, path, location)
+        if isinstance(kind, Problem):
+            yield kind
+        elif isinstance(kind, Reader):
+            yield from _values(document, place, path, kind, values, alike)
+
+
+def _axes(document: Document, sweep: Sweep) -> Iterator[tuple[tuple[Key, ...], str, Placed, bool]]:
+    """Every path of a sweep: its place, the path, its values with their places below it, and whether they may be alike."""
+    for path, values in sweep.over.items():
+        written = document.data[SWEEP]["over"][path]
+        ranged = isinstance(written, dict)
+        ends: Placed = [(("from",), values[0]), (("to",), values[-1])]
+        yield (SWEEP, "over", path), path, ends if ranged else _listed(values), ranged
+    for row, entry in enumerate(sweep.together):
+        for path, values in entry.items():
+            yield (SWEEP, "together", row, path), path, _listed(values), True
+    for name, case in sweep.cases.items():
+        for path, value in case.items():
+            yield (SWEEP, "cases", name, path), path, [((), value)], True
+    if sweep.samples is not None:
+        for path, distribution in sweep.samples.values.items():
+            yield (SWEEP, "samples", "values", path), path, list(_drawn(distribution)), True
+
+
+def _listed(values: Iterable[Any]) -> Placed:
+    return [((index,), value) for index, value in enumerate(values)]
+
+
+def _drawn(distribution: Distribution) -> Iterator[tuple[tuple[Key, ...], Any]]:
+    """Values that a distribution may give: the bounds, the mean, each choice."""
+    if distribution.choice is not None:
+        yield from ((("choice", index), value) for index, value in enumerate(distribution.choice))
+    elif distribution.normal is not None:
+        yield ("normal", 0), distribution.normal[0]
+    else:
+        name = "uniform" if distribution.uniform is not None else "log_uniform"
+        yield from (((name, index), bound) for index, bound in enumerate(getattr(distribution, name)))
+
+
+def _values(
+    document: Document,
+    place: tuple[Key, ...],
+    path: str,
+    kind: Reader,
+    values: Placed,
+    alike: bool,
+) -> Iterator[Problem]:
+    first: dict[str, Any] = {}
+    reported = 0
+    for below, value in values:
+        at = (*place, *below)
+        try:
+            read = same(kind.read(value))
+        except Faults as error:
+            for one in error.faults:
+                yield document.problem(
+                    (*at, *one.loc), one.message, found=one.found, allowed=one.allowed, hint=one.hint
+                )
+            reported += 1
+        else:
+            if not alike and read in first:
+                found = f"{show(value)}, which is {show(first[read])}"
+                yield document.problem(at, f"this value of {path} is duplicated", found=found)
+                reported += 1
+            first.setdefault(read, value)
+        if reported >= MOST_REPORTED:
+            return

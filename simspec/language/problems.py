@@ -3,18 +3,101 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping
+import typing
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 
 from simspec.errors import Problem
-from simspec.language import walk
 from simspec.language.document import Document
 from simspec.language.hints import hint_for_key
 from simspec.language.models import File
-from simspec.language.reader import Reader
+from simspec.language.quantities import Reader
 from simspec.language.strict import FAULT, REPORTED, Strict, near, show
+
+# The language as a tree: which model, list or mapping stands at a path, and which keys may stand there.
+
+
+class Free:
+    """A mapping with keys of the user's choice; ``item`` is the type of its values, ``key`` reads its keys."""
+
+    def __init__(self, item: Any, key: Reader):
+        self.item, self.key = item, key
+
+
+@functools.cache
+def fields(model: type[Strict]) -> dict[str, Any]:
+    """The type of every field of a model, as :func:`at` gives them."""
+    return {name: _plain(field.annotation, field.metadata) for name, field in model.model_fields.items()}
+
+
+def _plain(annotation: Any, metadata: Sequence[Any] = ()) -> Any:
+    reader = next((item for item in metadata if isinstance(item, Reader)), None)
+    if reader is not None:
+        return reader
+    origin = typing.get_origin(annotation)
+    if origin is typing.Annotated:
+        base, *extra = typing.get_args(annotation)
+        return _plain(base, extra)
+    if origin is dict:
+        key, item = typing.get_args(annotation)
+        return Free(_plain(item), _plain(key))
+    if origin is list:
+        return [_plain(typing.get_args(annotation)[0])]
+    return annotation
+
+
+def default(kind: Any, field: FieldInfo) -> Any:
+    """The default of a field that has one, as a spec would say it."""
+    return kind.written(field.default) if isinstance(kind, Reader) else field.default
+
+
+def is_model(kind: Any) -> bool:
+    """Whether a type is a model of the language."""
+    return isinstance(kind, type) and issubclass(kind, Strict)
+
+
+def child(kind: Any, step: str | int) -> Any:
+    """The type one step below; None where the language has nothing."""
+    if is_model(kind):
+        return fields(kind).get(str(step))
+    if isinstance(kind, Free):
+        return kind.item
+    if isinstance(kind, list):
+        return kind[0]
+    return None
+
+
+def at(root: type[Strict], path: Iterable[str | int]) -> Any:
+    """The type at a path below ``root``: a model, a Reader, ``Free``, a list of one type, or None."""
+    kind: Any = root
+    for step in path:
+        kind = child(kind, step)
+    return kind
+
+
+def keys(kind: Any) -> list[str]:
+    """The keys of a model, in the language's order; none for other types."""
+    return list(fields(kind)) if is_model(kind) else []
+
+
+def models(kind: Any) -> dict[str, type[Strict]]:
+    """Every model of the language at and below a type, by name, in the order of the language."""
+    models: dict[str, type[Strict]] = {}
+    waiting = [kind]
+    while waiting:
+        described = waiting.pop()
+        if isinstance(described, Free):
+            waiting.append(described.item)
+        elif isinstance(described, list):
+            waiting.append(described[0])
+        elif is_model(described) and described.__name__ not in models:
+            models[described.__name__] = described
+            waiting.extend(reversed(fields(described).values()))
+    return models
+
 
 MOST_LOOKED_AT = 2000
 """Problems of one file that are told with their places and hints: all that can be read; a second's worth."""
@@ -34,7 +117,7 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
     unknown: dict[tuple[Any, ...], set[str | None]] = {}
     for item in errors:
         if item["type"] == "extra_forbidden":
-            words = walk.keys(walk.at(root, item["loc"][:-1]))
+            words = keys(at(root, item["loc"][:-1]))
             unknown.setdefault(item["loc"][:-1], set()).add(near(str(item["loc"][-1]), words))
     for item in errors:
         if item["type"] == REPORTED:
@@ -55,7 +138,7 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
         elif item["type"] == "missing":
             owner = ".".join(str(step) for step in path[:-1])
             message = f"{path[-1]} is missing" + (f" in {owner}" if owner else "")
-            kind = walk.at(root, path)
+            kind = at(root, path)
             allowed = kind.describe() if isinstance(kind, Reader) else None
             yield document.problem(path, message, allowed=allowed)
         else:
@@ -64,9 +147,9 @@ def of_validation(error: ValidationError, document: Document, root: type[Strict]
 
 
 def _unknown(path: list[Any], document: Document, root: type[Strict]) -> Problem:
-    owner = walk.at(root, path[:-1])
-    words = walk.keys(owner)
-    known = hint_for_key(str(path[-1]), owner.__name__) if walk.is_model(owner) else None
+    owner = at(root, path[:-1])
+    words = keys(owner)
+    known = hint_for_key(str(path[-1]), owner.__name__) if is_model(owner) else None
     hint = known or near(path[-1], words) or _elsewhere(str(path[-1]), root)
     return document.problem(path, f"unknown key {path[-1]!r}", key=True, allowed=", ".join(words), hint=hint)
 
@@ -81,22 +164,22 @@ def _elsewhere(word: str, root: type[Strict]) -> str | None:
 def _owners(root: type[Strict]) -> Mapping[str, frozenset[str]]:
     """The parts of the language that have a key, by the key."""
     owners: dict[str, frozenset[str]] = {}
-    for model in walk.models(root).values():
-        for field, kind in walk.fields(model).items():
-            if walk.is_model(kind):
-                for word in walk.keys(kind):
+    for model in models(root).values():
+        for field, kind in fields(model).items():
+            if is_model(kind):
+                for word in keys(kind):
                     owners[word] = owners.get(word, frozenset()) | {field}
     return owners
 
 
 def _example(root: type[Strict], path: list[Any]) -> str | None:
-    kind = walk.at(root, path)
-    words = walk.keys(kind)
+    kind = at(root, path)
+    words = keys(kind)
     if isinstance(kind, list):
         return "a list: [..., ...]"
-    if isinstance(kind, walk.Free):
+    if isinstance(kind, Free):
         return "{NAME: ..., ...}"
-    return f"the keys {', '.join(words)}" if words else ("{}" if walk.is_model(kind) else None)
+    return f"the keys {', '.join(words)}" if words else ("{}" if is_model(kind) else None)
 
 
 def in_order(problems: Iterable[Problem]) -> list[Problem]:

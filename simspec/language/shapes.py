@@ -2,18 +2,245 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, create_model
 
-from simspec.language.heightfield import Heightfield
-from simspec.language.mesh import Mesh
+from simspec.language.document import INVALID, Key
 from simspec.language.moments import impossible, principal_moments
-from simspec.language.quantities import Number, UnitQuaternion, Vector
-from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict
+from simspec.language.quantities import Number, Reader, UnitQuaternion, Vector, Whole
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, replace_loc, show
+from simspec.language.units import parse
 from simspec.language.vocabulary import SHAPE_KINDS, STATIC_SHAPES
-from simspec.language.words import Flag, Name
+from simspec.language.words import FileName, Flag, Name, Word
+
+# Uneven ground: heights over a grid of points, from the spec itself or from a file.
+
+GRID_SUFFIXES = (".png", ".csv", ".txt")
+"""Ends of names of files that are read, in small letters."""
+MOST_HEIGHTS = 2**18
+"""Heights of one field, 512 × 512: each takes 20 bytes in a world's file, and two triangles in an engine."""
+FEWEST = 2
+"""Rows, and columns, of the smallest field: one cell."""
+
+
+@dataclass(frozen=True)
+class HeightRows(Reader):
+    """Rows of heights, all equally long."""
+
+    def read(self, value: Any) -> tuple[tuple[float, ...], ...]:
+        if hasattr(value, "tolist"):  # an array of numpy
+            value = value.tolist()
+        if not isinstance(value, (list, tuple)) or len(value) < FEWEST:
+            found = f"{len(value)} rows" if isinstance(value, (list, tuple)) else show(value)
+            raise fault(f"expected {self.describe()}", found, "[[…, …], [0.1, 0.2]]")
+        wide = len(value[0]) if isinstance(value[0], (list, tuple)) else 0
+        if len(value) * max(wide, 1) > MOST_HEIGHTS:
+            raise fault("too many heights", f"{len(value)} × {wide}", f"up to {MOST_HEIGHTS}", "fewer rows and columns")
+        number = Number("length")
+        faults: list[Fault] = []
+        rows: list[tuple[float, ...]] = []
+        for index, row in enumerate(value):
+            if row is INVALID:
+                faults.append(Fault((index,), "", reported=True))
+                continue
+            if not isinstance(row, (list, tuple)) or len(row) < FEWEST or len(row) != wide:
+                found = f"{len(row)} heights" if isinstance(row, (list, tuple)) else show(row)
+                allowed = f"{max(wide, FEWEST)}, as in the first row" if wide >= FEWEST else f"at least {FEWEST}"
+                faults.append(Fault((index,), "rows are equally long lists of heights", found, allowed))
+                continue
+            try:
+                rows.append(Vector(number, len(row)).read(row))
+            except Faults as error:
+                faults.extend(replace_loc(error.faults, (index,)))
+        if faults:
+            raise Faults(faults)
+        return tuple(rows)
+
+    def unit(self) -> str:
+        return Number("length").unit()
+
+    def describe(self) -> str:
+        return f"a list of at least {FEWEST} rows of heights"
+
+    def schema(self) -> dict[str, Any]:
+        row = {"type": "array", "items": Number("length").schema(), "minItems": FEWEST}
+        return {"type": "array", "items": row, "minItems": FEWEST}
+
+
+class Heightfield(Strict):
+    """Ground of uneven height: the x-y rectangle `size` about the origin of the shape's frame, with heights over a grid of
+    points. Each cell of the grid is two triangles, which meet along the diagonal from its corner at the least x and y to that
+    at the greatest. What is below them is solid, down to `base` below the lowest point. Only on bodies that cannot move."""
+
+    ONE_OF: ClassVar[tuple[str, ...]] = ("rows", "file")
+
+    rows: Maybe[Annotated[tuple[tuple[float, ...], ...], HeightRows()]] = Field(
+        ABSENT,
+        description="The heights as on a map: the first row is at the greatest y, the first of a row at the least x",
+    )
+    file: Maybe[Annotated[str, FileName()]] = Field(
+        ABSENT,
+        description="Path of a file with the same, relative to this file: a grey PNG (8 or 16 bits), or numbers as text "
+        "(CSV, TXT), one row a line",
+    )
+    size: Annotated[tuple[float, float], Vector(Number("length", 0, above=True), 2)] = Field(
+        ..., description="Full lengths along x and y, between the outermost points"
+    )
+    heights: Maybe[Annotated[tuple[float, float], Vector(Number("length"), 2)]] = Field(
+        ABSENT,
+        description="Heights of the least and of the greatest of all numbers, with the others in proportion; default: the "
+        "numbers are heights in m. A PNG needs it",
+    )
+    base: Annotated[float, Number("length", 0, above=True)] = Field(
+        1.0, description="How far below the lowest point it is solid"
+    )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        text = data.get("file")
+        if isinstance(text, str) and text.strip():
+            if not text.lower().endswith(GRID_SUFFIXES):
+                yield Fault(("file",), "not a file of heights that is read", show(text), " ".join(GRID_SUFFIXES))
+            elif text.lower().endswith(".png") and "heights" not in data:
+                hint = "heights: [0, 0.5], those of the darkest and of the lightest pixel"
+                yield Fault((), "the shades of a PNG are no lengths: heights is missing", None, None, hint)
+        heights = data.get("heights")
+        if isinstance(heights, (list, tuple)) and len(heights) == 2:
+            try:
+                low, high = Vector(Number("length"), 2).read(heights)
+            except Faults:
+                return  # reported where it is read
+            if low > high:
+                yield Fault(("heights",), "the first is that of the least number", show(heights), "[lowest, highest]")
+
+
+# Shapes from files of triangles: their convex hulls, and the mass of what their surfaces enclose.
+
+MESH_SUFFIXES = (".obj", ".stl", ".dae", ".glb", ".gltf", ".ply", ".msh")
+"""Ends of names of files that are read, in small letters."""
+UNITS = ("m", "dm", "cm", "mm", "um", "in", "ft")
+"""Units that a file's lengths may be in."""
+FEWEST_VERTICES, MOST_VERTICES = 4, 20_000
+"""Vertices of a hull. Engines' times grow with them: bodies of 1,800 run a hundred times slower in some than bodies of 128."""
+FROM_FILES = ("mesh", "heightfield")
+"""Kinds of shapes that may name a file."""
+HULL, PIECES = "hull", "pieces"
+SURFACE = "surface"
+
+
+@dataclass(frozen=True)
+class Scale(Reader):
+    """A factor, or one for each axis; a negative one mirrors."""
+
+    def read(self, value: Any) -> tuple[float, float, float]:
+        number = Number("number")
+        if isinstance(value, (list, tuple)) or hasattr(value, "tolist"):
+            x, y, z = Vector(number).read(value)
+        else:
+            x = y = z = number.read(value)
+        if 0.0 in (x, y, z):
+            raise fault("a factor of 0 leaves no volume", show(value), "numbers other than 0")
+        return (x, y, z)
+
+    def describe(self) -> str:
+        return "a number, or 3 of them"
+
+    def schema(self) -> dict[str, Any]:
+        return {"anyOf": [Number("number").schema(), Vector(Number("number")).schema()]}
+
+
+@dataclass(frozen=True)
+class Taken(Word):
+    """What a mesh is taken as."""
+
+    def read(self, value: Any) -> str:
+        if value == SURFACE:
+            hint = "hull; pieces for what is not convex; a height field or boxes for ground"
+            raise fault(
+                "contact with a surface of triangles is not supported yet", SURFACE, ", ".join(self.words), hint
+            )
+        return super().read(value)
+
+
+class _File(Strict):
+    file: Annotated[str, FileName()] = Field(
+        ..., description="Path of the file (OBJ, STL, DAE, glTF, GLB, PLY, MSH), relative to this file"
+    )
+    unit: Maybe[Annotated[str, Word(UNITS)]] = Field(
+        ABSENT, description="Unit of the file's lengths; default: as a DAE file says it, else m"
+    )
+    up: Maybe[Annotated[str, Word(("x", "y", "z"))]] = Field(
+        ABSENT,
+        description="The file's axis that becomes z; default: as a DAE file says it, y of glTF and GLB, z of all others",
+    )
+    scale: Annotated[tuple[float, float, float], Scale()] = Field(
+        (1.0, 1.0, 1.0), description="Factors along the axes after `up`; negative ones mirror"
+    )
+
+
+_AS: dict[str, Any] = {  # `as` is no name that a class body may have
+    "as": (
+        Annotated[str, Taken((HULL, PIECES))],
+        Field(
+            HULL, description="`hull`: its convex hull; `pieces`: several convex ones that together are nearly the same"
+        ),
+    ),
+}
+_FileAs: type[_File] = create_model("_FileAs", __base__=_File, **_AS)
+
+
+class Mesh(_FileAs):
+    """A solid from a file of triangles: their convex hull, or several convex pieces."""
+
+    max_vertices: Maybe[Annotated[int, Whole(FEWEST_VERTICES, MOST_VERTICES)]] = Field(
+        ABSENT, description="The most vertices of the hull, or of each piece; default: all that it has"
+    )
+    mass_from: Annotated[str, Word((SURFACE, HULL))] = Field(
+        SURFACE,
+        description="What `density`, or the body's `mass` without `inertia`, fills: the closed `surface`, or the `hull`",
+    )
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        text = data.get("file")
+        if isinstance(text, str) and text.strip() and not text.lower().endswith(MESH_SUFFIXES):
+            yield Fault(("file",), "not a file of triangles that is read", show(text), " ".join(MESH_SUFFIXES))
+
+    @property
+    def taken_as(self) -> str:
+        """``hull`` or ``pieces``."""
+        value: str = getattr(self, "as")
+        return value
+
+    def metres(self) -> float | None:
+        """The length of the file's unit (m), where the spec says it."""
+        return None if self.unit is None else parse(f"1 {self.unit}", "length")
+
+
+def named_files(data: Any) -> Iterator[tuple[tuple[Key, ...], str]]:
+    """The files that the shapes of a plain spec name, with the paths of the texts."""
+    if not isinstance(data, Mapping):
+        return
+    trees: list[tuple[tuple[Key, ...], Any]] = [(("bodies",), data.get("bodies"))]
+    model, models = data.get("model"), data.get("models")
+    if isinstance(model, Mapping):
+        trees.append((("model", "bodies"), model.get("bodies")))
+    for name, placed in models.items() if isinstance(models, Mapping) else ():
+        if isinstance(placed, Mapping):
+            trees.append((("models", name, "bodies"), placed.get("bodies")))
+    for path, bodies in trees:
+        for name, body in bodies.items() if isinstance(bodies, Mapping) else ():
+            shapes = body.get("shapes") if isinstance(body, Mapping) else None
+            for index, shape in enumerate(shapes if isinstance(shapes, (list, tuple)) else ()):
+                for kind in FROM_FILES:
+                    said = shape.get(kind) if isinstance(shape, Mapping) else None
+                    text = said.get("file") if isinstance(said, Mapping) else None
+                    if isinstance(text, str):
+                        yield (*path, name, "shapes", index, kind, "file"), text
+
 
 Length = Annotated[float, Number("length", 0, above=True)]
 Length0 = Annotated[float, Number("length", 0)]

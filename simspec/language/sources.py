@@ -13,14 +13,13 @@ from pydantic import ValidationError
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
 from simspec.language.document import Document, Key, dotted, read
-from simspec.language.foreign import Imported, ImportOptions, import_file, is_foreign, suffixes
-from simspec.language.heightfield import SUFFIXES as GRIDS
-from simspec.language.import_options import Import
-from simspec.language.mesh import SUFFIXES as MESHES
-from simspec.language.mesh import named_files
+from simspec.language.foreign import Import, Imported, ImportOptions, import_file, is_foreign, suffixes
 from simspec.language.models import File
 from simspec.language.packages import PACKAGE, Package, PackagedFile, is_packaged, is_robot, packaged, shown_path
 from simspec.language.problems import of_validation
+from simspec.language.shapes import GRID_SUFFIXES as GRIDS
+from simspec.language.shapes import MESH_SUFFIXES as MESHES
+from simspec.language.shapes import named_files
 from simspec.language.strict import show
 from simspec.language.words import LONGEST_TEXT
 

@@ -1,7 +1,7 @@
 """The words of ``sweep:``: many runs of one scenario, by what changes from run to run.
 
 A sweep changes neither the world nor what is compiled: it says which other worlds are run besides. How its paths and values are
-held against the rest of the spec stands in :mod:`simspec.language.swept`.
+held against the rest of the spec stands in :mod:`simspec.language.overrides`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MOST_REPEATS = 100_000
 """Repetitions of one run."""
 MEASURES = ("physics", "speed")
 EXACT, ROUND_UP = TIMES = ("exact", "round_up")
-"""What becomes of times that are no whole number of a run's timesteps (:mod:`simspec.language.rounding`)."""
+"""What becomes of times that are no whole number of a run's timesteps (:mod:`simspec.experiments.cases`)."""
 
 
 class Samples(Strict):

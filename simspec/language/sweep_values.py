@@ -15,8 +15,7 @@ from pydantic import Field, ValidationError, create_model
 from simspec.errors import UNSEEN_CHARACTERS
 from simspec.language import units
 from simspec.language.document import INVALID
-from simspec.language.quantities import Number, Whole
-from simspec.language.reader import Reader
+from simspec.language.quantities import Number, Reader, Whole
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, as_faults, fault, replace_loc, show
 from simspec.language.words import LONGEST_TEXT, Word
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from simspec.errors import UNSEEN_CHARACTERS
 from simspec.language.hints import hint_for_word
-from simspec.language.reader import Reader
+from simspec.language.quantities import Reader
 from simspec.language.strict import fault, near, show
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from simspec import numerals
 from simspec.errors import SpecError
 from simspec.files import NotReadableError, parse_json, read_bytes
-from simspec.language.heightfield import FEWEST, MOST_HEIGHTS
+from simspec.language.shapes import FEWEST, MOST_HEIGHTS
 from simspec.language.units import LARGEST as UnitsLARGEST
 from simspec.meshes.hulls import Enclosed, enclosed, merged, reduced
 from simspec.meshes.reading import MeshError, MeshFile, Surface, open_mesh, read_surfaces

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from simspec.errors import Location, Problem
-from simspec.language.foreign import Repair
-from simspec.language.losses import Group, kind_of
+from simspec.language.foreign import Group, Repair, kind_of
 from simspec.plausibility.findings import RULES, Finding, Grade, Plausibility
 from simspec.report.plain import plain
 from simspec.report.table import Table

@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simspec.errors import Problem
-from simspec.language.actuators import COMMAND, COMMANDS, OF_JOINT, Actuator
+from simspec.language.actions import BY_JOINT
+from simspec.language.actions import Grasp as SpecGrasp
+from simspec.language.control import COMMAND, COMMANDS, OF_JOINT, Actuator
 from simspec.language.control import Controller as SpecController
 from simspec.language.document import Details, Key
 from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
@@ -21,8 +23,6 @@ from simspec.language.models import whole_steps
 from simspec.language.quantities import Number
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near
-from simspec.language.trajectory import BY_JOINT
-from simspec.language.trajectory import Grasp as SpecGrasp
 from simspec.language.trees import Bodies, chosen_state, model_of, placed, states
 from simspec.language.units import LARGEST, article
 from simspec.language.vocabulary import SCALAR_JOINTS

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 
 from simspec.errors import Problem
 from simspec.language import trees
+from simspec.language.arrays import Frame as SpecFrame
+from simspec.language.arrays import State
 from simspec.language.document import Key
 from simspec.language.joint_names import initial_entries
 from simspec.language.joints import read_position, read_velocity
 from simspec.language.models import Use
-from simspec.language.named_frames import Frame as SpecFrame
 from simspec.language.sources import Source
-from simspec.language.states import State
 from simspec.language.strict import near, required
 from simspec.language.trees import model_of, placed
 from simspec.resolve.body_trees import Tree, resolved_trees

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simspec.errors import Problem
+from simspec.language.actions import Motion as SpecMotion
 from simspec.language.document import Details, Key
 from simspec.language.engine_options import EngineOptions as SpecOptions
 from simspec.language.expectations import BODIES, KINDS, TIMES, Kind
 from simspec.language.models import Physics as SpecPhysics
 from simspec.language.models import Record as SpecRecord
 from simspec.language.models import whole_steps
-from simspec.language.motions import Motion as SpecMotion
 from simspec.language.sources import Source
 from simspec.language.strict import near
 from simspec.language.vocabulary import SCALAR_JOINTS

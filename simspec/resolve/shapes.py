@@ -14,19 +14,16 @@ from numpy.typing import NDArray
 
 from simspec.errors import Problem, SpecError
 from simspec.language import trees
+from simspec.language.actions import MotionPoint, ToolPlace
 from simspec.language.arrays import Array, Jitter
 from simspec.language.document import Key
-from simspec.language.heightfield import MOST_HEIGHTS, Heightfield
-from simspec.language.mesh import HULL, MOST_VERTICES, PIECES, Mesh
 from simspec.language.models import Body as SpecBody
-from simspec.language.motions import MotionPoint
 from simspec.language.problems import in_order
-from simspec.language.shapes import Inertia, Orientation
+from simspec.language.shapes import HULL, MOST_HEIGHTS, MOST_VERTICES, PIECES, Heightfield, Inertia, Mesh, Orientation
 from simspec.language.shapes import Pose as SpecPose
 from simspec.language.shapes import Shape as SpecShape
 from simspec.language.sources import Source
 from simspec.language.strict import required
-from simspec.language.trajectory import ToolPlace
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.meshes.reading import MeshError
 from simspec.world import frames, inertia

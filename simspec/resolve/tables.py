@@ -16,8 +16,8 @@ import numpy as np
 from simspec import numerals
 from simspec.errors import SpecError
 from simspec.files import read_bytes
+from simspec.language.actions import MOST_NUMBERS, MOST_POINTS
 from simspec.language.document import LARGEST_FILE, read_text
-from simspec.language.trajectory import MOST_NUMBERS, MOST_POINTS
 from simspec.language.units import LARGEST
 
 LARGEST_NPZ = 64_000_000

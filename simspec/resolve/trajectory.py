@@ -9,11 +9,11 @@ from typing import Any, Unpack
 import numpy as np
 
 from simspec.errors import MOST_PROBLEMS, Problem
+from simspec.language.actions import BY_JOINT, MOST_NUMBERS, TrajectoryPoint
 from simspec.language.document import Details, Key
 from simspec.language.joint_names import CLASH_HINT, chosen, clash_words, entry_of
 from simspec.language.sources import Source
 from simspec.language.strict import Faults, near, required
-from simspec.language.trajectory import BY_JOINT, MOST_NUMBERS, TrajectoryPoint
 from simspec.resolve.actuators import Grasp, grasps
 from simspec.resolve.tables import QUANTITIES, read_table
 from simspec.world.actions import Trajectory

@@ -9,20 +9,20 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from simspec.errors import Location, Problem
-from simspec.language import trees, walk
+from simspec.language import problems as walk
+from simspec.language import trees
+from simspec.language.actions import TrajectoryPoint
 from simspec.language.beginning import AT_LIMITS, Start, listed
 from simspec.language.document import Key
+from simspec.language.foreign import of_physics, problems
 from simspec.language.joint_names import initial_meant, matches
 from simspec.language.joints import Joint as SpecJoint
 from simspec.language.locate import locate
-from simspec.language.losses import of_physics, problems
-from simspec.language.mesh import HULL
 from simspec.language.models import File
 from simspec.language.problems import in_order
-from simspec.language.quantities import Number, Vector
-from simspec.language.reader import Reader
+from simspec.language.quantities import Number, Reader, Vector
+from simspec.language.shapes import HULL
 from simspec.language.sources import Source
-from simspec.language.trajectory import TrajectoryPoint
 from simspec.resolve.shapes import fills, mesh_shapes, read_meshes
 from simspec.resolve.timestep_warnings import timestep_warnings
 from simspec.resolve.trajectory import dwell_overshoots

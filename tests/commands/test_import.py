@@ -12,7 +12,7 @@ from simspec.imports import writing
 from simspec.imports.writing import is_unchanged
 from simspec.language.document import event_count, events
 from simspec.language.foreign import ImportOptions
-from simspec.language.layout import node_of
+from simspec.language.formatting import node_of
 from simspec.language.load import Spec, load
 from simspec.world.canonical import sha256
 

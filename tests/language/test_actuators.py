@@ -10,9 +10,9 @@ import pytest
 
 from simspec.control.reference import efforts, positions
 from simspec.errors import SpecError
-from simspec.language.actuators import LAWS
-from simspec.language.amounts import MOST_ACTUATORS
+from simspec.language.control import LAWS
 from simspec.language.load import Spec, load
+from simspec.language.trees import MOST_ACTUATORS
 
 LINK = {"mass": 1, "inertia": {"principal": [0.1, 0.1, 0.1]}}
 

@@ -9,7 +9,7 @@ from simspec.language.contact import Contact, Pair
 from simspec.language.formatting import format_text
 from simspec.language.load import Spec, load
 from simspec.language.models import Body, File
-from simspec.language.schema import json_schema
+from simspec.language.reference import json_schema
 from simspec.language.shapes import Shape, Sphere
 from tests.language.contact_specs import written
 

@@ -15,7 +15,7 @@ from simspec.language.formatting import format_text
 from simspec.language.joint_names import MOST_PATTERNS, matches
 from simspec.language.load import Spec, load
 from simspec.language.models import Body, File
-from simspec.language.schema import json_schema
+from simspec.language.reference import json_schema
 
 SOLID = "mass: 1, inertia: {principal: [1, 1, 1]}"
 HEAD = f"""simspec: 1

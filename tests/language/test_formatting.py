@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from simspec.errors import SpecError
 from simspec.language.document import parse
-from simspec.language.formatting import format_data, format_file, format_text
-from simspec.language.layout import WIDTH
+from simspec.language.formatting import WIDTH, format_data, format_file, format_text
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted([*(ROOT / "specs").rglob("*.yaml"), *(Path(__file__).parent / "data").rglob("*.yaml")])

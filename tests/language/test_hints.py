@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 from simspec.errors import SpecError
-from simspec.language.hint_words import ENTRIES
-from simspec.language.hints import hint_for_key, hint_for_word, hints
+from simspec.language.hints import entries, hint_for_key, hint_for_word, hints
 from simspec.language.load import Spec
-from simspec.language.schema import json_schema
+from simspec.language.reference import json_schema
 
 SCHEMA = json_schema()
 MODELS = {**SCHEMA["definitions"], "File": SCHEMA}
@@ -22,7 +21,7 @@ def words_of(node) -> set[str]:
     return set().union(*map(words_of, node)) if isinstance(node, list) else set()
 
 
-@pytest.mark.parametrize("target", sorted({target for _, hint in ENTRIES for target in hint.targets}))
+@pytest.mark.parametrize("target", sorted({target for _, hint in entries() for target in hint.targets}))
 def test_every_target_is_in_the_language(target):
     place, _, word = target.partition("=")
     model, _, field = place.partition(".")
@@ -33,12 +32,12 @@ def test_every_target_is_in_the_language(target):
 
 
 def test_every_hint_names_its_targets_and_is_of_models_that_there_are():
-    for word, hint in ENTRIES:
+    for word, hint in entries():
         assert hint.targets or "not supported yet" in hint.text or "remove it" in hint.text, word
         for target in hint.targets:
             name = target.partition("=")[2] or target.rpartition(".")[2]
             assert name.removesuffix("s") in hint.text or name in ("shapes", "joint", "xyz", "rpy"), (word, target)
-        for model in hint.at:
+        for model in hint.models:
             assert model in MODELS, (word, model)
             # a word that the model has is never unknown there: its hint would be dead
             assert word not in MODELS[model]["properties"], (word, model)
@@ -46,9 +45,11 @@ def test_every_hint_names_its_targets_and_is_of_models_that_there_are():
 
 def test_no_word_means_two_things_in_one_model():
     for word, meanings in hints().items():
-        places = [model for hint in meanings for model in hint.at]
+        places = [model for hint in meanings for model in hint.models]
         assert len(places) == len(set(places)), word
-        everywhere = [hint for hint in meanings if not hint.at and not any("=" in target for target in hint.targets)]
+        everywhere = [
+            hint for hint in meanings if not hint.models and not any("=" in target for target in hint.targets)
+        ]
         assert len(everywhere) <= 1, word
 
 

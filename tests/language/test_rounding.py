@@ -8,9 +8,9 @@ import random
 
 import pytest
 
+from simspec.experiments.cases import concerned, rounded_up
 from simspec.language.load import Spec
 from simspec.language.overrides import Override
-from simspec.language.rounding import concerned, rounded_up
 from tests.experiments.swept import DATA
 
 EXPECT = [

@@ -10,8 +10,8 @@ import pytest
 
 from simspec.language.document import read
 from simspec.language.models import File
-from simspec.language.schema import LANGUAGES, json_schema, schema_text
-from simspec.language.walk import fields, models
+from simspec.language.problems import fields, models
+from simspec.language.reference import LANGUAGES, json_schema, schema_text
 
 ROOT = Path(__file__).parents[2]
 STUDIES = sorted((ROOT / "specs" / "studies").glob("*.yaml"))

@@ -11,11 +11,11 @@ import pytest
 from pydantic import ValidationError
 
 from simspec.errors import SpecError
+from simspec.language.actions import MOST_POINTS, Trajectory
 from simspec.language.formatting import format_text
 from simspec.language.load import Spec, load
 from simspec.language.models import File
-from simspec.language.schema import json_schema
-from simspec.language.trajectory import MOST_POINTS, Trajectory
+from simspec.language.reference import json_schema
 
 SOLID = "mass: 1, inertia: {principal: [0.1, 0.1, 0.1]}"
 TOP = """simspec: 1

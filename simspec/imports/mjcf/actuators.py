@@ -12,9 +12,9 @@ import numpy as np
 from simspec.imports.mjcf.bodies import MjcfBodies, MjcfNames, numbers, pose, rotated
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf
 from simspec.imports.mjcf.constraints import add_tendons
-from simspec.language.amounts import MOST_ACTUATORS
 from simspec.language.beginning import Start
 from simspec.language.joints import ROUND_OFF, nearest, scaled_to, within
+from simspec.language.trees import MOST_ACTUATORS
 from simspec.world.inertia import SINGULAR
 
 TRANSMISSIONS: Final = (0, 1)

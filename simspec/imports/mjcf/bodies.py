@@ -20,9 +20,9 @@ from simspec.errors import Location
 from simspec.imports.draft import UniqueNames
 from simspec.imports.elements import Element
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf, MjcfFeatures
-from simspec.language.amounts import MOST_FRAMES
 from simspec.language.beginning import Start
 from simspec.language.document import Path_
+from simspec.language.trees import MOST_FRAMES
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from simspec.imports.mjcf.bodies import MjcfBodies, MjcfNames, Vector, inverse, numbers, pose, product, rotated
 from simspec.imports.mjcf.contact import MjcfSurfaces
-from simspec.language.mesh import MOST_VERTICES
+from simspec.language.shapes import MOST_VERTICES
 from simspec.meshes.load import read_grid
 from simspec.meshes.reading import MeshError
 

@@ -37,8 +37,8 @@ from simspec.imports.sdf.values import (
     version_of,
 )
 from simspec.language.foreign import Fate, Repair, RequestedRepairs, Severity, suffixes
-from simspec.language.mesh import PIECES
-from simspec.language.mesh import SUFFIXES as MESHES
+from simspec.language.shapes import MESH_SUFFIXES as MESHES
+from simspec.language.shapes import PIECES
 from simspec.world.types import Vector3
 
 # --- files of models that an <include> names, and two models that are known without a file ---

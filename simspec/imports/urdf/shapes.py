@@ -29,7 +29,7 @@ from simspec.imports.packages import MissingFileError
 from simspec.imports.urdf.elements import APPEARANCE, INFORMATION
 from simspec.imports.urdf.joints import across
 from simspec.language.foreign import Fate
-from simspec.language.mesh import SUFFIXES as MESHES
+from simspec.language.shapes import MESH_SUFFIXES as MESHES
 from simspec.meshes.load import FlatMeshError, MadeMesh, ManyVerticesError
 from simspec.meshes.reading import MeshError
 from simspec.world import frames

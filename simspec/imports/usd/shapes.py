@@ -15,7 +15,7 @@ from simspec.imports.draft import Draft, made_file, numbers, plain
 from simspec.imports.usd.places import ALIKE, ONE, PrimPlace, PrimPlaces
 from simspec.imports.usd.stage import OWN, STALE, PrimRead, agree
 from simspec.language.foreign import Severity
-from simspec.language.mesh import FEWEST_VERTICES, MOST_VERTICES
+from simspec.language.shapes import FEWEST_VERTICES, MOST_VERTICES
 from simspec.meshes.load import MeshOptions, load
 from simspec.meshes.reading import MeshError
 from simspec.world import frames

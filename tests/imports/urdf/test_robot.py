@@ -7,9 +7,8 @@ import pytest
 
 from simspec.errors import SpecError
 from simspec.imports.urdf.elements import GAZEBO, rows
-from simspec.language.foreign import Fate, Severity
+from simspec.language.foreign import Fate, Severity, of_physics
 from simspec.language.load import load
-from simspec.language.losses import of_physics
 from simspec.world import frames
 from tests.imports.urdf.robots import SOLID, SPECIMEN, read, refused, two_links
 from tests.meshes.solids import box, stl

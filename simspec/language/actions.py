@@ -1,4 +1,4 @@
-"""Trajectories: where driven joints should be, by points, by a table in a file, or by a program of moves of a tool."""
+"""Motions of kinematic bodies: where they are at given times, whatever pushes them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,69 @@ from pydantic import Field, create_model
 
 from simspec.language.joint_names import JointNames, NamePattern, too_many
 from simspec.language.joints import DIMENSION, read_by_joint
-from simspec.language.quantities import Number, Vector
-from simspec.language.reader import Reader
+from simspec.language.quantities import Number, Reader, Vector
 from simspec.language.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
 from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, show
-from simspec.language.vocabulary import INTERPOLATIONS
+from simspec.language.vocabulary import INTERPOLATIONS, MOTION_INTERPOLATIONS
 from simspec.language.words import FileName, Flag, Name, Word
+
+# Forces and torques that act on bodies during given times: pushes and loads.
+
+MOST_FORCES = 1000
+
+
+class _Force(Strict):
+    """Base of a force."""
+
+    if TYPE_CHECKING:  # the types of what _FORCE makes; `from` is read with getattr
+        body: str
+        force: tuple[float, float, float] | None
+        torque: tuple[float, float, float] | None
+        at: tuple[float, float, float] | None
+        until: float | None
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        if "force" not in data and "torque" not in data:
+            yield Fault((), "neither force nor torque", show(dict(data)), "force, torque or both", "force: [10, 0, 0]")
+        if "at" in data and "force" not in data:
+            yield Fault(
+                ("at",), "a torque acts on the body as a whole, at no point", show(data["at"]), None, "remove it"
+            )
+        try:
+            start, until = Number("time", 0).read(data.get("from", 0.0)), Number("time", 0).read(data["until"])
+        except (Faults, KeyError):
+            return  # reported where it is read, or without end
+        if until <= start:
+            yield Fault(("until",), "it ends before it begins", f"{until:g} s", f"above {start:g} s")
+
+
+_FORCE: dict[str, Any] = {
+    "body": (Annotated[str, Name(path=True)], Field(..., description="Full name of the body; one that can move")),
+    "force": (
+        Annotated[tuple[float, float, float], Vector(Number("force"))],
+        Field(ABSENT, description="Force, in the world's axes"),
+    ),
+    "torque": (
+        Annotated[tuple[float, float, float], Vector(Number("torque"))],
+        Field(ABSENT, description="Torque, in the world's axes, beside that of the force"),
+    ),
+    "at": (
+        Point,
+        Field(ABSENT, description="Where the force acts, in the body's frame; default: its origin"),
+    ),
+    "from": (Annotated[float, Number("time", 0)], Field(0.0, description="Time from which on it acts")),
+    "until": (
+        Annotated[float, Number("time", 0, above=True)],
+        Field(ABSENT, description="Time up to which it acts; default: the end of the run"),
+    ),
+}
+Force: type[_Force] = create_model(
+    "Force", __base__=_Force, __doc__="A force and a torque that act on a body during some time.", **_FORCE
+)
+"""The model of a force; ``from`` is a word of Python's own, so it cannot be written as a class."""
+
+# Trajectories: where driven joints should be, by points, by a table in a file, or by a program of moves of a tool.
 
 MOST_POINTS = 100_000
 """Points of one trajectory, whether written, read from a file or made by a program."""
@@ -304,3 +361,45 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
             )
     if interpolation == "quintic" and len(quantities & set(_DERIVATIVES)) == 1:
         yield Fault(("points", 0), "quintic requires velocities and accelerations, or neither")
+
+
+class MotionPoint(Strict):
+    """Where a kinematic body is at a time. What is left out is as at the point before, at the first point as its `pose`."""
+
+    at: Annotated[float, Number("time", 0)] = Field(..., description="Time; later than that of the point before")
+    xyz: Maybe[Point] = Field(ABSENT, description="Position of the body's frame in the world")
+    rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
+    quat: Maybe[Quaternion] = Field(ABSENT, description="Unit quaternion w x y z")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        yield from Orientation.faults(data)
+
+
+class Motion(Strict):
+    """How a kinematic body moves. Before its first point and after its last one it stands still."""
+
+    interpolation: Annotated[str, Word(MOTION_INTERPOLATIONS)] = Field(
+        "cubic", description="Interpolation between points, see above"
+    )
+    points: list[MotionPoint] = Field(..., description="Points in time, in order")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        points = data.get("points")
+        if not isinstance(points, list):
+            return
+        if not 0 < len(points) <= MOST_POINTS:
+            yield Fault(
+                ("points",), "no points" if not points else "too many points", str(len(points)), f"1 to {MOST_POINTS}"
+            )
+        before: float | None = None
+        for index, point in enumerate(points[:MOST_POINTS]):
+            given = point.get("at") if isinstance(point, Mapping) else getattr(point, "at", None)
+            try:
+                time = Number("time", 0).read(given)
+            except Faults:
+                continue  # reported where it is read
+            if before is not None and time <= before:
+                yield Fault(("points", index, "at"), "times must increase", show(time), f"above {before:g} s")
+            before = time
