@@ -101,6 +101,7 @@ NAMED_ELSEWHERE = {
         for part in ("DART", "Dart", "dart", "Ode", "ode", "Sdf", "SDF", "sdf")
     },
     **{("engines/gzsim", part): "the same library" for part in ("DART", "Sdf", "SDF", "sdf")},
+    ("language/hint_words.txt", "sdf_shape"): "a word for signed distance fields",
     ("dialects/webots", "ODE"): "the library of which that engine has a copy",
     ("engines/webots", "ODE"): "the same",
     ("imports/xacro/__init__.py", ".urdf"): "an end of names of its files, too",
