@@ -7,6 +7,7 @@ stand in it once for each layer of the contact plan, with the numbers of their m
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.engines.kit import hulls
-from simspec.engines.kit.building import Unit, Walk, refuse
+from simspec.engines.kit.building import Walk, refuse
 from simspec.engines.kit.compiled import Compiled, Needs
 from simspec.engines.kit.hulls import check_solid
 from simspec.engines.kit.world_simulation import tensor_of
@@ -24,7 +25,7 @@ from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD as SDF_WORLD
 from simspec.formats.sdf.format import Sdf
-from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, JsonBody, JsonShape, JsonWorld, ShapeCopy
+from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, JsonBody, JsonShape, JsonWorld
 from simspec.world.shapes import SHAPES as WORLD_SHAPES
 from simspec.world.types import Inertial, Pose
 
@@ -192,73 +193,77 @@ class Plan:
                     raise EngineError(NAME, f"has no torsional or rolling friction, and no hardness, of {name!r}")
         self.names = [f"s{unit.of.owner.row}_{unit.of.place}_{unit.copy.layer}" for unit in walk.units]
         """Of the units in the text."""
-        self._units_of: dict[int, list[Unit]] = {}
-        for unit in walk.units:
-            self._units_of.setdefault(unit.of.owner.row, []).append(unit)
-        self.text = Sdf().write(self._world())[SDF_WORLD]
+        self.text = self._text()
         self.excluded = walk.excluded_keys()
         number = {kind: index for index, kind in enumerate(walk.kinds)}
         self.classes = [number[unit.kind] for unit in walk.units]
         meet = [[walk.meet(one, other) for other in number] for one in number]
         self.meet = np.array(meet, dtype=np.uint8).reshape(len(number), len(number))
 
-    # --- the text ---------------------------------------------------------------------------------------------
-
-    def _world(self) -> sdf.SdfWorld:
-        models = tuple(
-            sdf.SdfModel(
-                f"t{root}",
-                Pose(),
-                False,
-                True,
-                tuple(self._link(row) for row in rows),
-                tuple(self._joint(row) for row in rows if not isinstance(self.document.bodies[row].joint, FreeJoint)),
-            )
-            for root, rows in self.walk.trees.items()
-        )
-        return sdf.SdfWorld("w", self.document.timestep, self.document.gravity, models)
-
-    def _link(self, row: int) -> sdf.SdfLink:
-        body, parent = self.document.bodies[row], self.walk.bodies[row].parent
-        pose = Pose() if isinstance(body.joint, FreeJoint) else body.joint.origin
-        inertial = Inertial(body.mass, body.centre_of_mass, body.inertia) if proper(body) else STANDS_FOR
-        shapes = tuple(
-            sdf.SdfShape(
-                self.names[unit.number], *_written(unit.of.shape), unit.of.shape.pose, _surface(unit.copy), None
-            )
-            for unit in self._units_of.get(row, ())
-        )
-        return sdf.SdfLink(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, True, shapes)
-
     def lively(self) -> list[tuple[int, float]]:
         """(unit, restitution) above SDF's bound: the restitution of a pair is a product, with one factor above 1 at most."""
         rows = [(unit.number, unit.copy.restitution) for unit in self.walk.units]
         return [(number, restitution) for number, restitution in rows if restitution > MOST_RESTITUTION]
 
-    def _joint(self, row: int) -> sdf.SdfJoint:
-        """A joint of the text. Damping there is DART's own, implicit one, which with an effort against it is armature; springs
-        and damping of the world are efforts."""
-        joint = self.document.bodies[row].joint
-        parent = None if self.walk.bodies[row].parent < 0 else f"b{self.walk.bodies[row].parent}"
-        told = sdf.SdfJoint(f"j{row}", joint.kind, parent, f"b{row}")
-        if not isinstance(joint, AxisJoint):
-            return told
-        return sdf.SdfJoint(
-            told.name,
-            joint.kind,
-            parent,
-            told.child,
-            joint.axis,
-            joint.position_limits,
-            joint.effort_limit,
-            None,
-            joint.armature / self.document.timestep,
-            joint.dry_friction,
+    def _text(self) -> str:
+        """Damping there is DART's own, implicit one, which with an effort against it is armature; springs and damping of the
+        world are efforts."""
+        shapes: dict[int, list[sdf.SdfShape]] = {}
+        for unit, name in zip(self.walk.units, self.names, strict=True):
+            solid, copy = unit.of.shape, unit.copy
+            surface = sdf.SdfSurface(copy.friction, 0.0, min(copy.restitution, MOST_RESTITUTION), 0.0)
+            shape = sdf.SdfShape(name, *_written(solid), solid.pose, surface, None)
+            shapes.setdefault(unit.of.owner.row, []).append(shape)
+        joints = {}
+        for row, placed in enumerate(self.walk.bodies):
+            joint = placed.body.joint
+            numbers: dict[str, Any] = {}
+            if isinstance(joint, AxisJoint):
+                limits = {"position_limits": joint.position_limits, "effort_limit": joint.effort_limit}
+                damping = joint.armature / self.document.timestep
+                numbers = {**limits, "damping": damping, "dry_friction": joint.dry_friction}
+            if not isinstance(joint, FreeJoint):
+                joints[row] = sdf_joint(self.walk, row, **numbers)
+        return sdf_text(self.walk, joints, shapes)
+
+
+def sdf_joint(walk: Walk, row: int, **numbers: Any) -> sdf.SdfJoint:
+    """The joint of a body that is not free; ``numbers``: further fields."""
+    joint, parent = walk.bodies[row].body.joint, walk.bodies[row].parent
+    axis = joint.axis if isinstance(joint, AxisJoint) else None
+    return sdf.SdfJoint(f"j{row}", joint.kind, None if parent < 0 else f"b{parent}", f"b{row}", axis, **numbers)
+
+
+def sdf_text(
+    walk: Walk,
+    joints: Mapping[int, sdf.SdfJoint],
+    shapes: Mapping[int, Sequence[sdf.SdfShape]] | None = None,
+    **changes: Any,
+) -> str:
+    """The SDF text of a document, a model for each tree, with the ``joints`` and ``shapes`` of bodies by rows; shapes None:
+    nothing collides. ``changes``: other fields of the world."""
+    solid = shapes is not None
+
+    def link(row: int) -> sdf.SdfLink:
+        body, parent = walk.bodies[row].body, walk.bodies[row].parent
+        pose = Pose() if isinstance(body.joint, FreeJoint) else body.joint.origin
+        inertial = Inertial(body.mass, body.centre_of_mass, body.inertia) if proper(body) else STANDS_FOR
+        own = tuple((shapes or {}).get(row, ()))
+        return sdf.SdfLink(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, solid, own)
+
+    models = tuple(
+        sdf.SdfModel(
+            f"t{root}",
+            Pose(),
+            False,
+            solid,
+            tuple(map(link, rows)),
+            tuple(joints[row] for row in rows if row in joints),
         )
-
-
-def _surface(copy: ShapeCopy) -> sdf.SdfSurface:
-    return sdf.SdfSurface(copy.friction, 0.0, min(copy.restitution, MOST_RESTITUTION), 0.0)
+        for root, rows in walk.trees.items()
+    )
+    world = sdf.SdfWorld("w", walk.document.timestep, walk.document.gravity, models)
+    return Sdf().write(dataclasses.replace(world, **changes))[SDF_WORLD]
 
 
 def _written(shape: JsonShape) -> tuple[str, tuple[float, ...]]:

@@ -22,10 +22,21 @@ from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.settings import Setting
-from simspec.engines.kit.simulated import SteppedEngine
+from simspec.engines.kit.simulated import GivenEngine
 from simspec.language.vocabulary import SHAPE_KINDS
 from simspec.support import classes, features
-from simspec.support.declarations import EXACT, Level, Refinement, Table, approximate, exact, for_each, never, via_api
+from simspec.support.declarations import (
+    EXACT,
+    Level,
+    Refinement,
+    Table,
+    approximate,
+    exact,
+    for_each,
+    never,
+    unsupported_if,
+    via_api,
+)
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.inertia import lumped
@@ -41,49 +52,40 @@ MICROSECOND = 1e-6
 
 
 def _nothing_solid(world: World) -> Refinement | None:
-    """Whatever is said of contact does not matter where there is no solid shape."""
-    if any(solid_shapes(body) for body in world.bodies):
-        return None
-    return Refinement(Level.EXACT, "no shape of this world is solid")
+    """Declarations of contact do not matter where no shape is solid."""
+    return None if _solid(world) else Refinement(Level.EXACT, "no shape of this world is solid")
 
 
-def _only_seen(world: World) -> Refinement | None:
-    """Shapes that are seen alone are not told, and do nothing."""
-    name = next((shape.name for body in world.bodies for shape in solid_shapes(body)), None)
-    return not_told(name)
+def _only_visual(world: World) -> Refinement | None:
+    name = _solid(world)
+    return unsupported_if(f"{_NO_CONTACT}, and {name!r} is solid" if name else None)
 
 
-def not_told(name: str | None) -> Refinement | None:
-    """Refused, since the shape ``name`` is solid."""
-    return None if name is None else Refinement(Level.UNSUPPORTED, f"{_NO_CONTACT}, and {name!r} is solid")
+def _solid(world: World) -> str | None:
+    return next((shape.name for body in world.bodies for shape in solid_shapes(body)), None)
 
 
-def _all_weigh(world: World) -> Refinement | None:
-    """Refused where a body moves that SDF's reader would not take."""
-    groups, told = rigid_groups(world), lumped(world)
-    inertials = (
-        (body.name, told.get(body.name, body.inertial)) for body in world.bodies if groups[body.name] != "world"
-    )
-    light = (name for name, inertial in inertials if not proper_inertia(inertial.mass, inertial.inertia))
-    name = next(light, None)
-    if name is None:
-        return None
-    return Refinement(
-        Level.UNSUPPORTED, f"SDF has no bodies without mass or a moment of inertia that move, as {name!r} does"
-    )
+def _proper_inertias(world: World) -> Refinement | None:
+    """Not supported where a body moves whose inertia SDF's reader rejects."""
+    groups, inertials = rigid_groups(world), lumped(world)
+    for body in world.bodies:
+        inertial = inertials.get(body.name, body.inertial)
+        if groups[body.name] != "world" and not proper_inertia(inertial.mass, inertial.inertia):
+            return unsupported_if(
+                f"SDF has no bodies without mass or a moment of inertia that move, as {body.name!r} does"
+            )
+    return None
 
 
 def _whole_microseconds(world: World) -> Refinement | None:
-    """Refused where the timestep could not be told, nor read."""
     steps = world.physics.timestep / MICROSECOND
-    if steps >= 0.5 and abs(steps - round(steps)) < 1e-9 * steps:
-        return None
-    return Refinement(
-        Level.UNSUPPORTED, "gz sim steps whole nanoseconds, and its bindings tell them in whole microseconds"
+    whole = steps >= 0.5 and abs(steps - round(steps)) < 1e-9 * steps
+    return unsupported_if(
+        None if whole else "gz sim steps whole nanoseconds, and its bindings tell them in whole microseconds"
     )
 
 
-class GzSim(SteppedEngine[Simulation]):
+class GzSim(GivenEngine[Simulation]):
     """The simulator gz sim with its physics system, through its Python bindings: poses, velocities and joint states of its
     server's components, efforts as its commands. Files only: where it is not installed, the files are proven (L0). *simspec
     has never run a real gz sim:* the interface follows its documentation and was tested with a stand-in. Mass matrix, bias
@@ -113,7 +115,7 @@ class GzSim(SteppedEngine[Simulation]):
     SUPPORT: ClassVar[Table] = {
         **classes.driven("gz sim"),
         Feature.DRY_FRICTION: EXACT,
-        **for_each(exact("of what cannot move", refine=_all_weigh), Feature.INERTIA_SINGULAR, Feature.MASSLESS),
+        **for_each(exact("of what cannot move", refine=_proper_inertias), Feature.INERTIA_SINGULAR, Feature.MASSLESS),
         Feature.JOINT_FREE: approximate(
             "as DART moves them, which follows the law to round-off (measured there), but told late: gz sim tells pose and "
             "velocity of a link only once it has moved or turned by 1e-6 since it last told them",
@@ -130,7 +132,9 @@ class GzSim(SteppedEngine[Simulation]):
         Feature.LIMIT_VELOCITY: exact("not told to gz sim, whose DART would enforce it"),
         **for_each(via_api(_GIVEN), Feature.DAMPING, Feature.SPRING),
         **for_each(never("DART has no armature, and simspec does not compute it for gz sim"), *features.ARMATURES),
-        **{Feature(f"shape.{kind}"): exact("seen, and not told to gz sim", refine=_only_seen) for kind in SHAPE_KINDS},
+        **{
+            Feature(f"shape.{kind}"): exact("seen, and not told to gz sim", refine=_only_visual) for kind in SHAPE_KINDS
+        },
         Feature.SHAPE_VISUAL: exact("not told to gz sim, whose physics does not know it"),
         **for_each(
             dataclasses.replace(never(_NO_CONTACT), refine=_nothing_solid),

@@ -9,8 +9,7 @@ import dataclasses
 from typing import Any
 
 from simspec.engines.gzsim.bindings import NAME
-from simspec.engines.gzsim.server import Server
-from simspec.engines.gzsim.simulation import Simulation
+from simspec.engines.gzsim.simulation import Server, Simulation
 from simspec.engines.kit.world_simulation import free_joint
 from simspec.errors import EngineError
 from simspec.formats.sdf.format import UNLIMITED
@@ -42,7 +41,7 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
             raise EngineError(NAME, "tells no gravity")
         held.append(sim.model(bodies, _vector(gravity), step, unreadable))
 
-    sim.asked(ask)
+    sim.query(ask)
     return held[0]
 
 
@@ -63,7 +62,6 @@ def _joint(sim: Simulation, server: Server, components: Any, row: int) -> Joint:
         return found
     (axis,) = joint.axis(components)
     limits = (float(axis.lower()), float(axis.upper()))
-    place = sim.v_places[row].start
     return dataclasses.replace(
         found,
         axis=_vector(axis.xyz()),
@@ -71,7 +69,7 @@ def _joint(sim: Simulation, server: Server, components: Any, row: int) -> Joint:
         effort_limit=float(axis.effort()) if 0.0 <= axis.effort() < UNLIMITED else None,
         dry_friction=float(axis.friction()),
         # what the server applies by itself, and what simspec applies
-        damping=float(axis.damping()) + float(sim.damping[place]),
+        damping=float(axis.damping()) + told.damping,
         spring_stiffness=float(axis.spring_stiffness()) + told.spring_stiffness,
         spring_rest=told.spring_rest,
     )

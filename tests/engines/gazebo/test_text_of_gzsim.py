@@ -10,7 +10,7 @@ import pytest
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.gazebo.building import Plan
 from simspec.engines.gazebo.engine import Gazebo
-from simspec.engines.gzsim.simulation import Plan as GzSimPlan
+from simspec.engines.gzsim.simulation import stepped_world
 from simspec.testing.worlds import accepting
 from tests.engines.gzsim.worlds import ARMS, world_of
 
@@ -18,7 +18,7 @@ from tests.engines.gzsim.worlds import ARMS, world_of
 class OfGzSim(Plan):
     def __init__(self, walk):
         super().__init__(walk)
-        self.text = GzSimPlan(walk.document).text()
+        self.text = stepped_world(walk)
 
 
 @pytest.mark.skipif(Gazebo.version() is None, reason="gz-physics is not installed")

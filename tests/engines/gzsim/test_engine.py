@@ -15,7 +15,8 @@ from simspec import Spec, cli
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.gzsim import bindings
 from simspec.engines.gzsim.engine import GzSim
-from simspec.engines.gzsim.simulation import PHYSICS, Plan
+from simspec.engines.gzsim.simulation import PHYSICS, static_world, stepped_world
+from simspec.engines.kit.building import Walk
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, UnsupportedError
 from simspec.formats.world.format import WorldJson
 from simspec.proof.judge import judge
@@ -206,13 +207,13 @@ def test_a_physics_system_that_does_not_step_is_not_proven(stand_in):
 
 def test_the_text_has_the_physics_system_and_steps_as_fast_as_it_can(tmp_path):
     write_folder(compile_world(world_of(ARMS), ["gzsim"])["gzsim"].files, tmp_path)
-    plan = Plan(WorldJson().read(tmp_path))
-    for text in (plan.text(), plan.still()):
+    walk = Walk.of(WorldJson().read(tmp_path))
+    for text in (stepped_world(walk), static_world(walk)):
         assert f'<plugin filename="{PHYSICS.file}" name="{PHYSICS.name}"/>' in text
         assert "<real_time_factor>0</real_time_factor>" in text
         assert "<collision" not in text
-    assert "<gravity>0 0 0</gravity>" in plan.still()
-    assert "<max_step_size>1.25e-09</max_step_size>" in plan.still()
+    assert "<gravity>0 0 0</gravity>" in static_world(walk)
+    assert "<max_step_size>1.25e-09</max_step_size>" in static_world(walk)
 
 
 @pytest.mark.parametrize(
