@@ -173,7 +173,7 @@ WRITERS = {
     "engines/webots/program.py": "in an engine's process: the world that Webots is started on, into a temporary folder",
     "engines/kit/recorder.py": "in an engine's process: rows and progress into the process's own temporary folder",
     "engines/pybullet/inventory.py": "in an engine's process: a file to load, in a temporary folder of its own",
-    "engines/gzsim/server.py": "in an engine's process: a file to load, in a temporary folder of its own",
+    "engines/gzsim/simulation.py": "in an engine's process: a file to load, in a temporary folder of its own",
     "engines/mujoco/model_compiler.py": "its answer, into the pipe to who asked",
     "meshes/child.py": "in the process that reads meshes: answers, through a pipe",
     "mapped.py": "large arrays, in temporary files that have no name",
