@@ -231,8 +231,8 @@ def _sums(names: Iterable[str], ratios: Mapping[Pair, float]) -> dict[str, float
         if first == second:
             found[first] = ratio / 2.0
             known.add(first)
-    open_pairs = [pair for pair in sorted(ratios) if pair[0] != pair[1]]
-    while open_pairs:
+    open_pairs = sorted(ratios)
+    while open_pairs := [pair for pair in open_pairs if not known.issuperset(pair)]:
         half_known = next((pair for pair in open_pairs if (pair[0] in known) != (pair[1] in known)), None)
         if half_known is None:
             apart = _two_sides({pair: ratios[pair] for pair in open_pairs})
@@ -244,7 +244,6 @@ def _sums(names: Iterable[str], ratios: Mapping[Pair, float]) -> dict[str, float
             given, asked = half_known if half_known[0] in known else half_known[::-1]
             found[asked] = max(0.0, ratios[half_known] - found[given])  # below zero: no such numbers, and checked
             known.add(asked)
-        open_pairs = [pair for pair in open_pairs if not (pair[0] in known and pair[1] in known)]
     return found
 
 
