@@ -1,35 +1,60 @@
-"""MuJoCo Warp: an MJCF file in, arrays out. Its declarations; what it does is in ``simulation.py``."""
+"""MuJoCo Warp: MuJoCo reads the file, Warp takes the model over.
+
+Facts marked *measured* were obtained with MuJoCo Warp 4.0.0 on Warp 1.19.0 and a processor. States, efforts and answers are
+singles, and copied to doubles.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
-from simspec.contact.rules import Rules
+import numpy as np
+
 from simspec.dialects.mujoco.contact import moment_hardness
-from simspec.dialects.mujoco.sidecar import NATIVE
-from simspec.engines.kit.capabilities import SINGLE, Capability, NativeLaw
+from simspec.engines.kit.arrays import demand_held
+from simspec.engines.kit.capabilities import SINGLE, Capability
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.settings import Group, Setting, resolve_settings
-from simspec.engines.mjwarp.programs import AUTO, PROCESSOR
-from simspec.engines.mjwarp.simulation import SEARCH_OF_FILE, MjWarpSimulation
+from simspec.engines.mjwarp.programs import (
+    ANSWERS,
+    AUTO,
+    ENGINE,
+    PROCESSOR,
+    Modules,
+    Programs,
+    begin,
+    chosen_device,
+    import_modules,
+    taken_over,
+)
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS as MUJOCO
 from simspec.engines.mujoco.engine import MuJoCo
-from simspec.engines.mujoco.expectation import Expectation
-from simspec.engines.mujoco.inventory import expected_inventory
-from simspec.engines.mujoco.rewritten import NO_EQUALITIES, met_exactly, no_friction, rubs, without_coulomb
-from simspec.engines.mujoco.settings import SETTINGS as MUJOCO_SETTINGS
-from simspec.support.declarations import EXACT, Refinement, Support, Table, exact, never, unsupported_if
+from simspec.engines.mujoco.rewritten import (
+    EngineModel,
+    RewrittenSimulation,
+    lacks,
+    met_exactly,
+    rubs,
+    settings,
+    support,
+)
+from simspec.errors import EngineError
+from simspec.formats.mjcf.format import MODEL
+from simspec.support.declarations import Refinement, Support, Table, exact, never, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.kinematics import rigid_groups
-from simspec.world.types import EngineValue, World
+from simspec.world.types import EngineValue, ReadBack, World
 
 # How far MuJoCo Warp is from the contact law: as MuJoCo, in what singles leave of friction on springs, and where what slides
-# hops otherwise in singles. Data, measured as in ``simulation.py``, at 1 ms where no timestep is said.
+# hops otherwise in singles. Data, measured at 1 ms where no timestep is said.
 
 _SOFT = (
     "friction is as soft as its contact, and at most 1e5 times as hard (high_impratio): on springs a box creeps 4.9e-4 m/s at "
@@ -70,14 +95,21 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
     Deviation("stick", 5.5e-4, _SOFT, relative=False, hardness="time-constant"),
 )
 
-# MuJoCo Warp's solver settings: those of MuJoCo's files, as far as Warp has what they say, and the device. Measured as in
-# ``simulation.py``.
+# MuJoCo Warp's solver settings: those of MuJoCo's files, as far as Warp has what they say, and the device.
 
 LARGEST_RATIO = 1e5
 """Of friction's hardness to that of contact, in singles."""
 
+_SETTINGS = settings(
+    "Warp",
+    "Warp solves groups of bodies separately only where bodies sleep.",
+    "The constraint solver. Newton solves MuJoCo's convex problem to the round-off of singles in a handful of iterations. "
+    "Warp's cg is not offered, since 100 iterations, MuJoCo's number, are too few for it: a box that should lose 0.6 m/s along "
+    "the surface in an impact gains 0.12, where newton's loses 0.06; of 1000 iterations it has newton's answer (one world, "
+    "only these settings changed; measured, 1 ms). It has no pgs.",
+)
 SETTINGS: Mapping[str, Setting] = {
-    **{name: setting for name, setting in MUJOCO_SETTINGS.items() if name not in ("sleeping", "sleep_tolerance")},
+    **_SETTINGS,
     "device": Setting(
         AUTO,
         "What computes. auto: the first graphics processor that Warp finds (CUDA), where there is one, else the processor "
@@ -85,19 +117,9 @@ SETTINGS: Mapping[str, Setting] = {
         (AUTO, PROCESSOR, *(f"cuda:{index}" for index in range(8))),
         group=Group.ORDER,  # of sums, which a graphics processor takes otherwise
     ),
-    "solver": dataclasses.replace(
-        MUJOCO_SETTINGS["solver"],
-        meaning="The constraint solver. Newton solves MuJoCo's convex problem to the round-off of singles in a handful of "
-        "iterations. Warp's cg is not offered, since 100 iterations, MuJoCo's number, are too few for it: a box that should "
-        "lose 0.6 m/s along the surface in an impact gains 0.12, where newton's loses 0.06; of 1000 iterations it has newton's "
-        "answer (one world, only these settings changed; measured, 1 ms). It has no pgs.",
-        choices=("newton",),
-        frictionless=None,
-        frictionless_unless=None,
-    ),
-    "impratio": dataclasses.replace(MUJOCO_SETTINGS["impratio"], maximum=LARGEST_RATIO),
+    "impratio": dataclasses.replace(_SETTINGS["impratio"], maximum=LARGEST_RATIO),
     "high_impratio": dataclasses.replace(
-        MUJOCO_SETTINGS["high_impratio"],
+        _SETTINGS["high_impratio"],
         default=LARGEST_RATIO,
         meaning="impratio of worlds where compliant contact has friction, or something has torsional or rolling friction: "
         "MuJoCo makes friction as soft as its contact, and moments softer by (μ/c)². At most 1e5: at 1e7, MuJoCo's here, a "
@@ -105,19 +127,55 @@ SETTINGS: Mapping[str, Setting] = {
         "it creeps 1e-6 m/s (measured).",
         maximum=LARGEST_RATIO,
     ),
-    "friction": dataclasses.replace(
-        MUJOCO_SETTINGS["friction"],
-        meaning="native: MuJoCo's own friction, which leaves out most of the friction of an impact. To be accepted by name "
-        "(contact.friction.impact, contact.friction.carried). simspec's loop around MuJoCo's solver is not written for Warp.",
-        choices=(NATIVE,),
-    ),
-    "island": dataclasses.replace(
-        MUJOCO_SETTINGS["island"],
-        meaning="MuJoCo's, of the file, and without effect: Warp solves groups of bodies apart only where bodies sleep.",
-        needs=None,
-    ),
 }
 
+# What MuJoCo Warp holds, looked at as if it were an ``mjModel``: what reads MuJoCo's model reads Warp's, field by field.
+#
+# A model of Warp has MuJoCo's fields under MuJoCo's names, of single precision, with one more dimension where several worlds
+# may differ. What it does not take over, since it does not compute with it (names of things, user data, keyframes), is what the
+# ``mjModel`` has that it was made of: so a file that says something else than the world is noticed there, too.
+
+LAWS = ("timestep", "*solref*", "*solimp*", "o_*")
+"""Fields whose numbers are told apart by more digits than singles have: an error reduction is a quotient by the timestep's
+square. A single stands for every number that is rounded to it: these fields are told as MuJoCo's where that is one of them."""
+LACKED = ("mjDSBL_AUTORESET",)
+"""Flags of what Warp does not have, so that it is always as these say: Warp refuses a model that has them."""
+
+
+class WarpModel(EngineModel):
+    """Made with the bits of :data:`LACKED`."""
+
+    def field(self, name: str) -> Any:
+        if name == "impratio":  # Warp keeps one over its root
+            return float(1.0 / np.square(self._model.impratio_invsqrt.numpy().astype(float))[0])
+        if name == "disableflags":
+            return int(self._model.disableflags) | (int(self.file.disableflags) & self._given[0])
+        told = getattr(self.file, name)
+        if name not in type(self._model).__dataclass_fields__:
+            return told
+        own = getattr(self._model, name)
+        if not hasattr(own, "numpy"):
+            return own
+        found, like = np.asarray(own.numpy()), np.asarray(told)
+        if found.size != like.size:
+            raise EngineError(ENGINE, f"holds {found.size} numbers of {name}, MuJoCo {like.size}")
+        found = found.reshape(like.shape).astype(like.dtype)
+        if any(fnmatchcase(name, law) for law in LAWS):
+            found = np.where(like.astype(np.float32) == found.astype(np.float32), like, found)
+        return found if like.shape else found.item()
+
+
+SIGNS: Mapping[str, str] = {
+    "ITERATIONS": "the solver used up its iterations",
+    "LS_ITERATIONS": "a line search used up its iterations",
+    "EPA_HORIZON": "the search for an overlap of two convex shapes ran out of room",
+    "HFIELD": "of a shape on a height field some contacts were left out",
+}
+"""What Warp says of steps that went on, by its names, in words."""
+SEARCH_OF_FILE = "file.flags.disable_nativeccd"
+"""In the inventory: the flag that stands in the file, where Warp is given it set."""
+MOST_WARNINGS = 10
+"""Different ones that are told of a model; the others are counted."""
 # What of a world becomes no number (NaN) in MuJoCo Warp, and is therefore refused.
 #
 # Its Newton solver factors its matrix in singles without a floor under the pivots, where MuJoCo has one (tile_cholesky in its
@@ -201,34 +259,19 @@ def _of_kind(kind: str) -> Support:
     )
 
 
-class MjWarp(MjWarpSimulation):
+class MjWarp(RewrittenSimulation):
     """MuJoCo Warp, the form of MuJoCo's dynamics for graphics processors, in single precision: the same law of contact and the
     same numbers as in :class:`MuJoCo`, solved by code of its own. It computes on a processor, too.
     """
 
     NAME: ClassVar[str] = "mjwarp"
     TITLE: ClassVar[str] = "MuJoCo Warp"
-    DIALECT: ClassVar[str] = "mujoco"
     DISTRIBUTION: ClassVar[str] = "mujoco-warp"
-    EXTRA: ClassVar[str] = ""
     APART: ClassVar[str] = "4.0"
     PRECISION: ClassVar[str] = SINGLE
-    RULES: ClassVar[Rules] = MuJoCo.RULES
-    LAYERS: ClassVar[bool] = False
-    LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.NATIVE_CONTROLLERS: "simspec drives MuJoCo Warp by efforts",
-        Capability.FOREIGN_FILES: "MuJoCo Warp reads no files: it is given a model that MuJoCo has read",
-    }
-    FOREIGN: ClassVar[Mapping[str, Reads]] = {}
-    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = {}
-    NATIVE_LAW: ClassVar[NativeLaw | None] = None
+    LACKS: ClassVar[Mapping[Capability, str]] = lacks("MuJoCo Warp")
     SUPPORT: ClassVar[Table] = {
-        **MuJoCo.SUPPORT,
-        **{
-            feature: without_coulomb(MuJoCo.SUPPORT[feature])
-            for feature in (Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION, Feature.SELF_LOCKING)
-        },
-        Feature.SHAPE_BOX: EXACT,  # by a function of its own, whatever MuJoCo's release
+        **support("MuJoCo Warp", PYRAMID),
         Feature.SHAPE_CAPSULE: _of_kind("capsule"),
         Feature.SHAPE_CYLINDER: _of_kind("cylinder"),
         Feature.SHAPE_ELLIPSOID: _of_kind("ellipsoid"),
@@ -242,25 +285,114 @@ class MjWarp(MjWarpSimulation):
             how=f"beside rolling friction, or at an impratio of up to {MOST_TORSIONAL_RATIO:g}: {_TORSIONAL.how}",
             refine=_torsional,
         ),
-        Feature.CONTROL_NATIVE: never("simspec drives MuJoCo Warp by efforts"),
-        Feature.CONE_PYRAMID_INSCRIBED: exact(
-            "where nothing has friction: a pyramid of one edge", refine=functools.partial(no_friction, why=PYRAMID)
-        ),
-        **NO_EQUALITIES,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
     COMPILING: ClassVar[float] = 300.0
-    HULL_PRECISION: ClassVar[float] = MuJoCo.HULL_PRECISION
     DRY_FRICTION_CREEP: ClassVar[float] = 2e-5  # of 0.22 rad/s after 20 steps its solver misses 8e-6 (measured)
-    UNREADABLE: ClassVar[Mapping[str, str]] = MuJoCo.UNREADABLE
+
+    MADE: ClassVar[tuple[str, ...]] = (*RewrittenSimulation.MADE, "_motion", "_questions")
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        settings = resolve_settings(cls, world)
-        found: dict[str, EngineValue] = expected_inventory(
-            Expectation(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
-        )
+        found = super().expected_inventory(world, neutral)
         found[SEARCH_OF_FILE] = found["flags.disable_nativeccd"]
         found["flags.disable_nativeccd"] = True
         return found
+
+    @classmethod
+    def prepare(cls) -> None:
+        import_modules()
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self._begun: list[str] = []
+        self._modules: Modules = begin(self._begun)
+        super().load(folder, sidecar)
+
+    def _adapt(self) -> None:
+        self._log += self._begun
+        self._device = chosen_device(self._modules, self._sidecar.settings)
+        if not self._device.is_cpu:
+            self._log.append(f"computes on {self._device} ({self._device.name})")
+        bits = self._mujoco.mjtDisableBit.__members__
+        self._lacked = sum(int(bits[name]) for name in LACKED)
+        self._signs: dict[str, int] = {}
+
+    def _take_over(self) -> None:
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            self._taken = self._taken_of(self.model)
+        different = list(
+            dict.fromkeys(str(warning.message) for warning in said)
+        )  # one for every shape that it is about
+        self._log += different[:MOST_WARNINGS]
+        if len(different) > MOST_WARNINGS:
+            self._log.append(f"and {len(different) - MOST_WARNINGS} more warnings")
+        # one data for motion, one for questions
+        given = (self._modules, self._device, self._taken, self.model)
+        self._motion, self._questions = Programs(*given), Programs(*given)
+
+    def _taken_of(self, model: Any) -> Any:
+        try:
+            return taken_over(self._modules, self._device, model, self._lacked)
+        except (NotImplementedError, ValueError) as error:
+            raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
+
+    def _seen(self, model: Any) -> WarpModel:
+        return WarpModel(self._taken_of(model), model, self._lacked)
+
+    def read_back(self) -> ReadBack:
+        found = self._read(WarpModel(self._taken, self.model, self._lacked))
+        by_file = bool(self._disabled_by_file & int(self._mujoco.mjtDisableBit.mjDSBL_NATIVECCD))
+        return dataclasses.replace(found, inventory={**found.inventory, SEARCH_OF_FILE: by_file})
+
+    def log(self) -> list[str]:
+        return super().log() + [f"{SIGNS.get(name, name)}: after {count} calls" for name, count in self._signs.items()]
+
+    def _rounded(self, values: np.ndarray) -> np.ndarray:
+        demand_held(self.NAME, values, "a state or an effort")
+        return values.astype(np.float32).astype(float)
+
+    def _query(self, program: str) -> Any:
+        self._questions.run(program, {"qpos": self.data.qpos, "qvel": self.data.qvel})
+        if program == "touch":
+            return SimpleNamespace(**self._questions.contacts())
+        return SimpleNamespace(**{name: self._questions.take(name) for name in ANSWERS[program]})
+
+    def _advanced(self, applied: np.ndarray, count: int) -> Sequence[np.ndarray]:
+        data = self.data
+        state = {"qpos": data.qpos, "qvel": data.qvel, "qacc_warmstart": self._warm, "qfrc_applied": applied}
+        self._motion.run("step", state, count)
+        for name in self._motion.signs:
+            self._signs[name] = self._signs.get(name, 0) + 1
+        return [self._motion.take(name) for name in ANSWERS["step"]]
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        values = self._query("weigh").M
+        return [self._block(values, self._v[block]) for block in blocks]
+
+    def bias_force(self) -> np.ndarray:
+        found = self._query("bias")
+        force: np.ndarray = (found.qfrc_bias - found.qfrc_gravcomp)[self._v]
+        return force
+
+    def energy(self) -> tuple[float, float]:
+        """By Warp, which leaves the weight that gravcomp takes away in the potential energy."""
+        found = self._query("energy")
+        potential, kinetic = found.energy.tolist()
+        lifted = self.model.body_gravcomp * self.model.body_mass
+        return kinetic, potential + float(lifted @ (found.xipos @ self.model.opt.gravity))
+
+    def _last_contacts(self) -> dict[str, np.ndarray]:
+        return self._motion.contacts()
+
+    def _normal_forces(self, address: np.ndarray, dim: np.ndarray) -> np.ndarray:
+        """The first row of an elliptic contact, the sum over a pyramid's edges; ``address`` (n, rows): -1 where none is."""
+        force = np.append(self.data.efc_force, 0.0)
+        if self.model.opt.cone == self._mujoco.mjtCone.mjCONE_ELLIPTIC:
+            first: np.ndarray = force[address[:, 0]]
+            return first
+        rows = np.where(dim > 1, 2 * (dim - 1), 1)
+        there = (np.arange(address.shape[1]) < rows[:, None]) & (address >= 0)
+        summed: np.ndarray = np.where(there, force[address], 0.0).sum(axis=1)
+        return summed

@@ -10,7 +10,7 @@ import atexit
 import contextlib
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
@@ -188,7 +188,7 @@ class Programs:
     def _run(self, name: str, state: Mapping[str, Numbers], count: int) -> None:
         graph = self._graphs.get(name)
         if graph is None:
-            graph = self._graphs[name] = self._recorded(WORK[name], name)
+            graph = self._graphs[name] = self._recorded(name)
             self._seen = {}  # whatever that call has made of the data
         for field, values in state.items():
             self._put(field, values)
@@ -200,13 +200,18 @@ class Programs:
             for _ in range(count):
                 self._warp.capture_launch(graph)
 
-    def _recorded(self, work: Callable[[Any, Any, Any], None], name: str) -> Any:
+    def _recorded(self, name: str) -> Any:
         warp = self._warp
+
+        def work() -> None:
+            for function in WORK[name]:
+                getattr(self._solver, function)(self._taken, self._data)
+
         with warp.ScopedDevice(self._device), doing(f"compiling “{name}” for this model"):
             # once without being recorded: what is compiled meanwhile could not be
-            work(self._solver, self._taken, self._data)
+            work()
             with warp.ScopedCapture(device=self._device) as capture:
-                work(self._solver, self._taken, self._data)
+                work()
         return capture.graph
 
     def _numbers(self, name: str) -> np.ndarray:
@@ -260,55 +265,27 @@ def _own(values: np.ndarray) -> np.ndarray:
     return np.array(values, dtype=float if values.dtype == np.float32 else values.dtype)
 
 
-def _place_of(solver: Any, model: Any, data: Any) -> None:
-    solver.kinematics(model, data)
-    solver.com_pos(model, data)
-
-
-def _move(solver: Any, model: Any, data: Any) -> None:
-    _place_of(solver, model, data)
-    solver.com_vel(model, data)
-
-
-def _weigh(solver: Any, model: Any, data: Any) -> None:
-    _place_of(solver, model, data)
-    solver.crb(model, data)
-
-
-def _bias(solver: Any, model: Any, data: Any) -> None:
-    _move(solver, model, data)
-    solver.tendon(model, data)
-    solver.rne(model, data)
-    solver.passive(model, data)
-
-
-def _energy(solver: Any, model: Any, data: Any) -> None:
-    _move(solver, model, data)
-    solver.tendon(model, data)
-    solver.crb(model, data)
-    solver.energy_pos(model, data)
-    solver.energy_vel(model, data)
-
-
-def _touch(solver: Any, model: Any, data: Any) -> None:
-    _place_of(solver, model, data)
-    solver.collision(model, data)
-
-
-def _step(solver: Any, model: Any, data: Any) -> None:
-    solver.step(model, data)
-
-
-WORK: Mapping[str, Callable[[Any, Any, Any], None]] = {
-    "step": _step,
-    "place": _place_of,
-    "move": _move,
-    "weigh": _weigh,
-    "bias": _bias,
-    "energy": _energy,
-    "touch": _touch,
+_PLACED = ("kinematics", "com_pos")
+WORK: Mapping[str, tuple[str, ...]] = {
+    "step": ("step",),
+    "place": _PLACED,
+    "move": (*_PLACED, "com_vel"),
+    "weigh": (*_PLACED, "crb"),
+    "bias": (*_PLACED, "com_vel", "tendon", "rne", "passive"),
+    "energy": (*_PLACED, "com_vel", "tendon", "crb", "energy_pos", "energy_vel"),
+    "touch": (*_PLACED, "collision"),
 }
-"""The programs, in Warp's own functions."""
+"""The programs, as Warp's functions of a model and a data."""
+_PLACES = ("xpos", "xquat", "xipos", "site_xpos", "site_xmat", "subtree_com")
+ANSWERS: Mapping[str, tuple[str, ...]] = {
+    "step": ("qpos", "qvel", "qacc_warmstart"),
+    "place": _PLACES,
+    "move": (*_PLACES, "cvel"),
+    "weigh": ("M",),
+    "bias": ("qfrc_bias", "qfrc_gravcomp"),
+    "energy": ("energy", "xipos"),
+}
+"""The fields of the data that programs compute."""
 
 
 def taken_over(modules: Modules, device: Any, model: Any, lacked: int) -> Any:

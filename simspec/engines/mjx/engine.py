@@ -1,38 +1,43 @@
-"""MJX: an MJCF file in, arrays out. Its declarations; what it does is in ``simulation.py``."""
+"""MJX: MuJoCo reads the file, MJX takes the model over.
+
+Facts marked *measured* were obtained with MJX 3.17.0 on JAX 0.10.2, in double precision on one processor.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
 
-from simspec.contact.rules import Rules
-from simspec.dialects.mujoco.sidecar import NATIVE
-from simspec.engines.kit.capabilities import Capability, NativeLaw
+import numpy as np
+
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.deviations import Deviation
-from simspec.engines.kit.foreign import Own, Reads
-from simspec.engines.kit.settings import Setting, resolve_settings
-from simspec.engines.mjx.simulation import CONE_OF_FILE, MjxSimulation, turns
+from simspec.engines.kit.settings import Setting
+from simspec.engines.mjx.programs import CONTACTS, Modules, Programs, as_numpy, begin, import_mjx
 from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS as MUJOCO
 from simspec.engines.mujoco.engine import MuJoCo
-from simspec.engines.mujoco.expectation import Expectation
-from simspec.engines.mujoco.inventory import expected_inventory
+from simspec.engines.mujoco.readback import CONE_NAMES
 from simspec.engines.mujoco.rewritten import (
-    NO_EQUALITIES,
     OF_MUJOCO,
-    hardnesses,
+    EngineModel,
+    RewrittenSimulation,
+    lacks,
     met_exactly,
-    no_friction,
     rubs,
-    without_coulomb,
+    settings,
+    support,
 )
-from simspec.engines.mujoco.settings import SETTINGS as MUJOCO_SETTINGS
-from simspec.support.declarations import EXACT, Refinement, Table, approximate, exact, for_each, never, unsupported_if
+from simspec.errors import EngineError
+from simspec.formats.mjcf.format import MODEL
+from simspec.support import features
+from simspec.support.declarations import Refinement, Table, approximate, exact, for_each, never, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.kinematics import layout_of
-from simspec.world.types import EngineValue, World
+from simspec.world.types import Body, EngineValue, Quaternion, ReadBack, World
 
 # How far MJX is from the contact law: as MuJoCo, and in what its own function for the contacts of two boxes does. Data,
 # measured with MJX 3.17.0 at 0.5 to 16 ms, μ of 0.5 and 0.9, and e of 0.01 to 0.7.
@@ -54,44 +59,67 @@ CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
 
 _UNUSED = "MuJoCo's, of the file; MJX has nothing of the kind, so that this alone is allowed."
 
+_SETTINGS = settings(
+    "MJX",
+    "MJX solves all bodies together.",
+    "The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations. MJX's cg ends "
+    "before that: a ball that should lose 0.6 m/s along the surface in an impact gains 0.17 (measured, 1 ms). It has no pgs.",
+)
 SETTINGS: Mapping[str, Setting] = {
-    **{name: setting for name, setting in MUJOCO_SETTINGS.items() if name not in ("sleeping", "sleep_tolerance")},
-    "solver": dataclasses.replace(
-        MUJOCO_SETTINGS["solver"],
-        meaning="The constraint solver. Newton solves MuJoCo's convex problem to round-off in a handful of iterations. "
-        "MJX's cg ends before that: a ball that should lose 0.6 m/s along the surface in an impact gains 0.17 (measured, "
-        "1 ms). It has no pgs.",
-        choices=("newton",),
-        frictionless=None,
-        frictionless_unless=None,
-    ),
+    **_SETTINGS,
     "tolerance": dataclasses.replace(
-        MUJOCO_SETTINGS["tolerance"],
+        _SETTINGS["tolerance"],
         meaning="The solver ends when it improves by less than this. MuJoCo's own number; smaller where bodies are light "
         "beside others, as for MuJoCo.",
     ),
-    "friction": dataclasses.replace(
-        MUJOCO_SETTINGS["friction"],
-        meaning="native: MuJoCo's own friction, which leaves out most of the friction of an impact. To be accepted by name "
-        "(contact.friction.impact, contact.friction.carried). simspec's loop around MuJoCo's solver is not written for MJX.",
-        choices=(NATIVE,),
-    ),
-    "noslip_iterations": dataclasses.replace(MUJOCO_SETTINGS["noslip_iterations"], meaning=_UNUSED, maximum=0),
+    "noslip_iterations": dataclasses.replace(_SETTINGS["noslip_iterations"], meaning=_UNUSED, maximum=0),
     "multiccd": dataclasses.replace(
-        MUJOCO_SETTINGS["multiccd"],
+        _SETTINGS["multiccd"],
         default=False,
         meaning="MuJoCo's, of the file, and without effect: MJX has functions of its own for every two kinds of shapes, which "
         "find a face's points always.",
     ),
     "ccd_tolerance": dataclasses.replace(
-        MUJOCO_SETTINGS["ccd_tolerance"], meaning="MuJoCo's, of the file, and without effect in MJX.", finer=None
-    ),
-    "island": dataclasses.replace(
-        MUJOCO_SETTINGS["island"],
-        meaning="MuJoCo's, of the file, and without effect: MJX solves all bodies together.",
-        needs=None,
+        _SETTINGS["ccd_tolerance"], meaning="MuJoCo's, of the file, and without effect in MJX.", finer=None
     ),
 }
+
+# What MJX holds, looked at as if it were an ``mjModel``: so that what reads MuJoCo's model reads MJX's, field by field.
+#
+# An ``mjx.Model`` has MuJoCo's fields under MuJoCo's names, as arrays of JAX or numpy. What MJX does not take over, since it
+# does not compute with it (names of things, user data, options of MuJoCo's own solvers), is what the ``mjModel`` has that it
+# was made of: so a file that says something else than the world is noticed there, too.
+
+
+class MjxModel(EngineModel):
+    """A field of MJX's own class, or of its implementation, or else of the file."""
+
+    def field(self, name: str) -> Any:
+        model = self._model
+        owners = (model, model._impl)
+        owner = next((own for own in owners if name in type(own).__dataclass_fields__ and name != "_impl"), self.file)
+        value = getattr(owner, name)
+        return np.asarray(value) if hasattr(value, "shape") else value
+
+
+CONE_OF_FILE = "file.opt.cone"
+"""In the inventory: the cone that stands in the file, where MJX is given another."""
+TURN = "geom.{}.quat"
+"""In the inventory: how a shape is turned, also within its own symmetry. To MJX half a turn of a box is of effect: it finds
+other points of contact, and the same scene moves otherwise (measured: by up to 0.6 of a motion's own length)."""
+REFRAMED = ("mesh", "heightfield")
+"""Kinds of shapes of which the engine keeps another frame than the file's."""
+
+
+def turns(bodies: Sequence[Body]) -> dict[str, Quaternion]:
+    """By their names in the inventory, the orientations of shapes in their bodies."""
+    return {
+        TURN.format(shape.name): shape.pose.quaternion
+        for body in bodies
+        for shape in body.shapes
+        if shape.kind not in REFRAMED
+    }
+
 
 MOST_NUMBERS = 1_000_000
 """Of a step's Jacobian: what each contact there can be has, for every degree of freedom."""
@@ -138,7 +166,7 @@ def _small_enough(world: World) -> Refinement | None:
     return None
 
 
-class Mjx(MjxSimulation):
+class Mjx(RewrittenSimulation):
     """MJX, the JAX form of MuJoCo's dynamics: the same law of contact and the same numbers as in :class:`MuJoCo`, solved by
     code of its own, with functions of its own for the contacts of every two kinds of shapes.
 
@@ -151,23 +179,16 @@ class Mjx(MjxSimulation):
 
     NAME: ClassVar[str] = "mjx"
     TITLE: ClassVar[str] = "MJX"
-    DIALECT: ClassVar[str] = "mujoco"
     DISTRIBUTION: ClassVar[str] = "mujoco-mjx"
-    EXTRA: ClassVar[str] = ""
     APART: ClassVar[str] = "3.17"
-    RULES: ClassVar[Rules] = MuJoCo.RULES
-    LAYERS: ClassVar[bool] = False
-    LACKS: ClassVar[Mapping[Capability, str]] = {
-        Capability.NATIVE_CONTROLLERS: "simspec drives MJX by efforts",
-        Capability.FOREIGN_FILES: "MJX reads no files: it is given a model that MuJoCo has read",
-    }
-    FOREIGN: ClassVar[Mapping[str, Reads]] = {}
-    FOREIGN_OWN: ClassVar[Mapping[str, Own]] = {}
-    NATIVE_LAW: ClassVar[NativeLaw | None] = None
+    LACKS: ClassVar[Mapping[Capability, str]] = lacks("MJX")
     SUPPORT: ClassVar[Table] = {
-        **MuJoCo.SUPPORT,
-        **hardnesses(MuJoCo.SUPPORT, _small_enough),
-        Feature.SHAPE_BOX: EXACT,  # by a function of its own, whatever MuJoCo's release
+        **support("MJX", _HOPS),
+        **{
+            feature: dataclasses.replace(MuJoCo.SUPPORT[feature], refine=_small_enough)
+            for feature in features.HARDNESSES
+            if feature is not Feature.HARDNESS_PAIRS
+        },
         Feature.SHAPE_CYLINDER: exact(
             "against planes and spheres, and what never meets anything",
             refine=functools.partial(met_exactly, "cylinder", EXACTLY_MET, _NOT_EXACTLY),
@@ -182,16 +203,8 @@ class Mjx(MjxSimulation):
             never("a box with a margin over a floor meets it 3.5 mm later than it should (L5, size; measured)"),
             *(Feature.SHAPE_MARGIN, Feature.MARGIN_PAIRS),
         ),
-        Feature.CARRIED_FRICTION: without_coulomb(MuJoCo.SUPPORT[Feature.CARRIED_FRICTION]),
-        Feature.SELF_LOCKING: without_coulomb(MuJoCo.SUPPORT[Feature.SELF_LOCKING]),
-        Feature.EVEN_PRESSURE: MuJoCo.SUPPORT[Feature.EVEN_PRESSURE],
-        Feature.MASS_RATIO: MuJoCo.SUPPORT[Feature.MASS_RATIO],
-        Feature.CONTROL_NATIVE: never("simspec drives MJX by efforts"),
         Feature.CONE_ELLIPTIC: exact(
             "cone=elliptic; a pyramid of one edge where nothing has friction", refine=_friction_everywhere
-        ),
-        Feature.CONE_PYRAMID_INSCRIBED: exact(
-            "where nothing has friction: a pyramid of one edge", refine=functools.partial(no_friction, why=_HOPS)
         ),
         Feature.IMPACT_FRICTION: approximate(
             "most of it is missing, as in MuJoCo: of the speed along the surface that an impact should take away 80 to 90 % "
@@ -199,22 +212,95 @@ class Mjx(MjxSimulation):
             short="80 to 90 % of the friction in an impact is missing, at 1 ms",
         ),
         Feature.SURFACE_VELOCITY: never("MJX has no surfacevel"),
-        **NO_EQUALITIES,
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
     CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
     COMPILING: ClassVar[float] = 100.0
-    HULL_PRECISION: ClassVar[float] = MuJoCo.HULL_PRECISION
     DRY_FRICTION_CREEP: ClassVar[float] = MuJoCo.DRY_FRICTION_CREEP
-    UNREADABLE: ClassVar[Mapping[str, str]] = MuJoCo.UNREADABLE
+
+    MADE: ClassVar[tuple[str, ...]] = (*RewrittenSimulation.MADE, "_programs")
 
     @classmethod
     def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
-        settings = resolve_settings(cls, world)
-        found: dict[str, EngineValue] = expected_inventory(
-            Expectation(world, settings, neutral, cls.RULES, cls.LAYERS, cls.NAME)
-        )
+        found = super().expected_inventory(world, neutral)
         found[CONE_OF_FILE] = found["opt.cone"]
         if not any(map(rubs, meeting_laws(world).values())):
             found["opt.cone"] = PYRAMIDAL
         return found | turns(world.bodies)
+
+    @classmethod
+    def prepare(cls) -> None:
+        import_mjx()
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        self._modules: Modules = begin()
+        super().load(folder, sidecar)
+
+    def _adapt(self) -> None:
+        """Where no contact there can be has friction, the cone is the pyramid, of one edge: MJX has no other form of it."""
+        option, cones = self.model.opt, self._mujoco.mjtCone
+        self._cone_of_file = int(option.cone)
+        dims = np.asarray(self._modules.make_condim(self.model))
+        if option.cone != cones.mjCONE_ELLIPTIC:
+            return
+        if (dims == 1).all():
+            option.cone = cones.mjCONE_PYRAMIDAL
+        elif (dims == 1).any():
+            raise EngineError(self.NAME, f"{MODEL} has contacts with friction and without, under the elliptic cone")
+
+    def _take_over(self) -> None:
+        try:
+            self._taken = self._modules.mjx.put_model(self.model)
+            self._programs = Programs(self._modules, self._taken)
+        except NotImplementedError as error:
+            raise EngineError(self.NAME, f"refuses {MODEL}: {error}") from error
+
+    def _seen(self, model: Any) -> MjxModel:
+        return MjxModel(self._modules.mjx.put_model(model), model)
+
+    def read_back(self) -> ReadBack:
+        found = self._read(MjxModel(self._taken, self.model))
+        return dataclasses.replace(
+            found,
+            friction_cone=CONE_NAMES[self._cone_of_file],
+            inventory={**found.inventory, CONE_OF_FILE: self._cone_of_file, **turns(found.bodies)},
+        )
+
+    def _query(self, program: str) -> Any:
+        return as_numpy(self._programs.run(program, self.data.qpos, self.data.qvel))
+
+    def _advanced(self, applied: np.ndarray, count: int) -> Sequence[np.ndarray]:
+        given = (self.data.qpos, self.data.qvel, self._warm, applied, np.int64(count))
+        self._last = self._programs.run("step", *given)
+        return [np.array(self._last[name]) for name in ("q", "v", "warm")]
+
+    def mass_blocks(self, blocks: Sequence[np.ndarray]) -> list[np.ndarray]:
+        full = self._query("weigh").mass
+        return [full[np.ix_(self._v[block], self._v[block])] for block in blocks]
+
+    def bias_force(self) -> np.ndarray:
+        found: np.ndarray = self._query("bias").bias
+        return found[self._v]
+
+    def energy(self) -> tuple[float, float]:
+        """Kinetic by MJX's mass matrix. MJX computes no potential energy: that is MuJoCo's, of the model that it took over."""
+        mujoco, file, speed = self._mujoco, self._file, self.data.qvel
+        file.qpos[:] = self.data.qpos
+        for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_energyPos):
+            compute(self.model, file)
+        lifted = self.model.body_gravcomp * self.model.body_mass
+        potential = float(file.energy[0] + lifted @ (file.xipos @ self.model.opt.gravity))
+        return 0.5 * float(speed @ self._query("weigh").mass @ speed), potential
+
+    def _last_contacts(self) -> dict[str, np.ndarray]:
+        """Of all contacts there can be, which MJX computes in every step, those that are within their margin."""
+        every = self._programs.blank._impl.contact
+        found = vars(as_numpy({name: self._last[name] for name in (*CONTACTS, "force")}))
+        found |= {name: np.asarray(getattr(every, name)) for name in ("dim", "efc_address")}
+        force, there = found.pop("force"), np.flatnonzero(found["dist"] <= found["includemargin"])
+        return {name: values[there] for name, values in found.items()} | {"force": force}
+
+    def disable_contact(self) -> None:
+        # without a contact no cone is of effect, and MJX has no form of the elliptic one where limits or friction are rows
+        self.model.opt.cone = self._mujoco.mjtCone.mjCONE_PYRAMIDAL
+        super().disable_contact()

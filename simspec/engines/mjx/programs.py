@@ -264,32 +264,9 @@ class Programs:
         blank, self._blank_form = flatten(self.blank)
         return held, blank
 
-    def step(self, q: Numbers, v: Numbers, warm: Numbers, effort: Numbers, count: int) -> Arrays:
-        """``count`` steps from a state, begun at the accelerations ``warm`` of the step before; with the contacts and
-        constraint forces of the last one."""
-        return self._asked("step", q, v, warm, effort, np.int64(count))
-
-    def place(self, q: Numbers, v: Numbers) -> Arrays:
-        """Where bodies and sites are."""
-        return self._asked("place", q, v)
-
-    def move(self, q: Numbers, v: Numbers) -> Arrays:
-        """Where they are, and how bodies move."""
-        return self._asked("move", q, v)
-
-    def weigh(self, q: Numbers, v: Numbers) -> Arrays:
-        """The mass matrix (nv, nv), armature of joints and tendons included."""
-        return self._asked("weigh", q, v)
-
-    def bias(self, q: Numbers, v: Numbers) -> Arrays:
-        """The bias force, gravity included."""
-        return self._asked("bias", q, v)
-
-    def touch(self, q: Numbers, v: Numbers) -> Arrays:
-        """All contacts there can be, in a state."""
-        return self._asked("touch", q, v)
-
-    def _asked(self, name: str, *given: Numbers | np.int64) -> Arrays:
+    def run(self, name: str, *given: Numbers | np.int64) -> Arrays:
+        """The arrays of a program (:data:`ANSWERS`), for positions, velocities and, for ``step``, the accelerations of the step
+        before, efforts and the number of steps."""
         arrays = self._arrays
         key = (name, self._held_form, self._blank_form)
         if key not in _COMPILED:

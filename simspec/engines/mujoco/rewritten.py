@@ -1,42 +1,35 @@
-"""What engines have in common that are MuJoCo's dynamics written anew: MuJoCo reads the file, they take its model over, and
-what they then hold is read under MuJoCo's own names.
+"""Engines that implement MuJoCo's dynamics anew: MuJoCo reads the file, the engine takes the model over, and its model is read
+back under MuJoCo's names.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
 
+from simspec.contact.rules import Rules
+from simspec.dialects.mujoco.sidecar import NATIVE
+from simspec.engines.kit.arrays import sorted_pairs
+from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.contract import Actuation
+from simspec.engines.kit.settings import Setting, resolve_settings
+from simspec.engines.mujoco.engine import MuJoCo
+from simspec.engines.mujoco.expectation import Expectation
+from simspec.engines.mujoco.inventory import expected_inventory
 from simspec.engines.mujoco.readback import read_back
 from simspec.engines.mujoco.simulation import NO_EXPLICIT_PAIRS, MujocoSimulation
 from simspec.errors import EngineError
-from simspec.support.declarations import Refinement, Support, Table, for_each, never, unsupported_if
+from simspec.support import features
+from simspec.support.declarations import EXACT, Refinement, Support, exact, for_each, never, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_kinds, meeting_laws
-from simspec.world.types import PairContact, ReadBack, World
-
-HARDNESSES = (
-    Feature.HARDNESS_COMMON,
-    Feature.HARDNESS_TIME_CONSTANT,
-    Feature.HARDNESS_STIFFNESS,
-    Feature.HARDNESS_NATIVE,
-)
-NO_EQUALITIES: Table = for_each(
-    never("simspec's repeated solution of equalities in a step is written for MuJoCo alone"),
-    Feature.CONSTRAINT_COUPLING,
-    Feature.CONSTRAINT_LOOP,
-)
-
-
-def hardnesses(table: Table, refine: Callable[[World], Refinement | None]) -> Table:
-    """MuJoCo's declarations of hardness, from ``table``, with what holds in a world."""
-    return {feature: dataclasses.replace(table[feature], refine=refine) for feature in HARDNESSES}
-
+from simspec.world.types import EngineValue, PairContact, ReadBack, World
 
 OF_MUJOCO = (
     "simspec's loop around MuJoCo's solver is not written for it: the engine mujoco has it right, with "
@@ -45,10 +38,55 @@ OF_MUJOCO = (
 """The way out where MuJoCo's declaration names a setting that only MuJoCo has."""
 
 
-def without_coulomb(support: Support) -> Support:
-    """MuJoCo's declaration of friction, for an engine whose friction has no Coulomb's law to be asked for."""
-    said = [part for part in support.how.split("; ") if "friction: coulomb" not in part]
-    return dataclasses.replace(support, how="; ".join([*said, OF_MUJOCO]), refine=None, cases=())
+def support(title: str, pyramid: str) -> dict[Feature, Support]:
+    """MuJoCo's declarations without what simspec computes around MuJoCo's solver. ``pyramid``: why friction needs the cone."""
+    without_coulomb = (Feature.IMPACT_FRICTION, Feature.CARRIED_FRICTION, Feature.SELF_LOCKING)
+    return {
+        **MuJoCo.SUPPORT,
+        **{feature: _without_coulomb(MuJoCo.SUPPORT[feature]) for feature in without_coulomb},
+        Feature.SHAPE_BOX: EXACT,  # by a function for two boxes, in every release of MuJoCo
+        Feature.CONTROL_NATIVE: never(f"simspec drives {title} by efforts"),
+        Feature.CONE_PYRAMID_INSCRIBED: exact(
+            "where nothing has friction: a pyramid of one edge", lambda world: _no_friction(world, pyramid)
+        ),
+        **for_each(
+            never("simspec's repeated solution of equalities in a step is written for MuJoCo alone"),
+            *features.CONSTRAINTS,
+        ),
+    }
+
+
+def _without_coulomb(declared: Support) -> Support:
+    parts = [part for part in declared.how.split("; ") if "friction: coulomb" not in part]
+    return dataclasses.replace(declared, how="; ".join([*parts, OF_MUJOCO]), refine=None, cases=())
+
+
+def settings(title: str, island: str, solver: str) -> dict[str, Setting]:
+    """MuJoCo's settings. ``island``, ``solver``: their meanings."""
+    given = {name: value for name, value in MuJoCo.SETTINGS.items() if name not in ("sleeping", "sleep_tolerance")}
+    return given | {
+        "solver": dataclasses.replace(
+            given["solver"], meaning=solver, choices=("newton",), frictionless=None, frictionless_unless=None
+        ),
+        "friction": dataclasses.replace(
+            given["friction"],
+            meaning="native: MuJoCo's own friction, which leaves out most of the friction of an impact. To be accepted by name "
+            "(contact.friction.impact, contact.friction.carried). simspec's loop around MuJoCo's solver is not written for "
+            f"{title}.",
+            choices=(NATIVE,),
+        ),
+        "island": dataclasses.replace(
+            given["island"], meaning=f"MuJoCo's, of the file, and without effect: {island}", needs=None
+        ),
+    }
+
+
+def lacks(title: str) -> Mapping[Capability, str]:
+    """The capabilities that it lacks."""
+    return {
+        Capability.NATIVE_CONTROLLERS: f"simspec drives {title} by efforts",
+        Capability.FOREIGN_FILES: f"{title} reads no files: it is given a model that MuJoCo has read",
+    }
 
 
 def rubs(law: PairContact) -> bool:
@@ -56,7 +94,7 @@ def rubs(law: PairContact) -> bool:
     return bool(law.friction or law.torsional_friction or law.rolling_friction)
 
 
-def no_friction(world: World, why: str) -> Refinement | None:
+def _no_friction(world: World, why: str) -> Refinement | None:
     """Refused, as ``why`` says, where anything has friction."""
     return unsupported_if(why) if any(map(rubs, meeting_laws(world).values())) else None
 
@@ -70,9 +108,9 @@ def met_exactly(kind: str, exactly: Collection[str], why: str, world: World) -> 
     return None
 
 
-class HeldMujoco:
-    """MuJoCo's module for what reads what an engine holds: names are those of its file (``held.file``), models of text become
-    the engine's, by ``taken_over``."""
+class _ReadMujoco:
+    """MuJoCo's module for the read-back of an engine's model: names are those of its file, models of text become the engine's,
+    by ``taken_over``."""
 
     def __init__(self, mujoco: Any, taken_over: Callable[[Any], Any]):
         self._mujoco, self._taken_over = mujoco, taken_over
@@ -81,12 +119,10 @@ class HeldMujoco:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._mujoco, name)
 
-    def mj_id2name(self, held: Any, kind: Any, index: int) -> Any:
-        """The name of a thing in the file."""
-        return self._mujoco.mj_id2name(held.file, kind, index)
+    def mj_id2name(self, model: EngineModel, kind: Any, index: int) -> Any:
+        return self._mujoco.mj_id2name(model.file, kind, index)
 
     def from_xml_string(self, text: str) -> Any:
-        """What the engine holds of a model."""
         return self._taken_over(self._mujoco.MjModel.from_xml_string(text))
 
 
@@ -96,7 +132,7 @@ class EngineModel:
 
     def __init__(self, model: Any, file: Any, *given: Any):
         self._model, self.file, self._given = model, file, given
-        self.opt = type(self)(model.opt, file.opt, *given) if hasattr(file, "opt") else None
+        self.opt: Any = type(self)(model.opt, file.opt, *given) if hasattr(file, "opt") else None
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -109,39 +145,80 @@ class EngineModel:
 
 
 class RewrittenSimulation(MujocoSimulation, abstract=True):
-    """The methods that do not depend on who takes a model over."""
+    """The methods that do not depend on the engine that takes a model over."""
 
-    OWN: ClassVar[tuple[str, ...]] = ()
-    """Names of what was made of the model, to be let go."""
+    DIALECT: ClassVar[str] = "mujoco"
+    EXTRA: ClassVar[str] = ""
+    RULES: ClassVar[Rules] = MuJoCo.RULES
+    LAYERS: ClassVar[bool] = False
+    HULL_PRECISION: ClassVar[float] = MuJoCo.HULL_PRECISION
+    UNREADABLE: ClassVar[Mapping[str, str]] = MuJoCo.UNREADABLE
+    MADE: ClassVar[tuple[str, ...]] = ("_taken", "_file")
+    """Attributes made of the model, which ``close`` deletes."""
 
     data: Any
-    """The present state, ``qpos`` and ``qvel``, and the contacts of the last step under MuJoCo's names."""
+    """The present state, ``qpos`` and ``qvel``, and the contacts of the last step under MuJoCo's names; ``ncon`` is 0 without a
+    step, and -1 where its contacts have not been taken yet."""
+
+    # --- what an engine defines ---
+
+    def _adapt(self) -> None:
+        """Change MuJoCo's model before it is taken over. Optional."""
 
     def _take_over(self) -> None:
         """Make the engine's model of MuJoCo's, and its programs."""
         raise NotImplementedError
 
-    def _seen(self, model: Any) -> Any:
-        """What the engine makes of an ``mjModel``, its fields under MuJoCo's names."""
+    def _seen(self, model: Any) -> EngineModel:
+        """The engine's model of an ``mjModel``, its fields under MuJoCo's names."""
         raise NotImplementedError
 
-    def _read(self, held: Any) -> ReadBack:
-        """The read-back of what is ``held`` of the loaded model."""
+    def _query(self, program: str) -> Any:
+        """The arrays that a program computes at the present state, as attributes."""
+        raise NotImplementedError
+
+    def _advanced(self, applied: np.ndarray, count: int) -> Sequence[np.ndarray]:
+        """``qpos``, ``qvel`` and the accelerations to begin the next step at, after ``count`` steps under ``applied`` (nv,)."""
+        raise NotImplementedError
+
+    def _last_contacts(self) -> dict[str, np.ndarray]:
+        """The contacts of the last step within their margin, under MuJoCo's names, and ``force``, that of each row."""
+        raise NotImplementedError
+
+    def _rounded(self, values: np.ndarray) -> np.ndarray:
+        """The numbers that the engine makes of these, as doubles."""
+        return np.array(values, dtype=float)
+
+    # --- life ---
+
+    def load(self, folder: Path, sidecar: Mapping[str, Any]) -> None:
+        super().load(folder, sidecar)
+        self._adapt()
+        self._file = self.data
+        self.data = SimpleNamespace(qpos=self._rounded(self._file.qpos), qvel=self._rounded(self._file.qvel))
+        self._take_over()
+        self._forget()
+
+    def _read(self, model: EngineModel) -> ReadBack:
         actuation = int(self._mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-        flags = (int(held.opt.disableflags) & ~actuation) | (self._disabled_by_file & actuation)
+        flags = (int(model.opt.disableflags) & ~actuation) | (self._disabled_by_file & actuation)
         try:
-            found = read_back(HeldMujoco(self._mujoco, self._seen), held, self._sidecar, flags)
+            found = read_back(_ReadMujoco(self._mujoco, self._seen), model, self._sidecar, flags)
         except EngineError as error:  # says that it is MuJoCo
             raise EngineError(self.NAME, str(error).removeprefix(f"{error.engine}: ")) from error
         return dataclasses.replace(found, made_of=self._made_of())
 
     def _made_of(self) -> str:
-        """A hash of the model that the engine is given, whole, and of the sidecar: it is told nothing else."""
+        """A hash of all that the engine is given: the whole model and the sidecar."""
         model = np.empty(self._mujoco.mj_sizeModel(self.model), dtype=np.uint8)
         self._mujoco.mj_saveModel(self.model, None, model)
-        digest = hashlib.sha256(model.tobytes())
-        digest.update(repr(self._sidecar).encode())
-        return digest.hexdigest()
+        return hashlib.sha256(model.tobytes() + repr(self._sidecar).encode()).hexdigest()
+
+    @classmethod
+    def expected_inventory(cls, world: World, neutral: Mapping[str, EngineValue]) -> dict[str, EngineValue]:
+        return expected_inventory(
+            Expectation(world, resolve_settings(cls, world), neutral, cls.RULES, cls.LAYERS, cls.NAME)
+        )
 
     def log(self) -> list[str]:
         if self._mujoco is None or self._sidecar.explicit_pairs:
@@ -150,11 +227,56 @@ class RewrittenSimulation(MujocoSimulation, abstract=True):
 
     def close(self) -> None:
         super().close()
-        for name in self.OWN:
+        for name in self.MADE:
             self.__dict__.pop(name, None)
+
+    # --- state and dynamics ---
+
+    def _forget(self) -> None:
+        self._warm = np.zeros(self.model.nv)
+        self.data.ncon = 0
+
+    def set_state(self, q: np.ndarray, v: np.ndarray) -> None:
+        self.data.qpos[self._q] = self._rounded(q)
+        self.data.qvel[self._v] = self._rounded(v)
+        self._forget()
+
+    def _at_state(self, velocities: bool = False) -> Any:
+        found = self._query("move" if velocities else "place")
+        found.site_xmat = found.site_xmat.reshape(-1, 9)
+        found.qpos, found.qvel = self.data.qpos, self.data.qvel
+        return found
+
+    def ready(self) -> None:
+        self._advanced(np.zeros(self.model.nv), 0)
+
+    def step(self, count: int, effort: np.ndarray | None = None) -> None:
+        applied = np.zeros(self.model.nv)
+        if effort is not None:
+            applied[self._v] = self._rounded(effort)
+        self.data.qpos, self.data.qvel, self._warm = self._advanced(applied, count)
+        self.data.ncon = -1
 
     def actuate(self, q: np.ndarray, v: np.ndarray) -> Actuation:
         return Actuation(self, q, v)
+
+    # --- contact ---
+
+    def contacts(self) -> dict[str, np.ndarray]:
+        if self.data.ncon:
+            found = self._last_contacts()
+            self.data.ncon, self.data.efc_force = len(found["dist"]), found.pop("force")
+            self.data.contact = SimpleNamespace(**found)
+            self.data.contact.frame = found["frame"].reshape(-1, 9)
+        return super().contacts()
+
+    def detect_units(self) -> np.ndarray:
+        found = self._query("touch")
+        return sorted_pairs(found.geom[found.dist <= found.includemargin])
+
+    def disable_contact(self) -> None:
+        super().disable_contact()
+        self._take_over()
 
     def disable_dry_friction(self, v: np.ndarray) -> None:
         super().disable_dry_friction(v)

@@ -13,9 +13,8 @@ import simspec
 from simspec.compiler import compile_world
 from simspec.engines.kit.settings import check_settings
 from simspec.engines.mjwarp import programs
-from simspec.engines.mjwarp.engine import MjWarp
+from simspec.engines.mjwarp.engine import LACKED, MjWarp, WarpModel
 from simspec.engines.mjwarp.programs import begin
-from simspec.engines.mjwarp.simulation import LACKED, WarpModel
 from simspec.engines.mujoco import fields, inventory
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError

@@ -11,9 +11,8 @@ import pytest
 import simspec
 from simspec.compiler import compile_world
 from simspec.engines.mjx import programs
-from simspec.engines.mjx.engine import Mjx
+from simspec.engines.mjx.engine import Mjx, MjxModel
 from simspec.engines.mjx.programs import begin
-from simspec.engines.mjx.simulation import MjxModel
 from simspec.engines.mujoco import fields, inventory
 from simspec.engines.mujoco.engine import MuJoCo
 from simspec.errors import UnsupportedError
