@@ -15,11 +15,10 @@ Each way is chosen by data (``Target.plan``), and its cost is what ``simspec com
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from simspec.contact.rules import Rules, combine, invert, same
-from simspec.language.vocabulary import COMBINED_QUANTITIES
 from simspec.support.features import Feature
 from simspec.support.negotiation import Need
 from simspec.world.canonical import derived
@@ -106,14 +105,21 @@ def _in_layers(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -
 
 
 def missed_pairs(rules: Rules, wanted: Mapping[Pair, PairContact], numbers: Mapping[str, Surface]) -> tuple[Pair, ...]:
-    found = []
-    for pair, law in wanted.items():
-        given = combine(rules, numbers[pair[0]], numbers[pair[1]])
-        if any(rules.combines(name) and not same(given[name], getattr(law, name)) for name in COMBINED_QUANTITIES) or (
-            rules.hardness == "same" and any(numbers[name].hardness != law.hardness for name in pair)
-        ):
-            found.append(pair)
-    return tuple(sorted(found))
+    return tuple(
+        sorted(pair for pair, law in wanted.items() if _differences(rules, law, *(numbers[name] for name in pair)))
+    )
+
+
+def _differences(rules: Rules, law: PairContact, first: Surface, second: Surface) -> dict[str, float]:
+    """The quantities, with what an engine makes of two shapes' numbers, that differ from the law; NaN for ``hardness``."""
+    found = {
+        name: value
+        for name, value in combine(rules, first, second).items()
+        if rules.combines(name) and not same(value, getattr(law, name))
+    }
+    if rules.hardness == "same" and not first.hardness == second.hardness == law.hardness:
+        found["hardness"] = math.nan
+    return found
 
 
 # A body's collision shapes, split by material and copied into the layers of a plan.
@@ -160,38 +166,34 @@ _FEATURES = {
     "torsional_friction": Feature.FRICTION_PAIRS,
     "rolling_friction": Feature.FRICTION_PAIRS,
     "restitution": Feature.RESTITUTION_PAIRS,
+    "hardness": Feature.HARDNESS_PAIRS,
 }
 
 
-def unreachable(world: World, rules: Rules, plan: ContactPlan) -> dict[str, dict[Pair, float]]:
-    """What the numbers of a plan do not give, and an engine without explicit pairs so cannot have: for each quantity the
-    pairs, with what they would get instead (NaN for ``hardness``)."""
+def _misses(world: World, rules: Rules, plan: ContactPlan) -> Iterator[tuple[Pair, str, float]]:
+    """Pairs and quantities of the laws that the numbers of a plan do not give, with the number instead."""
     wanted = meeting_laws(world)
-    found: dict[str, dict[Pair, float]] = {}
     for pair in plan.missed:
-        first, second = (plan.numbers[name, plan.layer_of[pair]] for name in pair)
-        for name, given in combine(rules, first, second).items():
-            if rules.combines(name) and not same(given, getattr(wanted[pair], name)):
-                found.setdefault(name, {})[pair] = given
-        if rules.hardness == "same" and any(one.hardness != wanted[pair].hardness for one in (first, second)):
-            found.setdefault("hardness", {})[pair] = math.nan
+        numbers = (plan.numbers[name, plan.layer_of[pair]] for name in pair)
+        for quantity, number in _differences(rules, wanted[pair], *numbers).items():
+            yield pair, quantity, number
+
+
+def unreachable(world: World, rules: Rules, plan: ContactPlan) -> dict[str, dict[Pair, float]]:
+    """The laws that the numbers of a plan do not give, so that an engine without explicit pairs does not have them: by quantity
+    and pair the number instead (NaN for ``hardness``)."""
+    found: dict[str, dict[Pair, float]] = {}
+    for pair, quantity, number in _misses(world, rules, plan):
+        found.setdefault(quantity, {})[pair] = number
     return found
 
 
 def pair_needs(world: World, rules: Rules) -> list[Need]:
-    """Needs of FRICTION_PAIRS and RESTITUTION_PAIRS: where one number for each material cannot give the world's pairs."""
-    wanted = meeting_laws(world)
-    simple = contact_plan(world, rules, False)
-    found: dict[Feature, dict[str, None]] = {}
-    for pair in simple.missed:
-        given = combine(rules, simple.numbers[pair[0], 0], simple.numbers[pair[1], 0])
-        for name in COMBINED_QUANTITIES:
-            if rules.combines(name) and not same(given[name], getattr(wanted[pair], name)):
-                path = f"contact.pairs.{pair[0]}.{pair[1]}.{name}"
-                found.setdefault(_FEATURES[name], {})[path] = None
-        law = wanted[pair]
-        if rules.hardness == "same" and any(simple.numbers[name, 0].hardness != law.hardness for name in pair):
-            found.setdefault(Feature.HARDNESS_PAIRS, {})[f"contact.pairs.{pair[0]}.{pair[1]}.hardness"] = None
+    """Needs of FRICTION_PAIRS, RESTITUTION_PAIRS and HARDNESS_PAIRS: where one number for each material cannot give the world's
+    pairs."""
+    found: dict[Feature, list[str]] = {}
+    for (first, second), quantity, _ in _misses(world, rules, contact_plan(world, rules, False)):
+        found.setdefault(_FEATURES[quantity], []).append(f"contact.pairs.{first}.{second}.{quantity}")
     return [Need(feature, tuple(paths)) for feature, paths in found.items()]
 
 
@@ -202,14 +204,15 @@ def coupled_needs(world: World) -> list[Need]:
         if law.hardness.kind != "common":
             continue
         there, path = reach(world, first, second), f"contact.pairs.{first}.{second}"
-        if law.friction and there.carries:
-            found.setdefault(Feature.CARRIED_FRICTION, []).append(f"{path}.friction")
-        if law.friction and there.jams:
-            found.setdefault(Feature.SELF_LOCKING, []).append(f"{path}.friction")
-        if law.friction and there.squeezes:
-            found.setdefault(Feature.EVEN_PRESSURE, []).append(f"{path}.friction")
-        if there.ratio >= HEAVY_ON_LIGHT or (there.ratio and there.corners and law.friction):
-            found.setdefault(Feature.MASS_RATIO, []).append(path)
+        heavy = there.ratio >= HEAVY_ON_LIGHT or (there.ratio and there.corners and law.friction)
+        for feature, needed, place in (
+            (Feature.CARRIED_FRICTION, law.friction and there.carries, f"{path}.friction"),
+            (Feature.SELF_LOCKING, law.friction and there.jams, f"{path}.friction"),
+            (Feature.EVEN_PRESSURE, law.friction and there.squeezes, f"{path}.friction"),
+            (Feature.MASS_RATIO, heavy, path),
+        ):
+            if needed:
+                found.setdefault(feature, []).append(place)
     return [Need(feature, tuple(found[feature])) for feature in Feature if feature in found]
 
 

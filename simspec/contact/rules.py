@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from simspec.language.vocabulary import COMBINED_QUANTITIES, ENGINE_RULES
 from simspec.world.types import Hardness, Pair, PairContact, Surface, World
@@ -42,44 +43,42 @@ class Rules:
         return getattr(self, quantity) not in NOT_COMBINED
 
 
-_SLIDING = "friction"
+COMBINED: Mapping[str, Callable[[float, float], float]] = {
+    "max": max,
+    "min": min,
+    "product": lambda a, b: a * b,
+    "mean": lambda a, b: 0.5 * (a + b),
+    "harmonic": lambda a, b: 2.0 * a * b / (a + b) if a + b else 0.0,
+    **dict.fromkeys(NOT_COMBINED, lambda a, b: 0.0),
+}
+"""By rule, the number that two shapes' numbers give; "cross" needs their friction, too."""
 
 
 def combine(rules: Rules, first: Surface, second: Surface) -> dict[str, float]:
-    """What an engine makes of two shapes' numbers, by quantity."""
+    """The numbers that an engine computes from those of two shapes, by quantity."""
     return {name: combined(rules, name, first, second) for name in COMBINED_QUANTITIES}
 
 
 def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> float:
     """One quantity of :func:`combine`."""
     rule: str = getattr(rules, quantity)
-    values: tuple[float, float] = (getattr(first, quantity), getattr(second, quantity))
-    a, b = values
-    if quantity == "restitution" and max(values) > rules.most_restitution:
+    a: float = getattr(first, quantity)
+    b: float = getattr(second, quantity)
+    if quantity == "restitution" and max(a, b) > rules.most_restitution:
         return 0.0
-    if rule == "max":
-        return max(a, b)
-    if rule == "min":
-        return min(a, b)
-    if rule == "product":
-        return a * b
-    if rule == "mean":
-        return 0.5 * (a + b)
-    if rule == "harmonic":
-        return 2.0 * a * b / (a + b) if a + b else 0.0
     if rule == "cross":
-        frictions: tuple[float, float] = (getattr(first, _SLIDING), getattr(second, _SLIDING))
-        return a * frictions[1] + b * frictions[0]
-    if rule in NOT_COMBINED:
-        return 0.0
-    raise ValueError(f"unknown combination rule {rule!r}; allowed: {', '.join(ENGINE_RULES)}")
+        frictions: list[Any] = [first.friction, second.friction]
+        return float(a * frictions[1] + b * frictions[0])
+    if rule not in COMBINED:
+        raise ValueError(f"unknown combination rule {rule!r}; allowed: {', '.join(ENGINE_RULES)}")
+    return COMBINED[rule](a, b)
 
 
 def same(one: float, other: float) -> bool:
     return abs(one - other) <= SAME * max(1.0, abs(other))
 
 
-# Numbers of materials which, combined by an engine's rule, give the pairs that are wanted.
+# Numbers of materials which, combined by an engine's rule, give the wanted pairs.
 
 
 def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> dict[str, Surface]:
@@ -89,15 +88,14 @@ def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> di
     for quantity in COMBINED_QUANTITIES:
         own = {material.name: getattr(material, quantity) for material in world.contact.materials}
         values = {pair: getattr(law, quantity) for pair, law in wanted.items()}
+        largest = rules.most_restitution if quantity == "restitution" else math.inf
         rule = getattr(rules, quantity)
         if rule == "cross":
-            friction = {name: found[name]["friction"] for name in names}
-            solved = _cross(names, values, friction)
+            solved = _cross(names, values, {name: found[name]["friction"] for name in names})
         elif rule == "product":
-            bounded = quantity == "restitution" and rules.most_restitution < math.inf
-            solved = _product(names, values, own, bounded)
+            solved = _product(names, values, own, largest < math.inf)
         elif rule == "mean":
-            solved = _mean(names, values, own, rules.most_restitution if quantity == "restitution" else math.inf)
+            solved = _mean(names, values, own, largest)
         elif rule == "harmonic":
             solved = _harmonic(names, values, own)
         elif rule in NOT_COMBINED:
@@ -108,10 +106,8 @@ def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> di
             found[name][quantity] = solved[name]
     hardness: dict[str, Hardness] = {}
     if rules.hardness == "same":
-        for pair, law in wanted.items():
-            for name in pair:
-                hardness.setdefault(name, law.hardness)
-        hardness = {name: hardness.get(name, Hardness()) for name in names}
+        hardness = dict.fromkeys(names, Hardness())
+        hardness |= {name: law.hardness for pair, law in reversed([*wanted.items()]) for name in pair}
     return {name: Surface(**found[name], hardness=hardness.get(name)) for name in names}
 
 
@@ -122,11 +118,27 @@ def _extreme(
     inverse: Callable[[Iterable[float]], float],
 ) -> dict[str, float]:
     """Of the max rule: the smallest value among a material's pairs; of the min rule the largest."""
-    partners: dict[str, list[float]] = {name: [] for name in names}
-    for (first, second), value in values.items():
-        partners[first].append(value)
-        partners[second].append(value)
-    return {name: inverse(found) if found else own[name] for name, found in partners.items()}
+    of_pairs = {name: [value for pair, value in values.items() if name in pair] for name in names}
+    return {name: inverse(found) if found else own[name] for name, found in of_pairs.items()}
+
+
+def _spread(
+    values: Mapping[Pair, float],
+    found: dict[str, float],
+    second: Callable[[float, float], float],
+    begin: Callable[[list[Pair]], Mapping[str, float]],
+) -> dict[str, float]:
+    """The numbers of all materials of ``values``, from those ``found`` along pairs. ``second``: the number of a material in a
+    pair of this value with this number of the other; ``begin``: further numbers where none of the open pairs has one."""
+    open_pairs = sorted(values)
+    while open_pairs := [pair for pair in open_pairs if not found.keys() >= set(pair)]:
+        half_known = next((pair for pair in open_pairs if (pair[0] in found) != (pair[1] in found)), None)
+        if half_known is None:
+            found.update(begin(open_pairs))
+        else:
+            given, open_name = half_known if half_known[0] in found else half_known[::-1]
+            found[open_name] = second(values[half_known], found[given])
+    return found
 
 
 def _product(
@@ -139,33 +151,18 @@ def _product(
     ``bounded`` is true.
     """
     positive = {pair: value for pair, value in values.items() if value > 0.0}
-    needed = {name for pair in positive for name in pair}
     touched = {name for pair in values for name in pair}
-    found = {name: 0.0 if name in touched else math.sqrt(own[name]) for name in names}
-    known: set[str] = set()
-    for (first, second), value in positive.items():
-        if first == second:
-            found[first] = math.sqrt(value)
-            known.add(first)
-    open_pairs, starts = [pair for pair in sorted(positive) if pair[0] != pair[1]], []
-    while open_pairs:
-        half_known = next((pair for pair in open_pairs if (pair[0] in known) != (pair[1] in known)), None)
-        if half_known is None:
-            start = next((name for pair in open_pairs for name in pair if name not in known), None)
-            if start is None:
-                break
-            found[start] = math.sqrt(own[start]) if own[start] > 0.0 else 1.0
-            known.add(start)
-            starts.append(start)
-        else:
-            given, asked = half_known if half_known[0] in known else half_known[::-1]
-            found[asked] = positive[half_known] / found[given]
-            known.add(asked)
-        open_pairs = [pair for pair in open_pairs if not (pair[0] in known and pair[1] in known)]
-    assert known == needed
+    starts: list[str] = []
+
+    def begin(open_pairs: list[Pair]) -> dict[str, float]:
+        starts.append(open_pairs[0][0])
+        return {starts[-1]: math.sqrt(own[starts[-1]]) or 1.0}
+
+    roots = {first: math.sqrt(value) for (first, second), value in positive.items() if first == second}
+    found = _spread(positive, roots, lambda value, number: value / number, begin)
     for start in starts if bounded else ():
         _level(found, positive, start)
-    return found
+    return {name: 0.0 if name in touched else math.sqrt(own[name]) for name in names} | found
 
 
 def _level(found: dict[str, float], positive: Mapping[Pair, float], start: str) -> None:
@@ -224,27 +221,16 @@ def _cross(names: Iterable[str], values: Mapping[Pair, float], friction: Mapping
 
 
 def _sums(names: Iterable[str], ratios: Mapping[Pair, float]) -> dict[str, float]:
-    """Of ρ₁ + ρ₂ = ratio for every pair: what is known of one spreads along pairs; zero where nothing says more."""
-    found = dict.fromkeys(names, 0.0)
-    known: set[str] = set()
-    for (first, second), ratio in ratios.items():
-        if first == second:
-            found[first] = ratio / 2.0
-            known.add(first)
-    open_pairs = sorted(ratios)
-    while open_pairs := [pair for pair in open_pairs if not known.issuperset(pair)]:
-        half_known = next((pair for pair in open_pairs if (pair[0] in known) != (pair[1] in known)), None)
-        if half_known is None:
-            apart = _two_sides({pair: ratios[pair] for pair in open_pairs})
-            if not apart:
-                break
-            found.update(apart)
-            known.update(apart)
-        else:
-            given, asked = half_known if half_known[0] in known else half_known[::-1]
-            found[asked] = max(0.0, ratios[half_known] - found[given])  # below zero: no such numbers, and checked
-            known.add(asked)
-    return found
+    """Of ρ₁ + ρ₂ = ratio for every pair: known numbers spread along pairs; zero where nothing says more."""
+    halves = {first: ratio / 2.0 for (first, second), ratio in ratios.items() if first == second}
+    # below zero: no such numbers, and checked
+    found = _spread(
+        ratios,
+        halves,
+        lambda ratio, number: max(0.0, ratio - number),
+        lambda open_pairs: _two_sides({pair: ratios[pair] for pair in open_pairs}),
+    )
+    return dict.fromkeys(names, 0.0) | found
 
 
 def _two_sides(ratios: Mapping[Pair, float]) -> dict[str, float]:
@@ -257,8 +243,6 @@ def _two_sides(ratios: Mapping[Pair, float]) -> dict[str, float]:
     for (first, second), ratio in ratios.items():
         neighbours.setdefault(first, []).append((second, ratio))
         neighbours.setdefault(second, []).append((first, ratio))
-    if not neighbours:
-        return {}
     start = next(iter(neighbours))
     constant, sign = {start: 0.0}, {start: 1.0}
     queue, value = [start], None
