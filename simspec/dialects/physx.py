@@ -12,7 +12,7 @@ from simspec.dialects.kit.defects import BELTS, GROUND, MARGINS, Plant
 from simspec.dialects.kit.mutations import INERTIAL, SYMMETRIC, WORLD, Addition, Inert, in_single_precision, table
 from simspec.dialects.kit.sidecar import Sidecar, Target
 from simspec.dialects.kit.world import WorldDialect, WorldSidecar
-from simspec.formats.world.tree import JsonWorld
+from simspec.formats.world import JsonWorld
 from simspec.support.declarations import Refinement, Support, Table, unsupported_if
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws

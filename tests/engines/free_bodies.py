@@ -11,7 +11,7 @@ from simspec.compiler import compile_world
 from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.errors import UnsupportedError
 from simspec.formats.kit.text import json_text
-from simspec.formats.world.format import WORLD
+from simspec.formats.world import WORLD
 from simspec.proof.checks import PRECISIONS
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS

@@ -15,11 +15,10 @@ from simspec.control.reference import natives
 from simspec.dialects.kit.contract import Dialect, Lowered
 from simspec.dialects.kit.joints import fluid_of, with_passive
 from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields, known
+from simspec.formats import world as tree
 from simspec.formats.kit.contract import recentre_free_roots, restore_frames
 from simspec.formats.kit.forms import check_distinct, check_known
-from simspec.formats.world import tree
-from simspec.formats.world.format import WORLD, WorldJson
-from simspec.formats.world.tree import JsonWorld, ShapeCopy
+from simspec.formats.world import WORLD, JsonWorld, ShapeCopy, WorldJson
 from simspec.language.vocabulary import HARDNESS_KINDS
 from simspec.support import classes
 from simspec.support.declarations import Table
@@ -65,7 +64,7 @@ class WorldSidecar(Sidecar):
 
 
 NUMBERS = ("friction", "torsional_friction", "rolling_friction", "restitution")
-"""Of a surface, in the order of :class:`simspec.formats.world.tree.ShapeCopy`."""
+"""Of a surface, in the order of :class:`simspec.formats.world.ShapeCopy`."""
 
 
 class WorldDialect(Dialect, abstract=True):

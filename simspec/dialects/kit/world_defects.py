@@ -24,7 +24,7 @@ from simspec.dialects.kit.defects import (
     sidecar,
 )
 from simspec.formats.kit.text import json_text
-from simspec.formats.world.format import WORLD
+from simspec.formats.world import WORLD
 from simspec.world import frames
 
 

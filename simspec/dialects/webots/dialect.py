@@ -12,6 +12,11 @@ from simspec.dialects.kit.contract import Dialect, Lowered, NeededSetting
 from simspec.dialects.kit.joints import springs_of
 from simspec.dialects.kit.sidecar import Sidecar, Target, common_fields
 from simspec.dialects.webots.nodes import (
+    JointValue,
+    Range,
+    ShapeEntry,
+    Start,
+    WebotsSidecar,
     bounding,
     contact_properties,
     downwards,
@@ -21,7 +26,6 @@ from simspec.dialects.webots.nodes import (
     turn,
     turned_all,
 )
-from simspec.dialects.webots.sidecar import JointValue, Range, ShapeEntry, Start, WebotsSidecar
 from simspec.formats.kit.contract import recentre_free_roots
 from simspec.formats.wbt.format import WbtNodeTree, WbtWorld
 from simspec.formats.wbt.reading import WbtDocument

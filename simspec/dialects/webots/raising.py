@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from simspec.dialects.kit.joints import UNREADABLE, add_springs, fluid_of, with_passive
-from simspec.dialects.webots.nodes import check_neutral
-from simspec.dialects.webots.sidecar import ShapeEntry, WebotsSidecar
+from simspec.dialects.webots.nodes import ShapeEntry, WebotsSidecar, check_neutral
 from simspec.formats.kit.contract import restore_frames
 from simspec.formats.wbt.reading import WbtDocument, WbtNode
 from simspec.world import frames

@@ -22,16 +22,7 @@ import numpy as np
 
 from simspec.engines.drake.approximations import ANY_RESOLUTION, FACED, corners, hydroelastic, too_large
 from simspec.errors import EngineError, not_importable
-from simspec.formats.world.tree import (
-    AxisJoint,
-    BallJoint,
-    FixedJoint,
-    FreeJoint,
-    Joint,
-    JsonBody,
-    JsonShape,
-    JsonWorld,
-)
+from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint, Joint, JsonBody, JsonShape, JsonWorld
 from simspec.world.types import VELOCITY_SIZE, Pose
 
 NAME = "drake"

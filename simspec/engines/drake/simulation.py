@@ -19,7 +19,7 @@ from simspec.engines.drake.coordinates import Coordinates
 from simspec.engines.kit.arrays import empty_contacts
 from simspec.engines.kit.world_simulation import WorldSimulation
 from simspec.errors import EngineError
-from simspec.formats.world.tree import AxisJoint, BallJoint, initial_coordinates, parent_of
+from simspec.formats.world import AxisJoint, BallJoint, initial_coordinates, parent_of
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.rotations import logarithm, unit
 from simspec.world.types import World

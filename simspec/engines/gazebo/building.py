@@ -25,7 +25,7 @@ from simspec.errors import EngineError
 from simspec.formats.sdf import tree as sdf
 from simspec.formats.sdf.format import WORLD as SDF_WORLD
 from simspec.formats.sdf.format import Sdf
-from simspec.formats.world.tree import AxisJoint, BallJoint, FreeJoint, JsonBody, JsonShape, JsonWorld
+from simspec.formats.world import AxisJoint, BallJoint, FreeJoint, JsonBody, JsonShape, JsonWorld
 from simspec.world.shapes import SHAPES as WORLD_SHAPES
 from simspec.world.types import Inertial, Pose
 

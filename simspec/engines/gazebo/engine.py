@@ -22,8 +22,7 @@ from simspec.engines.gazebo.approximations import (
     capsules,
     cylinders,
 )
-from simspec.engines.gazebo.inventory import expected, inventory, neutral
-from simspec.engines.gazebo.readback import read_back
+from simspec.engines.gazebo.readback import expected, inventory, neutral, read_back
 from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.compiled import Needs

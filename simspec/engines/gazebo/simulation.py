@@ -30,7 +30,7 @@ from simspec.engines.kit.building import Walk
 from simspec.engines.kit.hulls import DOUBTED
 from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, growing_pairs
 from simspec.errors import EngineError
-from simspec.formats.world.tree import initial_coordinates
+from simspec.formats.world import initial_coordinates
 
 MOST_CONTACTS = 1_000_000
 """Contacts that DART takes in a step; its own bound is 1,000, gz-physics' 10,000."""

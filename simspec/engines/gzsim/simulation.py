@@ -29,7 +29,7 @@ from simspec.errors import EngineError
 from simspec.files import scratch_folder
 from simspec.formats.sdf.format import WORLD
 from simspec.formats.sdf.tree import SdfSystem
-from simspec.formats.world.tree import AxisJoint, FreeJoint, initial_coordinates
+from simspec.formats.world import AxisJoint, FreeJoint, initial_coordinates
 from simspec.world.rotations import conjugate, multiply, rotate
 
 # The SDF text for gz sim: that for Gazebo, with the physics system that a server needs, and without shapes.

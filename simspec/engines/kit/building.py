@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simspec.errors import EngineError
-from simspec.formats.world.tree import AxisJoint, FixedJoint, JsonBody, JsonShape, JsonWorld, ShapeCopy, rows_of
+from simspec.formats.world import AxisJoint, FixedJoint, JsonBody, JsonShape, JsonWorld, ShapeCopy, rows_of
 from simspec.world import frames
 from simspec.world.types import Pose
 

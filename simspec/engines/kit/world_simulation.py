@@ -20,8 +20,7 @@ from simspec.engines.kit.settings import written_settings
 from simspec.engines.kit.simulated import Stepped, SteppedEngine
 from simspec.errors import EngineError
 from simspec.formats.kit.contract import restore_frames
-from simspec.formats.world.format import WorldJson
-from simspec.formats.world.tree import FreeJoint, JsonShape, parent_of, rows_of
+from simspec.formats.world import FreeJoint, JsonShape, WorldJson, parent_of, rows_of
 from simspec.language.vocabulary import QUATERNION_JOINTS
 from simspec.world import frames
 from simspec.world.actions import JointSum

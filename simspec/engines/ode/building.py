@@ -23,7 +23,7 @@ from simspec.engines.kit.compiled import Compiled, Needs
 from simspec.engines.kit.hulls import check_solid
 from simspec.engines.kit.world_simulation import only_common, positive_definite
 from simspec.errors import EngineError
-from simspec.formats.world.tree import AxisJoint, BallJoint, FixedJoint, FreeJoint, Joint
+from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint, Joint
 
 # ODE and the part in C beside it (``shim/``), which is compiled on first use, by ctypes.
 #

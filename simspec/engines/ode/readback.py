@@ -20,7 +20,7 @@ from simspec.engines.kit.readback import inertial_of, range_of, vector
 from simspec.engines.kit.world_simulation import free_joint, pose_of_row, visual_shape
 from simspec.engines.ode.building import CONES, Mass, Numbers, numbers
 from simspec.engines.ode.simulation import Simulation, quaternions
-from simspec.formats.world.tree import AxisJoint, FixedJoint, FreeJoint, JsonBody, JsonShape, parent_of
+from simspec.formats.world import AxisJoint, FixedJoint, FreeJoint, JsonBody, JsonShape, parent_of
 from simspec.world import frames
 from simspec.world.inertia import NO_INERTIA
 from simspec.world.types import Body, Inertial, Joint, PairContact, Pose, Quaternion, ReadBack, Shape, Surface, Vector3

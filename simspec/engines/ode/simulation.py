@@ -16,7 +16,7 @@ from simspec.engines.kit.hulls import DOUBTED
 from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, growing_pairs, unit_responses
 from simspec.engines.ode.building import NAME, Built, Integers, library, pointer
 from simspec.errors import EngineError
-from simspec.formats.world.tree import initial_coordinates
+from simspec.formats.world import initial_coordinates
 from simspec.world.rotations import unit
 
 

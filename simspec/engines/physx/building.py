@@ -17,7 +17,7 @@ from simspec.dialects.physx import PhysxSidecar
 from simspec.engines.kit.arrays import held_by
 from simspec.engines.kit.building import PlacedBody, Unit, Walk, refuse
 from simspec.errors import EngineError
-from simspec.formats.world.tree import FreeJoint, JsonBody
+from simspec.formats.world import FreeJoint, JsonBody
 from simspec.world import frames
 from simspec.world.frames import quaternion, vector3
 from simspec.world.inertia import principal_axes

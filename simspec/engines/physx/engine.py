@@ -18,8 +18,7 @@ from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.physx.approximations import BOXES, DEVIATIONS, MASS_RATIO, MESHES, SELF_LOCKING, boxes, meshes
 from simspec.engines.physx.building import apart, imported, kinds
-from simspec.engines.physx.inventory import expected, inventory, neutral
-from simspec.engines.physx.readback import read_back
+from simspec.engines.physx.readback import expected, inventory, neutral, read_back
 from simspec.engines.physx.simulation import Simulation
 from simspec.support import classes, features
 from simspec.support.declarations import (

@@ -16,7 +16,7 @@ from simspec.engines.kit.arrays import held_by
 from simspec.engines.kit.building import PlacedBody, PlacedShape, Walk, refuse
 from simspec.engines.kit.world_simulation import only_common, positive_definite
 from simspec.errors import EngineError
-from simspec.formats.world.tree import JsonBody, JsonShape
+from simspec.formats.world import JsonBody, JsonShape
 from simspec.world import frames
 from simspec.world.hull import HullError, hull_of, mesh_vertices
 from simspec.world.inertia import principal_axes

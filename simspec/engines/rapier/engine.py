@@ -25,8 +25,7 @@ from simspec.engines.rapier.approximations import (
     cylinders,
     hulls_held,
 )
-from simspec.engines.rapier.inventory import expected, inventory, neutral
-from simspec.engines.rapier.readback import read_back
+from simspec.engines.rapier.readback import expected, inventory, neutral, read_back
 from simspec.engines.rapier.simulation import Simulation
 from simspec.support import classes, features
 from simspec.support.declarations import Table, approximate, exact, exactly, for_each, never, shape_kinds

@@ -20,7 +20,7 @@ from simspec.engines.kit.arrays import ContactRow, contact_arrays, demand_held, 
 from simspec.engines.kit.world_simulation import FreeBodySimulation
 from simspec.engines.rapier.building import NAME, SCALE, SQUARE, Built
 from simspec.errors import EngineError
-from simspec.formats.world.tree import initial_coordinates
+from simspec.formats.world import initial_coordinates
 from simspec.world import frames
 from simspec.world.rotations import exponential_of, matrices, multiply_of, rotate
 from simspec.world.types import Pose, Quaternion, Vector3

@@ -22,8 +22,7 @@ from simspec.engines.kit.refinements import no_friction, static_planes
 from simspec.engines.kit.settings import Group, Setting, of_mobility
 from simspec.engines.kit.simulated import GivenEngine
 from simspec.engines.webots.program import INSTALLED
-from simspec.engines.webots.readback import read_back
-from simspec.engines.webots.simulation import Simulation
+from simspec.engines.webots.simulation import Simulation, read_back
 from simspec.language.vocabulary import TREE_JOINTS
 from simspec.support import classes, features
 from simspec.support.declarations import (

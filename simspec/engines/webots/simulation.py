@@ -6,25 +6,24 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from simspec.dialects.webots.dialect import STILL, Twist, centres, moved, twists
-from simspec.dialects.webots.nodes import turn
+from simspec.dialects.webots.nodes import WebotsSidecar, turn
 from simspec.dialects.webots.raising import raised, solids_of
-from simspec.dialects.webots.sidecar import WebotsSidecar
 from simspec.engines.webots.program import NAME, Live
 from simspec.errors import EngineError, SpecError
-from simspec.formats.wbt.format import Wbt, text_of
-from simspec.formats.wbt.reading import Value, WbtDocument, WbtNode
+from simspec.formats.wbt.format import NODES, VERSION, Wbt, text_of
+from simspec.formats.wbt.reading import Value, WbtDocument, WbtField, WbtNode
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.frames import quaternion, vector3
 from simspec.world.inertia import lumped_inertial
 from simspec.world.kinematics import initial_state, layout_of, poses, rigid_groups
 from simspec.world.passive_forces import JointForces
-from simspec.world.types import Body, Constraint, Pose, Quaternion, Vector3, World
+from simspec.world.types import Body, Constraint, Pose, Quaternion, ReadBack, Vector3, World
 
 # States of a world in Webots: the file that begins in one, and the coordinates that follow from where its Solids are.
 #
@@ -358,3 +357,54 @@ def _frame(
     there = Pose(frames.rotate(back, vector3(position)), frames.multiply(back, frames.from_matrix(rows)))  # type: ignore[arg-type]
     x, y, z = offset
     return frames.compose(there, Pose((-x, -y, -z)))
+
+
+# What Webots says it holds: all fields of its nodes, and the velocities of its bodies, read as a file is (``raising.py``).
+
+HELD: Final = "Webots"
+"""What stands for a file's name in errors."""
+MOVES: Final = ("linearVelocity", "angularVelocity")
+"""Fields of Solids that the manual does not have: what Webots' bodies move with is asked."""
+MOVING: Final = ("Solid", "Robot")
+
+
+def read_back(sim: Simulation) -> ReadBack:
+    """The model as Webots holds it, and its state. Raises EngineError, which names the node, for what simspec did not write.
+    Fields that a newer Webots has beside those of R2023b are told with its messages, and not compared."""
+    live = sim.live()
+    strange: dict[str, None] = {}
+    try:
+        held = raised(held_document(live, list(sim.states.centres), strange), sim.told)
+    except ValueError as error:
+        raise EngineError(NAME, f"holds another world than it was told: {error}") from error
+    sim.note(strange)
+    return held
+
+
+def held_document(live: Live, tops: Sequence[int], strange: dict[str, None]) -> WbtDocument:
+    """The nodes that Webots holds, as a document; ``tops``: the numbers of bodies that move by themselves. ``strange`` becomes
+    the fields that a node of simspec's does not have."""
+    speeds = live.states()[2].tolist()
+    velocities = {f"body_{row}": speed for row, speed in zip(tops, speeds, strict=True)}
+    return WbtDocument(HELD, VERSION, tuple(_node(told, velocities, strange) for told in live.nodes()))
+
+
+def _node(told: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], strange: dict[str, None]) -> WbtNode:
+    kind, label = told["node"], told["label"]
+    known = NODES.get(kind)
+    if known is None:
+        raise EngineError(NAME, f"holds a {kind} {label}, which simspec does not write")
+    moves = MOVES if kind in MOVING else ()
+    fields: list[WbtField] = []
+    for name, field in told["fields"].items():
+        if name not in known:
+            strange[f"{kind}.{name}"] = None
+        elif name not in moves:
+            values: list[Value] = [
+                _node(value, velocities, strange) if isinstance(value, dict) else value for value in field["values"]
+            ]
+            fields.append(WbtField(name, 0, tuple(values), field["kind"].startswith("MF")))
+    speed = velocities.get(label, (0.0,) * 6)
+    parts = (tuple(speed[:3]), tuple(speed[3:]))
+    fields += [WbtField(name, 0, part, False) for name, part in zip(moves, parts, strict=False)]
+    return WbtNode(HELD, kind, label, 0, tuple(fields))

@@ -10,7 +10,7 @@ import pytest
 from simspec.compiler import target_of
 from simspec.dialects.drake.dialect import DrakeDialect
 from simspec.engines.drake.engine import Drake
-from simspec.formats.world.tree import JsonWorld
+from simspec.formats.world import JsonWorld
 from simspec.proof.comparator import compare
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.world.types import Inertial, World

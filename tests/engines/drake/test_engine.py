@@ -17,7 +17,7 @@ from simspec.engines.drake.building import MOST_PLANES
 from simspec.engines.drake.engine import Drake
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text
-from simspec.formats.world.format import WORLD
+from simspec.formats.world import WORLD
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing.bench import state_error

@@ -13,7 +13,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.engines.drake.engine import Drake
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text
-from simspec.formats.world.format import WORLD
+from simspec.formats.world import WORLD
 from simspec.proof.verify import verify
 from simspec.testing.bench import chain, native, wheel, with_targets
 from tests import worlds

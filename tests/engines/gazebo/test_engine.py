@@ -19,7 +19,7 @@ from simspec.engines.kit.building import Walk
 from simspec.engines.kit.compiled import CompileError, Missing
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text
-from simspec.formats.world.format import WORLD, WorldJson
+from simspec.formats.world import WORLD, WorldJson
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing.worlds import accepting

@@ -18,7 +18,7 @@ from simspec.engines.gzsim.engine import GzSim
 from simspec.engines.gzsim.simulation import PHYSICS, static_world, stepped_world
 from simspec.engines.kit.building import Walk
 from simspec.errors import EXIT_ENGINE, EXIT_OK, EngineError, UnsupportedError
-from simspec.formats.world.format import WorldJson
+from simspec.formats.world import WorldJson
 from simspec.proof.judge import judge
 from simspec.proof.verify import verify
 from simspec.world.types import World

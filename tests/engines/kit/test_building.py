@@ -6,7 +6,7 @@ import pytest
 
 from simspec.engines.kit.building import STATIC, Walk, refuse
 from simspec.errors import EngineError
-from simspec.formats.world.tree import (
+from simspec.formats.world import (
     Apart,
     AxisJoint,
     FixedJoint,

@@ -14,7 +14,7 @@ from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.ode.engine import Ode
 from simspec.errors import EngineError, UnsupportedError
 from simspec.formats.kit.text import json_text
-from simspec.formats.world.format import WORLD
+from simspec.formats.world import WORLD
 from simspec.proof.comparator import inventory_checks
 from simspec.proof.selftest_worlds import WORLDS
 from simspec.testing import worlds as shipped

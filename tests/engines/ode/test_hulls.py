@@ -15,7 +15,7 @@ from simspec.dialects.kit.sidecar import SIDECAR
 from simspec.engines.ode.engine import Ode
 from simspec.errors import EngineError
 from simspec.formats.kit.text import json_text
-from simspec.formats.world.format import WORLD
+from simspec.formats.world import WORLD
 from simspec.proof.comparator import compare
 from simspec.proof.touch.geometry import gap, solids, transform
 from simspec.world import frames

@@ -53,7 +53,7 @@ def test_the_inventory_is_what_the_world_demands(name, load):
 def test_the_inventory_has_every_field_of_the_installed_version():
     from sapien import physx
 
-    from simspec.engines.physx import inventory
+    from simspec.engines.physx import readback as inventory
 
     def fields(of):
         methods = ("get_", "set_", "add_", "compute_")

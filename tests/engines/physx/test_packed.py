@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from simspec.engines.physx.building import SCALE, Packed
-from simspec.engines.physx.contact import depths, pressed
 from simspec.engines.physx.engine import PhysX
+from simspec.engines.physx.simulation import depths, pressed
 from simspec.errors import EngineError
 from tests.engines.free_bodies import ball, loader, scene
 

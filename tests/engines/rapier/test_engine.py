@@ -46,7 +46,7 @@ def test_the_inventory_is_what_the_world_demands(name, load):
 def test_the_inventory_has_every_field_of_the_installed_version():
     import rapier3d
 
-    from simspec.engines.rapier import inventory
+    from simspec.engines.rapier import readback as inventory
 
     def fields(of):
         return {name for name in dir(of) if name[0] != "_" and not callable(getattr(of, name))}

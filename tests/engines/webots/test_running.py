@@ -17,8 +17,8 @@ import pytest
 from simspec import cli
 from simspec.compiler import compile_world, write_folder
 from simspec.dialects.kit.sidecar import read_sidecar
+from simspec.dialects.webots.nodes import WebotsSidecar
 from simspec.dialects.webots.raising import raised
-from simspec.dialects.webots.sidecar import WebotsSidecar
 from simspec.engines.kit.environments import State, diagnose
 from simspec.engines.kit.session import Session
 from simspec.engines.ode.engine import Ode

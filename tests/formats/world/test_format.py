@@ -8,8 +8,8 @@ import re
 
 import pytest
 
-from simspec.formats.world.format import WORLD, WorldJson
-from simspec.formats.world.tree import (
+from simspec.formats.world import (
+    WORLD,
     Apart,
     AxisJoint,
     BallJoint,
@@ -19,6 +19,7 @@ from simspec.formats.world.tree import (
     JsonShape,
     JsonWorld,
     ShapeCopy,
+    WorldJson,
     parent_of,
     state_of,
 )
