@@ -96,10 +96,27 @@ class Document:
                 file, place = mark.file, (mark.line, mark.column)
         return Location(file, *place)
 
+    def at(self, *path: Key) -> Any:
+        """The plain data at a path of keys; None where there is none."""
+        data = self.data
+        for step in path:
+            data = data.get(step) if isinstance(data, Mapping) else None
+        return data
+
     def problem(self, path: Sequence[Key], message: str, **more: Unpack[Details]) -> Problem:
         """A problem at ``path``."""
         place = self.locate(path, more.get("key", False))
         return Problem(message, dotted(path), place, more.get("found"), more.get("allowed"), more.get("hint"))
+
+
+def mapping(data: Any) -> Mapping[Any, Any]:
+    """Plain data that should be a mapping; empty for anything else."""
+    return data if isinstance(data, Mapping) else {}
+
+
+def listed(data: Any) -> Sequence[Any]:
+    """Plain data that should be a list; empty for anything else."""
+    return data if isinstance(data, (list, tuple)) else ()
 
 
 def dotted(path: Sequence[Key]) -> str:

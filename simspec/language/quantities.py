@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import GetJsonSchemaHandler
 from pydantic_core import core_schema
 
 from simspec.language import units
-from simspec.language.document import INVALID
-from simspec.language.strict import Fault, Faults, fault, raised, replace_loc, show
-
-# The base of the types that fields have.
+from simspec.language.strict import Faults, fault, raised, read_each, show, unreported
 
 
 class Reader:
-    """A field type that reads one value by :meth:`read`; subclasses are frozen dataclasses used in ``Annotated``."""
+    """A field type that reads one value by :meth:`read`; subclasses are frozen dataclasses used in ``Annotated``.
+    ``WORDS``, ``UNIT`` and ``SCHEMA``: what :meth:`describe`, :meth:`unit` and :meth:`schema` return where it is fixed."""
+
+    WORDS: ClassVar[str] = ""
+    UNIT: ClassVar[str] = ""
+    SCHEMA: ClassVar[Mapping[str, Any]] = {}
 
     def read(self, value: Any) -> Any:
         """The value as the world wants it. Raises Faults."""
@@ -29,21 +31,19 @@ class Reader:
 
     def schema(self) -> dict[str, Any]:
         """Its JSON Schema."""
-        raise NotImplementedError
+        return dict(self.SCHEMA)
 
     def unit(self) -> str:
         """The SI unit, for the reference; "" for none."""
-        return ""
+        return self.UNIT
 
     def describe(self) -> str:
         """The type in words, for the reference."""
-        raise NotImplementedError
+        return self.WORDS
 
     def _validate(self, value: Any) -> Any:
-        if value is INVALID:
-            raise raised([Fault((), "", reported=True)], None)
         try:
-            return self.read(value)
+            return self.read(unreported(value))
         except Faults as error:
             raise raised(error.faults, None) from None
 
@@ -137,23 +137,7 @@ class Vector(Reader):
         if not isinstance(value, (list, tuple)) or not self.length <= len(value) <= longest:
             found = f"{len(value)} values" if isinstance(value, (list, tuple)) else show(value)
             raise fault(f"expected {self.describe()}", found, f"[{', '.join(['…'] * self.length)}]")
-        read = self.item.read
-        try:
-            return tuple([read(item) for item in value])
-        except Faults:
-            return self._slowly(value)
-
-    def _slowly(self, value: Sequence[Any]) -> tuple[float, ...]:
-        faults: list[Fault] = []
-        for index, item in enumerate(value):
-            if item is INVALID:
-                faults.append(Fault((index,), "", reported=True))
-                continue
-            try:
-                self.item.read(item)
-            except Faults as error:
-                faults.extend(replace_loc(error.faults, (index,)))
-        raise Faults(faults)
+        return tuple(read_each(enumerate(value), self.item.read))
 
     def unit(self) -> str:
         return self.item.unit()
@@ -172,22 +156,22 @@ class Vector(Reader):
 class Direction(Reader):
     """A vector whose length does not matter, but must not be zero; kept as written, normalised when resolved."""
 
+    WORDS = "a vector of 3 numbers, not zero"
+    SCHEMA = Vector(Number()).schema()
+
     def read(self, value: Any) -> tuple[float, ...]:
         vector = Vector(Number()).read(value)
         if not any(vector):
             raise fault("a zero vector has no direction", show(list(vector)), "a vector other than zero", "[0, 0, 1]")
         return vector
 
-    def describe(self) -> str:
-        return "a vector of 3 numbers, not zero"
-
-    def schema(self) -> dict[str, Any]:
-        return Vector(Number()).schema()
-
 
 @dataclass(frozen=True)
 class UnitQuaternion(Reader):
     """w x y z of unit length to 1 % (then normalised): what is further off is no rounding but a mistake."""
+
+    WORDS = "a unit quaternion w x y z"
+    SCHEMA = Vector(Number(), 4).schema()
 
     def read(self, value: Any) -> tuple[float, ...]:
         quaternion = Vector(Number(), 4).read(value)
@@ -197,12 +181,6 @@ class UnitQuaternion(Reader):
                 "not of unit length", f"{show(list(quaternion))}, of length {squared**0.5:.6g}", "w x y z of length 1"
             )
         return quaternion
-
-    def describe(self) -> str:
-        return "a unit quaternion w x y z"
-
-    def schema(self) -> dict[str, Any]:
-        return Vector(Number(), 4).schema()
 
 
 @dataclass(frozen=True)
@@ -247,12 +225,11 @@ class ByJointType(Reader):
         return "[lower, upper]" if self.values == 2 else "by the joint's type"
 
     def schema(self) -> dict[str, Any]:
-        number = {"type": ["number", "string"], "pattern": "^\\s*[-+]?[.0-9]"}
+        number = Number().schema()
         if self.values == 2:
-            return {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+            return Vector(Number(), 2).schema()
         if self.orientation:
-            orientation = {"$ref": "#/definitions/Orientation"}
-            return {"anyOf": [number, {"type": "array", "items": number, "minItems": 3, "maxItems": 3}, orientation]}
+            return {"anyOf": [number, Vector(Number()).schema(), {"$ref": "#/definitions/Orientation"}]}
         if self.parts:
             two = {"linear": number, "angular": number}
             return {"anyOf": [number, {"type": "object", "properties": two, "additionalProperties": False}]}

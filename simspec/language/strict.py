@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, TypeAlias, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from simspec.language.document import INVALID
+from simspec.errors import Problem
+from simspec.language.document import INVALID, Document, Key
 
 LONGEST_WORD = 200
 """Characters of an unknown word that are looked at for a suggestion."""
@@ -128,6 +129,41 @@ def as_faults(error: ValidationError, fields: Iterable[str]) -> Faults:
 def replace_loc(faults: Iterable[Fault], prefix: tuple[str | int, ...]) -> list[Fault]:
     """The faults, seen from above."""
     return [item._replace(loc=(*prefix, *item.loc)) for item in faults]
+
+
+def unreported(value: Any) -> Any:
+    """The value. Raises Faults for one that has been reported already."""
+    if value is INVALID:
+        raise Faults([Fault((), "", reported=True)])
+    return value
+
+
+def read_each(items: Iterable[tuple[str | int, Any]], read: Callable[[Any], Given]) -> list[Given]:
+    """Every item of (key, value), read. Raises Faults with those of all items, each at its key."""
+    found, faults = list[Given](), list[Fault]()
+    for key, item in items:
+        try:
+            found.append(read(unreported(item)))
+        except Faults as error:
+            faults += replace_loc(error.faults, (key,))
+    if faults:
+        raise Faults(faults)
+    return found
+
+
+def read_entries(
+    data: Mapping[Any, Any], read_name: Callable[[Any], str], read: Callable[[Any], Given]
+) -> dict[str, Given]:
+    """Every entry of a mapping, its name and its value read. Raises Faults with those of all entries, each at its name."""
+    entries = ((str(name), (name, item)) for name, item in data.items())
+    return dict(read_each(entries, lambda entry: (read_name(entry[0]), read(unreported(entry[1])))))
+
+
+def fault_problem(document: Document, path: Sequence[Key], fault: Fault) -> Problem:
+    """A fault of the value at ``path`` as a problem."""
+    return document.problem(
+        (*path, *fault.loc), fault.message, found=fault.found, allowed=fault.allowed, hint=fault.hint
+    )
 
 
 ABSENT: Final = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from simspec.errors import UNSEEN_CHARACTERS
 from simspec.language.hints import hint_for_word
@@ -76,21 +76,21 @@ class Word(Reader):
 class Flag(Reader):
     """true or false."""
 
+    WORDS = "true or false"
+    SCHEMA: ClassVar = {"type": "boolean"}
+
     def read(self, value: Any) -> bool:
         if type(value) is not bool:
             raise fault("expected true or false", show(value), "true, false")
         return value
 
-    def describe(self) -> str:
-        return "true or false"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "boolean"}
-
 
 @dataclass(frozen=True)
 class Text(Reader):
     """Free text."""
+
+    WORDS = "a text"
+    SCHEMA: ClassVar = {"type": "string"}
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str):
@@ -99,27 +99,18 @@ class Text(Reader):
             raise fault("too long a text", show(value), f"{LONGEST_TEXT} characters")
         return value
 
-    def describe(self) -> str:
-        return "a text"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "string"}
-
 
 @dataclass(frozen=True)
 class Texts(Reader):
     """A list of texts; a single one stands for a list of it."""
 
+    WORDS = "a text, or a list of texts"
+    SCHEMA: ClassVar = {"anyOf": [Text().schema(), {"type": "array", "items": Text().schema()}]}
+
     def read(self, value: Any) -> list[str]:
         if isinstance(value, (list, tuple)):
             return [Text().read(item) for item in value]
         return [Text().read(value)]
-
-    def describe(self) -> str:
-        return "a text, or a list of texts"
-
-    def schema(self) -> dict[str, Any]:
-        return {"anyOf": [Text().schema(), {"type": "array", "items": Text().schema()}]}
 
 
 @dataclass(frozen=True)
@@ -137,6 +128,9 @@ class FileName(Text):
 class Setting(Reader):
     """A solver setting: a number, a word, true or false. Engines know their own; nothing is converted."""
 
+    WORDS = "a number, a word, true or false"
+    SCHEMA: ClassVar = {"type": ["boolean", "number", "string"]}
+
     def read(self, value: Any) -> bool | int | float | str:
         if isinstance(value, float) and value - value != 0.0:
             raise fault("not a finite number", show(value))
@@ -145,9 +139,3 @@ class Setting(Reader):
         if isinstance(value, int) and abs(value) >= 2**63:
             raise fault("too large a number", show(value))
         return value
-
-    def describe(self) -> str:
-        return "a number, a word, true or false"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": ["boolean", "number", "string"]}
