@@ -1,4 +1,5 @@
-"""Motions of kinematic bodies: where they are at given times, whatever pushes them."""
+"""What acts during a run: forces, trajectories of driven joints (by points, by a table in a file, or by a program of moves of a
+tool), and motions of kinematic bodies."""
 
 from __future__ import annotations
 
@@ -8,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import Field, create_model
 
+from simspec.language.document import mapping
 from simspec.language.joint_names import JointNames, NamePattern, too_many
-from simspec.language.joints import DIMENSION, read_by_joint
-from simspec.language.quantities import Number, Reader, Vector
-from simspec.language.shapes import RPY, Angles, NameOf, Orientation, Point, Pose, Quaternion
-from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, show
+from simspec.language.joints import JointQuantity
+from simspec.language.quantities import Number, Vector
+from simspec.language.shapes import QUAT, RPY, Angles, NameOf, Point, Pose, Quaternion, Rotated
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, fields_of, read_entries, show, too_long
 from simspec.language.vocabulary import INTERPOLATIONS, MOTION_INTERPOLATIONS
 from simspec.language.words import FileName, Flag, Name, Word
-
-# Forces and torques that act on bodies during given times: pushes and loads.
 
 MOST_FORCES = 1000
 
@@ -72,8 +72,6 @@ Force: type[_Force] = create_model(
 )
 """The model of a force; ``from`` is a word of Python's own, so it cannot be written as a class."""
 
-# Trajectories: where driven joints should be, by points, by a table in a file, or by a program of moves of a tool.
-
 MOST_POINTS = 100_000
 """Points of one trajectory, whether written, read from a file or made by a program."""
 MOST_NUMBERS = 1_000_000
@@ -83,59 +81,49 @@ MOST_SOLVED = 10_000
 milliseconds with joints to spare."""
 FAR = 5
 """Points that a move which is not straight counts for: it is solved once, in some twenty steps instead of three to six."""
-_QUANTITIES = {"positions": "position", "velocities": "velocity", "accelerations": "velocity", "efforts": "effort"}
 _DERIVATIVES = ("velocities", "accelerations")
 
 
 @dataclass(frozen=True)
-class ByJoint(Reader):
-    """A mapping of numbers by the joint's name, with ``patterns`` also by a pattern. Kept as written: the unit follows from the
-    joint's type, which shows when the spec is resolved (:meth:`number`). Values that suit no type of joint are refused here.
+class ByJoint(JointQuantity):
+    """A mapping of such numbers by the joint's name, with ``patterns`` also by a pattern; ``rate``: the unit of a plain one."""
 
-    ``quantity`` names the entry of ``joints.DIMENSION`` that gives the dimension; ``rate``: a plain number, per second of it.
-    """
+    SCHEMA: ClassVar = {"type": "object", "additionalProperties": Number("number").schema(), "minProperties": 1}
 
-    quantity: str
-    unit_text: str
-    rate: bool = False
+    rate: str = ""
     patterns: bool = True
-
-    def number(self, kind: str) -> Number:
-        """The number of a joint of a type (hinge or slide)."""
-        return Number("number" if self.rate else DIMENSION[kind][self.quantity])
 
     def read(self, value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or not value:
             raise fault(f"expected {self.describe()}", show(value) if value else "{}", "{JOINT: number, ...}")
         if (many := too_many(value)) is not None:
             raise many
-        return read_by_joint(value, self._name, self.number)
+        return read_entries(value, self._name, super().read)
 
     def _name(self, entry: Any) -> str:
         pattern = self.patterns and isinstance(entry, str) and "*" in entry
         return NamePattern(path=True).read(entry) if pattern else Name(path=True).read(entry)
 
     def unit(self) -> str:
-        return self.unit_text
+        return self.rate or super().unit()
 
     def describe(self) -> str:
         return "numbers by joint" + ("; `*` matches any text" if self.patterns else "")
 
     def schema(self) -> dict[str, Any]:
-        number = Number("number").schema()
-        return {"type": "object", "additionalProperties": number, "minProperties": 1}
+        return dict(self.SCHEMA)
 
 
 BY_JOINT: Mapping[str, ByJoint] = {
-    "positions": ByJoint("position", "rad or m"),
-    "velocities": ByJoint("velocity", "rad/s or m/s"),
-    "accelerations": ByJoint("velocity", "rad/s² or m/s²", rate=True),
-    "efforts": ByJoint("effort", "N m or N"),
+    "positions": ByJoint("position"),
+    "velocities": ByJoint("velocity"),
+    "accelerations": ByJoint("", rate="rad/s² or m/s²"),
+    "efforts": ByJoint("effort"),
 }
 """What a point says of its joints."""
 
 Positions = Annotated[dict[str, Any], BY_JOINT["positions"]]
-Postures = Annotated[dict[str, Any], ByJoint("position", "rad or m", patterns=False)]
+Postures = Annotated[dict[str, Any], ByJoint("position", patterns=False)]
 Time = Annotated[float, Number("time", 0)]
 Lasting = Annotated[float, Number("time", 0, above=True)]
 Share = Annotated[float, Number("number", 0, 1)]
@@ -167,19 +155,19 @@ class ToolFrame(Strict):
     pose: Maybe[Pose] = Field(ABSENT, description="Its pose in the body's frame; default: the same frame")
 
 
-class ToolPlace(Strict):
+class ToolPlace(Rotated):
     """A place of the tool in the world. What is left out stays as it is."""
 
     xyz: Maybe[Point] = Field(ABSENT, description="Position of the tool's origin")
     rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
-    quat: Maybe[Quaternion] = Field(ABSENT, description="Unit quaternion w x y z")
+    quat: Maybe[Quaternion] = Field(ABSENT, description=QUAT)
     free_orientation: Annotated[bool, Flag()] = Field(
         False, description="Whether the orientation of the tool is free, for arms with too few joints"
     )
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        yield from Orientation.faults(data)
+        yield from super().faults(data)
         if not any(key in data for key in ("xyz", "rpy", "quat")):
             yield Fault((), "a move without target", show(dict(data)), "xyz, rpy or quat")
         if data.get("free_orientation") is True:
@@ -305,28 +293,16 @@ class Trajectory(Strict):
                 if key in data and any(name in data for name in ("points", "file")):
                     yield Fault((key,), f"{key} requires a program", None, None, "remove it")
         for key in ("points", "program"):
-            entries = data.get(key)
-            if isinstance(entries, list) and not entries:
+            if data.get(key) == []:
                 yield Fault((key,), f"no {key}", "[]", "at least one")
-            if isinstance(entries, list) and len(entries) > MOST_POINTS:
-                yield Fault((key,), f"too many {key}", str(len(entries)), f"up to {MOST_POINTS}")
+            yield from too_long(data, key, MOST_POINTS)
         points = data.get("points")
         if isinstance(points, list):
             yield from _points(points, data.get("interpolation", "cubic"))
 
 
-def _entries(value: Any) -> Iterator[str]:
-    if isinstance(value, Mapping):
-        yield from (entry for entry in value if isinstance(entry, str))
-
-
-def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
-    """Times that do not increase, joints that come and go, quantities that are there in some points only."""
-    rows = [point if isinstance(point, Mapping) else getattr(point, "__dict__", {}) for point in points]
-    width = len(rows[0]["positions"]) if rows and isinstance(rows[0].get("positions"), Mapping) else 1
-    if len(rows) * width > MOST_NUMBERS:
-        yield Fault(("points",), "too many numbers", f"{len(rows)} points of {width} joints", f"up to {MOST_NUMBERS}")
-        return
+def _increasing(rows: Iterable[Mapping[str, Any]], allowed: bool) -> Iterator[Fault]:
+    """Times ``at`` of points that do not increase; ``allowed``: say which times are allowed."""
     before: float | None = None
     for index, row in enumerate(rows):
         try:
@@ -334,46 +310,50 @@ def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
         except Faults:
             continue  # reported where it is read
         if before is not None and time <= before:
-            yield Fault(("points", index, "at"), "times must increase", f"{time:g} s after {before:g} s")
+            found = (show(time), f"above {before:g} s") if allowed else (f"{time:g} s after {before:g} s",)
+            yield Fault(("points", index, "at"), "times must increase", *found)
         before = time
+
+
+def _points(points: list[Any], interpolation: Any) -> Iterable[Fault]:
+    """Times that do not increase, joints that come and go, quantities that are there in some points only."""
+    rows = list(map(fields_of, points))
     first = rows[0].get("positions") if rows else None
     joints = set(first) if isinstance(first, Mapping) else None
+    width = 1 if joints is None else len(joints)
+    if len(rows) * width > MOST_NUMBERS:
+        yield Fault(("points",), "too many numbers", f"{len(rows)} points of {width} joints", f"up to {MOST_NUMBERS}")
+        return
+    yield from _increasing(rows, allowed=False)
     # which joints a pattern means, the world says (``resolve/trajectory.py``)
-    patterns = any("*" in entry for row in rows for key in _QUANTITIES for entry in _entries(row.get(key)))
-    quantities = {key for key in _QUANTITIES if rows and rows[0].get(key) is not None}
+    patterns = any("*" in str(entry) for row in rows for key in BY_JOINT for entry in mapping(row.get(key)))
+    quantities = {key for key in BY_JOINT if rows and rows[0].get(key) is not None}
     for index, row in enumerate(rows):
-        for key in _QUANTITIES:
+        for key in BY_JOINT:
             value = row.get(key)
-            place = ("points", index, key)
             if (value is not None) != (key in quantities) and index and key != "positions":
                 there, lacks = ("the first point", "this one") if key in quantities else ("this point", "the first one")
-                yield Fault(
-                    ("points", index), f"{there} has {key}, {lacks} has none", None, "in all points, or in none"
-                )
+                message = f"{there} has {key}, {lacks} has none"
+                yield Fault(("points", index), message, None, "in all points, or in none")
             elif isinstance(value, Mapping) and joints is not None and set(value) != joints and not patterns:
-                odd = sorted(map(str, set(value) ^ joints))
-                yield Fault(place, "not the joints of the first point", f"differs in {', '.join(odd[:6])}")
+                different = ", ".join(sorted(map(str, set(value) ^ joints))[:6])
+                yield Fault(("points", index, key), "not the joints of the first point", f"differs in {different}")
     wrong = {"hold": _DERIVATIVES, "linear": _DERIVATIVES, "cubic": ("accelerations",)}.get(interpolation, ())
     for key in wrong:
         if key in quantities:
-            yield Fault(
-                ("points", 0, key), f"{key} are not allowed with interpolation {interpolation}", None, None, "quintic"
-            )
+            message = f"{key} are not allowed with interpolation {interpolation}"
+            yield Fault(("points", 0, key), message, None, None, "quintic")
     if interpolation == "quintic" and len(quantities & set(_DERIVATIVES)) == 1:
         yield Fault(("points", 0), "quintic requires velocities and accelerations, or neither")
 
 
-class MotionPoint(Strict):
+class MotionPoint(Rotated):
     """Where a kinematic body is at a time. What is left out is as at the point before, at the first point as its `pose`."""
 
     at: Annotated[float, Number("time", 0)] = Field(..., description="Time; later than that of the point before")
     xyz: Maybe[Point] = Field(ABSENT, description="Position of the body's frame in the world")
     rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
-    quat: Maybe[Quaternion] = Field(ABSENT, description="Unit quaternion w x y z")
-
-    @classmethod
-    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        yield from Orientation.faults(data)
+    quat: Maybe[Quaternion] = Field(ABSENT, description=QUAT)
 
 
 class Motion(Strict):
@@ -390,16 +370,6 @@ class Motion(Strict):
         if not isinstance(points, list):
             return
         if not 0 < len(points) <= MOST_POINTS:
-            yield Fault(
-                ("points",), "no points" if not points else "too many points", str(len(points)), f"1 to {MOST_POINTS}"
-            )
-        before: float | None = None
-        for index, point in enumerate(points[:MOST_POINTS]):
-            given = point.get("at") if isinstance(point, Mapping) else getattr(point, "at", None)
-            try:
-                time = Number("time", 0).read(given)
-            except Faults:
-                continue  # reported where it is read
-            if before is not None and time <= before:
-                yield Fault(("points", index, "at"), "times must increase", show(time), f"above {before:g} s")
-            before = time
+            message = "too many points" if points else "no points"
+            yield Fault(("points",), message, str(len(points)), f"1 to {MOST_POINTS}")
+        yield from _increasing(map(fields_of, points[:MOST_POINTS]), allowed=True)

@@ -23,6 +23,9 @@ MOST_ELEMENTS = 100_000
 class Grid(Reader):
     """Three counts."""
 
+    WORDS = "a list of 3 whole numbers ≥ 1"
+    SCHEMA: ClassVar = {"type": "array", "items": Whole(1, MOST_ELEMENTS).schema(), "minItems": 3, "maxItems": 3}
+
     def read(self, value: Any) -> tuple[int, int, int]:
         if not isinstance(value, (list, tuple)) or len(value) != 3:
             raise fault("expected three whole numbers", show(value), "[nx, ny, nz]")
@@ -32,31 +35,20 @@ class Grid(Reader):
             raise fault("too many elements", f"{total}", f"up to {MOST_ELEMENTS}")
         return counts[0], counts[1], counts[2]
 
-    def describe(self) -> str:
-        return "a list of 3 whole numbers ≥ 1"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "array", "items": Whole(1, MOST_ELEMENTS).schema(), "minItems": 3, "maxItems": 3}
-
 
 @dataclass(frozen=True)
 class Spacing(Reader):
     """One length for all axes, or three."""
+
+    UNIT = "m"
+    WORDS = "a length, or a list of 3"
+    SCHEMA: ClassVar = {"anyOf": [Number("length").schema(), Vector(Number("length")).schema()]}
 
     def read(self, value: Any) -> tuple[float, ...]:
         if isinstance(value, (list, tuple)):
             return Vector(Number("length")).read(value)
         distance = Number("length").read(value)
         return (distance, distance, distance)
-
-    def unit(self) -> str:
-        return "m"
-
-    def describe(self) -> str:
-        return "a length, or a list of 3"
-
-    def schema(self) -> dict[str, Any]:
-        return {"anyOf": [Number("length").schema(), Vector(Number("length")).schema()]}
 
 
 class Jitter(Strict):

@@ -7,7 +7,7 @@ from typing import Any
 
 from simspec.errors import Problem
 from simspec.language import trees
-from simspec.language.document import INVALID, Document, Key
+from simspec.language.document import INVALID, Document, Key, listed, mapping
 from simspec.language.joint_names import (
     CLASH_HINT,
     chosen,
@@ -18,10 +18,10 @@ from simspec.language.joint_names import (
     is_name_or_pattern,
     too_many,
 )
-from simspec.language.joints import beyond_cone, outside, outside_cone, read_position, read_velocity, within
+from simspec.language.joints import beyond_limits, read_position, read_velocity
 from simspec.language.models import Body
 from simspec.language.sources import Source
-from simspec.language.strict import Fault, Faults, near, required
+from simspec.language.strict import Fault, Faults, fault_problem, near, required
 from simspec.language.trees import Bodies
 from simspec.language.units import article
 from simspec.language.vocabulary import JOINT_KINDS
@@ -29,6 +29,12 @@ from simspec.language.vocabulary import JOINT_KINDS
 DEFAULT_GROUP = "default"
 RESERVED = "world"
 """The world's own name, which no body may take."""
+_ONE_ROOT = "a model has exactly one root (a body without parent); this one has"
+_ONLY_FIXED = {
+    "plane": ("plane", "a large flat box"),
+    "heightfield": ("height field", "a mesh as pieces, or several boxes"),
+}
+"""Shapes of bodies that cannot move: the noun, and what a body that moves can have instead."""
 
 
 def check(source: Source) -> Iterator[Problem]:
@@ -63,65 +69,52 @@ def _tree(bodies: Bodies) -> Iterator[Problem]:
             joints.setdefault(joint, name)
     for cycle in bodies.cycles():
         chain = " -> ".join([*cycle, cycle[0]])
-        message = f"the parents of these bodies form a loop: {chain}"
-        yield document.problem(
-            (*path, cycle[0], "parent"), message, hint="one of them must be a root, or have another parent"
+        message, hint = (
+            f"the parents of these bodies form a loop: {chain}",
+            "one of them must be a root, or have another parent",
         )
+        yield document.problem((*path, cycle[0], "parent"), message, hint=hint)
     roots = bodies.roots()
-    if bodies.model and len(roots) != 1 and bodies.raw:
-        if roots:
-            message = f"a model has exactly one root (a body without parent); this one has {len(roots)}"
-            shown = ", ".join(roots[:6]) + (", ..." if len(roots) > 6 else "")
-            yield document.problem((*path, roots[1]), message, key=True, found=shown, allowed="one")
-        elif not bodies.cycles():
-            yield document.problem(path, "a model has exactly one root (a body without parent); this one has none")
-    if bodies.model and not bodies.raw:
+    if not bodies.model:
+        return
+    if not bodies.raw:
         yield document.problem(path, "a model has at least one body")
-    if bodies.model:
-        yield from _model(bodies)
-
-
-def _model(bodies: Bodies) -> Iterator[Problem]:
-    for name in bodies.roots():
+    elif len(roots) > 1:
+        shown = ", ".join(roots[:6]) + (", ..." if len(roots) > 6 else "")
+        yield document.problem((*path, roots[1]), f"{_ONE_ROOT} {len(roots)}", key=True, found=shown, allowed="one")
+    elif not roots and not bodies.cycles():
+        yield document.problem(path, f"{_ONE_ROOT} none")
+    for name in roots:
         if bodies.field(name, "array") is not None:
-            hint = "models: {NAME: {use: ..., array: ...}}"
-            place = (*bodies.path, name, "array")
-            yield bodies.source.document.problem(
-                place, "a model has one root; write the array where it is used", hint=hint
+            message, hint = (
+                "a model has one root; write the array where it is used",
+                "models: {NAME: {use: ..., array: ...}}",
             )
+            yield document.problem((*path, name, "array"), message, hint=hint)
     for file in bodies.files:
-        contact = file.document.data.get("contact")
         for word in ("exclude", "touch"):
-            pairs = contact.get(word) if isinstance(contact, Mapping) else None
-            for index, pair in enumerate(pairs if isinstance(pairs, (list, tuple)) else ()):
-                for position, name in enumerate(pair if isinstance(pair, (list, tuple)) else ()):
+            for index, pair in enumerate(listed(file.document.at("contact", word))):
+                for position, name in enumerate(listed(pair)):
                     if isinstance(name, str) and name not in bodies.raw:
-                        message, near_by = f"the model has no body {name!r}", near(name, bodies.raw)
-                        at = ("contact", word, index, position)
-                        yield file.document.problem(at, message, found=name, hint=near_by)
+                        message, hint = f"the model has no body {name!r}", near(name, bodies.raw)
+                        place = ("contact", word, index, position)
+                        yield file.document.problem(place, message, found=name, hint=hint)
 
 
 def _masses(bodies: Bodies) -> Iterator[Problem]:
-    still = bodies.still()
+    fixed = bodies.still()
     document = bodies.source.document
     for name in bodies.order():
         body = bodies.typed.get(name)
-        if body is None:
-            continue
-        for index, shape in enumerate(body.shapes):
-            if shape.plane is not None and name not in still:
-                message = "a plane requires a body fixed to the world, and this body moves"
-                yield document.problem((*bodies.path, name, "shapes", index, "plane"), message, hint="a large flat box")
-            if shape.heightfield is not None and name not in still:
-                message = "a height field requires a body fixed to the world, and this body moves"
-                hint = "a mesh as pieces, or several boxes"
-                yield document.problem((*bodies.path, name, "shapes", index, "heightfield"), message, hint=hint)
+        for index, shape in enumerate(body.shapes if body is not None and name not in fixed else ()):
+            for kind, (noun, hint) in _ONLY_FIXED.items():
+                if getattr(shape, kind) is not None:
+                    message = f"a {noun} requires a body fixed to the world, and this body moves"
+                    yield document.problem((*bodies.path, name, "shapes", index, kind), message, hint=hint)
     for top, members in bodies.moving_groups().items():
-        if bodies.is_kinematic(top):
-            continue  # whose mass counts for nothing
-        for name, fault in group_faults(bodies, members):
-            place = (*bodies.path, name, *fault.loc)
-            yield document.problem(place, fault.message, found=fault.found, hint=fault.hint)
+        if not bodies.is_kinematic(top):  # whose mass counts for nothing
+            for name, fault in group_faults(bodies, members):
+                yield fault_problem(document, (*bodies.path, name), fault)
 
 
 def group_faults(bodies: Bodies, members: Sequence[str]) -> Iterator[tuple[str, Fault]]:
@@ -150,8 +143,7 @@ def _weighs(body: Body) -> bool:
 def member_faults(body: Body) -> Iterator[Fault]:
     """What is wrong with the mass of a body that moves with others."""
     if _weighs(body):
-        lacking = (fault for fault in mass_faults(body) if fault.loc != ("inertia",))  # the group's tensor counts
-        yield from lacking
+        yield from (fault for fault in mass_faults(body) if fault.loc != ("inertia",))  # the group's tensor counts
     elif body.inertia is not None:
         message = "a moving body without mass has no moments of inertia"
         yield Fault(("inertia",), message, None, None, "a mass above 0, or no inertia")
@@ -175,11 +167,8 @@ def mass_faults(body: Body) -> Iterator[Fault]:
     elif body.inertia is not None:
         from simspec.language.moments import principal_moments
 
-        tensor = body.inertia.tensor
-        if tensor is None:
-            moments = required(body.inertia.principal)
-        else:
-            moments = principal_moments(tuple(tensor.model_dump().values()))
+        tensor, moments = body.inertia.tensor, body.inertia.principal
+        moments = principal_moments(tuple(tensor.model_dump().values())) if tensor is not None else required(moments)
         if min(moments) <= 0.0:
             shown = ", ".join(f"{moment:.6g}" for moment in moments)
             message = "the principal moments of a moving body must be above 0"
@@ -195,12 +184,11 @@ def _placement(source: Source, bodies: Bodies) -> Iterator[Problem]:
         return
     root = roots[0]
     kind = bodies.joint_type(root)
+    jointed = f"the root {root!r} has a joint to the world, so it cannot be"
     if raw.get("fixed") is True and kind != "fixed":
-        message = f"the root {root!r} has a joint to the world, so it cannot be fixed as well"
-        yield document.problem((*path, "fixed"), message, found=f"a {kind} joint")
+        yield document.problem((*path, "fixed"), f"{jointed} fixed as well", found=f"a {kind} joint")
     elif raw.get("kinematic") is True and kind != "free":
-        message = f"the root {root!r} has a joint to the world, so it cannot be kinematic"
-        yield document.problem((*path, "kinematic"), message, found=f"a {kind} joint")
+        yield document.problem((*path, "kinematic"), f"{jointed} kinematic", found=f"a {kind} joint")
     elif raw.get("fixed") is True and bodies.field(root, "velocity") is not None:
         yield document.problem((*path, "fixed"), f"the root {root!r} has a velocity, so it cannot be fixed")
     if "velocity" in raw and kind != "free":
@@ -215,9 +203,7 @@ def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
     actuators = trees.actuator_names(source, bodies)
     for state in named.values():
         yield from _starts(source, state.source.document, state.path, state.raw, bodies)
-        commands = state.raw.get("commands")
-        if isinstance(commands, Mapping):
-            yield from _commands(state.source.document, (*state.path, "commands"), commands, actuators)
+        yield from _commands(state, actuators)
         if "pose" in state.raw and kind not in ("free", "fixed"):
             hint = "write positions"
             message = f"the root {roots[0]!r} has a joint to the world, so it has no pose of its own"
@@ -235,12 +221,11 @@ def _states(source: Source, bodies: Bodies) -> Iterator[Problem]:
         yield file.document.problem(path, message, found=f"a {kind} joint")
 
 
-def _commands(
-    document: Document, path: tuple[Key, ...], commands: Mapping[str, Any], actuators: Sequence[str]
-) -> Iterator[Problem]:
+def _commands(state: trees.WrittenState, actuators: Sequence[str]) -> Iterator[Problem]:
     """What is wrong with the names of commands by actuator."""
+    document, path, commands = state.source.document, (*state.path, "commands"), mapping(state.raw.get("commands"))
     if (many := too_many(commands)) is not None:
-        yield document.problem(path, many.faults[0].message, found=many.faults[0].found, allowed=many.faults[0].allowed)
+        yield fault_problem(document, path, many.faults[0])
         return
     named = {name: value for name, value in commands.items() if is_name_or_pattern(name)}
     for name in named:
@@ -264,8 +249,7 @@ def _starts(
             continue
         values = {entry: value for entry, value in written.items() if is_name_or_pattern(entry)}
         if (many := too_many(values)) is not None:
-            fault = many.faults[0]
-            yield document.problem((*path, key), fault.message, found=fault.found, allowed=fault.allowed)
+            yield fault_problem(document, (*path, key), many.faults[0])
             continue
         for entry, value in values.items():
             place = (*path, key, entry)
@@ -282,11 +266,10 @@ def _starts(
                 message = "one number for hinges and slides would have two units"
                 yield document.problem(place, message, key=True, found=found, hint="separate patterns, or names")
                 continue
-            for joint in meant:
-                wrong = list(_start(document, place, joint, kinds[joint], key, value, reader, joints[joint], bodies))
-                yield from wrong
-                if wrong:
-                    break  # of a pattern the first
+            wrong = (
+                _start(document, place, joint, kinds[joint], value, reader, joints[joint], bodies) for joint in meant
+            )
+            yield from next(filter(None, wrong), [])  # of a pattern those of the first joint
         for clash in initial_entries(values, kinds, following)[1]:
             yield document.problem((*path, key, clash.other), clash_words(clash), key=True, hint=CLASH_HINT)
 
@@ -296,59 +279,44 @@ def _start(
     place: tuple[Key, ...],
     joint: str,
     kind: str,
-    key: str,
     value: Any,
     reader: Callable[[str, Any], Any],
     where: tuple[str, int],
     bodies: Bodies,
-) -> Iterator[Problem]:
-    """What is wrong with the initial position or velocity (``key``) of one joint; ``where``: its body, and its index there."""
+) -> list[Problem]:
+    """What is wrong with the initial position or velocity (by ``reader``) of one joint; ``where``: its body, and its index
+    there."""
     if value is INVALID or kind not in JOINT_KINDS:
-        return
+        return []
+    word = "position" if reader is read_position else "velocity"
     if kind in ("fixed", "free"):
-        word = "position" if key == "positions" else "velocity"
         hint = "write pose and velocity of the model" if kind == "free" else "remove it"
-        yield document.problem(place, f"{joint} is a {kind} joint, which has no {word}", hint=hint)
-        return
+        return [document.problem(place, f"{joint} is a {kind} joint, which has no {word}", hint=hint)]
     try:
         read = reader(kind, value)
     except Faults as error:
-        for wrong in error.faults:
-            yield document.problem(
-                (*place, *wrong.loc), wrong.message, found=wrong.found, allowed=wrong.allowed, hint=wrong.hint
-            )
-        return
+        return [fault_problem(document, place, fault) for fault in error.faults]
     owner, index = where
     body = bodies.typed.get(owner)
     written = None if body is None else body.joints[index] if body.joints else body.joint
     limits = None if written is None else written.limits
-    if key != "positions" or limits is None:
-        return
-    beyond: Fault | None = None
-    if limits.position is not None and within(read, limits.position) is None:
-        beyond = outside(read, limits.position, ())
-    elif limits.angle is not None and beyond_cone(read, limits.angle):
-        beyond = outside_cone(read, limits.angle, ())
-    if beyond is not None:
-        of = f" of {joint}" if place[-1] != joint else ""
-        yield document.problem(place, beyond.message + of, found=beyond.found, allowed=beyond.allowed, hint=beyond.hint)
+    if word == "velocity" or limits is None:
+        return []
+    beyond = beyond_limits(read, limits.position, limits.angle)
+    of = f" of {joint}" if place[-1] != joint else ""
+    return [fault_problem(document, place, beyond._replace(message=beyond.message + of))] if beyond is not None else []
 
 
 def _part(source: Source, name: str) -> Mapping[str, Any]:
     """A mapping of ``contact``; empty where there is none."""
-    data = source.document.data
-    contact = data.get("contact") if isinstance(data, Mapping) else None
-    entries = contact.get(name) if isinstance(contact, Mapping) else None
-    return (
-        {key: value for key, value in entries.items() if isinstance(key, str)} if isinstance(entries, Mapping) else {}
-    )
+    entries = mapping(source.document.at("contact", name))
+    return {key: value for key, value in entries.items() if isinstance(key, str)}
 
 
 def _ignores(group: Any) -> list[tuple[int, str]]:
     """The groups that a group ignores, with their places in the list; what is no name is reported where it is read."""
-    ignored = group.get("ignores") if isinstance(group, Mapping) else None
-    items = ignored if isinstance(ignored, (list, tuple)) else ()
-    return [(index, other) for index, other in enumerate(items) if isinstance(other, str)]
+    ignored = listed(mapping(group).get("ignores"))
+    return [(index, other) for index, other in enumerate(ignored) if isinstance(other, str)]
 
 
 def _contact(source: Source) -> Iterator[Problem]:
@@ -368,11 +336,10 @@ def _contact(source: Source) -> Iterator[Problem]:
         for name, group in _part(member, "groups").items():
             for index, other in _ignores(group):
                 if other not in defined:
-                    place = ("contact", "groups", name, "ignores", index)
-                    message = f"no body is in a group {other!r}"
+                    place, message = ("contact", "groups", name, "ignores", index), f"no body is in a group {other!r}"
                     yield member.document.problem(place, message, allowed=_some(defined), hint=near(other, defined))
     for path, pairs in _lists_of_pairs(source):
-        yield from _pairs(source, path, pairs, materials)
+        yield from _pairs(source.document, path, pairs, materials)
     yield from _pairs_of_models(source, materials)
 
 
@@ -408,8 +375,7 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
             message, hint = f"contact.groups does not define {group!r}", near(group, groups)
             path = (*bodies.path, name, "collision_group")
             yield document.problem(path, message, found=group, allowed=_some(groups), hint=hint)
-        shapes = bodies.field(name, "shapes")
-        for index, shape in enumerate(shapes if isinstance(shapes, (list, tuple)) else ()):
+        for index, shape in enumerate(listed(bodies.field(name, "shapes"))):
             if not isinstance(shape, Mapping):
                 continue
             material, place = shape.get("material"), (*bodies.path, name, "shapes", index)
@@ -417,9 +383,7 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
                 if shape.get("collision") is not False and len(own) != 1 and len(materials) != 1 and not alone:
                     without.append(place)
             elif isinstance(material, str) and material not in materials:
-                hint = near(material, materials)
-                message = f"there is no material {material!r}"
-                yield document.problem((*place, "material"), message, allowed=_some(materials), hint=hint)
+                yield _no_material(document, (*place, "material"), material, materials)
     if without:
         others = len(without) - 1
         more = f" (and {others} other{'s' * (others > 1)} in this file)" if others else ""
@@ -428,21 +392,18 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
         yield document.problem(without[0], message, allowed=_some(materials), hint=hint)
 
 
+def _no_material(document: Document, path: tuple[Key, ...], name: str, materials: set[str]) -> Problem:
+    hint = near(name, materials)
+    return document.problem(path, f"there is no material {name!r}", allowed=_some(materials), hint=hint)
+
+
 def _lists_of_pairs(source: Source) -> Iterator[tuple[tuple[Key, ...], Any]]:
     """Every list of pairs of materials, with its place: of laws, and of engines' settings."""
-    data = source.document.data
-    if not isinstance(data, Mapping):
-        return
-    holders: list[tuple[tuple[Key, ...], Any]] = [(("contact",), data.get("contact"))]
-    engines = data.get("engines")
-    for name, options in engines.items() if isinstance(engines, Mapping) else ():
-        holders.append((("engines", name), options))
-        entries = options.get("at_timestep") if isinstance(options, Mapping) else None
-        for index, entry in enumerate(entries if isinstance(entries, (list, tuple)) else ()):
-            holders.append((("engines", name, "at_timestep", index), entry))
-    for place, holder in holders:
-        if isinstance(holder, Mapping):
-            yield (*place, "pairs"), holder.get("pairs")
+    yield ("contact", "pairs"), source.document.at("contact", "pairs")
+    for name, options in mapping(source.document.at("engines")).items():
+        yield ("engines", name, "pairs"), mapping(options).get("pairs")
+        for index, entry in enumerate(listed(mapping(options).get("at_timestep"))):
+            yield ("engines", name, "at_timestep", index, "pairs"), mapping(entry).get("pairs")
 
 
 def _pairs_of_models(source: Source, materials: set[str]) -> Iterator[Problem]:
@@ -454,11 +415,8 @@ def _pairs_of_models(source: Source, materials: set[str]) -> Iterator[Problem]:
     for member in source.all():
         if member is source:
             continue
-        data = member.document.data
-        contact = data.get("contact") if isinstance(data, Mapping) else None
-        yield from _pairs(
-            member, ("contact", "pairs"), contact.get("pairs") if isinstance(contact, Mapping) else None, materials
-        )
+        place = ("contact", "pairs")
+        yield from _pairs(member.document, place, member.document.at(*place), materials)
         for index, pair in enumerate(member.file.contact.pairs if member.file is not None else ()):
             both = tuple(sorted(pair.between))
             law = pair.model_dump(exclude={"between"})
@@ -470,23 +428,21 @@ def _pairs_of_models(source: Source, materials: set[str]) -> Iterator[Problem]:
                 yield member.document.problem(("contact", "pairs", index), message, found=found, hint=hint)
 
 
-def _pairs(source: Source, path: tuple[Key, ...], pairs: Any, materials: set[str]) -> Iterator[Problem]:
+def _pairs(document: Document, path: tuple[Key, ...], pairs: Any, materials: set[str]) -> Iterator[Problem]:
     """Unknown materials, and pairs that stand twice in a list."""
     seen: dict[tuple[str, ...], int] = {}
-    for index, pair in enumerate(pairs if isinstance(pairs, (list, tuple)) else ()):
-        between = pair.get("between") if isinstance(pair, Mapping) else None
+    for index, pair in enumerate(listed(pairs)):
+        between = mapping(pair).get("between")
         if not isinstance(between, (list, tuple)) or not all(isinstance(name, str) for name in between):
             continue
         for position, name in enumerate(between):
             if name not in materials:
-                place, hint = (*path, index, "between", position), near(name, materials)
-                message = f"there is no material {name!r}"
-                yield source.document.problem(place, message, allowed=_some(materials), hint=hint)
+                yield _no_material(document, (*path, index, "between", position), name, materials)
         both = tuple(sorted(between))
         if both in seen:
             message = f"the pair {' and '.join(both)} is duplicated"
-            first = source.document.locate((*path, seen[both]))
+            first = document.locate((*path, seen[both]))
             found = f"first as pair {seen[both]}" + (f" at {first}" if first is not None else "")
             hint = "remove one, or combine both into one entry"
-            yield source.document.problem((*path, index), message, found=found, hint=hint)
+            yield document.problem((*path, index), message, found=found, hint=hint)
         seen.setdefault(both, index)

@@ -9,10 +9,11 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from simspec.language.contact import Names
-from simspec.language.joints import DIMENSION, check_suits_driven
+from simspec.language.document import listed
+from simspec.language.joints import JointQuantity
 from simspec.language.quantities import Number, Reader, Vector
 from simspec.language.shapes import Point, Pose
-from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, read_entries, show
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import Name
 
@@ -21,69 +22,29 @@ TwoBodies = Annotated[tuple[str, str], Names(2, path=True)]
 
 
 @dataclass(frozen=True)
-class Displacement(Reader):
-    """An angle or a length, by the type of the joint, which shows when the spec is resolved (:meth:`number`); kept as written.
-    What suits neither a hinge nor a slide is refused here."""
+class Displacement(JointQuantity):
+    """An angle or a length, by the type of the joint."""
 
-    def number(self, kind: str) -> Number:
-        """The number of a joint of a type (hinge or slide)."""
-        return Number(DIMENSION[kind]["position"])
-
-    def read(self, value: Any) -> Any:
-        check_suits_driven(self.number, value)
-        return value
-
-    def unit(self) -> str:
-        return "rad or m"
+    quantity: str = "position"
 
     def describe(self) -> str:
         return "by the joint's type"
 
-    def schema(self) -> dict[str, Any]:
-        return Number("number").schema()
-
 
 @dataclass(frozen=True)
-class OfSum(Reader):
-    """A number of a sum of joint positions, which is an angle or a length. ``quantity`` is an entry of ``joints.DIMENSION``; a
-    plain number is in SI units of whichever it is."""
-
-    quantity: str
-    least: float | None = None
-
-    def number(self, kind: str) -> Number:
-        """The number where the sum is what a joint of this type (hinge or slide) has as its position."""
-        return Number(DIMENSION[kind][self.quantity], self.least)
+class OfSum(JointQuantity):
+    """A number of a sum of joint positions, which is an angle or a length; a plain number is in SI units of whichever it is."""
 
     def read(self, value: Any) -> float:
-        check_suits_driven(self.number, value)
         return self.number(self.kinds(value)[0]).read(value)
-
-    def kinds(self, value: Any) -> tuple[str, ...]:
-        """The types of joints whose number of this sort ``value`` may be."""
-        suited = []
-        for kind in SCALAR_JOINTS:
-            try:
-                self.number(kind).read(value)
-            except Faults:
-                continue
-            suited.append(kind)
-        return tuple(suited)
-
-    def unit(self) -> str:
-        units = (self.number(kind).unit() for kind in SCALAR_JOINTS)
-        return " or ".join(units)
-
-    def describe(self) -> str:
-        return "a number" if self.least is None else f"a number ≥ {self.least:g}"
-
-    def schema(self) -> dict[str, Any]:
-        return Number("number", self.least).schema()
 
 
 @dataclass(frozen=True)
 class RangeOfSum(Reader):
     """[lower, upper] of a sum of joint positions."""
+
+    WORDS = "[lower, upper]"
+    SCHEMA = Vector(Number("number"), 2).schema()
 
     def read(self, value: Any) -> tuple[float, ...]:
         if not isinstance(value, (list, tuple)) or len(value) != 2:
@@ -97,12 +58,6 @@ class RangeOfSum(Reader):
     def unit(self) -> str:
         return BOUND.unit()
 
-    def describe(self) -> str:
-        return "[lower, upper]"
-
-    def schema(self) -> dict[str, Any]:
-        return Vector(Number("number"), 2).schema()
-
 
 BOUND = OfSum("position")
 
@@ -111,30 +66,22 @@ BOUND = OfSum("position")
 class Coefficients(Reader):
     """Numbers by the full names of joints, none of them 0."""
 
+    WORDS = "numbers by joint"
+    SCHEMA: ClassVar = {"type": "object", "minProperties": 1, "additionalProperties": Number("number").schema()}
+
     def read(self, value: Any) -> dict[str, float]:
         if not isinstance(value, Mapping):
             raise fault("expected coefficients by joint", show(value), "{JOINT: number, ...}")
         if not value:
             raise fault("no joint given", "{}", "{JOINT: number, ...}")
-        faults: list[Fault] = []
-        coefficients: dict[str, float] = {}
-        for name, item in value.items():
-            try:
-                joint = Name(path=True, of="joint").read(name)
-                coefficients[joint] = Number("number").read(item)
-                if coefficients[joint] == 0.0:
-                    raise fault("a coefficient of 0 adds nothing", show(item), "another number", "remove the joint")
-            except Faults as error:
-                faults.extend(replace_loc(error.faults, (str(name),)))
-        if faults:
-            raise Faults(faults)
-        return coefficients
+        return read_entries(value, Name(path=True, of="joint").read, self._coefficient)
 
-    def describe(self) -> str:
-        return "numbers by joint"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "object", "minProperties": 1, "additionalProperties": Number("number").schema()}
+    @staticmethod
+    def _coefficient(value: Any) -> float:
+        coefficient = Number("number").read(value)
+        if coefficient == 0.0:
+            raise fault("a coefficient of 0 adds nothing", show(value), "another number", "remove the joint")
+        return coefficient
 
 
 class Follow(Strict):
@@ -161,37 +108,31 @@ class Follow(Strict):
             yield Fault(("ratio",), "with a ratio of 0 the joint would follow nothing", "0", "another number", hint)
 
 
-class Connect(Strict):
+class _Loop(Strict):
+    bodies: TwoBodies = Field(..., description="The two bodies")
+
+    @classmethod
+    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
+        bodies = listed(data.get("bodies"))
+        if len(bodies) == 2 and bodies[0] == bodies[1]:
+            yield Fault(("bodies",), "a body cannot be held to itself", str(bodies[0]), "two different bodies")
+
+
+class Connect(_Loop):
     """A loop that is closed at a point: two bodies turn freely about it, and do not touch each other."""
 
-    bodies: TwoBodies = Field(..., description="The two bodies")
     at: Point = Field(..., description="The point in the first body's frame")
     second_at: Maybe[Point] = Field(
         ABSENT, description="The same point in the second body's frame; default: where it is initially"
     )
 
-    @classmethod
-    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        yield from _same(data)
 
-
-class Weld(Strict):
+class Weld(_Loop):
     """A loop that is closed rigidly: two bodies keep their places in each other's frames, and do not touch each other."""
 
-    bodies: TwoBodies = Field(..., description="The two bodies")
     pose: Maybe[Pose] = Field(
         ABSENT, description="Pose of the second body's frame in the first's; default: the initial one"
     )
-
-    @classmethod
-    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        yield from _same(data)
-
-
-def _same(data: Mapping[str, Any]) -> Iterable[Fault]:
-    bodies = data.get("bodies")
-    if isinstance(bodies, (list, tuple)) and len(bodies) == 2 and bodies[0] == bodies[1]:
-        yield Fault(("bodies",), "a body cannot be held to itself", str(bodies[0]), "two different bodies")
 
 
 class SumLimits(Strict):
@@ -231,18 +172,18 @@ class Sum(Strict):
         given: list[tuple[OfSum, Any, tuple[str | int, ...]]] = [
             (OfSum(key), data[key], (key,)) for key in ("stiffness", "rest", "damping", "dry_friction") if key in data
         ]
-        given += [
-            (BOUND, end, ("limits", "position", index))
-            for index, end in enumerate(ends if isinstance(ends, (list, tuple)) else ())
-        ]
+        given += [(BOUND, end, ("limits", "position", index)) for index, end in enumerate(listed(ends))]
         kinds: tuple[str, ...] = SCALAR_JOINTS
         for reader, value, place in given:
-            suited = reader.kinds(value)
-            if suited and not set(suited) & set(kinds):
+            try:
+                suited = [kind for kind in reader.kinds(value) if kind in kinds]
+            except Faults:
+                continue  # reported where it is read
+            if not suited:
                 message = "the numbers of one sum are in units of an angle and of a length"
                 yield Fault(place, message, show(value), f"in {reader.number(kinds[0]).unit()}")
                 return
-            kinds = tuple(kind for kind in kinds if kind in suited) or kinds
+            kinds = tuple(suited)
 
 
 class Constraint(Strict):

@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 from pydantic_core import core_schema
 
-from simspec.language.document import INVALID
 from simspec.language.quantities import Number, Reader
 from simspec.language.shapes import Length0, NameOf
-from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, near, replace_loc, show
+from simspec.language.strict import (
+    ABSENT,
+    Fault,
+    Faults,
+    Maybe,
+    Strict,
+    fault,
+    near,
+    read_each,
+    replace_loc,
+    show,
+    too_long,
+    unreported,
+)
 from simspec.language.vocabulary import (
     COMBINATIONS,
     COMBINED_QUANTITIES,
@@ -56,21 +68,8 @@ class HardnessReader(Reader):
         kind = next((kind for kind, form in HARDNESS_FORMS.items() if set(form) == set(value)), None)
         if kind is None:
             raise fault("incomplete compliance", show(dict(value)), self._allowed(), _completion(value))
-        return kind, self._numbers(kind, value)
-
-    def _numbers(self, kind: str, value: Mapping[str, Any]) -> tuple[float, ...]:
-        numbers, faults = [], []
-        for name, number in HARDNESS_FORMS[kind].items():
-            try:
-                if value[name] is INVALID:
-                    faults.append(Fault((name,), "", reported=True))
-                else:
-                    numbers.append(number.read(value[name]))
-            except Faults as error:
-                faults.extend(replace_loc(error.faults, (name,)))
-        if faults:
-            raise Faults(faults)
-        return tuple(numbers)
+        entries = ((name, (number, value[name])) for name, number in HARDNESS_FORMS[kind].items())
+        return kind, tuple(read_each(entries, lambda entry: entry[0].read(unreported(entry[1]))))
 
     def written(self, value: tuple[str, tuple[float, ...]] | None) -> Any:
         if value is None or value[0] in HARDNESS_WORDS:
@@ -141,25 +140,20 @@ class Names(Reader):
 class BodyPairs(Reader):
     """Pairs of full body names."""
 
+    WORDS = "a list of pairs of bodies' full names"
+    SCHEMA: ClassVar = {"type": "array", "items": Names(2, path=True).schema()}
+
     def read(self, value: Any) -> tuple[tuple[str, ...], ...]:
         if not isinstance(value, (list, tuple)):
             raise fault("expected a list of pairs of bodies", show(value), "[[body, other], ...]")
-        return tuple(self._pair(index, item) for index, item in enumerate(value))
+        return tuple(read_each(enumerate(value), self._pair))
 
-    def _pair(self, index: int, item: Any) -> tuple[str, ...]:
-        try:
-            pair = Names(2, path=True).read(item)
-            if pair[0] == pair[1]:
-                raise fault("a pair is of two bodies", pair[0], "two different bodies")
-        except Faults as error:
-            raise Faults(replace_loc(error.faults, (index,))) from None
+    @staticmethod
+    def _pair(item: Any) -> tuple[str, ...]:
+        pair = Names(2, path=True).read(item)
+        if pair[0] == pair[1]:
+            raise fault("a pair is of two bodies", pair[0], "two different bodies")
         return pair
-
-    def describe(self) -> str:
-        return "a list of pairs of bodies' full names"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "array", "items": Names(2, path=True).schema()}
 
 
 class Material(Strict):
@@ -207,11 +201,8 @@ class Pair(Strict):
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         said = [name for name in data if name != "between"]
         if "between" in data and not said:
-            yield Fault(
-                (),
-                "a pair needs at least one law",
-                allowed=", ".join((*LAW_QUANTITIES, "hardness", "margin", "collide")),
-            )
+            allowed = ", ".join((*LAW_QUANTITIES, "hardness", "margin", "collide"))
+            yield Fault((), "a pair needs at least one law", allowed=allowed)
         if data.get("collide") is False and len(said) > 1:
             other = next(name for name in said if name != "collide")
             yield Fault((other,), "a pair that does not collide cannot have another law", hint="remove one of the two")
@@ -266,6 +257,4 @@ class Contact(Strict):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        materials = data.get("materials")
-        if isinstance(materials, Mapping) and len(materials) > MOST_MATERIALS:
-            yield Fault(("materials",), "too many materials", str(len(materials)), f"up to {MOST_MATERIALS}")
+        yield from too_long(data, "materials", MOST_MATERIALS)

@@ -4,22 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from pydantic import Field
 
+from simspec.language.document import listed
 from simspec.language.joint_names import PATTERN, JointNames, NamePattern, read_pattern, too_many
-from simspec.language.joints import DIMENSION, check_suits_driven, read_by_joint
+from simspec.language.joints import JointQuantity
 from simspec.language.quantities import Number, Reader, Vector
 from simspec.language.shapes import NameOf
-from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, misspelt, replace_loc, show
-from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS, SCALAR_JOINTS
+from simspec.language.strict import (
+    ABSENT,
+    Fault,
+    Faults,
+    Maybe,
+    Strict,
+    fault,
+    misspelt,
+    read_entries,
+    replace_loc,
+    show,
+)
+from simspec.language.units import article
+from simspec.language.vocabulary import ACTUATORS, CONTROL_LAWS, DISCRETISATIONS
 from simspec.language.words import Flag, Word
 
-# Actuators of a model: what turns a command into the effort on one joint. A controller names those that act.
-
 LARGEST_GEAR: Final = 1e6
+"""A ratio beyond this (or below its inverse) is no gear; its square would overflow the numbers of engines."""
 LAWS: Final[Mapping[str, tuple[str, ...]]] = {
     "position": ("kp", "kd"),
     "velocity": ("kd",),
@@ -32,62 +43,47 @@ COMMANDS: Final = {"position": "position", "velocity": "velocity", "effort": "ef
 
 
 @dataclass(frozen=True)
-class OfJoint(Reader):
-    """A number whose dimension follows from the joint's type, kept as written: read when the spec is resolved (:meth:`number`).
-    What suits no type of joint is refused here. ``quantities``: entries of ``joints.DIMENSION``, one of which is meant."""
+class Command(Reader):
+    """A command, whose meaning and so dimension follow from the actuator's law and the joint's type (:meth:`number`); kept as
+    written."""
 
-    quantities: tuple[str, ...]
-    unit_text: str
-    least: float | None = None
+    UNIT = "by the law"
+    WORDS = "a number"
+    SCHEMA = Number("number").schema()
 
-    def number(self, kind: str, quantity: str | None = None) -> Number:
-        """The number of a joint of a type; ``quantity`` "": a plain one."""
-        quantity = self.quantities[0] if quantity is None else quantity
-        return Number(DIMENSION[kind][quantity] if quantity else "number", self.least)
+    def number(self, kind: str, quantity: str) -> Number:
+        """The number of a joint of a type. ``quantity``: a value of :data:`COMMANDS`."""
+        return JointQuantity(quantity).number(kind)
 
     def read(self, value: Any) -> Any:
         refused: list[Faults] = []
-        for quantity in self.quantities:
+        for quantity in COMMANDS.values():
             try:
-                check_suits_driven(partial(self.number, quantity=quantity), value)
+                return JointQuantity(quantity).read(value)
             except Faults as error:
                 refused.append(error)
-            else:
-                return value
         raise refused[0]
-
-    def unit(self) -> str:
-        return self.unit_text
-
-    def describe(self) -> str:
-        return "a number" if self.least is None else f"a number ≥ {self.least:g}"
-
-    def schema(self) -> dict[str, Any]:
-        return Number("number", self.least).schema()
 
 
 @dataclass(frozen=True)
-class Ends(OfJoint):
-    """Two such numbers."""
+class CommandLimits(Reader):
+    """The smallest and the largest command."""
+
+    UNIT = "by the law"
+    WORDS = "two numbers"
+    SCHEMA: ClassVar = {"type": "array", "items": Number("number").schema(), "minItems": 2, "maxItems": 2}
 
     def read(self, value: Any) -> Any:
         if not isinstance(value, (list, tuple)) or len(value) != 2:
             raise fault("expected the smallest and the largest command", show(value), "[LOWER, UPPER]")
-        return tuple(super(Ends, self).read(item) for item in value)
-
-    def describe(self) -> str:
-        return "two numbers"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "array", "items": Number("number").schema(), "minItems": 2, "maxItems": 2}
+        return tuple(map(COMMAND.read, value))
 
 
-_COMMAND: Final = tuple(COMMANDS.values())
-COMMAND: Final = OfJoint(_COMMAND, "by the law")
+COMMAND: Final = Command()
 OF_JOINT: Final = {
-    "kp": OfJoint(("stiffness",), "N m/rad or N/m", 0.0),
-    "kd": OfJoint(("damping",), "N m s/rad or N s/m", 0.0),
-    "effort_limit": OfJoint(("effort",), "N m or N", 0.0),
+    "kp": JointQuantity("stiffness", 0.0),
+    "kd": JointQuantity("damping", 0.0),
+    "effort_limit": JointQuantity("effort", 0.0),
 }
 
 
@@ -115,9 +111,7 @@ class Actuator(Strict):
     effort_limit: Maybe[Annotated[Any, OF_JOINT["effort_limit"]]] = Field(
         ABSENT, description="Largest |f|; the joint's `limits.effort` also applies, to the effort on the joint"
     )
-    command_limits: Maybe[Annotated[Any, Ends(_COMMAND, "by the law")]] = Field(
-        ABSENT, description="Smallest and largest command"
-    )
+    command_limits: Maybe[Annotated[Any, CommandLimits()]] = Field(ABSENT, description="Smallest and largest command")
     command: Annotated[Any, COMMAND] = Field(0.0, description="The command where no controller says another")
 
     @classmethod
@@ -128,13 +122,10 @@ class Actuator(Strict):
         yield from cls._of_law(law, data)
         if data.get("gear") == 0:
             yield Fault(("gear",), "an actuator with a gear of 0 does nothing", "0")
-        bias = data.get("bias")
-        if isinstance(bias, (list, tuple)):
-            for index, word in ((1, "position"), (2, "velocity")):
-                value = bias[index] if len(bias) > index else None
-                if isinstance(value, (int, float)) and value > 0.0:
-                    message = f"an effort that grows with the {word} is unstable"
-                    yield Fault(("bias", index), message, f"{value:g}", "up to 0")
+        for index, value in enumerate(listed(data.get("bias"))[:3]):
+            if index and isinstance(value, (int, float)) and value > 0.0:
+                message = f"an effort that grows with the {('position', 'velocity')[index - 1]} is unstable"
+                yield Fault(("bias", index), message, f"{value:g}", "up to 0")
 
     @classmethod
     def _of_law(cls, law: str, data: Mapping[str, Any]) -> Iterator[Fault]:
@@ -148,7 +139,6 @@ class Actuator(Strict):
 
 
 MOST_CONTROLLERS = 100
-"""Ratios beyond this (or below its inverse) are no gear; their squares would make numbers that no engine holds."""
 
 _ACTUATOR_GAINS: Mapping[str, Mapping[str, str]] = {
     "position": {"kp": "N m/rad", "kd": "N m s/rad"},
@@ -174,47 +164,25 @@ _NOT_OF_LAW: Mapping[str, Mapping[str, str]] = {
 
 
 @dataclass(frozen=True)
-class PerJoint(Reader):
-    """One number for all joints of a controller, or a mapping of numbers by name or pattern. ``quantity`` names the entry
-    of ``joints.DIMENSION`` that gives its dimension, which follows from the joint's type ("": a plain number).
+class PerJoint(JointQuantity):
+    """One such number for all joints of a controller, or a mapping of numbers by name or pattern."""
 
-    Kept as written: which joints are meant, and so which unit is right, shows when the spec is resolved (:meth:`number`).
-    What suits no type of joint is refused here.
-    """
-
-    quantity: str
-    unit_text: str = ""
-    least: float = 0.0
-    most: float | None = None
-
-    def number(self, kind: str) -> Number:
-        """The number of a joint of a type (``SCALAR_JOINTS``)."""
-        dimension = DIMENSION[kind][self.quantity] if self.quantity else "number"
-        return Number(dimension, self.least, self.most)
+    least: float | None = 0.0
 
     def read(self, value: Any) -> Any:
         if not isinstance(value, Mapping):
-            check_suits_driven(self.number, value)
-            return value
+            return super().read(value)
         if not value:
             raise fault("no joint given", "{}", "a number, or {JOINT: number, ...}")
         if (many := too_many(value)) is not None:
             raise many
-        return read_by_joint(value, read_pattern, self.number)
-
-    def unit(self) -> str:
-        return self.unit_text
+        return read_entries(value, read_pattern, super().read)
 
     def describe(self) -> str:
-        bounds = (
-            self.number(SCALAR_JOINTS[0])
-            .describe()
-            .removeprefix(Number(self.number(SCALAR_JOINTS[0]).dimension).describe())
-        )
-        return f"a number{bounds}, or numbers by joint"
+        return f"{Number('number', self.least, self.most).describe()}, or numbers by joint"
 
     def schema(self) -> dict[str, Any]:
-        number = self.number(SCALAR_JOINTS[0]).schema()
+        number = super().schema()
         by_joint = {
             "type": "object",
             "propertyNames": {"pattern": f"^{PATTERN.pattern}$"},
@@ -225,12 +193,12 @@ class PerJoint(Reader):
 
 
 PER_JOINT: Mapping[str, PerJoint] = {
-    "kp": PerJoint("stiffness", "N m/rad or N/m"),
-    "kd": PerJoint("damping", "N m s/rad or N s/m"),
-    "effort_limit": PerJoint("effort", "N m or N"),
-    "velocity_limit": PerJoint("velocity", "rad/s or m/s"),
-    "gear": PerJoint("", "", 1.0 / LARGEST_GEAR, LARGEST_GEAR),
-    "rotor_inertia": PerJoint("armature", "kg m² or kg"),
+    "kp": PerJoint("stiffness"),
+    "kd": PerJoint("damping"),
+    "effort_limit": PerJoint("effort"),
+    "velocity_limit": PerJoint("velocity"),
+    "gear": PerJoint("", 1.0 / LARGEST_GEAR, LARGEST_GEAR),
+    "rotor_inertia": PerJoint("armature"),
 }
 """What a controller says of its joints one by one."""
 
@@ -335,18 +303,13 @@ class Controller(Strict):
         for key, unit in needed.items():
             if cls._lacks(key, data):
                 others = " and ".join(needed)
-                yield Fault(
-                    (), f"{_article(actuator)} actuator needs {others}; {key} is missing", hint=f"{key}: 10 {unit}"
-                )
+                message = f"{article(actuator)} actuator needs {others}; {key} is missing"
+                yield Fault((), message, hint=f"{key}: 10 {unit}")
         for key in ("kp", "kd"):
             if key in data and key not in needed:
                 allowed = ", ".join(needed) or "neither kp nor kd"
-                yield Fault((key,), f"{_article(actuator)} actuator has no {key}", show(data[key]), allowed)
+                yield Fault((key,), f"{article(actuator)} actuator has no {key}", show(data[key]), allowed)
 
     @classmethod
     def _lacks(cls, key: str, data: Mapping[str, Any]) -> bool:
         return key not in data and not misspelt(key, data, cls.model_fields)
-
-
-def _article(actuator: str) -> str:
-    return f"{'an' if actuator == 'effort' else 'a'} {actuator}"

@@ -10,9 +10,8 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, create_model
 from pydantic_core import core_schema
 
-from simspec.language.document import INVALID
 from simspec.language.quantities import Number, Reader, Vector
-from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Strict, fault, read_entries, show
 from simspec.language.words import NAME, Name
 
 
@@ -43,22 +42,20 @@ class Kind:
 class Targets(Reader):
     """Places of bodies, by their full names; read as pairs (body, place) sorted by body."""
 
+    UNIT = "m"
+    WORDS = "places by the bodies' full names"
+    SCHEMA: ClassVar = {
+        "type": "object",
+        "propertyNames": {"pattern": f"^{NAME.pattern}(/{NAME.pattern})?$"},
+        "additionalProperties": Vector(Number("length")).schema(),
+        "minProperties": 1,
+    }
+
     def read(self, value: Any) -> tuple[tuple[str, tuple[float, ...]], ...]:
         if not isinstance(value, Mapping) or not value:
             found = "{}" if isinstance(value, Mapping) else show(value)
             raise fault(f"expected {self.describe()}", found, "{BODY: [x, y, z], ...}")
-        pairs, faults = [], []
-        for name, place in value.items():
-            if place is INVALID:
-                faults.append(Fault((str(name),), "", reported=True))
-                continue
-            try:
-                pairs.append((Name(path=True).read(name), _POINT.read(place)))
-            except Faults as error:
-                faults.extend(replace_loc(error.faults, (str(name),)))
-        if faults:
-            raise Faults(faults)
-        return tuple(sorted(pairs))
+        return tuple(sorted(read_entries(value, Name(path=True).read, _POINT.read).items()))
 
     def written(self, value: tuple[tuple[str, tuple[float, ...]], ...] | None) -> Any:
         return value and {name: list(place) for name, place in value}
@@ -67,20 +64,6 @@ class Targets(Reader):
         # an expectation that was made in Python is written as a spec would say it
         written = core_schema.plain_serializer_function_ser_schema(self.written)
         return core_schema.no_info_plain_validator_function(self._validate, serialization=written)
-
-    def unit(self) -> str:
-        return _POINT.unit()
-
-    def describe(self) -> str:
-        return "places by the bodies' full names"
-
-    def schema(self) -> dict[str, Any]:
-        return {
-            "type": "object",
-            "propertyNames": {"pattern": f"^{NAME.pattern}(/{NAME.pattern})?$"},
-            "additionalProperties": _POINT.schema(),
-            "minProperties": 1,
-        }
 
 
 _SHARE = Number("number", 0)

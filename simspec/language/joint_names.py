@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Container, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
-from simspec.language.document import INVALID
 from simspec.language.quantities import Reader
-from simspec.language.strict import Fault, Faults, fault, replace_loc, show
+from simspec.language.strict import Faults, fault, read_each, show
 from simspec.language.units import article
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import LONGEST_NAME, clean_name
@@ -153,6 +152,8 @@ def too_many(entries: Iterable[Any]) -> Faults | None:
 class JointNames(Reader):
     """A list of names or patterns of joints (``of``: of what else), at least one."""
 
+    SCHEMA: ClassVar = {"type": "array", "items": {"type": "string", "pattern": f"^{PATTERN.pattern}$"}, "minItems": 1}
+
     of: str = "joint"
 
     def read(self, value: Any) -> tuple[str, ...]:
@@ -161,22 +162,7 @@ class JointNames(Reader):
             raise fault(f"expected {self.describe()}", found, f"[MODEL/{self.of.upper()}, MODEL/*, ...]")
         if (many := too_many(value)) is not None:
             raise many
-        names, faults = [], []
-        for index, item in enumerate(value):
-            if item is INVALID:
-                faults.append(Fault((index,), "", reported=True))
-                continue
-            try:
-                names.append(read_pattern(item))
-            except Faults as error:
-                faults.extend(replace_loc(error.faults, (index,)))
-        if faults:
-            raise Faults(faults)
-        return tuple(names)
+        return tuple(read_each(enumerate(value), read_pattern))
 
     def describe(self) -> str:
         return f"a list of {self.of}s' full names; `*` matches any text"
-
-    def schema(self) -> dict[str, Any]:
-        item = {"type": "string", "pattern": f"^{PATTERN.pattern}$"}
-        return {"type": "array", "items": item, "minItems": 1}

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, ValidationError
 
-from simspec.language.document import INVALID
-from simspec.language.quantities import ByJointType, Direction, Number, Vector
+from simspec.language.document import mapping
+from simspec.language.quantities import ByJointType, Direction, Number, Reader, Vector
 from simspec.language.shapes import NameOf, Orientation, Pose
-from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, as_faults, fault, misspelt, replace_loc, show
+from simspec.language.strict import (
+    ABSENT,
+    Fault,
+    Faults,
+    Maybe,
+    Strict,
+    as_faults,
+    fault,
+    misspelt,
+    replace_loc,
+    show,
+    unreported,
+)
 from simspec.language.vocabulary import JOINT_KINDS, SCALAR_JOINTS
 from simspec.language.words import Word
 
@@ -63,37 +76,45 @@ _MEANINGLESS: Mapping[str, Mapping[str, str]] = {
 """Fields that mean nothing on a type of joint, and why."""
 
 
-def check_suits_driven(number: Callable[[str], Number], value: Any) -> None:
-    """Raise Faults where a value is the ``number`` of no type of driven joint (those of the first type)."""
-    refused = None
-    for kind in SCALAR_JOINTS:
-        try:
-            number(kind).read(value)
-        except Faults as error:
-            refused = refused or error
-        else:
-            return
-    if refused is not None:
-        raise refused
+@dataclass(frozen=True)
+class JointQuantity(Reader):
+    """A number whose dimension follows from the joint's type: hinge or slide, which shows when the spec is resolved
+    (:meth:`number`). Kept as written; a value that suits neither type is refused here. ``quantity``: an entry of
+    :data:`DIMENSION`, "" for a plain number."""
 
+    quantity: str
+    least: float | None = None
+    most: float | None = None
 
-def read_by_joint(
-    value: Mapping[Any, Any], read_name: Callable[[Any], object], number: Callable[[str], Number]
-) -> dict[str, Any]:
-    """A mapping of numbers by joint, each suiting some type of driven joint; kept as written. Raises Faults, all at once."""
-    faults: list[Fault] = []
-    for name, item in value.items():
-        try:
-            read_name(name)
-            if item is INVALID:
-                faults.append(Fault((name,), "", reported=True))
-            else:
-                check_suits_driven(number, item)
-        except Faults as error:
-            faults.extend(replace_loc(error.faults, (str(name),)))
-    if faults:
-        raise Faults(faults)
-    return dict(value)
+    def number(self, kind: str) -> Number:
+        """The number of a joint of a type (:data:`SCALAR_JOINTS`)."""
+        return Number(DIMENSION[kind][self.quantity] if self.quantity else "number", self.least, self.most)
+
+    def kinds(self, value: Any) -> tuple[str, ...]:
+        """The types of joints whose number ``value`` may be. Raises Faults, those of the first type, where there is none."""
+        refused, suited = list[Faults](), list[str]()
+        for kind in SCALAR_JOINTS:
+            try:
+                self.number(kind).read(value)
+                suited.append(kind)
+            except Faults as error:
+                refused.append(error)
+        if not suited:
+            raise refused[0]
+        return tuple(suited)
+
+    def read(self, value: Any) -> Any:
+        self.kinds(value)
+        return value
+
+    def unit(self) -> str:
+        return " or ".join(self.number(kind).unit() for kind in SCALAR_JOINTS) if self.quantity else ""
+
+    def describe(self) -> str:
+        return "a number" if self.least is None else f"a number ≥ {self.least:g}"
+
+    def schema(self) -> dict[str, Any]:
+        return Number("number", self.least, self.most).schema()
 
 
 class Limits(Strict):
@@ -201,13 +222,10 @@ class Joint(Strict):
                 faults += more
                 if not more:
                     data[key] = read
-        start = data.get("position")
-        limits = data["limits"].get("position") if isinstance(data.get("limits"), dict) else None
-        largest = data["limits"].get("angle") if isinstance(data.get("limits"), dict) else None
-        if isinstance(start, Orientation) and largest is not None and beyond_cone(start, largest):
-            faults.append(outside_cone(start, largest, ("position",)))
-        if isinstance(start, float) and limits is not None and within(start, limits) is None:
-            faults.append(outside(start, limits, ("position",)))
+        start, limits = data.get("position"), mapping(data.get("limits"))
+        if isinstance(start, (float, Orientation)):
+            beyond = beyond_limits(start, limits.get("position"), limits.get("angle"))
+            faults += [beyond._replace(loc=("position",))] if beyond is not None else []
         return data, faults
 
 
@@ -267,18 +285,19 @@ def within(position: float, limits: Sequence[float]) -> float | None:
     return allowed if abs(position - allowed) <= EDGE * max(1.0, abs(allowed)) else None
 
 
-def outside(start: float, limits: Sequence[float], loc: tuple[str | int, ...]) -> Fault:
-    """The fault of an initial position of a hinge or slide beyond its limits."""
-    allowed = f"{limits[0]:g} to {limits[1]:g}"
-    hint = f"{nearest(start, limits)!r}, the nearest allowed value"
-    return Fault(loc, OUTSIDE, f"{start:g}", allowed, hint)
-
-
-def outside_cone(turn: Orientation, largest: float, loc: tuple[str | int, ...]) -> Fault:
-    """The fault of an initial orientation of a ball joint by more than its largest angle (rad)."""
-    shown = ", ".join(f"{value:.9g}" for value in scaled_to(quaternion_of(turn), largest))
-    hint = f"{{quat: [{shown}]}}, the nearest allowed value"
-    return Fault(loc, OUTSIDE, f"{angle_of(turn):g}", f"0 to {largest:g}", hint)
+def beyond_limits(start: float | Orientation, limits: Sequence[float] | None, largest: float | None) -> Fault | None:
+    """The fault of an initial position beyond the ``limits`` of a hinge or slide, or of the initial orientation of a ball joint
+    by more than its ``largest`` angle (rad); None where there is none."""
+    if isinstance(start, Orientation):
+        if largest is None or not beyond_cone(start, largest):
+            return None
+        shown = ", ".join(f"{value:.9g}" for value in scaled_to(quaternion_of(start), largest))
+        found, allowed, suggested = f"{angle_of(start):g}", f"0 to {largest:g}", f"{{quat: [{shown}]}}"
+    else:
+        if limits is None or within(start, limits) is not None:
+            return None
+        found, allowed, suggested = f"{start:g}", f"{limits[0]:g} to {limits[1]:g}", f"{nearest(start, limits)!r}"
+    return Fault((), OUTSIDE, found, allowed, f"{suggested}, the nearest allowed value")
 
 
 def read_position(kind: str, value: Any) -> Any:
@@ -301,10 +320,8 @@ def read_velocity(kind: str, value: Any) -> Any:
 
 
 def _attempt(reader: Any, value: Any, loc: tuple[str | int, ...]) -> tuple[Any, list[Fault]]:
-    if value is INVALID:
-        return None, [Fault(loc, "", reported=True)]
     try:
-        return reader(value), []
+        return reader(unreported(value)), []
     except Faults as error:
         return None, replace_loc(error.faults, loc)
 
@@ -348,24 +365,22 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
         return value, []
     dimension, data = DIMENSION[kind], dict(value)
     faults: list[Fault] = []
-    readers: dict[str, dict[str, Any]] = {
-        "limits": {
-            "position": lambda item: Vector(Number(dimension["position"]), 2).read(item),
-            "angle": lambda item: Number("angle", 0, math.pi, above=True).read(item),
-            "velocity": lambda item: Number(dimension["velocity"], 0, above=True).read(item),
-            "effort": lambda item: Number(dimension["effort"], 0, above=True).read(item),
-        },
-        "spring": {
-            "stiffness": lambda item: Number(dimension["stiffness"], 0).read(item),
-            "rest": lambda item: Number(dimension["rest"]).read(item),
-        },
-    }
+    readers: dict[str, Reader] = (
+        {"stiffness": Number(dimension["stiffness"], 0), "rest": Number(dimension.get("rest", "angle"))}
+        if key == "spring"
+        else {
+            "position": Vector(Number(dimension.get("position", "angle")), 2),
+            "angle": Number("angle", 0, math.pi, above=True),
+            "velocity": Number(dimension.get("velocity", "velocity"), 0, above=True),
+            "effort": Number(dimension.get("effort", "torque"), 0, above=True),
+        }
+    )
     if key == "spring" and kind == "ball" and "rest" in data:
         faults.append(
             Fault((key, "rest"), "the spring of a ball joint has its rest position at zero", hint="remove it")
         )
         del data["rest"]
-    for name, reader in readers[key].items():
+    for name, reader in readers.items():
         if name not in data:
             continue
         if key == "limits" and (name == "angle") != (kind == "ball"):
@@ -374,7 +389,7 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
             del data[name]
             continue
         item = data.pop(name)
-        read, more = _attempt(reader, item, (key, name))
+        read, more = _attempt(reader.read, item, (key, name))
         faults += more
         if read is not None:
             data[name] = read

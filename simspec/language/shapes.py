@@ -8,18 +8,16 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, Field, create_model
 
-from simspec.language.document import INVALID, Key
+from simspec.language.document import Key, listed, mapping
 from simspec.language.moments import impossible, principal_moments
 from simspec.language.quantities import Number, Reader, UnitQuaternion, Vector, Whole
-from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, replace_loc, show
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, read_each, show
 from simspec.language.units import parse
 from simspec.language.vocabulary import SHAPE_KINDS, STATIC_SHAPES
 from simspec.language.words import FileName, Flag, Name, Word
 
-# Uneven ground: heights over a grid of points, from the spec itself or from a file.
-
 GRID_SUFFIXES = (".png", ".csv", ".txt")
-"""Ends of names of files that are read, in small letters."""
+"""Ends of names of files of heights, in small letters."""
 MOST_HEIGHTS = 2**18
 """Heights of one field, 512 × 512: each takes 20 bytes in a world's file, and two triangles in an engine."""
 FEWEST = 2
@@ -30,6 +28,14 @@ FEWEST = 2
 class HeightRows(Reader):
     """Rows of heights, all equally long."""
 
+    UNIT = "m"
+    WORDS = f"a list of at least {FEWEST} rows of heights"
+    SCHEMA: ClassVar = {
+        "type": "array",
+        "items": {"type": "array", "items": Number("length").schema(), "minItems": FEWEST},
+        "minItems": FEWEST,
+    }
+
     def read(self, value: Any) -> tuple[tuple[float, ...], ...]:
         if hasattr(value, "tolist"):  # an array of numpy
             value = value.tolist()
@@ -39,35 +45,15 @@ class HeightRows(Reader):
         wide = len(value[0]) if isinstance(value[0], (list, tuple)) else 0
         if len(value) * max(wide, 1) > MOST_HEIGHTS:
             raise fault("too many heights", f"{len(value)} × {wide}", f"up to {MOST_HEIGHTS}", "fewer rows and columns")
-        number = Number("length")
-        faults: list[Fault] = []
-        rows: list[tuple[float, ...]] = []
-        for index, row in enumerate(value):
-            if row is INVALID:
-                faults.append(Fault((index,), "", reported=True))
-                continue
+
+        def read_row(row: Any) -> tuple[float, ...]:
             if not isinstance(row, (list, tuple)) or len(row) < FEWEST or len(row) != wide:
                 found = f"{len(row)} heights" if isinstance(row, (list, tuple)) else show(row)
                 allowed = f"{max(wide, FEWEST)}, as in the first row" if wide >= FEWEST else f"at least {FEWEST}"
-                faults.append(Fault((index,), "rows are equally long lists of heights", found, allowed))
-                continue
-            try:
-                rows.append(Vector(number, len(row)).read(row))
-            except Faults as error:
-                faults.extend(replace_loc(error.faults, (index,)))
-        if faults:
-            raise Faults(faults)
-        return tuple(rows)
+                raise fault("rows are equally long lists of heights", found, allowed)
+            return Vector(Number("length"), len(row)).read(row)
 
-    def unit(self) -> str:
-        return Number("length").unit()
-
-    def describe(self) -> str:
-        return f"a list of at least {FEWEST} rows of heights"
-
-    def schema(self) -> dict[str, Any]:
-        row = {"type": "array", "items": Number("length").schema(), "minItems": FEWEST}
-        return {"type": "array", "items": row, "minItems": FEWEST}
+        return tuple(read_each(enumerate(value), read_row))
 
 
 class Heightfield(Strict):
@@ -117,10 +103,8 @@ class Heightfield(Strict):
                 yield Fault(("heights",), "the first is that of the least number", show(heights), "[lowest, highest]")
 
 
-# Shapes from files of triangles: their convex hulls, and the mass of what their surfaces enclose.
-
 MESH_SUFFIXES = (".obj", ".stl", ".dae", ".glb", ".gltf", ".ply", ".msh")
-"""Ends of names of files that are read, in small letters."""
+"""Ends of names of files of triangles, in small letters."""
 UNITS = ("m", "dm", "cm", "mm", "um", "in", "ft")
 """Units that a file's lengths may be in."""
 FEWEST_VERTICES, MOST_VERTICES = 4, 20_000
@@ -135,6 +119,9 @@ SURFACE = "surface"
 class Scale(Reader):
     """A factor, or one for each axis; a negative one mirrors."""
 
+    WORDS = "a number, or 3 of them"
+    SCHEMA: ClassVar = {"anyOf": [Number("number").schema(), Vector(Number("number")).schema()]}
+
     def read(self, value: Any) -> tuple[float, float, float]:
         number = Number("number")
         if isinstance(value, (list, tuple)) or hasattr(value, "tolist"):
@@ -144,12 +131,6 @@ class Scale(Reader):
         if 0.0 in (x, y, z):
             raise fault("a factor of 0 leaves no volume", show(value), "numbers other than 0")
         return (x, y, z)
-
-    def describe(self) -> str:
-        return "a number, or 3 of them"
-
-    def schema(self) -> dict[str, Any]:
-        return {"anyOf": [Number("number").schema(), Vector(Number("number")).schema()]}
 
 
 @dataclass(frozen=True)
@@ -222,22 +203,15 @@ class Mesh(_FileAs):
 
 def named_files(data: Any) -> Iterator[tuple[tuple[Key, ...], str]]:
     """The files that the shapes of a plain spec name, with the paths of the texts."""
-    if not isinstance(data, Mapping):
-        return
-    trees: list[tuple[tuple[Key, ...], Any]] = [(("bodies",), data.get("bodies"))]
-    model, models = data.get("model"), data.get("models")
-    if isinstance(model, Mapping):
-        trees.append((("model", "bodies"), model.get("bodies")))
-    for name, placed in models.items() if isinstance(models, Mapping) else ():
-        if isinstance(placed, Mapping):
-            trees.append((("models", name, "bodies"), placed.get("bodies")))
-    for path, bodies in trees:
-        for name, body in bodies.items() if isinstance(bodies, Mapping) else ():
-            shapes = body.get("shapes") if isinstance(body, Mapping) else None
-            for index, shape in enumerate(shapes if isinstance(shapes, (list, tuple)) else ()):
+    data = mapping(data)
+    trees: list[tuple[tuple[Key, ...], Any]] = [((), data), (("model",), data.get("model"))]
+    trees += [(("models", name), placed) for name, placed in mapping(data.get("models")).items()]
+    for around, tree in trees:
+        path = (*around, "bodies")
+        for name, body in mapping(mapping(tree).get("bodies")).items():
+            for index, shape in enumerate(listed(mapping(body).get("shapes"))):
                 for kind in FROM_FILES:
-                    said = shape.get(kind) if isinstance(shape, Mapping) else None
-                    text = said.get("file") if isinstance(said, Mapping) else None
+                    text = mapping(mapping(shape).get(kind)).get("file")
                     if isinstance(text, str):
                         yield (*path, name, "shapes", index, kind, "file"), text
 
@@ -256,36 +230,33 @@ Colour = Annotated[tuple[float, ...], Vector(Number("number", 0, 1), 3, 4)]
 NameOf = Annotated[str, Name()]
 Switch = Annotated[bool, Flag()]
 
+QUAT = "Unit quaternion w x y z"
 RPY = "Roll, pitch, yaw about the fixed x, y, z axes of the parent's frame: R = Rz(yaw) Ry(pitch) Rx(roll)"
 
 
-def excluded(data: Mapping[str, Any], first: str, second: str, why: str) -> Iterable[Fault]:
-    """A fault where both of two fields are given."""
-    if first in data and second in data:
-        yield Fault((second,), f"{first} and {second} exclude each other: {why}", None, f"{first} or {second}")
-
-
-class Orientation(Strict):
-    """A rotation, as `rpy` or as `quat`, never both; neither means none."""
-
-    rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
-    quat: Maybe[Quaternion] = Field(ABSENT, description="Unit quaternion w x y z")
+class Rotated(Strict):
+    """Base of what has a rotation, as `rpy` or as `quat`, never both; the fields stand in the models, for their order."""
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        yield from excluded(data, "rpy", "quat", "each defines the whole rotation")
+        if "rpy" in data and "quat" in data:
+            message = "rpy and quat exclude each other: each defines the whole rotation"
+            yield Fault(("quat",), message, None, "rpy or quat")
 
 
-class Pose(Strict):
+class Orientation(Rotated):
+    """A rotation, as `rpy` or as `quat`, never both; neither means none."""
+
+    rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
+    quat: Maybe[Quaternion] = Field(ABSENT, description=QUAT)
+
+
+class Pose(Rotated):
     """Where a frame is in its parent's frame; `rpy` or `quat`, never both."""
 
     xyz: Point = Field((0.0, 0.0, 0.0), description="Position of the frame's origin")
     rpy: Maybe[Angles] = Field(ABSENT, description=RPY)
-    quat: Maybe[Quaternion] = Field(ABSENT, description="Unit quaternion w x y z")
-
-    @classmethod
-    def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        yield from Orientation.faults(data)
+    quat: Maybe[Quaternion] = Field(ABSENT, description=QUAT)
 
 
 class Velocity(Strict):
@@ -383,12 +354,12 @@ class Shape(Strict):
             yield Fault(("density",), "a plane has no volume, so no density")
         if "heightfield" in data and "density" in data:
             yield Fault(("density",), "a height field cannot move, so it has no density")
-        if data.get("collision") is False and "margin" in data:
-            yield Fault(("margin",), "a margin belongs to contact, and the shape has none", hint="remove it")
-        if data.get("collision") is False and "surface_velocity" in data:
-            message = "a velocity of the surface belongs to contact, and the shape has none"
-            yield Fault(("surface_velocity",), message, hint="remove it")
-        if data.get("collision") is False and data.get("visual") is False:
+        if data.get("collision") is not False:
+            return
+        for key, noun in (("margin", "margin"), ("surface_velocity", "velocity of the surface")):
+            if key in data:
+                yield Fault((key,), f"a {noun} belongs to contact, and the shape has none", hint="remove it")
+        if data.get("visual") is False:
             yield Fault(("visual",), "neither collision nor visual: the shape would have no effect", hint="remove it")
 
     @property
@@ -409,7 +380,7 @@ class Tensor(Strict):
     yz: Moment = Field(0.0, description="Iyz = −∫ y z dm")
 
 
-class Inertia(Strict):
+class Inertia(Rotated):
     """Moments of inertia about the centre of mass: a tensor, or principal moments with the orientation of their axes. No
     body has a principal moment above the sum of the other two; such values are refused."""
 
@@ -422,11 +393,11 @@ class Inertia(Strict):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        yield from Orientation.faults(data)
+        yield from super().faults(data)
         for key in ("rpy", "quat"):
             if key in data and "tensor" in data:
                 yield Fault((key,), f"{key} rotates principal axes; a tensor is given in the body's axes")
-        for key, reader in (("principal", _principal), ("tensor", _of_tensor)):
+        for key, reader in (("principal", Vector(Number("moment of inertia", 0)).read), ("tensor", _of_tensor)):
             try:
                 why = impossible(reader(data[key])) if key in data else None
             except Faults:
@@ -434,10 +405,6 @@ class Inertia(Strict):
             if why:
                 hint = "moments are about the centre of mass; products carry the tensor's own sign"
                 yield Fault((key,), why, None, "no principal moment greater than the sum of the other two", hint)
-
-
-def _principal(value: Any) -> tuple[float, ...]:
-    return Vector(Number("moment of inertia", 0)).read(value)
 
 
 def _of_tensor(value: Any) -> tuple[float, ...]:

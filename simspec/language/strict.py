@@ -241,6 +241,18 @@ def _exactly_one(names: Sequence[str], data: Mapping[str, Any], fields: Iterable
         yield Fault((), f"expected one of {', '.join(names)}", show(data), allowed)
 
 
+def fields_of(data: Any) -> Mapping[str, Any]:
+    """The fields of a model, or of the plain data that one is made from; empty for anything else."""
+    return data if isinstance(data, Mapping) else getattr(data, "__dict__", {})
+
+
+def too_long(data: Mapping[str, Any], key: str, most: int) -> Iterator[Fault]:
+    """The fault of a field whose list or mapping is too long."""
+    value = data.get(key)
+    if isinstance(value, (list, Mapping)) and len(value) > most:
+        yield Fault((key,), f"too many {key}", str(len(value)), f"up to {most}")
+
+
 def misspelt(name: str, data: Mapping[str, Any], fields: Iterable[str]) -> bool:
     """Whether a field that is missing seems to be there under a wrong name, which is reported as an unknown key."""
     known = set(fields)

@@ -15,8 +15,8 @@ from pydantic import Field, ValidationError, create_model
 from simspec.errors import UNSEEN_CHARACTERS
 from simspec.language import units
 from simspec.language.document import INVALID
-from simspec.language.quantities import Number, Reader, Whole
-from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, as_faults, fault, replace_loc, show
+from simspec.language.quantities import Number, Reader, Vector, Whole
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, as_faults, fault, read_each, show
 from simspec.language.words import LONGEST_TEXT, Word
 
 MOST_VALUES = 100_000
@@ -36,6 +36,9 @@ _LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*(@[0-9][0-9A-Za-z.+_-]{0,39})?")
 class DottedPath(Reader):
     """A dotted path of the spec, as ``--set`` takes it."""
 
+    WORDS = "path"
+    SCHEMA: ClassVar = {"type": "string", "pattern": r"^[^.\s][^.]*(\.[^.]+)*$"}
+
     def read(self, value: Any) -> str:
         if not isinstance(value, str) or not value or len(value) > LONGEST_TEXT or UNSEEN_CHARACTERS.search(value):
             raise fault("expected a dotted path", show(value), "as --set takes it: physics.timestep")
@@ -46,32 +49,26 @@ class DottedPath(Reader):
             raise fault("no run depends on this part of a spec, so a sweep does not change it", steps[0])
         return value
 
-    def describe(self) -> str:
-        return "path"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "string", "pattern": r"^[^.\s][^.]*(\.[^.]+)*$"}
-
 
 @dataclass(frozen=True)
 class EngineLabel(Reader):
     """An engine's name, or name and version."""
+
+    WORDS = "NAME or NAME@VERSION"
+    SCHEMA: ClassVar = {"type": "string", "pattern": f"^{_LABEL.pattern}$"}
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str) or not _LABEL.fullmatch(value):
             raise fault("expected an engine", show(value), "NAME or NAME@VERSION")
         return value
 
-    def describe(self) -> str:
-        return "NAME or NAME@VERSION"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "string", "pattern": f"^{_LABEL.pattern}$"}
-
 
 @dataclass(frozen=True)
 class Plain(Reader):
     """Any value that a spec can have; what it must be follows from the path that it is put at."""
+
+    WORDS = "a value"
+    SCHEMA: ClassVar = {"not": {"type": "null"}}
 
     def read(self, value: Any) -> Any:
         if value is None:
@@ -79,12 +76,6 @@ class Plain(Reader):
         if faults := list(_unusable(value)):
             raise Faults(faults)
         return value
-
-    def describe(self) -> str:
-        return "a value"
-
-    def schema(self) -> dict[str, Any]:
-        return {"not": {"type": "null"}}
 
 
 def _unusable(value: Any, loc: tuple[str | int, ...] = ()) -> Iterator[Fault]:
@@ -103,6 +94,9 @@ def _unusable(value: Any, loc: tuple[str | int, ...] = ()) -> Iterator[Fault]:
 class Values(Reader):
     """A list of plain values, no two alike unless ``alike``."""
 
+    WORDS = "a list of values"
+    SCHEMA: ClassVar = {"type": "array", "items": Plain().schema(), "minItems": 1, "maxItems": MOST_VALUES}
+
     alike: bool = False
 
     def read(self, value: Any) -> tuple[Any, ...]:
@@ -110,28 +104,16 @@ class Values(Reader):
             raise fault("expected a list of values", show(value), "[..., ...]")
         if not 0 < len(value) <= MOST_VALUES:
             raise fault("no values" if not value else "too many values", f"{len(value)} values", f"1 to {MOST_VALUES}")
-        faults: list[Fault] = []
-        for index, item in enumerate(value):
-            try:
-                Plain().read(item)
-            except Faults as error:
-                faults += replace_loc(error.faults, (index,))
+        read_each(enumerate(value), Plain().read)
+        first: dict[str, int] = {}
+        faults = [
+            Fault((index,), "this value is duplicated", f"{show(item)}, as number {before + 1}")
+            for index, item in enumerate(() if self.alike else value)
+            if (before := first.setdefault(same(item), index)) != index
+        ]
         if faults:
             raise Faults(faults)
-        if not self.alike:
-            first: dict[str, int] = {}
-            for index, item in enumerate(value):
-                if (before := first.setdefault(same(item), index)) != index:
-                    faults.append(Fault((index,), "this value is duplicated", f"{show(item)}, as number {before + 1}"))
-            if faults:
-                raise Faults(faults)
         return tuple(value)
-
-    def describe(self) -> str:
-        return "a list of values"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "array", "items": Plain().schema(), "minItems": 1, "maxItems": MOST_VALUES}
 
 
 def same(value: Any) -> str:
@@ -180,21 +162,20 @@ class Quantity(Reader):
     """A number, or a number with a unit, of whatever dimension: that follows from the path that it is put at. Kept as written;
     :func:`amount_of` gives its amount."""
 
+    WORDS = "a number, with or without a unit"
+    SCHEMA = Number().schema()
+
     def read(self, value: Any) -> Any:
         amount_of(value)
         return value
-
-    def describe(self) -> str:
-        return "a number, with or without a unit"
-
-    def schema(self) -> dict[str, Any]:
-        return Number().schema()
 
 
 @dataclass(frozen=True)
 class Quantities(Reader):
     """Two numbers in one unit, kept as written. ``rising``: the second above the first; ``positive``: both above 0; ``spread``:
     the second is."""
+
+    SCHEMA = Vector(Number(), 2).schema()
 
     rising: bool = True
     positive: bool = False
@@ -203,20 +184,8 @@ class Quantities(Reader):
     def read(self, value: Any) -> tuple[Any, Any]:
         if not isinstance(value, (list, tuple)) or len(value) != 2:
             raise fault("expected two numbers", show(value), self.describe())
-        faults: list[Fault] = []
-        amounts: list[Amount] = []
-        for index, item in enumerate(value):
-            if item is INVALID:
-                faults.append(Fault((index,), "", reported=True))
-                continue
-            try:
-                amounts.append(amount_of(item))
-            except Faults as error:
-                faults += replace_loc(error.faults, (index,))
-        if faults:
-            raise Faults(faults)
-        first, second = amounts
-        faults += _one_unit(first, second, (1,), value[1])
+        first, second = read_each(enumerate(value), amount_of)
+        faults = _one_unit(first, second, (1,), value[1])
         if self.rising and first.number >= second.number:
             faults.append(Fault((1,), "must be above the first number", show(value[1]), f"above {show(value[0])}"))
         if self.positive and first.number <= 0:
@@ -229,9 +198,6 @@ class Quantities(Reader):
 
     def describe(self) -> str:
         return "[mean, standard deviation]" if self.spread else "[lower, upper]"
-
-    def schema(self) -> dict[str, Any]:
-        return {"type": "array", "items": Number().schema(), "minItems": 2, "maxItems": 2}
 
 
 def _one_unit(first: Amount, second: Amount, loc: tuple[str | int, ...], shown: Any) -> list[Fault]:
@@ -299,6 +265,9 @@ Range: type[_Range] = create_model("Range", __base__=_Range, __doc__="Values spr
 class Axis(Reader):
     """What one path goes through: a list of values, or a range."""
 
+    WORDS = "a list of values, or a [Range](#range)"
+    SCHEMA: ClassVar = {"anyOf": [Values().schema(), {"$ref": "#/definitions/Range"}]}
+
     def read(self, value: Any) -> tuple[Any, ...]:
         if isinstance(value, (list, tuple)):
             return Values().read(value)
@@ -308,12 +277,6 @@ class Axis(Reader):
             return tuple(Range.model_validate(dict(value)).values())
         except ValidationError as error:
             raise as_faults(error, Range.model_fields) from None
-
-    def describe(self) -> str:
-        return "a list of values, or a [Range](#range)"
-
-    def schema(self) -> dict[str, Any]:
-        return {"anyOf": [Values().schema(), {"$ref": "#/definitions/Range"}]}
 
 
 PathOf = Annotated[str, DottedPath()]

@@ -16,8 +16,8 @@ from pydantic import ValidationError
 
 from simspec.errors import Problem
 from simspec.language.arrays import MOST_ELEMENTS, Array, State
-from simspec.language.document import Key
-from simspec.language.models import Body, Use
+from simspec.language.document import Key, mapping
+from simspec.language.models import Body, Model, Use
 from simspec.language.sources import Source, use_key
 from simspec.language.vocabulary import TREE_JOINTS
 
@@ -29,10 +29,10 @@ def unused(name: str, taken: Container[str]) -> str:
     return next(candidate for number in itertools.count(2) if (candidate := f"{name}_{number}") not in taken)
 
 
-def _given_name(joint: Any) -> str | None:
-    """The name that a plain joint was given."""
-    name = joint.get("name") if isinstance(joint, Mapping) else None
-    return name if isinstance(name, str) else None
+def _text(data: Any, key: str) -> str | None:
+    """A text of a plain mapping; None where there is none."""
+    text = mapping(data).get(key)
+    return text if isinstance(text, str) else None
 
 
 @dataclass
@@ -65,13 +65,11 @@ class Bodies:
 
     def field(self, name: str, key: str) -> Any:
         """A plain field of a body, None where there is none."""
-        body = self.raw.get(name)
-        return body.get(key) if isinstance(body, Mapping) else None
+        return mapping(self.raw.get(name)).get(key)
 
     def parent(self, name: str) -> str | None:
         """The parent's name; None for a root (and for what is no name)."""
-        parent = self.field(name, "parent")
-        return parent if isinstance(parent, str) else None
+        return _text(self.raw.get(name), "parent")
 
     def joint_type(self, name: str) -> str:
         """The type of a body's joint, the stated or the implied one."""
@@ -80,8 +78,7 @@ class Bodies:
             return stated if stated in TREE_JOINTS else "hinge"
         joint = self.field(name, "joint")
         if isinstance(joint, Mapping):
-            stated = joint.get("type")
-            kind = stated if isinstance(stated, str) else "free"
+            kind = _text(joint, "type") or "free"
         else:
             kind = "fixed" if self.field(name, "fixed") is True else "free"
         if self.fixed is not None and kind in ("fixed", "free") and self.field(name, "parent") is None:
@@ -109,15 +106,14 @@ class Bodies:
         taken = self._given_joint_names
         several = self.several(name)
         if not several:
-            own = _given_name(self.field(name, "joint"))
-            return [own if own is not None else unused(f"{name}_joint", taken)]
-        return [_given_name(joint) or unused(f"{name}_joint_{index}", taken) for index, joint in enumerate(several)]
+            given = _text(self.field(name, "joint"), "name")
+            return [given if given is not None else unused(f"{name}_joint", taken)]
+        return [_text(joint, "name") or unused(f"{name}_joint_{index}", taken) for index, joint in enumerate(several)]
 
     def joint_types(self, name: str) -> list[str]:
         """The types of a body's joints; "" for one that cannot be read."""
         several = self.several(name)
-        kinds = (joint.get("type") for joint in several)
-        return [kind if isinstance(kind, str) else "" for kind in kinds] if several else [self.joint_type(name)]
+        return [_text(joint, "type") or "" for joint in several] if several else [self.joint_type(name)]
 
     def joint_place(self, name: str, index: int) -> tuple[Key, ...]:
         """The path in the body of the joint at ``index`` among its own."""
@@ -129,7 +125,7 @@ class Bodies:
             given
             for name in self.raw
             for joint in (self.field(name, "joint"), *self.several(name))
-            if (given := _given_name(joint)) is not None
+            if (given := _text(joint, "name")) is not None
         )
 
     def roots(self) -> list[str]:
@@ -201,9 +197,7 @@ def _typed(raw: Mapping[str, Any], valid: Mapping[str, Body] | None) -> dict[str
 
 
 def _bodies(source: Source, path: tuple[Key, ...], valid: Any, model: bool) -> Bodies | None:
-    raw: Any = source.document.data
-    for step in path:
-        raw = raw.get(step) if isinstance(raw, Mapping) else None
+    raw = source.document.at(*path)
     if not isinstance(raw, Mapping):
         return None
     raw = {name: body for name, body in raw.items() if isinstance(name, str)}
@@ -214,10 +208,8 @@ def model_of(source: Source) -> Bodies | None:
     """The bodies of a model file, following ``use``; None where they cannot be read."""
     files = [source]
     while True:
-        data = source.document.data
-        model = data.get("model") if isinstance(data, Mapping) else None
-        text = model.get("use") if isinstance(model, Mapping) else None
-        if not isinstance(model, Mapping) or not isinstance(text, str):
+        model = source.document.at("model")
+        if _text(model, "use") is None:
             break
         key = use_key(model)
         if key not in source.uses:
@@ -238,9 +230,7 @@ def loose(source: Source) -> Bodies | None:
 
 def placed(source: Source) -> Iterator[tuple[str, Use | None, Bodies]]:
     """Every model placed in a scenario, with its bodies: (name, placement or None where it has errors, bodies)."""
-    data = source.document.data
-    models = data.get("models") if isinstance(data, Mapping) else None
-    for name, raw in models.items() if isinstance(models, Mapping) else ():
+    for name, raw in mapping(source.document.at("models")).items():
         if not isinstance(raw, Mapping):
             continue
         use = source.file.models[name] if source.file else None
@@ -272,69 +262,54 @@ class WrittenState:
     typed: State | None
 
 
+def _places(source: Source, bodies: Bodies, word: str) -> list[tuple[Source, tuple[Key, ...]]]:
+    """Where a field of a model can be written: in its placement in ``source``, and in its files; the nearest last."""
+    places: list[tuple[Source, tuple[Key, ...]]] = [(file, ("model", word)) for file in reversed(bodies.files)]
+    return [*places, (source, (*bodies.placed, word))] if bodies.placed else places
+
+
 def states(source: Source, bodies: Bodies) -> dict[str, WrittenState]:
     """The states of a model by name; the nearer file's, and at last the placement's in ``source``, replaces another's."""
     named: dict[str, WrittenState] = {}
-    places: list[tuple[Source, tuple[Key, ...], Any]] = [
-        (file, ("model", "states"), file.file.model.states if file.file is not None and file.file.model else {})
-        for file in reversed(bodies.files)
-    ]
-    if bodies.placed:
-        use = source.file.models.get(str(bodies.placed[1])) if source.file is not None else None
-        places.append((source, (*bodies.placed, "states"), use.states if use is not None else {}))
-    for file, path, typed in places:
-        raw = _at(file, path)
-        for name, state in raw.items() if isinstance(raw, Mapping) else ():
+    for file, path in _places(source, bodies, "states"):
+        content: Model | Use | None = None
+        if file.file is not None:
+            content = file.file.model if path[0] == "model" else file.file.models.get(str(path[1]))
+        for name, state in mapping(file.document.at(*path)).items():
             if isinstance(name, str) and isinstance(state, Mapping):
-                named[name] = WrittenState(file, (*path, name), state, typed.get(name))
+                typed = content.states.get(name) if content is not None else None
+                named[name] = WrittenState(file, (*path, name), state, typed)
     return named
 
 
 def followers(source: Source, bodies: Bodies) -> set[str]:
     """The joints of a model that follow others, by constraints of its files, of its placement in ``source`` and of the
     scenario."""
-    places: list[tuple[Source, tuple[Key, ...], str]] = [(file, ("model", "constraints"), "") for file in bodies.files]
+    places = [(file, path, "") for file, path in _places(source, bodies, "constraints")]
     if bodies.placed:
-        places.append((source, (*bodies.placed, "constraints"), ""))
         places.append((source, ("constraints",), f"{bodies.placed[1]}/"))
     found: set[str] = set()
     for file, path, prefix in places:
-        raw = _at(file, path)
-        for constraint in raw.values() if isinstance(raw, Mapping) else ():
-            follow = constraint.get("follow") if isinstance(constraint, Mapping) else None
-            joint = follow.get("joint") if isinstance(follow, Mapping) else None
-            if isinstance(joint, str) and joint.startswith(prefix):
+        for constraint in mapping(file.document.at(*path)).values():
+            joint = _text(mapping(constraint).get("follow"), "joint")
+            if joint is not None and joint.startswith(prefix):
                 found.add(joint.removeprefix(prefix))
     return found
 
 
 def actuator_names(source: Source, bodies: Bodies) -> list[str]:
     """The names of a model's actuators: of its files', and of its placement's in ``source``."""
-    places: list[tuple[Source, tuple[Key, ...]]] = [(file, ("model", "actuators")) for file in reversed(bodies.files)]
-    if bodies.placed:
-        places.append((source, (*bodies.placed, "actuators")))
-    written = (_at(file, path) for file, path in places)
-    return list(dict.fromkeys(str(name) for raw in written if isinstance(raw, Mapping) for name in raw))
+    written = (mapping(file.document.at(*path)) for file, path in _places(source, bodies, "actuators"))
+    return list(dict.fromkeys(str(name) for names in written for name in names))
 
 
 def chosen_state(source: Source, bodies: Bodies) -> tuple[Source, tuple[Key, ...], str] | None:
     """The name of the state that a model begins in, with the place that says it; None where nothing does."""
-    places: list[tuple[Source, tuple[Key, ...]]] = [(file, ("model", "state")) for file in bodies.files]
-    if bodies.placed:
-        places.insert(0, (source, (*bodies.placed, "state")))
-    for file, path in places:
-        name = _at(file, path)
+    for file, path in reversed(_places(source, bodies, "state")):
+        name = file.document.at(*path)
         if isinstance(name, str):
             return file, path, name
     return None
-
-
-def _at(source: Source, path: tuple[Key, ...]) -> Any:
-    """The plain data at a place; None where there is none."""
-    data: Any = source.document.data
-    for step in path:
-        data = data.get(step) if isinstance(data, Mapping) else None
-    return data
 
 
 def every(source: Source) -> Iterator[Bodies]:
@@ -342,36 +317,23 @@ def every(source: Source) -> Iterator[Bodies]:
     for bodies in (loose(source), model_of(source)):
         if bodies is not None:
             yield bodies
-    for _, _, bodies in placed(source):
-        yield bodies
+    yield from (bodies for _, _, bodies in placed(source))
 
 
 # How much a spec stands for, counted before anything of it is copied: an array stands for many elements, each with all shapes
 # of its tree; ``use:`` for all that a file holds, once for each model that names it.
 
-MOST_SHAPES = 200_000
-"""Shapes of one scenario, two for each of the most bodies: expanded, each takes some 300 bytes (measured), and ten times that
-in an engine's file and memory."""
-MOST_EXCLUDED = 200_000
-"""Pairs that the models of one scenario exclude, or let touch, in all copies; each is two names."""
-MOST_GRASPS = 10_000
-"""Grasps of all models, in all copies: each is held against the joints, which takes some 0.1 ms."""
-MOST_ACTUATORS = 10_000
-"""Actuators of all models, in all copies: each is held against the entries of each controller."""
-MOST_FRAMES = 200_000
-"""Named frames of one scenario, in all copies; each is a name and a pose."""
-MOST_CONSTRAINTS = 10_000
-"""Constraints of one scenario, in all copies. A step solves them together, in time that grows with the cube of how many act on
-one tree."""
 MOST = {
     "bodies": MOST_ELEMENTS,
-    "shapes": MOST_SHAPES,
-    "excluded pairs": MOST_EXCLUDED,
-    "grasps": MOST_GRASPS,
-    "actuators": MOST_ACTUATORS,
-    "frames": MOST_FRAMES,
-    "constraints": MOST_CONSTRAINTS,
+    "shapes": 200_000,  # two for each of the most bodies; expanded, each takes some 300 bytes, ten times that in an engine
+    "excluded pairs": 200_000,  # of bodies that models exclude, or let touch
+    "grasps": 10_000,  # each is compared with the joints, which takes some 0.1 ms
+    "actuators": 10_000,  # each is compared with the entries of each controller
+    "frames": 200_000,
+    "constraints": 10_000,  # a step solves them together, in time that grows with the cube of how many act on one tree
 }
+"""How many of each one scenario can have, in all copies of its models."""
+_OF_MODEL = ("grasps", "actuators", "frames", "constraints")
 
 
 def too_much(source: Source) -> list[Problem]:
@@ -396,23 +358,15 @@ def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
     yield from separate
     if (bodies := model_of(source)) is not None:
         yield ("model",), 1, _model(bodies)
-    held = source.document.data.get("constraints") if isinstance(source.document.data, Mapping) else None
-    if number := _length(held):
-        most = max((copies for _, copies, _ in separate), default=1)  # those within an array's tree are copied with it
-        yield ("constraints",), most, Counter(constraints=number)
-    named = source.document.data.get("frames") if isinstance(source.document.data, Mapping) else None
-    if number := _length(named):
-        most = max((copies for _, copies, _ in separate), default=1)
-        yield ("frames",), most, Counter(frames=number)
-    acting = source.document.data.get("actuators") if isinstance(source.document.data, Mapping) else None
-    if number := _length(acting):
-        yield ("actuators",), 1, Counter(actuators=number)
-    models = source.document.data.get("models") if isinstance(source.document.data, Mapping) else None
+    most = max((copies for _, copies, _ in separate), default=1)  # those within an array's tree are copied with it
+    for word, copies in (("constraints", most), ("frames", most), ("actuators", 1)):
+        if number := _length(source.document.at(word)):
+            yield (word,), copies, Counter({word: number})
     used: dict[str, Counter[str]] = {}
-    for name, raw in models.items() if isinstance(models, Mapping) else ():
+    for name, raw in mapping(source.document.at("models")).items():
         if not isinstance(raw, Mapping):
             continue
-        used_here = Counter({word: _length(raw.get(word)) for word in ("grasps", "actuators", "frames", "constraints")})
+        used_here = Counter({word: _length(raw.get(word)) for word in _OF_MODEL})
         text = raw.get("use")
         if not isinstance(text, str):
             own = raw.get("bodies")
@@ -444,19 +398,14 @@ def _model(bodies: Bodies) -> Counter[str]:
     excluded = sum(len(file.contact.exclude) + len(file.contact.touch) for file in files)
     if not all(file.contact.self_collision for file in files):
         excluded += math.comb(len(bodies.raw), 2)
-    grasps = sum(len(file.model.grasps) for file in files if file.model is not None)
-    actuators = sum(len(file.model.actuators) for file in files if file.model is not None)
-    named = sum(len(file.model.frames) for file in files if file.model is not None)
-    held = sum(len(file.model.constraints) for file in files if file.model is not None)
-    of_bodies = {"bodies": len(bodies.raw), "shapes": _shapes(bodies.raw)}
-    of_model = {"excluded pairs": excluded, "grasps": grasps, "actuators": actuators}
-    of_model |= {"frames": named, "constraints": held}
-    return Counter({**of_bodies, **of_model})
+    amounts = Counter({"bodies": len(bodies.raw), "shapes": _shapes(bodies.raw), "excluded pairs": excluded})
+    for word in _OF_MODEL:
+        amounts[word] = sum(len(getattr(file.model, word)) for file in files if file.model is not None)
+    return amounts
 
 
 def _shapes(bodies: Any) -> int:
-    items = bodies.values() if isinstance(bodies, Mapping) else ()
-    return sum(_length(body.get("shapes")) for body in items if isinstance(body, Mapping))
+    return sum(_length(mapping(body).get("shapes")) for body in mapping(bodies).values())
 
 
 def _length(value: Any) -> int:

@@ -12,7 +12,7 @@ from simspec.control.reference import efforts, positions
 from simspec.errors import SpecError
 from simspec.language.control import LAWS
 from simspec.language.load import Spec, load
-from simspec.language.trees import MOST_ACTUATORS
+from simspec.language.trees import MOST
 
 LINK = {"mass": 1, "inertia": {"principal": [0.1, 0.1, 0.1]}}
 
@@ -285,7 +285,7 @@ def test_a_trajectory_does_not_move_what_an_actuator_acts_on():
 
 def test_too_many_are_refused_before_they_are_copied():
     data = scenario({f"a{number}": SERVO for number in range(200)})
-    data["models"]["arm"]["array"] = {"line": MOST_ACTUATORS // 100, "step": [1, 1, 1]}
+    data["models"]["arm"]["array"] = {"line": MOST["actuators"] // 100, "step": [1, 1, 1]}
     assert any("too many actuators" in message for _, message in problems(data))
 
 

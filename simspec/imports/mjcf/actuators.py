@@ -14,7 +14,7 @@ from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf
 from simspec.imports.mjcf.constraints import add_tendons
 from simspec.language.beginning import Start
 from simspec.language.joints import ROUND_OFF, nearest, scaled_to, within
-from simspec.language.trees import MOST_ACTUATORS
+from simspec.language.trees import MOST
 from simspec.world.inertia import SINGULAR
 
 TRANSMISSIONS: Final = (0, 1)
@@ -30,7 +30,7 @@ def add_actuators(bodies: MjcfBodies, constraints: Mapping[str, Any]) -> dict[st
     following = {held["follow"]["joint"] for held in constraints.values() if "follow" in held}
     made: dict[str, dict[str, Any]] = {}
     for number, part in model.parts["actuator"].items():
-        words = _words(bodies, number, following) if len(made) < MOST_ACTUATORS else None
+        words = _words(bodies, number, following) if len(made) < MOST["actuators"] else None
         if words is not None:
             made[names.give(part.name, f"actuator_{number}")] = words
             bodies.features.carry(part.element)

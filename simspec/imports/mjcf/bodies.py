@@ -22,7 +22,7 @@ from simspec.imports.elements import Element
 from simspec.imports.mjcf.compiled import BALL, FREE, HINGE, SLIDE, CompiledMjcf, MjcfFeatures
 from simspec.language.beginning import Start
 from simspec.language.document import Path_
-from simspec.language.trees import MOST_FRAMES
+from simspec.language.trees import MOST
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.language.words import clean_name
 
@@ -389,7 +389,7 @@ def add_frames(bodies: MjcfBodies) -> tuple[dict[str, dict[str, Any]], MjcfNames
     made: dict[str, dict[str, Any]] = {}
     for number, part in model.parts.get("site", {}).items():
         body = int(model["site_bodyid"][number])
-        if not part.name or (not body and bodies.ground is None) or len(made) >= MOST_FRAMES:
+        if not part.name or (not body and bodies.ground is None) or len(made) >= MOST["frames"]:
             continue
         shift = bodies.shifts.get(body)
         position = model["site_pos"][number] if shift is None else model["site_pos"][number] - shift
