@@ -136,16 +136,9 @@ def read_text(path: Path, shown: str | None = None) -> str:
     try:
         size = path.stat().st_size
         if size > LARGEST_FILE:
-            raise SpecError(
-                [
-                    Problem(
-                        f"{file}: the file is too large",
-                        found=f"{size / 1e6:.1f} MB",
-                        allowed=f"{LARGEST_FILE / 1e6:g} MB",
-                        hint="write repeated bodies once, with array:",
-                    )
-                ]
-            )
+            found, allowed = f"{size / 1e6:.1f} MB", f"{LARGEST_FILE / 1e6:g} MB"
+            hint = "write repeated bodies once, with array:"
+            raise SpecError([Problem(f"{file}: the file is too large", found=found, allowed=allowed, hint=hint)])
         with os.fdopen(open_regular(path, LARGEST_FILE, links=True), "rb") as stream:  # a link to a spec is a spec
             content = stream.read(LARGEST_FILE + 1)
     except NotReadableError as error:
@@ -164,17 +157,10 @@ def decode(content: bytes, file: str) -> str:
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         column = error.start - (content.rfind(b"\n", 0, error.start) + 1) + 1
-        raise SpecError(
-            [
-                Problem(
-                    f"not UTF-8 at byte {error.start}",
-                    location=Location(file, line, column),
-                    found=f"the byte 0x{content[error.start]:02x}",
-                    allowed="UTF-8 text",
-                    hint="save the file as UTF-8",
-                )
-            ]
-        ) from None
+        message, found = f"not UTF-8 at byte {error.start}", f"the byte 0x{content[error.start]:02x}"
+        place = Location(file, line, column)
+        problem = Problem(message, "", place, found, "UTF-8 text", "save the file as UTF-8")
+        raise SpecError([problem]) from None
 
 
 def parse(text: str, file: str) -> Document:
@@ -211,9 +197,8 @@ def events(text: str, file: str) -> Iterator[Any]:
         before = text[: error.position]
         place = Location(file, before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1)
         code_point = error.character if isinstance(error.character, int) else ord(error.character)
-        raise SpecError(
-            [Problem(f"a character that YAML does not allow: U+{code_point:04X}", location=place)]
-        ) from None
+        message = f"a character that YAML does not allow: U+{code_point:04X}"
+        raise SpecError([Problem(message, location=place)]) from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = Location(file, mark.line + 1, mark.column + 1) if mark else Location(file, 1, 1)
@@ -222,11 +207,12 @@ def events(text: str, file: str) -> Iterator[Any]:
         raise SpecError([Problem(f"not YAML: {what}", location=place, hint=hint)]) from None
     except YAMLError as error:
         raise SpecError([Problem(f"not YAML: {error}", location=Location(file, 1, 1))]) from None
+    if depth <= DEEPEST + 1 and count <= MOST_EVENTS:
+        return
+    place = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
     if depth > DEEPEST + 1:
-        place = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
         raise SpecError([Problem(f"nested deeper than {DEEPEST} levels", location=place)])
-    if count > MOST_EVENTS:
-        place = Location(file, event.start_mark.line + 1, event.start_mark.column + 1)
+    else:
         hint = "write repeated bodies once, with array:; put long trajectories into a CSV file"
         message = "the file has too many keys and values, counted from its beginning to here"
         raise SpecError([Problem(message, location=place, allowed=f"{MOST_EVENTS:,}", hint=hint)])
@@ -329,13 +315,10 @@ class _Builder:
         if len(self._stack) >= DEEPEST:
             raise SpecError([self._problem(event, f"nested deeper than {DEEPEST} levels")])
         mark = self._mark(event)
-        mark.items = {}
-        if isinstance(container, dict):
-            mark.keys = {}
-            if self._stack and isinstance(self._stack[-1][0], dict) and self._stack[-1][2] is None:
-                self._report(event, "a key must be a string", found="a mapping as a key")
-        elif self._stack and isinstance(self._stack[-1][0], dict) and self._stack[-1][2] is None:
-            self._report(event, "a key must be a string", found="a list as a key")
+        mark.items, mark.keys = {}, {} if isinstance(container, dict) else None
+        if self._stack and isinstance(self._stack[-1][0], dict) and self._stack[-1][2] is None:
+            noun = "mapping" if isinstance(container, dict) else "list"
+            self._report(event, "a key must be a string", found=f"a {noun} as a key")
         self._stack.append([container, mark, None, None])
 
     def _scalar(self, event: Any) -> None:

@@ -49,9 +49,8 @@ class SettingsAtTimestep(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if not data.get("settings") and not data.get("pairs"):
-            yield Fault(
-                ("settings",) if "settings" in data else (), "no settings", None, "settings: {NAME: value}, or pairs"
-            )
+            place = ("settings",) if "settings" in data else ()
+            yield Fault(place, "no settings", None, "settings: {NAME: value}, or pairs")
 
 
 class EngineOptions(Strict):

@@ -1,4 +1,5 @@
-"""``simspec fmt``: a spec in the canonical layout, its comments kept, its meaning unchanged."""
+"""``simspec fmt``: a spec in the canonical layout (keys in the language's order, two spaces, short values on one line), its
+comments kept, its meaning unchanged."""
 
 from __future__ import annotations
 
@@ -19,21 +20,25 @@ from simspec.language.models import File
 from simspec.language.strict import Strict
 from simspec.language.study import FiguresFile, StudyFile
 
-# The one canonical layout of a spec's YAML: keys in the language's order, two spaces, short things on one line.
-
 WIDTH = 120
 """Columns that a line may have; a list or mapping that does not fit is written over several lines."""
 
 BLOCK_FIELDS = frozenset(
     (
-        *("contact", "materials", "pairs", "groups", "exclude", "bodies", "joint", "shapes", "poses"),
-        "constraints",
-        "frames",
-        "states",
-        *("actuators", "commands"),
-        "motion",
-        *("models", "positions", "velocities", "model", "control", "expect", "engines"),
-        *("grasps", "open", "closed", "forces", "trajectory", "points", "program"),
+        *("contact", "materials", "pairs", "groups", "exclude", "bodies", "joint", "shapes", "poses", "constraints"),
+        *(
+            "frames",
+            "states",
+            "actuators",
+            "commands",
+            "motion",
+            "models",
+            "positions",
+            "velocities",
+            "model",
+            "control",
+        ),
+        *("expect", "engines", "grasps", "open", "closed", "forces", "trajectory", "points", "program"),
         *("sweep", "over", "together", "cases", "at_timestep"),
     )
 )
@@ -257,11 +262,8 @@ def _check(before: Document, reader: _Reader, result: str, file: str) -> None:
     """The promise of the layout: the same data, the same comments."""
     after, again = _read(result, file)
     same = again is not None and json.dumps(before.data, sort_keys=True) == json.dumps(after.data, sort_keys=True)
-    if (
-        not same
-        or again is None
-        or Counter(comment.text for comment in reader.comments) != Counter(comment.text for comment in again.comments)
-    ):
+    comments_of = [Counter(comment.text for comment in read.comments) for read in (reader, again) if read is not None]
+    if not same or comments_of[0] != comments_of[-1]:
         message = "this file cannot be formatted without changing its meaning; it is not changed"
         raise SpecError([Problem(message, location=Location(file, 1, 1), hint="simplify its quoting or comments")])
 
@@ -301,8 +303,6 @@ class _Reader:
         self.header: list[str] = []
         self.footer: list[str] = []
         self._attach()
-
-    # --- nodes ---
 
     def _build(self, stream: Sequence[Any]) -> Node:
         root = Node("scalar")
@@ -358,8 +358,6 @@ class _Reader:
         elif "\n" in text:  # a scalar over several lines becomes one line
             text = json.dumps(event.value, ensure_ascii=False)
         return Node("scalar", text.strip() if plain else text, scalar(event.value) if plain else event.value)
-
-    # --- comments ---
 
     def _find_comments(self) -> list[_Comment]:
         comments: list[_Comment] = []

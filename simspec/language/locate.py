@@ -8,7 +8,7 @@ from typing import Any
 
 from simspec.errors import Location
 from simspec.language import trees
-from simspec.language.document import Document, Key
+from simspec.language.document import Document, Key, listed, mapping
 from simspec.language.engine_options import PairSettings
 from simspec.language.joint_names import initial_entries, matches
 from simspec.language.sources import Source
@@ -106,11 +106,8 @@ def _of_pair_setting(source: Source, engine: str, materials: tuple[str, str], na
 def _of_pair(source: Source, first: str, second: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
     """Where the law of two materials comes from: their own entry of ``pairs``, else the materials, else what holds for all."""
     document = source.document
-    contact = document.data.get("contact") if isinstance(document.data, Mapping) else None
-    pairs = contact.get("pairs") if isinstance(contact, Mapping) else None
-    for index, pair in enumerate(pairs if isinstance(pairs, list) else ()):
-        between = pair.get("between") if isinstance(pair, Mapping) else None
-        if isinstance(between, list) and sorted(map(str, between)) == sorted((first, second)):
+    for index, pair in enumerate(listed(document.at("contact", "pairs"))):
+        if sorted(map(str, listed(mapping(pair).get("between")))) == sorted((first, second)):
             yield from _whole(document, ("contact", "pairs", str(index), *rest))
     for member in source.all():
         for name in (first, second):
@@ -121,15 +118,13 @@ def _of_pair(source: Source, first: str, second: str, rest: tuple[str, ...]) -> 
 def _of_body(source: Source, name: str, rest: tuple[str, ...]) -> Iterator[Candidate]:
     model, slash, short = name.partition("/")
     if not slash:
-        for bodies in (trees.loose(source), trees.model_of(source)):
-            if bodies is not None:
-                yield from _in_tree(bodies, _base(name, bodies.raw), rest)
+        for bodies in _unplaced(source):
+            yield from _in_tree(bodies, _base(name, bodies.raw), rest)
         return
-    placed = {placement: bodies for placement, _, bodies in trees.placed(source)}
-    model = _base(model, placed)
-    if model not in placed:
+    model, placed = _placed(source, model)
+    if placed is None:
         return
-    bodies = placed[model]
+    bodies = placed
     index, of_joint = _own_joint(bodies, short, rest)
     if of_joint[:1] in (("position",), ("velocity",)) and short in bodies.raw:
         part = {"position": "positions", "velocity": "velocities"}[of_joint[0]]
@@ -151,9 +146,7 @@ def _of_start(
     source: Source, bodies: trees.Bodies, document: Document, path: tuple[str, ...], joint: str
 ) -> Iterator[Candidate]:
     """The entry of initial positions or velocities that a joint has its value from."""
-    values: Any = document.data
-    for step in path:
-        values = values.get(step) if isinstance(values, Mapping) else None
+    values = document.at(*path)
     if isinstance(values, Mapping):
         kinds = {
             name: kind
@@ -175,10 +168,9 @@ def _of_named(source: Source, word: str, name: str, rest: tuple[str, ...]) -> It
         for file in own.files if own is not None else ():
             yield file.document, ("model", word, name, *rest)
         return
-    placed = {placement: bodies for placement, _, bodies in trees.placed(source)}
-    model = _base(model, placed)
+    model, bodies = _placed(source, model)
     yield source.document, ("models", model, word, short, *rest)
-    for file in placed[model].files if model in placed else ():
+    for file in bodies.files if bodies is not None else ():
         yield file.document, ("model", word, short, *rest)
 
 
@@ -195,17 +187,27 @@ def _joint(source: Source, name: str) -> str | None:
     """The full name of the joint of a body."""
     model, slash, short = name.partition("/")
     if slash:
-        placed = {placement: bodies for placement, _, bodies in trees.placed(source)}
-        bodies = placed.get(_base(model, placed))
-        return f"{model}/{bodies.joint_name(short)}" if bodies is not None and short in bodies.raw else None
-    for bodies in (trees.loose(source), trees.model_of(source)):
-        base = _base(name, bodies.raw) if bodies is not None else name
-        if bodies is not None and base in bodies.raw:
+        _, placed = _placed(source, model)
+        return f"{model}/{placed.joint_name(short)}" if placed is not None and short in placed.raw else None
+    for bodies in _unplaced(source):
+        base = _base(name, bodies.raw)
+        if base in bodies.raw:
             named = bodies.joint_name(base)
             # an element's joint has the suffix after a name of its own, else its body's name
             implied = named == base + (end := named.removeprefix(base)) and end.startswith("_joint")
             return f"{name}{end}" if implied else f"{named}{name.removeprefix(base)}"
     return None
+
+
+def _placed(source: Source, model: str) -> tuple[str, trees.Bodies | None]:
+    """A placed model by its name in the world: its name in the spec, and its bodies (None where they cannot be read)."""
+    placed = {placement: bodies for placement, _, bodies in trees.placed(source)}
+    model = _base(model, placed)
+    return model, placed.get(model)
+
+
+def _unplaced(source: Source) -> list[trees.Bodies]:
+    return [bodies for bodies in (trees.loose(source), trees.model_of(source)) if bodies is not None]
 
 
 def _base(name: str, names: Mapping[str, Any]) -> str:

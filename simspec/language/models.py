@@ -17,6 +17,7 @@ from simspec.language.arrays import Array, Frame, State
 from simspec.language.constraints import Constraint
 from simspec.language.contact import Contact
 from simspec.language.control import MOST_CONTROLLERS, Actuator, Controller
+from simspec.language.document import listed, mapping
 from simspec.language.engine_options import WHOLE, EngineOptions
 from simspec.language.expectations import Expectation
 from simspec.language.foreign import Import
@@ -24,7 +25,7 @@ from simspec.language.joint_names import NamePattern
 from simspec.language.joints import Joint
 from simspec.language.quantities import Number, Reader, Vector
 from simspec.language.shapes import Inertia, LinearVelocity, NameOf, Point, Pose, Shape, Switch, Velocity
-from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, misspelt, show
+from simspec.language.strict import ABSENT, Fault, Faults, Maybe, Strict, fault, fields_of, misspelt, show, too_long
 from simspec.language.sweep import Sweep
 from simspec.language.vocabulary import CHANNELS, JOINT_KINDS, STATIC_SHAPES, TREE_JOINTS
 from simspec.language.words import FileName, Name, Text, Word
@@ -40,16 +41,13 @@ Mass = Annotated[float, Number("mass", 0)]
 class Version(Reader):
     """The version of the language."""
 
+    WORDS = str(VERSION)
+    SCHEMA: ClassVar = {"const": VERSION}
+
     def read(self, value: Any) -> int:
         if value != VERSION or isinstance(value, bool):
             raise fault("this simspec reads version 1 of the language", show(value), str(VERSION))
         return VERSION
-
-    def describe(self) -> str:
-        return "1"
-
-    def schema(self) -> dict[str, Any]:
-        return {"const": VERSION}
 
 
 class Body(Strict):
@@ -90,8 +88,8 @@ class Body(Strict):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        several = [_fields(joint) for joint in data.get("joints") or () if isinstance(joint, (dict, Joint))]
-        fields = several[0] if several else _fields(data.get("joint"))
+        several = [fields_of(joint) for joint in data.get("joints") or () if isinstance(joint, (dict, Joint))]
+        fields = several[0] if several else fields_of(data.get("joint"))
         kind = several[-1].get("type") if several else fields.get("type")
         yield from _in_a_row(data, several)
         if "parent" in data:
@@ -101,8 +99,8 @@ class Body(Strict):
         yield from _mass(data)
 
 
-def _fields(joint: Any) -> Mapping[str, Any]:
-    return joint if isinstance(joint, dict) else getattr(joint, "__dict__", {})
+_ONE_OF_THEM = "one of them"
+_PLACED_BY_MOTION = "exclude each other: motion says where it is"
 
 
 def _in_a_row(data: Mapping[str, Any], several: Sequence[Mapping[str, Any]]) -> Iterable[Fault]:
@@ -110,7 +108,7 @@ def _in_a_row(data: Mapping[str, Any], several: Sequence[Mapping[str, Any]]) -> 
     if "joints" not in data:
         return
     if "joint" in data:
-        yield Fault(("joints",), "joint and joints exclude each other", None, "one of them")
+        yield Fault(("joints",), "joint and joints exclude each other", None, _ONE_OF_THEM)
     joints = data["joints"]
     if not isinstance(joints, list) or len(several) != len(joints):
         return  # reported where they are read
@@ -143,27 +141,23 @@ def _child(data: Mapping[str, Any], kind: Any) -> Iterable[Fault]:
     if "joint" not in data and "joints" not in data:
         yield Fault((), "a body with a parent needs a joint", None, None, "joint: {type: fixed}, or another type")
     elif kind == "free" and "joint" in data:
-        yield Fault(
-            ("joint", "type"), "only roots are free; this body has a parent", "free", "fixed, hinge, slide, ball"
-        )
+        message = "only roots are free; this body has a parent"
+        yield Fault(("joint", "type"), message, "free", "fixed, hinge, slide, ball")
 
 
 def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Iterable[Fault]:
     if data.get("kinematic") is True:
         for key in ("fixed", "velocity", "joint", "joints"):
             if data.get(key) not in (None, False):
-                yield Fault(
-                    (key,), f"kinematic and {key} exclude each other: motion says where it is", None, "one of them"
-                )
+                yield Fault((key,), f"kinematic and {key} {_PLACED_BY_MOTION}", None, _ONE_OF_THEM)
     if data.get("fixed") is True and ("joint" in data or "joints" in data):
         key = "joint" if "joint" in data else "joints"
-        yield Fault((key,), f"fixed and {key} exclude each other", None, "one of them")
+        yield Fault((key,), f"fixed and {key} exclude each other", None, _ONE_OF_THEM)
     elif "fixed" in data and data.get("fixed") is False and kind == "fixed":
         yield Fault(("fixed",), "fixed: false contradicts the fixed joint")
     if "pose" in data and joint.get("origin") is not None:
-        yield Fault(
-            ("pose",), "pose and joint.origin exclude each other: both place the root in the world", None, "one of them"
-        )
+        message = "pose and joint.origin exclude each other: both place the root in the world"
+        yield Fault(("pose",), message, None, _ONE_OF_THEM)
     immovable = data.get("fixed") is True or kind in ("fixed", *TREE_JOINTS)
     if "velocity" in data and immovable:
         hint = "write joint: {velocity: ...}" if kind in TREE_JOINTS else "remove it"
@@ -171,9 +165,7 @@ def _root(data: Mapping[str, Any], kind: Any, joint: Mapping[str, Any]) -> Itera
 
 
 def _mass(data: Mapping[str, Any]) -> Iterable[Fault]:
-    shapes = data.get("shapes")
-    items = shapes if isinstance(shapes, list) else []
-    fields = [item if isinstance(item, dict) else getattr(item, "__dict__", {}) for item in items]
+    fields = list(map(fields_of, listed(data.get("shapes"))))
     dense = [index for index, item in enumerate(fields) if item.get("density") is not None]
     for key in ("mass", "inertia", "centre_of_mass"):
         if dense and key in data:
@@ -256,13 +248,12 @@ class Use(_WithImport):
         if "attach" in data:
             for key in ("array", "fixed", "kinematic", "velocity"):
                 if key in data:
-                    yield Fault(
-                        (key,), f"a model that is attached to a body has no {key} of its own", hint="remove one"
-                    )
+                    message = f"a model that is attached to a body has no {key} of its own"
+                    yield Fault((key,), message, hint="remove one")
         if data.get("kinematic") is True:
             for key in ("fixed", "velocity"):
                 if data.get(key) not in (None, False):
-                    yield Fault((key,), f"kinematic and {key} exclude each other: motion says where it is")
+                    yield Fault((key,), f"kinematic and {key} {_PLACED_BY_MOTION}")
 
 
 class Model(Strict):
@@ -317,9 +308,8 @@ class Fluid(Strict):
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
         if "density" not in data and "viscosity" not in data:
-            yield Fault(
-                (), "a fluid needs a density or a viscosity", None, None, "fluid: {density: 1.2, viscosity: 1.8e-5}"
-            )
+            hint = "fluid: {density: 1.2, viscosity: 1.8e-5}"
+            yield Fault((), "a fluid needs a density or a viscosity", hint=hint)
 
 
 class Physics(Strict):
@@ -407,56 +397,49 @@ class File(Strict):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        for key in ("bodies", "models"):
-            if "model" in data and key in data:
-                message = f"model and {key} exclude each other: a file is a model or a scenario"
-                yield Fault((key,), message, None, "model, or bodies and models")
-        for key in ("frames", "constraints", "actuators"):
-            if "model" in data and key in data:
-                yield Fault((key,), f"{key} of a model stand in the model itself", hint=f"model: {{{key}: ...}}")
-        if "model" in data and "sweep" in data:
-            yield Fault(("sweep",), "sweep is only for scenarios, not for a model", None, None, "remove it")
-        contact = data.get("contact")
-        if "model" in data and isinstance(contact, Mapping):
-            for key in ("friction_cone", "combine"):
-                if key in contact:
-                    yield Fault(
-                        ("contact", key),
-                        f"{key} is only for scenarios, not for a model",
-                        None,
-                        "materials, pairs, groups, exclude, touch, self_collision",
-                    )
-        if "model" not in data and isinstance(contact, Mapping) and "self_collision" in contact:
+        contact = mapping(data.get("contact"))
+        if "model" in data:
+            yield from _model_file(data, contact)
+        elif "self_collision" in contact:
             allowed = "in the file of a model; else: groups, exclude"
             yield Fault(("contact", "self_collision"), "self_collision is only for a model", None, allowed)
         parts = ("bodies", "models", "model")
         if not any(key in data or misspelt(key, data, cls.model_fields) for key in parts):
             yield Fault((), "no bodies and no models: nothing to simulate")
-        control = data.get("control")
-        if isinstance(control, Mapping) and len(control) > MOST_CONTROLLERS:
+        control = mapping(data.get("control"))
+        if len(control) > MOST_CONTROLLERS:
             yield Fault(("control",), "too many controllers", str(len(control)), f"up to {MOST_CONTROLLERS}")
-        forces = data.get("forces")
-        if isinstance(forces, list) and len(forces) > MOST_FORCES:
-            yield Fault(("forces",), "too many forces", str(len(forces)), f"up to {MOST_FORCES}")
+        yield from too_long(data, "forces", MOST_FORCES)
         yield from _in_steps(data, "record", "every")
         yield from _in_steps(data, "trajectory", "until")
-        for controller in control if isinstance(control, Mapping) else ():
+        for controller in control:
             yield from _in_steps(data, "control", controller, "every")
+
+
+def _model_file(data: Mapping[str, Any], contact: Mapping[str, Any]) -> Iterable[Fault]:
+    for key in ("bodies", "models"):
+        if key in data:
+            message = f"model and {key} exclude each other: a file is a model or a scenario"
+            yield Fault((key,), message, None, "model, or bodies and models")
+    for key in ("frames", "constraints", "actuators"):
+        if key in data:
+            yield Fault((key,), f"{key} of a model stand in the model itself", hint=f"model: {{{key}: ...}}")
+    if "sweep" in data:
+        yield Fault(("sweep",), "sweep is only for scenarios, not for a model", None, None, "remove it")
+    for key in ("friction_cone", "combine"):
+        if key in contact:
+            allowed = "materials, pairs, groups, exclude, touch, self_collision"
+            yield Fault(("contact", key), f"{key} is only for scenarios, not for a model", None, allowed)
 
 
 def _in_steps(data: Mapping[str, Any], *path: str) -> Iterable[Fault]:
     """A time that is no whole number of timesteps, or none at all."""
-
-    def of(*path: str) -> Any:
-        value: Any = data
-        for name in path:
-            value = value.get(name) if isinstance(value, Mapping) else getattr(value, name, None)
-        return value
-
-    time = of(*path)
+    time: Any = data
+    for name in path:
+        time = fields_of(time).get(name)
     if time is None:
         return
-    timestep = of("physics", "timestep")
+    timestep = fields_of(data.get("physics")).get("timestep")
     number = Number("time", 0, above=True)
     try:
         times = number.read(time), 0.001 if timestep is None else number.read(timestep)

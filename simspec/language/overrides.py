@@ -14,7 +14,7 @@ from simspec.language.engine_options import EngineOptions, SettingsAtTimestep
 from simspec.language.hints import hint_for_key
 from simspec.language.models import File
 from simspec.language.quantities import Reader, Vector
-from simspec.language.strict import Faults, near, show
+from simspec.language.strict import Faults, fault_problem, near, show
 from simspec.language.sweep import Sweep
 from simspec.language.sweep_values import Distribution, same
 
@@ -180,16 +180,22 @@ def _copied(mark: Mark | None) -> Mark | None:
     return Mark(mark.line, mark.column, keys, None if mark.items is None else dict(mark.items), mark.file)
 
 
-def _enter(holder: Any, mark: Mark | None, kind: Any, step: str, path: str, place: Location | None) -> Any:
-    key: Key = step
-    if isinstance(holder, list):
-        index = _index(step, len(holder))
-        if index is None:
-            return Problem("no such element", path, place, found=step, allowed=f"0 to {len(holder) - 1}")
-        key = index
-    elif not isinstance(holder, dict):
+def _key(holder: Any, step: str, path: str, place: Location | None) -> Key | Problem:
+    """The key of a step in a mapping or a list."""
+    if isinstance(holder, dict):
+        return step
+    if not isinstance(holder, list):
         return Problem("this value has no elements", path, place, found=show(holder))
-    elif step not in holder:
+    if step.isascii() and step.isdigit() and len(step) < 9 and int(step) < len(holder):
+        return int(step)
+    return Problem("no such element", path, place, found=step, allowed=f"0 to {len(holder) - 1}")
+
+
+def _enter(holder: Any, mark: Mark | None, kind: Any, step: str, path: str, place: Location | None) -> Any:
+    key = _key(holder, step, path, place)
+    if isinstance(key, Problem):
+        return key
+    if isinstance(holder, dict) and step not in holder:
         if unknown := _unknown(holder, kind, step, path, place):
             return unknown
         holder[step] = [] if isinstance(walk.child(kind, step), list) else {}
@@ -218,21 +224,12 @@ def _unknown(holder: dict[str, Any], kind: Any, step: str, path: str, place: Loc
     return Problem(f"the spec has no {path!r}", path, place, found=step, allowed=allowed, hint=hint)
 
 
-def _index(step: str, length: int) -> int | None:
-    return int(step) if step.isascii() and step.isdigit() and len(step) < 9 and int(step) < length else None
-
-
 def _put(holder: Any, mark: Mark | None, kind: Any, step: str, override: Override) -> Problem | None:
     path, place, value_place = override.path, override.place, override.value_place
-    key: Key = step
-    if isinstance(holder, list):
-        index = _index(step, len(holder))
-        if index is None:
-            return Problem("no such element", path, place, found=step, allowed=f"0 to {len(holder) - 1}")
-        key = index
-    elif not isinstance(holder, dict):
-        return Problem("this value has no elements", path, place, found=show(holder))
-    elif step not in holder:
+    key = _key(holder, step, path, place)
+    if isinstance(key, Problem):
+        return key
+    if isinstance(holder, dict) and step not in holder:
         # settings, joint positions, gains by joint
         plain_values = isinstance(kind, PerJoint) or (isinstance(kind, walk.Free) and not walk.is_model(kind.item))
         unknown = None if plain_values else _unknown(holder, kind, step, path, place)
@@ -245,8 +242,6 @@ def _put(holder: Any, mark: Mark | None, kind: Any, step: str, override: Overrid
             mark.keys.setdefault(step, (value_place.line, value_place.column))
     return None
 
-
-# What is wrong with the paths and values of a sweep, held against the rest of the spec.
 
 MOST_REPORTED = 20
 """Values of one path that are reported: more of them have the same cause."""
@@ -318,10 +313,7 @@ def _values(
         try:
             read = same(kind.read(value))
         except Faults as error:
-            for one in error.faults:
-                yield document.problem(
-                    (*at, *one.loc), one.message, found=one.found, allowed=one.allowed, hint=one.hint
-                )
+            yield from (fault_problem(document, at, fault) for fault in error.faults)
             reported += 1
         else:
             if not alike and read in first:

@@ -1,4 +1,5 @@
-"""pydantic's errors as located problems in the words of the language."""
+"""The language as a tree (which model, list or mapping stands at a path, and which keys it can have), and pydantic's errors as
+located problems in the words of the language."""
 
 from __future__ import annotations
 
@@ -16,8 +17,6 @@ from simspec.language.hints import hint_for_key
 from simspec.language.models import File
 from simspec.language.quantities import Reader
 from simspec.language.strict import FAULT, REPORTED, Strict, near, show
-
-# The language as a tree: which model, list or mapping stands at a path, and which keys may stand there.
 
 
 class Free:

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from simspec.errors import UNSEEN_CHARACTERS, Problem, SpecError
-from simspec.language.document import Document, Key, dotted, read
+from simspec.language.document import Document, Key, dotted, mapping, read
 from simspec.language.foreign import Import, Imported, ImportOptions, import_file, is_foreign, suffixes
 from simspec.language.models import File
 from simspec.language.packages import PACKAGE, Package, PackagedFile, is_packaged, is_robot, packaged, shown_path
@@ -97,15 +97,12 @@ def validate(document: Document) -> tuple[File | None, list[Problem]]:
 
 def uses(data: Any) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
     """Every placement that has a ``use``, with its path."""
-    if not isinstance(data, Mapping):
-        return
-    model = data.get("model")
-    if isinstance(model, Mapping) and isinstance(model.get("use"), str):
-        yield ("model",), model
-    models = data.get("models")
-    for name, placed in models.items() if isinstance(models, Mapping) else ():
-        if isinstance(placed, Mapping) and isinstance(placed.get("use"), str):
-            yield ("models", name), placed
+    data = mapping(data)
+    placements: dict[tuple[str, ...], Any] = {("model",): data.get("model")}
+    placements |= {("models", name): placed for name, placed in mapping(data.get("models")).items()}
+    for path, placed in placements.items():
+        if isinstance(mapping(placed).get("use"), str):
+            yield path, placed
 
 
 def use_key(placed: Mapping[str, Any]) -> str:
@@ -113,19 +110,6 @@ def use_key(placed: Mapping[str, Any]) -> str:
     text: str = placed["use"]
     said = placed.get("import")
     return text if said is None else f"{text} {json.dumps(said, sort_keys=True, default=str)}"
-
-
-@dataclass(frozen=True)
-class _Place:
-    """A file that a spec names, found and allowed; ``arguments``: those that its package gives it (xacro)."""
-
-    path: Path
-    package: Package | None = None
-    arguments: Mapping[str, str] = field(default_factory=dict)
-
-    def options(self, options: ImportOptions) -> ImportOptions:
-        """What is said to the importer of the file: ``options``, and what its package says."""
-        return of_package(options, PackagedFile(self.path, self.package, self.arguments)) if self.package else options
 
 
 def of_package(options: ImportOptions, found: PackagedFile) -> ImportOptions:
@@ -142,15 +126,12 @@ def _installed_name(path: Path) -> str | None:
     return f"{PACKAGE}{'/'.join(parts[at + 1 :])}" if at is not None and len(parts) > at + 2 else None
 
 
-def _noted(source: Source, place: _Place) -> Path:
+def _noted(source: Source, found: Path | PackagedFile) -> Path:
     """The path of a file that ``source`` names; that it is of a package is remembered for the record of what was read."""
-    if place.package is not None:
-        source.packaged[place.path] = place.package
-    return place.path
-
-
-def _is_in(package: Package | None, path: Path) -> bool:
-    return package is not None and path.is_relative_to(package.root)
+    if isinstance(found, Path):
+        return found
+    source.packaged[found.path] = found.package
+    return found.path
 
 
 class Collector:
@@ -179,41 +160,34 @@ class Collector:
             used = self._find(source, path, placed, chain)
             if used is not None:
                 source.uses[key] = used
-        data = source.document.data
-        trajectory = data.get("trajectory") if isinstance(data, Mapping) else None
-        table = trajectory.get("file") if isinstance(trajectory, Mapping) else None
+        table = source.document.at("trajectory", "file")
         if isinstance(table, str) and (found := self._place(source, ("trajectory", "file"), table)) is not None:
             source.table = _noted(source, found)
-        self._meshes(source)
-
-    def _meshes(self, source: Source) -> None:
-        """The files of meshes; those that an importer has found are found."""
         if source.imported is not None:
             source.meshes.update(source.imported.files)
         missing: set[str] = set()
-        for path, text in named_files(source.document.data):
+        for at, text in named_files(source.document.data):
             if text in source.meshes or text in missing:
                 continue
-            place = self._place(source, path, text)
-            if place is None:
+            found = self._place(source, at, text)
+            if found is None:
                 missing.add(text)
             else:
-                source.meshes[text] = _noted(source, place)
+                source.meshes[text] = _noted(source, found)
 
     def _problem(self, source: Source, path: tuple[Key, ...], message: str, **more: Any) -> None:
         self.problems.append(source.document.problem(path, message, **more))
 
-    def _packaged(self, source: Source, path: tuple[Key, ...], text: str) -> _Place | None:
+    def _packaged(self, source: Source, path: tuple[Key, ...], text: str) -> PackagedFile | None:
         """The file of a package that a text names, or the robot of that name."""
         try:
-            found = packaged(text, suffixes())
+            return packaged(text, suffixes())
         except SpecError as error:
             here = source.document.locate(path)
-            self.problems.extend(replace(one, location=here, path=dotted(path)) for one in error.problems)
+            self.problems.extend(replace(problem, location=here, path=dotted(path)) for problem in error.problems)
             return None
-        return _Place(found.path, found.package, found.arguments)
 
-    def _place(self, source: Source, path: tuple[Key, ...], text: str) -> _Place | None:
+    def _place(self, source: Source, path: tuple[Key, ...], text: str) -> Path | PackagedFile | None:
         """The file that a path of a spec means, where it may be read."""
         if len(text) > LONGEST_TEXT or UNSEEN_CHARACTERS.search(text):
             return None  # reported where it is read
@@ -245,7 +219,8 @@ class Collector:
         if not is_file:
             self._problem(source, path, "no such file", found=text, hint=_near_file(target))
             return None
-        return _Place(target, source.package if _is_in(source.package, target) else None)
+        package = source.package
+        return PackagedFile(target, package) if package is not None and target.is_relative_to(package.root) else target
 
     def _find(
         self, source: Source, place: tuple[str, ...], placed: Mapping[str, Any], chain: tuple[Path, ...]
@@ -254,7 +229,7 @@ class Collector:
         found = self._place(source, path, text)
         if found is None:
             return None
-        target = found.path
+        target = found if isinstance(found, Path) else found.path
         if target in chain:
             loop = " -> ".join(file.name for file in (*chain[chain.index(target) :], target))
             self._problem(source, path, f"circular use of files: {loop}", found=text)
@@ -270,7 +245,9 @@ class Collector:
         own = ImportOptions() if said is None else _options(said, source.folder, self.project)
         if own is None:
             return None  # reported where it is read
-        options = found.options(own.together(self.options))
+        options = own.together(self.options)
+        if isinstance(found, PackagedFile):
+            options = of_package(options, found)
         key = (target, options.key())
         if key not in self._read:
             self._read[key] = None

@@ -6,11 +6,12 @@ which replace those that the spec has. How a study becomes specs is in :mod:`sim
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
 from pydantic import Field
 
+from simspec.language.document import listed, mapping
 from simspec.language.quantities import Number, Vector, Whole
 from simspec.language.shapes import NameOf
 from simspec.language.strict import ABSENT, Fault, Maybe, Strict, show
@@ -70,12 +71,11 @@ class StudySweep(Strict):
 
     @classmethod
     def faults(cls, data: Mapping[str, Any]) -> Iterable[Fault]:
-        sweeps: Any = data.get("sweep") if isinstance(data.get("sweep"), Mapping) else {}
-        shown: Any = data.get("show") if isinstance(data.get("show"), list) else []
+        sweeps, shown = mapping(data.get("sweep")), listed(data.get("show"))
         for index, word in enumerate(shown):
             if word in shown[:index]:
                 yield Fault(("show", index), "this word is duplicated", show(word))
-        if "show" in data and not shown and isinstance(data["show"], list):
+        if data.get("show") == []:
             yield Fault(("show",), "nothing is shown of the sweep", "[]", ", ".join(SHOWN))
         yield from _unequal(data.get("unequal"), sweeps)
         yield from _fails(data.get("fails"), sweeps, shown)
@@ -90,28 +90,28 @@ class StudySweep(Strict):
 
 
 def _unequal(unequal: Any, sweep: Mapping[str, Any]) -> Iterator[Fault]:
-    cases, engines = sweep.get("cases"), sweep.get("engines")
-    known = list(cases) if isinstance(cases, Mapping) else []
-    for name, own in unequal.items() if isinstance(unequal, Mapping) else ():
-        if own == {}:
+    engines = sweep.get("engines")
+    for name, models in mapping(unequal).items():
+        if models == {}:
             yield Fault(("unequal", name), "no engine has a case of its own", "{}", "{ENGINE: CASE}")
-        for engine, case in own.items() if isinstance(own, Mapping) else ():
-            if case not in known:
-                allowed = ", ".join(known) or "none: the sweep has no cases"
-                yield Fault(("unequal", name, engine), "the sweep has no case of this name", show(case), allowed)
+        for engine, case in mapping(models).items():
+            yield from _no_case(("unequal", name, engine), case, sweep)
             if isinstance(engines, list) and engine not in engines:
                 yield Fault(("unequal", name, engine), "the sweep has no such engine", engine, ", ".join(engines))
     if unequal and sweep.get("only_cases") is True:
         yield Fault(("sweep", "only_cases"), "the scenario itself is run, to compare unequal models with equal ones")
 
 
-def _fails(fails: Any, sweep: Mapping[str, Any], shown: list[Any]) -> Iterator[Fault]:
-    cases = sweep.get("cases")
-    known = list(cases) if isinstance(cases, Mapping) else []
-    for index, case in enumerate(fails if isinstance(fails, list) else ()):
-        if case not in known:
-            allowed = ", ".join(known) or "none: the sweep has no cases"
-            yield Fault(("fails", index), "the sweep has no case of this name", show(case), allowed)
+def _no_case(loc: tuple[str | int, ...], case: Any, sweep: Mapping[str, Any]) -> list[Fault]:
+    known = list(mapping(sweep.get("cases")))
+    allowed = ", ".join(known) or "none: the sweep has no cases"
+    return [] if case in known else [Fault(loc, "the sweep has no case of this name", show(case), allowed)]
+
+
+def _fails(fails: Any, sweep: Mapping[str, Any], shown: Sequence[Any]) -> Iterator[Fault]:
+    for index, case in enumerate(listed(fails)):
+        if unknown := _no_case(("fails", index), case, sweep):
+            yield from unknown
         elif case in fails[:index]:
             yield Fault(("fails", index), "this case is duplicated", show(case))
     if fails and "cases" not in shown:

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from simspec.language.document import listed, mapping
 from simspec.language.quantities import Number, Whole
 from simspec.language.shapes import NameOf, Switch
 from simspec.language.strict import ABSENT, Fault, Maybe, Strict, show
@@ -89,7 +90,10 @@ class Sweep(Strict):
         for name, empty in (("engines", []), ("over", {}), ("together", []), ("cases", {})):
             if data.get(name) == empty and name in data:
                 yield Fault((name,), f"{name} is empty", show(data[name]), None, "remove it")
-        yield from _twice_engines(data.get("engines"))
+        engines = listed(data.get("engines"))
+        for index, name in enumerate(engines):
+            if isinstance(name, str) and name in engines[:index]:
+                yield Fault(("engines", index), f"the engine {name} is duplicated")
         yield from _rows(data.get("together"))
         cases = data.get("cases")
         yield from _cases(cases, data.get("only_cases") is True)
@@ -97,13 +101,6 @@ class Sweep(Strict):
             yield Fault(("only_cases",), "only_cases without cases")
         yield from _paths_twice(data)
         yield from _too_many(data)
-
-
-def _twice_engines(engines: Any) -> Iterator[Fault]:
-    names = engines if isinstance(engines, list) else []
-    for index, name in enumerate(names):
-        if isinstance(name, str) and name in names[:index]:
-            yield Fault(("engines", index), f"the engine {name} is duplicated")
 
 
 def _rows(together: Any) -> Iterator[Fault]:
@@ -134,7 +131,7 @@ def _equal_rows(loc: tuple[str | int, ...], entry: Mapping[str, Sequence[Any]]) 
 def _cases(cases: Any, only: bool) -> Iterator[Fault]:
     """Cases that say the same."""
     seen = {} if only else {same({}): "the scenario without a case"}
-    for name, values in cases.items() if isinstance(cases, Mapping) else ():
+    for name, values in mapping(cases).items():
         if isinstance(values, Mapping):
             text = same(values)
             if text in seen:
@@ -145,72 +142,70 @@ def _cases(cases: Any, only: bool) -> Iterator[Fault]:
 
 def _paths_twice(data: Mapping[str, Any]) -> Iterator[Fault]:
     """Paths that two parts of a sweep change, one of them perhaps as a part of what the other one replaces."""
-    taken: dict[tuple[str, ...], str] = {}
-    above: dict[tuple[str, ...], str] = {}
-
-    def twice(path: Any, taken: Mapping[tuple[str, ...], str], above: Mapping[tuple[str, ...], str]) -> str | None:
-        steps = tuple(path.split("."))
-        inside = (taken[steps[:length]] for length in range(1, len(steps) + 1) if steps[:length] in taken)
-        return next(inside, above.get(steps))
-
-    def take(path: str, taken: dict[tuple[str, ...], str], above: dict[tuple[str, ...], str]) -> None:
-        steps = tuple(path.split("."))
-        taken.setdefault(steps, path)
-        for length in range(1, len(steps)):
-            above.setdefault(steps[:length], path)
-
+    shared = _Paths()
     for loc, path in _moved(data):
-        if (other := twice(path, taken, above)) is not None:
-            yield Fault(loc, *_TWICE, f"{path}, and {other}")
-        take(path, taken, above)
-    cases = data.get("cases")
-    for name, values in cases.items() if isinstance(cases, Mapping) else ():
-        own: dict[tuple[str, ...], str] = {}
-        own_above: dict[tuple[str, ...], str] = {}
-        for path in values if isinstance(values, Mapping) else ():
+        if (other := shared.overlap(path)) is not None:
+            yield Fault(loc, _TWICE, f"{path}, and {other}")
+        shared.add(path)
+    for name, values in mapping(data.get("cases")).items():
+        of_case = _Paths()
+        for path in mapping(values):
             if isinstance(path, str):
-                other = twice(path, taken, above) or twice(path, own, own_above)
-                if other is not None:
-                    yield Fault(("cases", name, path), *_TWICE, f"{path}, and {other}")
-                take(path, own, own_above)
+                if (other := shared.overlap(path) or of_case.overlap(path)) is not None:
+                    yield Fault(("cases", name, path), _TWICE, f"{path}, and {other}")
+                of_case.add(path)
 
 
-_TWICE = ("a sweep changes this value twice",)
+_TWICE = "a sweep changes this value twice"
+
+
+class _Paths:
+    """Dotted paths, by their steps, and by all beginnings of them."""
+
+    def __init__(self) -> None:
+        self._paths: dict[tuple[str, ...], str] = {}
+        self._beginnings: dict[tuple[str, ...], str] = {}
+
+    def overlap(self, path: str) -> str | None:
+        """The first of the paths that ``path`` is, or is a part of; else one that is a part of ``path``."""
+        steps = tuple(path.split("."))
+        above = (self._paths[steps[:length]] for length in range(1, len(steps) + 1) if steps[:length] in self._paths)
+        return next(above, self._beginnings.get(steps))
+
+    def add(self, path: str) -> None:
+        steps = tuple(path.split("."))
+        self._paths.setdefault(steps, path)
+        for length in range(1, len(steps)):
+            self._beginnings.setdefault(steps[:length], path)
 
 
 def _moved(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Every path of ``over``, ``together`` and ``samples``, with its place."""
-    together, samples = data.get("together"), data.get("samples")
     parts: list[tuple[tuple[str | int, ...], Any]] = [(("over",), data.get("over"))]
-    parts += [
-        (("together", index), entry) for index, entry in enumerate(together if isinstance(together, list) else ())
-    ]
-    parts.append((("samples", "values"), samples.get("values") if isinstance(samples, Mapping) else None))
+    parts += [(("together", index), entry) for index, entry in enumerate(listed(data.get("together")))]
+    parts.append((("samples", "values"), mapping(data.get("samples")).get("values")))
     for loc, entry in parts:
-        for path in entry if isinstance(entry, Mapping) else ():
+        for path in mapping(entry):
             if isinstance(path, str):
                 yield (*loc, path), path
 
 
 def _too_many(data: Mapping[str, Any]) -> Iterator[Fault]:
     """The fault of a sweep of too many runs; of one engine where it names none."""
-    over, together, cases, engines = (data.get(name) for name in ("over", "together", "cases", "engines"))
+    entries = map(mapping, listed(data.get("together")))
+    cases, engines = data.get("cases"), listed(data.get("engines"))
     counts = {
         "cases": len(cases) + (data.get("only_cases") is not True) if isinstance(cases, Mapping) else 1,
-        "over": math.prod(map(_length, over.values())) if isinstance(over, Mapping) else 1,
-        "together": math.prod(_length(next(iter(entry.values()), ())) for entry in _mappings(together)),
+        "over": math.prod(map(_length, mapping(data.get("over")).values())),
+        "together": math.prod(_length(next(iter(entry.values()), ())) for entry in entries),
         "samples": _whole(data.get("samples"), "count"),
         "perturb": 1 + _whole(data["perturb"], "seeds") if "perturb" in data else 1,
         "repeat": _whole(data, "repeat"),
-        "engines": len(engines) if isinstance(engines, list) and engines else 1,
+        "engines": len(engines) or 1,
     }
     if (cells := math.prod(counts.values())) > MOST_CELLS:
         shown = " × ".join(f"{count:,} ({name})" for name, count in counts.items() if count > 1)
         yield Fault((), "too many runs in one sweep", f"{cells:,} = {shown}", f"up to {MOST_CELLS:,}")
-
-
-def _mappings(entries: Any) -> Iterable[Mapping[str, Any]]:
-    return [entry for entry in entries if isinstance(entry, Mapping)] if isinstance(entries, list) else []
 
 
 def _length(axis: Any) -> int:
@@ -221,7 +216,7 @@ def _length(axis: Any) -> int:
 
 def _whole(holder: Any, name: str) -> int:
     """A whole number of data as they were written; 1 where there is none."""
-    value = holder.get(name) if isinstance(holder, Mapping) else None
+    value = mapping(holder).get(name)
     return value if type(value) is int and value > 0 else 1
 
 
