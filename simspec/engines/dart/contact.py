@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from simspec.engines.dart.inventory import chosen_solver
-from simspec.engines.kit.coupled import SLIDING, even_pressure, heavy_on_light, in_force, self_locking
+from simspec.engines.kit.coupled import SLIDING, coupled, in_force
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.settings import Group, Setting
-from simspec.support.declarations import Support
+from simspec.support.declarations import Table
+from simspec.support.features import Feature
 from simspec.world.types import World
 
 _DANTZIG = "contact_solver=dantzig"
@@ -76,30 +77,31 @@ DEVIATIONS: tuple[Deviation, ...] = (
     Deviation("stack-stays-plane", 0.077, _MOVING, relative=False, setting=_BULLET, ratio=4.004),
     Deviation("stack-slides", 0.053, _MOVING, setting=_BULLET, timestep=2.1e-3),
 )
-MASS_RATIO: Support = heavy_on_light(
+COUPLED: Table = coupled(
+    _in_force,
+    DEVIATIONS,
+    {
+        Feature.MASS_RATIO: (
+            "NSGS leaves overlaps where heavy bodies lie on light ones, in steps of 2 ms and more; dantzig 0.2 mm at a ratio "
+            "of 1000 and 4 ms, 6 mm at 16 ms. By NSGS what slides on a plane with ten times its mass on it stops 4 % short at "
+            "2 ms, 10 % at 4 ms",
+            "1000 times the mass sinks through at 4 ms",
+        ),
+        Feature.EVEN_PRESSURE: (
+            "NSGS ends its sweeps with uneven pressure over a face: a box between two fingers on slides turns by 170° as it "
+            "slips by 0.1 m, and falls by 0.07 m in 0.3 s at 1.5 times the friction that holds it (1 ms; iterations: 1000 and "
+            "tolerance: 1e-9 turn it by 5 to 130°); contact_solver: dantzig has both right",
+            "boxes that fingers press fall and turn over in 0.3 s (contact_solver: dantzig does not)",
+        ),
+        Feature.SELF_LOCKING: (
+            "a clamp that jams falls or creeps, since NSGS ends its sweeps before friction has made its normal force: under a "
+            "moment of its weight times its height not at 1 ms, by 3 mm in 0.3 s at 4 ms and μ = 0.05, under a hundredth of "
+            "that as without friction (μ = 0.05 to 0.2); with iterations: 10000 it stands; by dantzig it falls",
+            "a clamp that jams falls where little but friction presses it on",
+        ),
+    },
     # how bodies slide over each other under the pyramid is accepted by the name of the cone
-    [row for row in DEVIATIONS if row.probe not in SLIDING or row.friction_cone != "pyramid-circumscribed"],
-    _in_force,
-    "NSGS leaves overlaps where heavy bodies lie on light ones, in steps of 2 ms and more; dantzig 0.2 mm at a ratio of 1000 "
-    "and 4 ms, 6 mm at 16 ms. By NSGS what slides on a plane with ten times its mass on it stops "
-    "4 % short at 2 ms, 10 % at 4 ms",
-    "1000 times the mass sinks through at 4 ms",
-)
-EVEN_PRESSURE: Support = even_pressure(
-    DEVIATIONS,
-    _in_force,
-    "NSGS ends its sweeps with uneven pressure over a face: a box between two fingers on slides turns by 170° as it slips "
-    "by 0.1 m, and falls by 0.07 m in 0.3 s at 1.5 times the friction that holds it (1 ms; iterations: 1000 and "
-    "tolerance: 1e-9 turn it by 5 to 130°); contact_solver: dantzig has both right",
-    "boxes that fingers press fall and turn over in 0.3 s (contact_solver: dantzig does not)",
-)
-SELF_LOCKING: Support = self_locking(
-    DEVIATIONS,
-    _in_force,
-    "a clamp that jams falls or creeps, since NSGS ends its sweeps before friction has made its normal force: under a moment "
-    "of its weight times its height not at 1 ms, by 3 mm in 0.3 s at 4 ms and μ = 0.05, under a hundredth of that as without "
-    "friction (μ = 0.05 to 0.2); with iterations: 10000 it stands; by dantzig it falls",
-    "a clamp that jams falls where little but friction presses it on",
+    stacks=lambda row: row.probe not in SLIDING or row.friction_cone != "pyramid-circumscribed",
 )
 
 # DART's solver settings, each with the reason for its default. Facts marked *measured* as in ``engine.py``.

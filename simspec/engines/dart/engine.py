@@ -28,7 +28,7 @@ from simspec.engines.dart.actuation import (
     none_along_servos,
     none_on_servos,
 )
-from simspec.engines.dart.contact import DEVIATIONS, EVEN_PRESSURE, MASS_RATIO, SELF_LOCKING, SETTINGS
+from simspec.engines.dart.contact import COUPLED, DEVIATIONS, SETTINGS
 from simspec.engines.dart.foreign import FOREIGN, FOREIGN_OWN, Foreign
 from simspec.engines.dart.inventory import chosen_solver, expected, inventory, neutral
 from simspec.engines.dart.readback import SHAPE_KINDS, read_back
@@ -215,9 +215,7 @@ class Dart(SteppedEngine[Simulation]):
             via_api("pairs in the collision filter"),
             *(Feature.PASSING_PAIRS, Feature.COLLISION_GROUPS, Feature.EXCLUDED_PAIRS),
         ),
-        Feature.SELF_LOCKING: SELF_LOCKING,
-        Feature.EVEN_PRESSURE: EVEN_PRESSURE,
-        Feature.MASS_RATIO: MASS_RATIO,
+        **COUPLED,
         Feature.CONE_ELLIPTIC: approximate(
             "exact with NsgsFrictionSolver, law Coulomb; with contact_solver: dantzig, which stacks better and is four times "
             "faster, the circumscribed pyramid: up to 1.41 times the friction between its axes of what slides on one body; and "

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.reference import natives
-from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
+from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
-from simspec.support.declarations import Level, Refinement, Support, unsupported_if
+from simspec.support.declarations import Level, Refinement, Table, unsupported_if
+from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, solid_shapes
 from simspec.world.hull import hull_of, inset, mesh_vertices
 from simspec.world.kinematics import rigid_groups, trees
@@ -52,27 +53,27 @@ DEVIATIONS: tuple[Deviation, ...] = read_deviations(
         Reason("*", _UNKNOWN),
     ),
 )
-MASS_RATIO: Support = heavy_on_light(
+COUPLED: Table = coupled(
+    "drake",
     DEVIATIONS,
-    in_force("drake"),
-    "by SAP heavy bodies sink into light ones in steps of 4 ms and more: by 9 mm at a ratio of 1000; by TAMSI they "
-    "do not. By SAP what slides with another body on it stops up to 40 % short at 1 ms, by TAMSI 5 % at a ratio of 1000",
-    "by SAP 1000 times the mass sinks 9 mm in at 4 ms",
-)
-EVEN_PRESSURE: Support = even_pressure(
-    DEVIATIONS,
-    in_force("drake"),
-    "beside its corners a box has one point of contact with another, off the centre of the face: by TAMSI a box between two "
-    "fingers on slides turns by 0.9 rad as it slips by 0.1 m; by SAP, whose contact is convex, it slips 6 % too little at "
-    "1 ms and hardly at all from 4 ms on",
-    "by TAMSI boxes that slip between fingers turn by 0.9 rad, by SAP they slip too little",
-)
-SELF_LOCKING: Support = self_locking(
-    DEVIATIONS,
-    in_force("drake"),
-    "by TAMSI a clamp that jams falls as without friction at some frictions (0.2 to 0.4 measured), where a hundredth of the "
-    "moment of its weight presses it on; under the whole it stands; contact_approximation: sap",
-    "by TAMSI a clamp that jams may fall where little but friction presses it on",
+    {
+        Feature.MASS_RATIO: (
+            "by SAP heavy bodies sink into light ones in steps of 4 ms and more: by 9 mm at a ratio of 1000; by TAMSI they do "
+            "not. By SAP what slides with another body on it stops up to 40 % short at 1 ms, by TAMSI 5 % at a ratio of 1000",
+            "by SAP 1000 times the mass sinks 9 mm in at 4 ms",
+        ),
+        Feature.EVEN_PRESSURE: (
+            "beside its corners a box has one point of contact with another, off the centre of the face: by TAMSI a box "
+            "between two fingers on slides turns by 0.9 rad as it slips by 0.1 m; by SAP, whose contact is convex, it slips 6 "
+            "% too little at 1 ms and hardly at all from 4 ms on",
+            "by TAMSI boxes that slip between fingers turn by 0.9 rad, by SAP they slip too little",
+        ),
+        Feature.SELF_LOCKING: (
+            "by TAMSI a clamp that jams falls as without friction at some frictions (0.2 to 0.4 measured), where a hundredth "
+            "of the moment of its weight presses it on; under the whole it stands; contact_approximation: sap",
+            "by TAMSI a clamp that jams may fall where little but friction presses it on",
+        ),
+    },
 )
 
 # Which of Drake's contact solvers a world gets where the settings leave it to simspec.

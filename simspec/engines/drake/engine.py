@@ -13,13 +13,11 @@ from simspec.contact.rules import Rules
 from simspec.control.reference import Servos
 from simspec.engines.drake.approximations import (
     BODY_SECONDS,
+    COUPLED,
     DEVIATIONS,
-    EVEN_PRESSURE,
-    MASS_RATIO,
     MOST_CORNERS,
     MOST_GIGABYTES,
     MOST_TAMSI,
-    SELF_LOCKING,
     boxes_hold,
     chosen,
     corners,
@@ -187,9 +185,7 @@ class Drake(WorldEngine[Simulation]):
             "1 ms end with an error, since its equations do not converge (5 with stiction_tolerance 1e-5); by SAP none of 20"
         ),
         Feature.SHAPE_PLANE: exact("half spaces of bodies that cannot move", refine=planes_covered),
-        Feature.SELF_LOCKING: SELF_LOCKING,
-        Feature.EVEN_PRESSURE: EVEN_PRESSURE,
-        Feature.MASS_RATIO: MASS_RATIO,
+        **COUPLED,
         Feature.FRICTION_PAIRS: exact("copies of shapes in layers"),
         **for_each(never("Drake's contact has no restitution"), Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION_THRESHOLD: exact("nothing bounces"),

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
+from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
-from simspec.support.declarations import Level, Refinement, Support
+from simspec.support.declarations import Level, Refinement, Table
+from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_kinds
 from simspec.world.types import World
 
@@ -38,26 +39,26 @@ DEVIATIONS: tuple[Deviation, ...] = read_deviations(
         Reason("*", _FEW),
     ),
 )
-MASS_RATIO: Support = heavy_on_light(
+COUPLED: Table = coupled(
+    "gazebo",
     DEVIATIONS,
-    in_force("gazebo"),
-    "pgs leaves overlaps where heavy bodies lie on light ones: 0.3 mm at a ratio of 10 (1 ms), and 100 times the "
-    "mass sinks through within 5 s; dantzig leaves 0.2 mm at a ratio of 1000 and 4 ms, 2.6 mm at 16 ms",
-    "with pgs 100 times the mass sinks through within 5 s at 1 ms",
-)
-EVEN_PRESSURE: Support = even_pressure(
-    DEVIATIONS,
-    in_force("gazebo"),
-    "by pgs a box between two fingers on slides turns by 0.15 rad as it slips by 0.1 m, and creeps by 26 mm at 16 ms where it "
-    "is held; contact_solver: dantzig has both right",
-    "by pgs boxes that slip between fingers turn by 0.15 rad in 0.3 s",
-)
-SELF_LOCKING: Support = self_locking(
-    DEVIATIONS,
-    in_force("gazebo"),
-    "by pgs a clamp that jams slips by 9 mm in 0.3 s at 1 ms and μ = 0.05, by 90 mm where a hundredth of the moment of its "
-    "weight presses it on; by dantzig by less than 1 mm, from 16 ms on",
-    "by pgs a clamp that jams slips by 9 to 90 mm in 0.3 s at 1 ms",
+    {
+        Feature.MASS_RATIO: (
+            "pgs leaves overlaps where heavy bodies lie on light ones: 0.3 mm at a ratio of 10 (1 ms), and 100 times the "
+            "mass sinks through within 5 s; dantzig leaves 0.2 mm at a ratio of 1000 and 4 ms, 2.6 mm at 16 ms",
+            "with pgs 100 times the mass sinks through within 5 s at 1 ms",
+        ),
+        Feature.EVEN_PRESSURE: (
+            "by pgs a box between two fingers on slides turns by 0.15 rad as it slips by 0.1 m, and creeps by 26 mm at 16 ms "
+            "where it is held; contact_solver: dantzig has both right",
+            "by pgs boxes that slip between fingers turn by 0.15 rad in 0.3 s",
+        ),
+        Feature.SELF_LOCKING: (
+            "by pgs a clamp that jams slips by 9 mm in 0.3 s at 1 ms and μ = 0.05, by 90 mm where a hundredth of the moment "
+            "of its weight presses it on; by dantzig by less than 1 mm, from 16 ms on",
+            "by pgs a clamp that jams slips by 9 to 90 mm in 0.3 s at 1 ms",
+        ),
+    },
 )
 SWEEPS = Refinement(
     Level.APPROXIMATE,

@@ -14,10 +14,8 @@ from simspec.contact.rules import Rules
 from simspec.engines.gazebo import building
 from simspec.engines.gazebo.approximations import (
     CASES,
+    COUPLED,
     DEVIATIONS,
-    EVEN_PRESSURE,
-    MASS_RATIO,
-    SELF_LOCKING,
     SWEEPS,
     capsules,
     cylinders,
@@ -130,9 +128,7 @@ class Gazebo(WorldEngine[Simulation]):
         Feature.FRICTION: exact(
             "up to 0.001 is accepted by name: DART treats it as zero", refine=_friction, cases=(_TINY, SWEEPS)
         ),
-        Feature.SELF_LOCKING: SELF_LOCKING,
-        Feature.EVEN_PRESSURE: EVEN_PRESSURE,
-        Feature.MASS_RATIO: MASS_RATIO,
+        **COUPLED,
         **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION: approximate(
             "e (1 + g dt / v): up to 0.009 above the asked ratio at 1 ms from 1 m/s on; none at all where the body would leave "

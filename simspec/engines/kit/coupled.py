@@ -10,6 +10,7 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.registry import find_engine
 from simspec.engines.kit.settings import written_settings
 from simspec.support.declarations import Level, Refinement, Support, approximate
+from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.reach import Reach, largest_ratio, reach
 from simspec.world.types import PairContact, World
@@ -19,13 +20,12 @@ SLIDING = ("stack-slides", "stack-stays", "stack-slides-plane", "stack-stays-pla
 plane."""
 
 
-def in_force(engine: str) -> Callable[[World], Mapping[str, Any]]:
+Settings = Callable[[World], Mapping[str, Any]]
+
+
+def in_force(engine: str) -> Settings:
     """The settings that are in force in a world: those that its spec gives the engine, and the engine's own."""
-
-    def settings(world: World) -> Mapping[str, Any]:
-        return written_settings(find_engine(engine), world)
-
-    return settings
+    return lambda world: written_settings(find_engine(engine), world)
 
 
 def _happens(row: Deviation, law: PairContact, there: Reach) -> bool:
@@ -42,34 +42,38 @@ def leans(world: World) -> bool:
     return any(law.friction and reach(world, *pair).leans for pair, law in meeting_laws(world).items())
 
 
-def heavy_on_light(
-    rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
-) -> Support:
-    """Support for stacks of unequal masses, at rest or sliding."""
-    return _exact_without(rows, "stack", settings, how, short)
+PROBES: Mapping[Feature, str] = {
+    Feature.MASS_RATIO: "stack",
+    Feature.EVEN_PRESSURE: "squeeze",
+    Feature.SELF_LOCKING: "jam",
+}
+"""Beginnings of the names of the probes that measure features of contact of several bodies."""
 
 
-def self_locking(
-    rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
-) -> Support:
-    """Support for clamps that jam."""
-    return _exact_without(rows, "jam", settings, how, short)
+def coupled(
+    settings: str | Settings,
+    rows: Sequence[Deviation],
+    texts: Mapping[Feature, tuple[str, str]],
+    stacks: Callable[[Deviation], bool] = lambda row: True,
+) -> dict[Feature, Support]:
+    """For each feature of ``texts`` (how, short): exact where no deviation of its probes counts, else accepted by name.
+    ``settings``: an engine's name, or its settings in a world; ``stacks``: the rows of stacks that count here."""
+    chosen = in_force(settings) if isinstance(settings, str) else settings
+    return {
+        feature: _exact_without(
+            [
+                row
+                for row in rows
+                if row.probe.startswith(PROBES[feature]) and (feature is not Feature.MASS_RATIO or stacks(row))
+            ],
+            chosen,
+            *text,
+        )
+        for feature, text in texts.items()
+    }
 
 
-def even_pressure(
-    rows: Sequence[Deviation], settings: Callable[[World], Mapping[str, Any]], how: str, short: str
-) -> Support:
-    """Support for bodies that fingers press."""
-    return _exact_without(rows, "squeeze", settings, how, short)
-
-
-def _exact_without(
-    rows: Sequence[Deviation], probe: str, settings: Callable[[World], Mapping[str, Any]], how: str, short: str
-) -> Support:
-    """Exact where no declared deviation of a probe with this prefix counts under a world's settings, otherwise to be accepted
-    by name."""
-    rows = [row for row in rows if row.probe.startswith(probe)]
-
+def _exact_without(rows: Sequence[Deviation], settings: Settings, how: str, short: str) -> Support:
     def exact(world: World) -> Refinement | None:
         ratio, timestep, cone = largest_ratio(world), world.physics.timestep, world.contact.friction_cone
         counting = any(

@@ -125,7 +125,6 @@ def read_deviations(table: Path, reasons: Sequence[Reason]) -> tuple[Deviation, 
                     raise ValueError(f"{table}: no reason is given for {row['probe']} {row['setting']} {row['cone']}")
                 if reason in unused:
                     unused.remove(reason)
-            setting, _, value = row["setting"].partition("=")
             found.append(
                 Deviation(
                     row["probe"],
@@ -136,7 +135,7 @@ def read_deviations(table: Path, reasons: Sequence[Reason]) -> tuple[Deviation, 
                     timestep=low["timestep"] / 1e3,
                     restitution=low["restitution"],
                     friction_cone=row["cone"],
-                    setting=(setting, value) if value else None,
+                    setting=_setting(row["setting"]),
                     ratio=low["ratio"],
                     below=(below["friction"], below["restitution"], below["timestep"] / 1e3, below["ratio"]),
                 )
@@ -144,3 +143,33 @@ def read_deviations(table: Path, reasons: Sequence[Reason]) -> tuple[Deviation, 
     for reason in unused:
         raise ValueError(f"{table}: no row is of the reason for {reason.probes} {reason.setting} {reason.cone}")
     return tuple(found)
+
+
+def named_reasons(table: Path, reasons: Mapping[str, str]) -> tuple[Deviation, ...]:
+    """The deviations of a table whose column ``why`` names one of ``reasons``, with the columns ``hardness`` and ``until`` and
+    without upper limits. Raises KeyError for another reason, and ValueError for one without a row."""
+    with table.open(newline="", encoding="utf-8") as lines:
+        rows = list(csv.DictReader(lines))
+    if unused := reasons.keys() - {row["why"] for row in rows}:
+        raise ValueError(f"{table}: no row is of the reasons {', '.join(sorted(unused))}")
+    return tuple(
+        Deviation(
+            row["probe"],
+            float(row["size"]),
+            reasons[row["why"]],
+            row["relative"] == "yes",
+            float(row["friction"] or 0.0),
+            float(row["timestep"] or 0.0) / 1e3,
+            float(row["restitution"] or 0.0),
+            row["cone"],
+            row["hardness"],
+            _setting(row["setting"]),
+            until=row["until"],
+        )
+        for row in rows
+    )
+
+
+def _setting(cell: str) -> tuple[str, str] | None:
+    name, _, value = cell.partition("=")
+    return (name, value) if value else None

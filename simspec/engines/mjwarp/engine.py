@@ -20,7 +20,7 @@ import numpy as np
 from simspec.dialects.mujoco.contact import moment_hardness
 from simspec.engines.kit.arrays import demand_held
 from simspec.engines.kit.capabilities import SINGLE, Capability
-from simspec.engines.kit.deviations import Deviation
+from simspec.engines.kit.deviations import Deviation, named_reasons
 from simspec.engines.kit.settings import Group, Setting, resolve_settings
 from simspec.engines.mjwarp.programs import (
     ANSWERS,
@@ -66,34 +66,12 @@ _HOPS = (
 )
 
 
-def _rows(probe: str, table: Mapping[float, Mapping[float, float]], **more: Any) -> tuple[Deviation, ...]:
-    """``table``: by timestep (s), by least friction, the largest share of the expected value. From 0.9 of the timestep on."""
-    return tuple(
-        Deviation(probe, size, _HOPS, friction=friction, timestep=0.9 * timestep, **more)
-        for timestep, sizes in table.items()
-        for friction, size in sizes.items()
-    )
-
-
-_SINGLES: tuple[Deviation, ...] = (
-    *_rows("push", {0.002: {1.2: 0.14}, 0.004: {0.25: 0.04}, 0.008: {0.15: 0.055, 1.2: 0.33}}),
-    *_rows("push", {0.002: {0.4: 0.15}, 0.008: {0.9: 0.35}}, restitution=0.01),
-    *_rows("push-oblong", {0.002: {1.4: 0.17}, 0.004: {0.25: 0.035, 0.9: 0.2, 1.2: 0.29}, 0.008: {1.2: 0.33}}),
-    *_rows("push-oblong", {0.002: {0.0: 0.018}, 0.008: {0.9: 0.35}}, restitution=0.01),
-    *_rows("stop", {0.002: {0.6: 0.035, 0.9: 0.045}, 0.008: {0.4: 0.025, 0.6: 0.045}, 0.016: {0.25: 0.03}}),
-    *_rows("stop", {0.008: {0.4: 0.07, 0.9: 0.17}, 0.016: {0.9: 0.48}}, restitution=0.01),
-    *_rows("stop-oblong", {0.002: {0.4: 0.035, 0.6: 0.055, 0.9: 0.1}, 0.016: {0.25: 0.03, 0.4: 0.1, 0.6: 0.145}}),
-    *_rows("stop-oblong", {0.004: {0.4: 0.06}, 0.008: {0.4: 0.07}}, restitution=0.01),
-)
-"""Where it exceeds what MuJoCo's rows say, at 2, 4, 8 and 16 ms: the largest of what specs/contact/friction-laws.yaml shows
-there, with its own μ of 0.05 to 1 and with 0.3, 0.7, 1.25 and 1.5, and restitution-laws.yaml, with μ of 0.05 to 1."""
-
 CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
-    *MUJOCO,
-    *_SINGLES,
-    Deviation("stick", 5.5e-4, _SOFT, relative=False, hardness="stiffness"),
-    Deviation("stick", 5.5e-4, _SOFT, relative=False, hardness="time-constant"),
+    *(row for row in MUJOCO if not row.until),
+    *named_reasons(Path(__file__).with_name("friction_deviations.csv"), {"soft": _SOFT, "hop": _HOPS}),
 )
+"""The table has what exceeds MuJoCo's rows at 2, 4, 8 and 16 ms: the largest of what specs/contact/friction-laws.yaml shows
+there, with its μ of 0.05 to 1 and with 0.3, 0.7, 1.25 and 1.5, and restitution-laws.yaml, with μ of 0.05 to 1."""
 
 # MuJoCo Warp's solver settings: those of MuJoCo's files, as far as Warp has what they say, and the device.
 

@@ -1,58 +1,110 @@
-"""What MuJoCo has of the contact law, and how far it is from it: data, all measured with MuJoCo 4.0.1 at the default settings,
-and where that is said with ``friction: coulomb``.
+"""What MuJoCo has of the contact law, and how far it is from it: data, measured with MuJoCo 4.0.1 at the default settings, and
+where that is said with ``friction: coulomb``.
 
 Boxes of 20 x 20 x 4 cm (oblong ones: 40 x 10 x 2 cm) and spheres of radius 10 cm, of 1 kg, on a fixed box; timestep 1 ms
 where none is said.
+
+``friction_deviations.csv`` has one or two bodies on a fixed one, at 0.5 to 16 ms, μ of 0.05 to 1.5 and e of 0 to 1, with a
+margin of 5 to 15 %; MuJoCo before 3.4 was measured with 3.3.7. ``contact_deviations.csv`` (``tools/deviations.py``) has
+contact of several bodies. MuJoCo's friction takes slip back at 100/s (setting ``friction_rate``) instead of within a step, so
+that it lags where normal forces change quickly or the direction of slip turns. Coulomb's law around the solver
+(``friction: coulomb``) has none of that up to 4 ms.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+import math
 from collections import Counter
 from collections.abc import Mapping
-from itertools import pairwise
-from typing import Any
+from pathlib import Path
+from typing import Final
 
-from simspec.dialects.mujoco.sidecar import COULOMB, NATIVE
-from simspec.engines.kit.coupled import in_force
-from simspec.engines.kit.deviations import Deviation
-from simspec.engines.mujoco.coupled import DEVIATIONS, coupled_support
+from simspec.dialects.mujoco.sidecar import COULOMB
+from simspec.engines.kit.coupled import coupled, in_force
+from simspec.engines.kit.deviations import Deviation, Reason, named_reasons, read_deviations
 from simspec.support.declarations import Level, Refinement, Support, approximate, exact, never
 from simspec.support.features import Feature
-from simspec.world.contact_pairs import meeting_kinds, meeting_laws, solid_shapes
-from simspec.world.types import World
+from simspec.world.contact_pairs import CollisionFilter, meeting_kinds, meeting_laws, solid_shapes
+from simspec.world.shapes import SHAPES, field_of
+from simspec.world.types import Shape, World
 
-# How far MuJoCo's own friction is off where pairs bounce well: pushes and slides of pairs with e from 0.35 on.
-#
-# Measured with MuJoCo 4.0.1 at e = 0.8, 0.5, 1, 2, 4 and 8 ms and frictions of 0.05 to 1.45 in steps of 0.05, with a margin of
-# 5 to 15 %. A pair that bounces has no cushion, so that what slides leaves its floor, and the further the livelier it is.
+_HOP = (
+    "MuJoCo's friction cone is associated: what slides is lifted, and beyond a speed that falls with μ and the "
+    "timestep it leaves its cushion and hops"
+)
+_DEEPER = (
+    "the points of two boxes have half the depth of their overlap, so that a box lies twice as deep on another one"
+)
+FRICTION_DEVIATIONS: tuple[Deviation, ...] = named_reasons(
+    Path(__file__).with_name("friction_deviations.csv"),
+    {
+        "hop": _HOP,
+        "late-hop": (
+            "friction takes back slip at a rate of 100/s at most, so the last μ g/100 of speed fades instead of stopping; "
+            + _HOP
+        ),
+        "missing": (
+            "friction takes back slip at a rate of 100/s at most, and an impact lasts one step: most of its friction is "
+            "missing, the more the shorter the step (accepted by name: contact.friction.impact)"
+        ),
+        "thrown": "what is left of an impact's friction lifts what slips, its cone being associated",
+        "set-down": (
+            "a slider that is set down touches one step later, and has that step's friction in the next: of a slide of few "
+            "steps, up to one of them"
+        ),
+        "bouncing": f"a pair that bounces has no cushion. {_HOP}",
+        "pyramid": "under the pyramid friction has no reference of its own, and what slides hops",
+        "native": "MuJoCo's own contact has no reference of its own for friction, and what slides hops",
+        "restless": "with e near 1 a body never comes to rest; it bounces on at up to 1.6 times (1 + e) g dt",
+        "cushion": "on the cushion of frictional contact gravity acts until the depth balances it",
+        "deep": "taken back is 1 % of an overlap in a step, after 0.1 % of gravity",
+        "threshold": "MuJoCo has no threshold: all impacts bounce",
+        "rocks": "a ball that stops within a step rocks in its contact",
+        "half-depth": _DEEPER,
+        "half-depth-slower": f"{_DEEPER}, and takes longer to come to rest there",
+        "half-depth-hop": f"{_DEEPER}: what slides hops at other moments",
+    },
+)
 
-LEAST = 0.35
-"""Least restitution of these; below it the rows of e = 0.3 hold."""
-Sizes = Mapping[float, Mapping[float, float]]
-"""By timestep (s), by least friction, the largest share of the expected value."""
-_PUSHED: Sizes = {
-    0.0005: {0.04: 0.065, 0.17: 0.11, 0.57: 0.18, 0.77: 0.26, 1.17: 0.32},
-    0.004: {0.37: 0.19, 0.57: 0.28, 0.97: 0.37, 1.37: 0.43},
-}
-_SLID: Sizes = {
-    0.0005: {0.04: 0.026, 0.17: 0.045, 0.57: 0.056, 0.77: 0.11, 0.97: 0.23, 1.17: 0.49, 1.37: 0.62},
-    0.004: {0.37: 0.096, 0.57: 0.22, 0.77: 0.33, 0.97: 0.37, 1.17: 0.61},
-}
-_PUSHED_UNDER_PYRAMID: Sizes = {0.0005: {0.04: 0.12, 0.17: 0.53, 0.37: 1.3, 0.77: 1.6, 0.97: 2.3, 1.37: 2.8}}
-_SLID_UNDER_PYRAMID: Sizes = {
-    0.0005: {0.17: 0.17, 0.37: 0.34, 0.57: 0.71, 0.97: 1.4, 1.17: 2.1, 1.37: 2.5},
-    0.004: {0.77: 0.89},
-}
-ELLIPTIC: Mapping[str, Sizes] = {"push": _PUSHED, "push-oblong": _PUSHED, "stop": _SLID, "stop-oblong": _SLID}
-"""By probe."""
-PYRAMID: Mapping[str, Sizes] = {
-    "push": _PUSHED_UNDER_PYRAMID,
-    "push-oblong": _PUSHED_UNDER_PYRAMID,
-    "stop": _SLID_UNDER_PYRAMID,
-    "stop-oblong": _SLID_UNDER_PYRAMID,
-}
-"""The same under the inscribed pyramid."""
+# Contact of several bodies.
+
+_LEANS = "friction takes slip back at a rate of 100/s, so that what leans settles by millimetres, and slips too far"
+_PYRAMID = "under the pyramid what slides hops, and friction has no reference of its own"
+_TOGETHER = "most of the friction of an impact is missing (accepted by name: contact.friction.impact)"
+_ROW = "contacts with restitution are springs of some steps, which act one after the other: the last ball of a row leaves alone"
+_HEAVY = "1 % of an overlap is taken back in a step, after 0.1 % of gravity: heavy bodies rest deeper, with dt squared"
+_CARRIED = "what turns slips outwards at its acceleration over the friction rate of 100/s, whatever the timestep"
+_SPINS = "friction lags behind normal forces that change as a body tilts or spins"
+_FEW = "steps of some ms are few for what slips, clamps, spins or lies on crossing edges"
+_LOOP = "the loop around MuJoCo's solver ends before friction and normal forces fit each other"
+_LIFTED = "what slides is lifted, the cone being associated, so that it weighs on what is below it by turns"
+_CREEPS = "friction near its limit creeps, the more the heavier the body that pushes"
+_UNKNOWN = "measured; the cause is not known"
+_NATIVE, _INSCRIBED = "friction=native", "pyramid-inscribed"
+
+COUPLED_DEVIATIONS: tuple[Deviation, ...] = read_deviations(
+    Path(__file__).with_name("contact_deviations.csv"),
+    (
+        Reason("row*", _ROW),
+        Reason("strike* edge*", _TOGETHER),
+        Reason("stack-slides*", _LIFTED, _NATIVE),
+        Reason("stack-stays*", _CREEPS),
+        Reason("stack-slides*", _LOOP),
+        Reason("stack-sideways", _UNKNOWN),
+        Reason("stack", _HEAVY),
+        Reason("carrier", _CARRIED),
+        Reason("rod* clamp* jam* squeeze* pile* slide-spin", _PYRAMID, _NATIVE, _INSCRIBED),
+        Reason("rod* clamp* jam* squeeze* pile*", _LEANS, _NATIVE),
+        Reason("slide-spin", _SPINS, _NATIVE),
+        Reason("jam*", _LOOP),
+        Reason("*", _FEW),
+    ),
+)
+
+
+CONTACT_DEVIATIONS: tuple[Deviation, ...] = (*FRICTION_DEVIATIONS, *COUPLED_DEVIATIONS)
 
 BOXES = "3.4"
 """The first release in which two boxes touch with the depth of their overlap."""
@@ -113,6 +165,105 @@ HALF_DEPTH = Refinement(
 def boxes_before(world: World) -> Refinement | None:
     """Two boxes that may touch have half the depth in earlier releases."""
     return HALF_DEPTH if ("box", "box") in meeting_kinds(world) else None
+
+
+_BY_COULOMB_CARRIED = dataclasses.replace(
+    BY_COULOMB, short="friction of what is carried by a loop around MuJoCo's solver at every step (friction: coulomb)"
+)
+COUPLED_SUPPORT: Mapping[Feature, Support] = {
+    Feature.CARRIED_FRICTION: approximate(
+        "a body at rest on something that turns, or on a surface that moves, slips at a / friction_rate, a the "
+        "acceleration by which its carrier's velocity turns or changes there, whatever the timestep: at 100/s and 1 rad/s "
+        "by 8 mm/s at 0.8 m from the axis, without end; engines.mujoco.settings: {friction: coulomb} holds it at 1.3 to "
+        "1.6 times the time of a step",
+        short="what is carried around slips at a / friction_rate: 8 mm/s at 0.8 m and 1 rad/s",
+        refine=lambda world: _BY_COULOMB_CARRIED if coulomb_asked(world) else None,
+        cases=(_BY_COULOMB_CARRIED,),
+    ),
+    **coupled(
+        "mujoco",
+        COUPLED_DEVIATIONS,
+        {
+            Feature.SELF_LOCKING: (
+                "a clamp that jams slips by 20 mm in 0.3 s at 1 ms, and falls where a hundredth of the moment of its weight "
+                "presses it on; by friction: coulomb it creeps by 0.5 mm at μ = 0.05 under the elliptic cone and 1 ms, and by "
+                "5 mm at 4 ms, and falls under the pyramid at μ = 0.4 and 0.5 ms",
+                "a clamp that jams slips by 20 mm in 0.3 s, or falls where little but friction presses it on",
+            ),
+            Feature.EVEN_PRESSURE: (
+                "what slips between fingers falls 6 % too slowly under the pyramid, and from 4 ms on 7 to 15 % too far, "
+                "turning by up to 0.14 rad; what they hold creeps by 0.5 mm at 4 ms, and falls at 16 ms",
+                "from 4 ms on boxes between fingers creep by 0.5 mm, and turn as they slip",
+            ),
+            Feature.MASS_RATIO: (
+                "heavy bodies sink into light ones: by 0.25 mm at a ratio of 1000 and 1 ms, with the square of the timestep; "
+                "what stands under one that slides is taken along at 1000, from 2 ms on. By friction: coulomb what slides "
+                "with 1000 times its mass on it stops 10 % short at 1 ms, with 100 times 7 % at 4 ms",
+                "1000 times the mass rests 0.25 mm deep at 1 ms, 50 mm at 16 ms",
+            ),
+        },
+        # how native friction slides is accepted as contact.friction.impact
+        stacks=lambda row: row.setting != ("friction", "native") or not row.probe.startswith("stack-slides"),
+    ),
+}
+# What MuJoCo's contact with height fields does not have, world by world.
+
+ONE_POINT: Final = ("sphere", "ellipsoid")
+"""Kinds of shapes that touch a triangle in one point."""
+MOST_CONTACTS: Final = 50
+"""Contacts of one shape with one height field (mjMAXCONPAIR); of more MuJoCo keeps the first, those of the least y and x, and
+says nothing: a box on 1,000 triangles stands on one of its edges (measured)."""
+ROCKS: Final = Refinement(
+    Level.APPROXIMATE,
+    "one point of contact for each triangle, so that faces and edges have too few to stand on: a cube on one large triangle "
+    "rocks, at up to 2 rad/s (measured); exact for spheres and ellipsoids",
+    "faces and edges rock on height fields: each triangle gives one point of contact",
+)
+FEW: Final = Refinement(
+    Level.APPROXIMATE,
+    f"one point of contact for each triangle, and of one shape at most {MOST_CONTACTS} of them: those beyond are left out "
+    "unsaid, so that what covers more triangles stands on some of them; exact for spheres and ellipsoids",
+    "faces rock on height fields, and what covers more than 25 cells stands on some of them only",
+)
+
+
+@functools.lru_cache(maxsize=8)
+def ground_held(world: World) -> Refinement | None:
+    """What is missing where shapes with faces or edges may meet a height field."""
+    allowed = CollisionFilter(world)
+    solid = [(body.name, shape) for body in world.bodies for shape in body.shapes if shape.collision]
+    fields = [(name, shape) for name, shape in solid if SHAPES[shape.kind].grid]
+    met = [
+        (field, shape)
+        for ground, field in fields
+        for name, shape in solid
+        if shape.kind not in ONE_POINT
+        and name != ground
+        and allowed.may_touch(ground, name)
+        and allowed.may_materials_touch(field.material, shape.material)
+    ]
+    if not met:
+        return None
+    return FEW if any(_covered(field, shape) > MOST_CONTACTS for field, shape in met) else ROCKS
+
+
+def _covered(field: Shape, shape: Shape) -> float:
+    """How many triangles a shape may be over at once, by its bounding sphere."""
+    ground = field_of(field.size)
+    rows, columns = ground.shape
+    wide = 2.0 * SHAPES[shape.kind].outer_radius(shape.size)
+    along = min(math.ceil(wide * (columns - 1) / ground.x) + 1, columns - 1)
+    across = min(math.ceil(wide * (rows - 1) / ground.y) + 1, rows - 1)
+    return 2 * along * across
+
+
+HEIGHT_FIELDS: Final = Support(
+    Level.EXACT,
+    "an hfield, with heights to 3e-8 of their range; one point of contact for each triangle, which is what spheres and "
+    "ellipsoids have",
+    refine=ground_held,
+    cases=(ROCKS, FEW),
+)
 
 
 CONTACT_SUPPORT: Mapping[Feature, Support] = {
@@ -180,7 +331,7 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
         refine=impact_friction,
         cases=(BY_COULOMB, UNLISTED),
     ),
-    **coupled_support(BY_COULOMB, coulomb_asked),
+    **COUPLED_SUPPORT,
     Feature.CONE_ELLIPTIC: exact("cone=elliptic"),
     Feature.CONE_PYRAMID_INSCRIBED: approximate(
         "the force keeps to the pyramid, but MuJoCo's pyramid throws sliding bodies up, by 4 to 13 mm at 1 m/s and 100 to "
@@ -189,267 +340,3 @@ CONTACT_SUPPORT: Mapping[Feature, Support] = {
     ),
     Feature.CONE_PYRAMID_CIRCUMSCRIBED: never("MuJoCo has the elliptic cone and the inscribed pyramid only"),
 }
-
-_HOP = (
-    "MuJoCo's friction cone is associated: what slides is lifted, and beyond a speed that falls with μ and the timestep it "
-    "leaves its cushion and hops"
-)
-_LATE = "friction takes back slip at a rate of 100/s at most, so the last μ g/100 of speed fades instead of stopping"
-_MISSING = (
-    "friction takes back slip at a rate of 100/s at most, and an impact lasts one step: most of its friction is missing, the "
-    "more the shorter the step (accepted by name: contact.friction.impact)"
-)
-_THROWN = "what is left of an impact's friction lifts what slips, its cone being associated"
-_SET_DOWN = (
-    "a slider that is set down touches one step later, and has that step's friction in the next: of a slide of few steps, up "
-    "to one of them"
-)
-_BOUNCING = f"a pair that bounces has no cushion. {_HOP}"
-_PYRAMID = "under the pyramid friction has no reference of its own, and what slides hops"
-_NATIVE = "MuJoCo's own contact has no reference of its own for friction, and what slides hops"
-_RESTLESS = "with e near 1 a body never comes to rest; it bounces on at up to 1.6 times (1 + e) g dt"
-_CUSHION = "on the cushion of frictional contact gravity acts until the depth balances it"
-_STEPS = tuple((0.0 if step < 1 else 5.25e-4 * 2.0 ** ((step - 1) / 3), 5e-4 * 2.0 ** (step / 3)) for step in range(17))
-"""Ranges of timesteps (s) up to 20 ms in which deviations that grow with the timestep are those of the second: a row counts
-from the first on, which is 1.05 times the second of the range before."""
-_LIVELY = 0.9
-"""Least restitution of what does not come to rest."""
-
-
-def _rows(probe: str, why: str, table: Mapping[float, Mapping[float, float]], **more: Any) -> tuple[Deviation, ...]:
-    """``table``: by timestep (s), by least friction, the largest share of the expected value. A row counts from 0.9 of its
-    timestep on, those of 0.5 ms below it, too."""
-    return tuple(
-        Deviation(probe, size, why, friction=friction, timestep=0.9 * timestep if timestep > 5e-4 else 0.0, **more)
-        for timestep, sizes in table.items()
-        for friction, size in sizes.items()
-    )
-
-
-_RISING = {0.6: 0.08, 1.05: 0.1, 1.15: 0.12, 1.2: 0.145, 1.25: 0.165, 1.3: 0.19, 1.35: 0.215, 1.4: 0.24, 1.45: 0.27}
-"""By least friction, how far a slide under the pyramid is off, at every timestep."""
-_HOPPING = {0.1: 0.065, 0.2: 0.15, 0.3: 0.33, 0.45: 0.5, 0.55: 0.7, 0.7: 1.22, 1.4: 1.55}
-_LASTING = {0.5: 0.06, 0.7: 0.15, 0.8: 0.2, 0.9: 0.24, 1.0: 0.3, 1.1: 0.42, 1.2: 0.52, 1.3: 0.63, 1.4: 0.77}
-"""The same of pushes and slides of pairs that bounce, which have no cushion (e of 0.3)."""
-_SUNK = 9.81 * (1.0 - 0.999) / (0.999 * 0.01)
-"""m/s²: times dt² the depth at which a body rests that touches in one point, g (1 − d) / (d β): d the impedance and β what is
-taken back of an overlap in a step. Measured from 8 to 32 ms, to 0.2 % of it; above what is promised from 10 ms on."""
-_DEEP = "taken back is 1 % of an overlap in a step, after 0.1 % of gravity"
-
-_OWN: tuple[Deviation, ...] = (
-    *_rows(
-        "push",
-        _HOP,
-        {
-            0.001: {0.9: 0.03},
-            0.002: {0.4: 0.02, 0.7: 0.06, 0.9: 0.12},
-            0.004: {0.2: 0.04, 0.4: 0.12, 0.9: 0.2, 1.25: 0.3},
-            0.008: {0.15: 0.05, 0.3: 0.09, 0.5: 0.16, 0.8: 0.2, 0.9: 0.29, 1.2: 0.38, 1.3: 0.43},
-        },
-    ),
-    *_rows(
-        "push",
-        _BOUNCING,
-        {
-            0.0005: {0.15: 0.04, 0.4: 0.1},
-            0.001: {1.2: 0.12},
-            0.002: {0.4: 0.13, 0.7: 0.17, 1.4: 0.29},
-            0.004: {0.3: 0.09, 0.6: 0.18, 0.8: 0.29, 1.2: 0.43, 1.35: 0.57},
-            0.008: {0.9: 0.37},
-        },
-        restitution=0.01,
-    ),
-    *_rows("push", _PYRAMID, {0.0005: _HOPPING}, restitution=0.01, friction_cone="pyramid-inscribed"),
-    *_rows("push", _BOUNCING, {0.0005: {0.15: 0.25}}, restitution=_LIVELY),
-    *_rows(
-        "push",
-        _PYRAMID,
-        {
-            0.0005: {0.0: 0.09, 0.3: 0.25, 0.6: 0.65, 1.4: 0.81},
-            0.001: {0.9: 0.95, 1.3: 1.15},
-            0.002: {0.2: 0.17, 0.4: 0.3, 0.8: 0.81},
-            0.004: {0.5: 0.4, 1.1: 1.15},
-        },
-        friction_cone="pyramid-inscribed",
-    ),
-    *_rows(
-        "stop",
-        f"{_LATE}; {_HOP}",
-        {
-            0.0005: {1.25: 0.03},
-            0.002: {0.6: 0.03, 0.9: 0.04, 1.15: 0.05, 1.25: 0.08},
-            0.008: {0.5: 0.022, 0.7: 0.04, 0.8: 0.055, 0.9: 0.1, 1.0: 0.14, 1.1: 0.16, 1.2: 0.19, 1.25: 0.25},
-            0.016: {0.4: 0.09, 0.7: 0.2, 0.9: 0.3, 1.25: 1.05},
-        },
-    ),
-    *_rows(
-        "stop",
-        _BOUNCING,
-        {
-            0.0005: {0.4: 0.02, 0.9: 0.08, 1.3: 0.1},
-            0.001: {1.3: 0.115},
-            0.002: {1.2: 0.12},
-            0.004: {0.4: 0.06, 1.2: 0.135},
-            0.008: {0.7: 0.075, 1.0: 0.15, 1.1: 0.27, 1.4: 0.3},
-            0.016: {0.4: 0.11},
-        },
-        restitution=0.01,
-    ),
-    *_rows("stop", _PYRAMID, {0.0005: _LASTING}, restitution=0.01, friction_cone="pyramid-inscribed"),
-    *_rows("stop", _BOUNCING, {0.0005: {0.0: 0.7}}, restitution=_LIVELY),
-    *_rows("stop", _PYRAMID, {0.0005: _RISING}, friction_cone="pyramid-inscribed"),
-    *_rows(
-        "push-oblong",
-        _HOP,
-        {
-            0.002: {0.7: 0.14, 1.15: 0.2, 1.4: 0.23},
-            0.004: {0.2: 0.03, 0.3: 0.06, 0.4: 0.11, 0.5: 0.14, 0.65: 0.185, 0.85: 0.21, 1.3: 0.27, 1.4: 0.32},
-            0.008: {0.15: 0.06, 0.3: 0.09, 0.4: 0.13, 0.5: 0.16, 0.6: 0.2, 0.9: 0.29, 1.2: 0.38, 1.35: 0.43},
-        },
-    ),
-    *_rows(
-        "push-oblong",
-        _BOUNCING,
-        {
-            0.0005: {0.15: 0.04, 0.4: 0.22},
-            0.001: {1.25: 0.23},
-            0.002: {1.4: 0.29},
-            0.004: {0.15: 0.11, 0.8: 0.29, 1.2: 0.43, 1.35: 0.57},
-            0.008: {0.9: 0.37},
-        },
-        restitution=0.01,
-    ),
-    *_rows("push-oblong", _PYRAMID, {0.0005: _HOPPING}, restitution=0.01, friction_cone="pyramid-inscribed"),
-    *_rows("push-oblong", _BOUNCING, {0.0005: {0.0: 0.06, 0.15: 0.25}}, restitution=_LIVELY),
-    *_rows(
-        "push-oblong",
-        _PYRAMID,
-        {
-            0.0005: {0.0: 0.04, 0.15: 0.08, 0.3: 0.14, 0.4: 0.26, 0.6: 0.55, 0.9: 0.69, 1.25: 1.2},
-            0.001: {0.3: 0.17, 0.9: 0.95},
-            0.002: {0.1: 0.055, 0.2: 0.17, 0.8: 0.81},
-            0.004: {0.3: 0.2, 0.5: 0.4, 1.2: 1.2},
-            0.008: {0.35: 0.25},
-        },
-        friction_cone="pyramid-inscribed",
-    ),
-    *_rows(
-        "stop-oblong",
-        f"{_LATE}; {_HOP}",
-        {
-            0.0005: {1.25: 0.03},
-            0.001: {1.2: 0.02},
-            0.002: {0.4: 0.022, 0.6: 0.045, 0.8: 0.056, 1.2: 0.07, 1.25: 0.125},
-            0.008: {0.9: 0.11, 1.0: 0.14, 1.1: 0.16, 1.2: 0.19, 1.25: 0.26},
-            0.016: {0.4: 0.08, 0.9: 0.31, 1.25: 1.15},
-        },
-    ),
-    *_rows(
-        "stop-oblong",
-        _BOUNCING,
-        {
-            0.0005: {0.4: 0.03, 0.6: 0.04, 0.9: 0.07, 1.25: 0.33},
-            0.001: {0.8: 0.045},
-            0.002: {0.9: 0.09, 1.25: 0.4},
-            0.004: {0.4: 0.055, 0.9: 0.3, 1.25: 0.45},
-            0.008: {0.7: 0.075, 0.9: 0.32, 1.25: 0.69},
-            0.016: {0.4: 0.12, 0.9: 0.8, 1.25: 1.85},
-        },
-        restitution=0.01,
-    ),
-    *_rows(
-        "stop-oblong",
-        _BOUNCING,
-        {0.0005: {0.0: 0.17, 0.15: 0.49, 0.4: 0.76, 0.9: 0.99, 1.25: 1.25}, 0.016: {0.9: 1.95, 1.25: 3.7}},
-        restitution=_LIVELY,
-    ),
-    *_rows("stop-oblong", _PYRAMID, {0.0005: _RISING | {1.25: 0.28}}, friction_cone="pyramid-inscribed"),
-    *_rows("stop-oblong", _PYRAMID, {0.0005: _LASTING}, restitution=0.01, friction_cone="pyramid-inscribed"),
-    *(
-        row
-        for cone, why, tables in (("elliptic", _BOUNCING, ELLIPTIC), ("pyramid-inscribed", _PYRAMID, PYRAMID))
-        for probe, table in tables.items()
-        for row in _rows(probe, why, table, restitution=LEAST, friction_cone=cone)
-    ),
-    Deviation("oblique", 0.99, _MISSING, friction_cone="elliptic"),
-    *_rows(
-        "oblique-separation",
-        _THROWN,
-        {
-            0.0005: {0.05: 0.07, 0.2: 0.15, 0.5: 0.3, 0.8: 0.4, 1.0: 0.5},
-            0.001: {0.05: 0.1, 0.2: 0.25, 0.5: 0.45, 0.8: 0.5, 1.0: 0.6},
-            0.002: {0.05: 0.1, 0.2: 0.32, 0.5: 0.52, 0.8: 0.6, 1.0: 0.72},
-            0.004: {0.05: 0.14, 0.2: 0.37, 0.5: 0.58, 0.8: 0.65, 1.0: 0.8},
-        },
-        relative=False,
-        friction_cone="elliptic",
-    ),
-    *_rows(
-        "oblique",
-        _PYRAMID,
-        {0.0005: {0.0: 0.83, 0.2: 1.2, 0.5: 1.95, 0.8: 2.35, 1.0: 2.9}},
-        friction_cone="pyramid-inscribed",
-    ),
-    *_rows(
-        "oblique-separation",
-        _PYRAMID,
-        {0.0005: {0.05: 0.63, 0.2: 2.5, 0.5: 4.1, 0.8: 4.9, 1.0: 6.2}},
-        relative=False,
-        friction_cone="pyramid-inscribed",
-    ),
-    # a step's gravity, and the recovery that is missing; some friction is any friction
-    *(Deviation("overlap", 10.5 * dt, _CUSHION, False, 1e-9, start) for start, dt in _STEPS),
-)
-"""Of MuJoCo's own friction: the largest of what the contact probes show at 0.5, 1, 2, 4, 8 and 16 ms, for μ of 0.05 to 1.45 in
-steps of 0.05 with e of 0, 0.3 and 0.8 (up to 8 ms), and for some of them with e up to 1; of oblique impacts in each row what
-the next friction and timestep show, since it grows with both."""
-_EITHER: tuple[Deviation, ...] = (
-    *_rows("push", _NATIVE, {0.0005: {0.0: 0.11}}, hardness="native"),
-    *_rows(
-        "push-oblong",
-        _NATIVE,
-        {
-            0.0005: {0.15: 0.04, 0.4: 0.14, 0.9: 0.18, 1.25: 0.24},
-            0.004: {0.4: 0.19, 0.9: 0.29, 1.25: 0.39},
-            0.008: {0.9: 0.43, 1.25: 0.94},
-            0.016: {0.15: 0.1, 0.9: 1.0},
-        },
-        hardness="native",
-    ),
-    *_rows("stop-oblong", _NATIVE, {0.0005: {0.9: 0.05, 1.25: 0.075}}, hardness="native"),
-    Deviation("stick", 0.5, _RESTLESS, relative=False, restitution=_LIVELY),
-    *(Deviation("steady", 31.0 * dt, _RESTLESS, False, timestep=start, restitution=_LIVELY) for start, dt in _STEPS),
-    *(Deviation("rest", 41.0 * dt * dt, _RESTLESS, False, timestep=start, restitution=_LIVELY) for start, dt in _STEPS),
-    *(
-        Deviation("rest", 1.1 * _SUNK * longest**2, _DEEP, False, timestep=shortest)
-        for shortest, longest in pairwise((0.01, 0.0125, 0.016, 0.02, 0.025, 0.033))
-    ),
-    Deviation("threshold", 1.02, "MuJoCo has no threshold: all impacts bounce", relative=False),
-    Deviation("rolling", 2e-3, "a ball that stops within a step rocks in its contact", False, timestep=0.0144),
-)
-"""The same of either friction; native hardness stays out of Coulomb's law."""
-_COULOMB: tuple[Deviation, ...] = (
-    *(
-        row
-        for probe in ("push", "push-oblong")
-        for row in _rows(
-            probe, _RESTLESS, {0.0005: {0.0: 0.08, 1.25: 0.11}, 0.008: {0.0: 0.08, 0.4: 0.11}}, restitution=_LIVELY
-        )
-    ),
-    *(
-        row
-        for probe in ("stop", "stop-oblong")
-        for row in _rows(probe, _SET_DOWN, {0.008: {1.25: 0.033}, 0.016: {0.7: 0.04, 0.9: 0.062, 1.25: 0.2}})
-    ),
-    Deviation("steady", 0.022, _RESTLESS, False, timestep=0.00045, restitution=_LIVELY),
-    *(Deviation("rest", 50.0 * dt * dt, _RESTLESS, False, timestep=start, restitution=_LIVELY) for start, dt in _STEPS),
-)
-"""The same of Coulomb's law, with which nothing hops, and impacts are within 1.4 % from 0.5 to 16 ms."""
-_CARRIED = tuple(dataclasses.replace(one, probe="carry") for one in _OWN if one.probe == "stop")
-"""What a moving surface carries slides on it."""
-CONTACT_DEVIATIONS: tuple[Deviation, ...] = (
-    *(dataclasses.replace(one, setting=("friction", NATIVE)) for one in (*_OWN, *_CARRIED)),
-    *(dataclasses.replace(one, setting=("friction", COULOMB)) for one in _COULOMB),
-    *_EITHER,
-    *DEVIATIONS,
-)

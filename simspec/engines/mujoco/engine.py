@@ -11,9 +11,7 @@ from simspec.engines.kit.capabilities import NativeLaw, ServoLaw
 from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.foreign import Own, Reads
 from simspec.engines.kit.settings import Setting, resolve_settings
-from simspec.engines.mujoco.approximations import DEVIATIONS as HALF_DEPTH_DEVIATIONS
-from simspec.engines.mujoco.approximations import HEIGHT_FIELDS
-from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT
+from simspec.engines.mujoco.contact import CONTACT_DEVIATIONS, CONTACT_SUPPORT, HEIGHT_FIELDS
 from simspec.engines.mujoco.expectation import Expectation
 from simspec.engines.mujoco.foreign import FOREIGN, FOREIGN_OWN, load
 from simspec.engines.mujoco.inventory import expected_inventory
@@ -100,7 +98,7 @@ class MuJoCo(MujocoSimulation):
         ),
     }
     SETTINGS: ClassVar[Mapping[str, Setting]] = SETTINGS
-    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = (*CONTACT_DEVIATIONS, *HALF_DEPTH_DEVIATIONS)
+    CONTACT_DEVIATIONS: ClassVar[tuple[Deviation, ...]] = CONTACT_DEVIATIONS
     HULL_PRECISION: ClassVar[float] = 3e-7  # it reads single precision, and moves what it has read (1e-7 measured)
     DRY_FRICTION_CREEP: ClassVar[float] = 1e-7
     # Newton's solver ends at its tolerance, which leaves speeds of 1.5e-8 where frictions are of 2e-3 N m (measured)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
+from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
-from simspec.support.declarations import Level, Refinement, Support
+from simspec.support.declarations import Level, Refinement, Support, Table
 from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_kinds
 from simspec.world.types import World
@@ -39,26 +39,27 @@ DEVIATIONS: tuple[Deviation, ...] = read_deviations(
         Reason("*", _FEW),
     ),
 )
-MASS_RATIO: Support = heavy_on_light(
+COUPLED: Table = coupled(
+    "ode",
     DEVIATIONS,
-    in_force("ode"),
-    "quick-step leaves overlaps where heavy bodies lie on light ones: 0.5 mm at a ratio of 100 (1 ms), and 1000 "
-    "times the mass sinks through within 5 s; step moves stacks sideways by up to 1.4 mm, from 4 ms on. By step under "
-    "the elliptic cone what slides with ten times its mass on it stops 4 % off at 1 ms, with 100 times 34 %",
-    "with quick-step 100 times the mass sinks 0.5 mm in at 1 ms, 1000 times through",
-)
-EVEN_PRESSURE: Support = even_pressure(
-    DEVIATIONS,
-    in_force("ode"),
-    "by quick-step a box between two fingers on slides turns by 0.4 to 1.6 rad as it slips by 0.1 m; by step it falls straight",
-    "by quick-step boxes that slip between fingers turn by up to 1.6 rad in 0.3 s",
-)
-SELF_LOCKING: Support = self_locking(
-    DEVIATIONS,
-    in_force("ode"),
-    "by quick-step a clamp that jams creeps: by 3 mm in 0.3 s at 1 ms and μ = 0.05, 5 mm where a hundredth of the moment of "
-    "its weight presses it on, 140 mm at 4 ms; by step it stands",
-    "by quick-step a clamp that jams creeps by 3 to 5 mm in 0.3 s at 1 ms",
+    {
+        Feature.MASS_RATIO: (
+            "quick-step leaves overlaps where heavy bodies lie on light ones: 0.5 mm at a ratio of 100 (1 ms), and 1000 "
+            "times the mass sinks through within 5 s; step moves stacks sideways by up to 1.4 mm, from 4 ms on. By step under "
+            "the elliptic cone what slides with ten times its mass on it stops 4 % off at 1 ms, with 100 times 34 %",
+            "with quick-step 100 times the mass sinks 0.5 mm in at 1 ms, 1000 times through",
+        ),
+        Feature.EVEN_PRESSURE: (
+            "by quick-step a box between two fingers on slides turns by 0.4 to 1.6 rad as it slips by 0.1 m; by step it falls "
+            "straight",
+            "by quick-step boxes that slip between fingers turn by up to 1.6 rad in 0.3 s",
+        ),
+        Feature.SELF_LOCKING: (
+            "by quick-step a clamp that jams creeps: by 3 mm in 0.3 s at 1 ms and μ = 0.05, 5 mm where a hundredth of the "
+            "moment of its weight presses it on, 140 mm at 4 ms; by step it stands",
+            "by quick-step a clamp that jams creeps by 3 to 5 mm in 0.3 s at 1 ms",
+        ),
+    },
 )
 SWEEPS = Refinement(
     Level.APPROXIMATE,

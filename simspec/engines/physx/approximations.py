@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.engines.kit.coupled import heavy_on_light, in_force, self_locking
+from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.refinements import approximate_pairs, met_pairs
-from simspec.support.declarations import Refinement, Support, unsupported_if
+from simspec.support.declarations import Refinement, Table, unsupported_if
+from simspec.support.features import Feature
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.hull import FlatError, closed_triangles, hull, hull_of, mesh_vertices
 from simspec.world.types import World
@@ -37,19 +38,22 @@ DEVIATIONS: tuple[Deviation, ...] = read_deviations(
         Reason("*", _ANCHORS),
     ),
 )
-MASS_RATIO: Support = heavy_on_light(
+COUPLED: Table = coupled(
+    "physx",
     DEVIATIONS,
-    in_force("physx"),
-    "heavy bodies push light ones aside: at a ratio of 1000 by 4 mm in 0.8 s at 1 ms, and they sink through within 5 s, "
-    "at 4 ms within 0.8 s; less with iterations: 255. What slides with 100 times its mass on it stops 43 to 67 % short at 1 ms",
-    "1000 times the mass sinks through within 5 s at 1 ms, within 0.8 s at 4 ms",
-)
-SELF_LOCKING: Support = self_locking(
-    DEVIATIONS,
-    in_force("physx"),
-    "a clamp that jams falls, since sweeps end before friction has made its normal force: under a moment of its weight times "
-    "its height at μ ≤ 0.2 (1 ms), under a hundredth of that at all frictions to 1",
-    "a clamp that jams falls at μ ≤ 0.2, or where little but friction presses it on",
+    {
+        Feature.MASS_RATIO: (
+            "heavy bodies push light ones aside: at a ratio of 1000 by 4 mm in 0.8 s at 1 ms, and they sink through within 5 "
+            "s, at 4 ms within 0.8 s; less with iterations: 255. What slides with 100 times its mass on it stops 43 to 67 % "
+            "short at 1 ms",
+            "1000 times the mass sinks through within 5 s at 1 ms, within 0.8 s at 4 ms",
+        ),
+        Feature.SELF_LOCKING: (
+            "a clamp that jams falls, since sweeps end before friction has made its normal force: under a moment of its "
+            "weight times its height at μ ≤ 0.2 (1 ms), under a hundredth of that at all frictions to 1",
+            "a clamp that jams falls at μ ≤ 0.2, or where little but friction presses it on",
+        ),
+    },
 )
 
 # Hulls. PhysX computes the hull of the vertices again, and drops vertices silently: those that reach less than ``OUT`` of the

@@ -16,7 +16,7 @@ from simspec.engines.kit.deviations import Deviation
 from simspec.engines.kit.refinements import no_friction, static_planes, still_or_light
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
-from simspec.engines.physx.approximations import BOXES, DEVIATIONS, MASS_RATIO, MESHES, SELF_LOCKING, boxes, meshes
+from simspec.engines.physx.approximations import BOXES, COUPLED, DEVIATIONS, MESHES, boxes, meshes
 from simspec.engines.physx.building import apart, imported, kinds
 from simspec.engines.physx.readback import expected, inventory, neutral, read_back
 from simspec.engines.physx.simulation import Simulation
@@ -106,8 +106,7 @@ class PhysX(WorldEngine[Simulation]):
             refine=meshes,
             cases=(MESHES,),
         ),
-        Feature.SELF_LOCKING: SELF_LOCKING,
-        Feature.MASS_RATIO: MASS_RATIO,
+        **COUPLED,
         **for_each(via_api(_COPIES), Feature.FRICTION_PAIRS, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION: exact(
             "of what arrives with more than 2 / (1 − e) steps of gravity: what is slower does not bounce"

@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from simspec.engines.kit.coupled import even_pressure, heavy_on_light, in_force, self_locking
+from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.settings import COARSE, SHARE, Group, Setting, of_thinnest
-from simspec.support.declarations import Level, Refinement, Support
+from simspec.support.declarations import Level, Refinement, Table
+from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws
 from simspec.world.kinematics import constrained_trees
 from simspec.world.reach import reach
@@ -179,26 +180,26 @@ DEVIATIONS: tuple[Deviation, ...] = (
         for size, ratio in ((0.09, 0.0), (0.115, 1.001), (0.23, 4.004))
     ),
 )
-MASS_RATIO: Support = heavy_on_light(
+COUPLED: Table = coupled(
+    "pybullet",
     DEVIATIONS,
-    in_force("pybullet"),
-    "heavy bodies sink into light ones: 0.3 mm at a ratio of 100, 5 mm at 1000 (1 ms). On a plane what slides with four times "
-    "its mass on it stops 4 % short at 1 ms and 18 % at 4 ms",
-    "100 times the mass sinks 0.3 mm in at 1 ms, 1000 times 5 mm",
-)
-EVEN_PRESSURE: Support = even_pressure(
-    DEVIATIONS,
-    in_force("pybullet"),
-    "under the elliptic cone pressure spreads unevenly over a face: a box between two fingers on slides turns by 0.9 rad as it "
-    "slips by 0.1 m, 30 % further than it should; under the pyramid by 0.02 rad, from 8 ms on",
-    "boxes that slip between fingers turn by 0.9 rad under the elliptic cone",
-)
-SELF_LOCKING: Support = self_locking(
-    DEVIATIONS,
-    in_force("pybullet"),
-    "a clamp that jams creeps, since sweeps end before friction has made its normal force: at 1 ms by 1 mm in 0.3 s at "
-    "μ = 0.05, by 2 mm where a hundredth of the moment of its weight presses it on; at 4 ms by 10 and 51 mm",
-    "a clamp that jams creeps by 1 to 2 mm in 0.3 s at 1 ms, 10 to 51 mm at 4 ms",
+    {
+        Feature.MASS_RATIO: (
+            "heavy bodies sink into light ones: 0.3 mm at a ratio of 100, 5 mm at 1000 (1 ms). On a plane what slides with "
+            "four times its mass on it stops 4 % short at 1 ms and 18 % at 4 ms",
+            "100 times the mass sinks 0.3 mm in at 1 ms, 1000 times 5 mm",
+        ),
+        Feature.EVEN_PRESSURE: (
+            "under the elliptic cone pressure spreads unevenly over a face: a box between two fingers on slides turns by 0.9 "
+            "rad as it slips by 0.1 m, 30 % further than it should; under the pyramid by 0.02 rad, from 8 ms on",
+            "boxes that slip between fingers turn by 0.9 rad under the elliptic cone",
+        ),
+        Feature.SELF_LOCKING: (
+            "a clamp that jams creeps, since sweeps end before friction has made its normal force: at 1 ms by 1 mm in 0.3 s at "
+            "μ = 0.05, by 2 mm where a hundredth of the moment of its weight presses it on; at 4 ms by 10 and 51 mm",
+            "a clamp that jams creeps by 1 to 2 mm in 0.3 s at 1 ms, 10 to 51 mm at 4 ms",
+        ),
+    },
 )
 
 # PyBullet's solver settings, each with the reason for its default. Facts marked *measured* as in ``engine.py``.

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from simspec.engines.kit.coupled import heavy_on_light, in_force, self_locking
+from simspec.engines.kit.coupled import coupled
 from simspec.engines.kit.deviations import Deviation, Reason, read_deviations
 from simspec.engines.kit.refinements import approximate_pairs, met_pairs
-from simspec.support.declarations import Level, Refinement, Support, unsupported_if
+from simspec.support.declarations import Level, Refinement, Table, unsupported_if
+from simspec.support.features import Feature
 from simspec.world.contact_pairs import meeting_laws, shape_pairs, solid_shapes
 from simspec.world.hull import Hull, HullError, hull_of
 from simspec.world.types import World
@@ -61,21 +62,23 @@ DEVIATIONS: tuple[Deviation, ...] = read_deviations(
         Reason("*", _FEW),
     ),
 )
-MASS_RATIO: Support = heavy_on_light(
+COUPLED: Table = coupled(
+    "rapier",
     DEVIATIONS,
-    in_force("rapier"),
-    "heavy bodies sink into light ones, and push them aside: laid on each other at rest by 0.2 and 0.8 mm at a ratio of 1000 "
-    "and 1 ms, with iterations of 500 by a tenth of it; what falls moves farther (5 kg fallen 5 cm onto 0.1 kg: 4.3 mm). "
-    "What stands under a body 1000 times as heavy that slides is taken along (1 ms); what slides with 100 times its mass on it "
-    "stops 16 % short at 4 ms",
-    "1000 times the mass, laid on at rest, sinks 0.2 mm in and moves 0.8 mm aside at 1 ms",
-)
-SELF_LOCKING: Support = self_locking(
-    DEVIATIONS,
-    in_force("rapier"),
-    "a clamp that jams falls, since sweeps end before friction has made its normal force: under a moment of its weight times "
-    "its height at μ = 0.05 (1 ms), under a hundredth of that at μ ≤ 0.3",
-    "a clamp that jams falls at small friction, or where little but friction presses it on",
+    {
+        Feature.MASS_RATIO: (
+            "heavy bodies sink into light ones, and push them aside: laid on each other at rest by 0.2 and 0.8 mm at a ratio "
+            "of 1000 and 1 ms, with iterations of 500 by a tenth of it; what falls moves farther (5 kg fallen 5 cm onto 0.1 "
+            "kg: 4.3 mm). What stands under a body 1000 times as heavy that slides is taken along (1 ms); what slides with "
+            "100 times its mass on it stops 16 % short at 4 ms",
+            "1000 times the mass, laid on at rest, sinks 0.2 mm in and moves 0.8 mm aside at 1 ms",
+        ),
+        Feature.SELF_LOCKING: (
+            "a clamp that jams falls, since sweeps end before friction has made its normal force: under a moment of its "
+            "weight times its height at μ = 0.05 (1 ms), under a hundredth of that at μ ≤ 0.3",
+            "a clamp that jams falls at small friction, or where little but friction presses it on",
+        ),
+    },
 )
 
 # Cylinders. Rapier's search for the nearest points of round shapes ends before single precision does. In 720 random overlaps of

@@ -15,10 +15,9 @@ from simspec.engines.kit.refinements import only_balls_slide, static_planes, sti
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.rapier.approximations import (
+    COUPLED,
     CYLINDERS,
     DEVIATIONS,
-    MASS_RATIO,
-    SELF_LOCKING,
     SMALL,
     STACKED,
     balls,
@@ -83,8 +82,7 @@ class Rapier(WorldEngine[Simulation]):
             cases=(STACKED,),
         ),
         **for_each(exact(_LAW), Feature.FRICTION, Feature.FRICTION_PAIRS),
-        Feature.SELF_LOCKING: SELF_LOCKING,
-        Feature.MASS_RATIO: MASS_RATIO,
+        **COUPLED,
         **for_each(exact(_BOUNCE), Feature.RESTITUTION, Feature.RESTITUTION_PAIRS),
         Feature.RESTITUTION_THRESHOLD: exact("points that approach slower do not bounce"),
         **for_each(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.mujoco.approximations import FEW, ROCKS, ground_held
+from simspec.engines.mujoco.contact import FEW, ROCKS, ground_held
 from simspec.proof.distances import field_distance
 from simspec.proof.touch.geometry import gap, solids
 from simspec.support.declarations import Level
