@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from simspec.engines.kit.capabilities import DOUBLE, ROUNDING, SINGLE
+from simspec.engines.kit.process import Operation
+from simspec.world.types import World
 
 TEXT_TOLERANCE = 1e-12
 """L0: numbers are printed to round-trip; left is the way from a tensor to principal axes and back, whose largest moment may
@@ -85,6 +88,41 @@ class Tally:
                 self._rows.items(), key=lambda item: item[0][0]
             )
         ]
+
+
+Part = tuple[str, str]
+"""Level, and name of a check ("" any)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """What a proof must have compared: ``count`` times, ``least`` at least, within ``tolerance`` at most."""
+
+    count: int
+    least: int
+    tolerance: float
+
+
+Demands = dict[Part, Demand]
+
+
+class Plan(Protocol):
+    """A motion that engines repeat, and what must come of it."""
+
+    def operation(self, world: World) -> Operation | None:
+        """The operation that an engine is asked for; None where nothing can be compared."""
+
+    def demands(self) -> Demands:
+        """What a proof must have compared."""
+
+    def checks(self, world: World, answer: Mapping[str, np.ndarray], creep: float = 0.0) -> list[Check]:
+        """The answer against the plan; ``creep``: the speed (m/s, rad/s) that the engine's solver is declared to leave joints
+        that dry friction holds (``Engine.DRY_FRICTION_CREEP``)."""
+
+
+LEEWAY = 4.0
+"""How much larger than planned a round-off floor may be when a stored proof is judged: the floor is the worst of four disturbed
+runs, and another machine's last bits give another worst."""
 
 
 def failed(level: str, name: str, detail: str) -> Check:

@@ -16,11 +16,12 @@ import numpy as np
 from simspec.control.law import Control
 from simspec.control.reference import driven_joints, reference
 from simspec.control.request import to_request
-from simspec.dynamics.oracle import Oracle, angles_of, shortened
+from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
-from simspec.proof.checks import PRECISIONS, Check, Precision, Rounded
+from simspec.proof.checks import LEEWAY, PRECISIONS, Check, Demand, Demands, Precision, Rounded
 from simspec.proof.limits import Stops, inside
+from simspec.proof.motion import NEAR
 from simspec.world.actions import Trajectory
 from simspec.world.kinematics import (
     constrained_trees,
@@ -41,8 +42,6 @@ SHARE = 0.05
 """Largest share of a joint's range that it is told to move."""
 INSIDE = 0.1
 """Share of its range that a joint begins away from its limits, which the oracle does not know."""
-NEAR = 0.05
-"""Share of its range to a limit from which on a joint, driven or not, is near it: what follows is not compared, as in L6."""
 HALVINGS = 30
 """How often the step is halved until no effort is clipped."""
 
@@ -64,8 +63,8 @@ class Response:
     steps: int = STEPS
     precision: Precision = PRECISIONS[DOUBLE]
 
-    def operation(self) -> Operation:
-        """What an engine is asked (see ``engines/kit/worker.py``)."""
+    def operation(self, world: World) -> Operation:
+        """The operation that an engine is asked for (see ``engines/kit/worker.py``)."""
         parameters, arrays = to_request(self.world)
         arrays = {**arrays, "q": self.q, "v": self.v, "rubbing": frictional_coordinates(self.world)}
         return Operation("respond", {**parameters, "steps": STEPS, "every": EVERY}, arrays, self.world)
@@ -75,29 +74,46 @@ class Response:
         """That of L6."""
         return self.precision.tolerance(self.floor)
 
+    @property
+    def _parts(self) -> Mapping[str, np.ndarray]:
+        """The expected positions by check, of those that there are."""
+        parts = {"step response": self.positions, "step response, closed form": self.closed}
+        return {name: expected for name, expected in parts.items() if not np.isnan(expected).all()}
+
+    def demands(self) -> Demands:
+        """One comparison for each joint at each instant at which it has an expected position."""
+        tolerance = self.precision.tolerance(LEEWAY * self.floor)
+        counts = {("L7", name): int((~np.isnan(expected)).sum()) for name, expected in self._parts.items()}
+        return {part: Demand(count, count, tolerance) for part, count in counts.items()}
+
+    def checks(self, world: World, answer: Mapping[str, np.ndarray], creep: float = 0.0) -> list[Check]:
+        """Two checks: against the oracle under the same law, and against the closed form."""
+        actual = answer["positions"]
+        detail = f"floor {self.floor:.1e}, {self.steps} steps of {self.world.physics.timestep:g} s"
+        detail += f" of {STEPS}: then a joint comes near a limit" if self.steps < STEPS else ""
+        detail += ", some efforts clipped" if self.clipped else ""
+        if actual.shape != self.positions.shape or not np.isfinite(actual).all():
+            detail = f"positions of shape {actual.shape}, not all of them finite; {detail}"
+            return [Check("L7", "step response", actual.size, self.tolerance, None, "", detail)]
+        checks = []
+        for name, expected in self._parts.items():
+            error = np.where(np.isnan(expected), 0.0, np.abs(actual - expected))
+            row, column = np.unravel_index(int(error.argmax()), error.shape)
+            found = (int((~np.isnan(expected)).sum()), self.tolerance, float(error[row, column]))
+            if self.steps < EVERY:  # the beginning alone, which is given
+                checks.append(Check("L7", name, 0, self.tolerance, None, "", detail))
+            else:
+                checks.append(Check("L7", name, *found, f"joints.{self.joints[column]}, step {row * EVERY}", detail))
+        return checks
+
 
 class _OracleJoints:
-    """The driven joints in the oracle's motion."""
+    """The driven joints in the oracle's motion; ``steps``: how many are done before a joint comes near a limit."""
 
     def __init__(self, world: World, control: Control, q: np.ndarray, v: np.ndarray, rounded: Rounded | None = None):
-        self._oracle, self._rounded = Oracle(world), rounded
+        self._oracle, self._rounded, self._stops = Oracle(world), rounded, Stops(world)
         self._q_places, self._v_places = control.q_places, control.v_places
-        self._q, self._v = q, v
-        self._effort = np.zeros(self._oracle.nv)
-        limited = [
-            (at.start, *body.joint.position_limits)
-            for body, at in zip(world.bodies, self._oracle.layout.position, strict=True)
-            if body.joint.position_limits is not None
-        ]
-        self._limited = np.array([place for place, _, _ in limited], dtype=int)
-        low, high = (np.array([row[k] for row in limited]) for k in (1, 2))
-        self._low, self._high = low + NEAR * (high - low), high - NEAR * (high - low)
-        self._stops = Stops(world)
-        self._turning = [
-            (at, (1.0 - NEAR) * body.joint.angle_limit)
-            for body, at in zip(world.bodies, self._oracle.layout.position, strict=True)
-            if body.joint.angle_limit is not None
-        ]
+        self._q, self._v, self._effort = q, v, np.zeros(self._oracle.nv)
         self.steps, self._free = 0, True
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
@@ -109,43 +125,34 @@ class _OracleJoints:
     def step(self) -> None:
         states, speeds = self._oracle.motion(self._q, self._v, self._effort, 1, 1, self._rounded)
         self._q, self._v = states[-1], speeds[-1]
-        near = self._q[self._limited]
-        self._free = self._free and bool(((near > self._low) & (near < self._high)).all())
         self._free = self._free and not self._stops.near(self._q[None], NEAR)[0]
-        self._free = self._free and all(angles_of(self._q[at][None])[0] < most for at, most in self._turning)
         self.steps += self._free
 
 
-def plan(world: World, precision: Precision = PRECISIONS[DOUBLE]) -> Response | None:
+def plan(world: World, oracle: Oracle | None = None, precision: Precision = PRECISIONS[DOUBLE]) -> Response | None:
     """The response of a world's laws; None where nothing but native controllers drives."""
     laws = tuple(controller for controller in world.controllers if controller.law != "native")
     if not laws:
         return None
     world = dataclasses.replace(world, controllers=laws, forces=(), motions=())
     joints = driven_joints(world)
-    q, v = initial_state(world)
-    v = np.zeros_like(v)
+    start, v = initial_state(world)
+    v, q = np.zeros_like(v), Stops(world).within(start, INSIDE)
     places, reach = [], []
     for body, at in zip(world.bodies, layout_of(world).position, strict=True):
-        limits = body.joint.position_limits
-        if limits is not None:
-            margin = INSIDE * (limits[1] - limits[0])
-            q[at] = np.clip(q[at], limits[0] + margin, limits[1] - margin)
-        if (largest := body.joint.angle_limit) is not None:
-            angle = float(angles_of(q[at][None])[0])
-            if angle > (1.0 - INSIDE) * largest:
-                q[at] = shortened(q[at], (1.0 - INSIDE) * largest / angle)
         if body.joint.name in joints:
+            limits = body.joint.position_limits
             places.append(at.start)
             inward = 1.0 if limits is None or q[at.start] < sum(limits) / 2.0 else -1.0
             reach.append(inward * (STEP if limits is None else min(STEP, SHARE * (limits[1] - limits[0]))))
     q = inside(world, q, INSIDE)
     if world.constraints:
-        oracle = Oracle(world)
-        q = oracle.inwards(oracle.settled(q, initial_state(world)[0]))
+        alone = Oracle(world)
+        q = alone.inwards(alone.settled(q, start))
     amount = np.array(reach)
     for _ in range(HALVINGS):
-        asked = _stepped(world, joints, q[places] + amount)
+        targets = Trajectory(joints, (0.0,), (tuple((q[places] + amount).tolist()),))
+        asked = dataclasses.replace(world, trajectory=targets)
         control, positions, steps = _response(asked, q, v)
         if not control.clipped.any():
             break
@@ -157,11 +164,6 @@ def plan(world: World, precision: Precision = PRECISIONS[DOUBLE]) -> Response | 
     closed = _closed_form(asked, joints, q[places], amount, bool(control.clipped.any()))
     positions[rows:] = closed[rows:] = np.nan
     return Response(asked, q, v, joints, positions, closed, floor, bool(control.clipped.any()), steps, precision)
-
-
-def _stepped(world: World, joints: tuple[str, ...], targets: np.ndarray) -> World:
-    """The world with all driven joints told to be at ``targets``."""
-    return dataclasses.replace(world, trajectory=Trajectory(joints, (0.0,), (tuple(targets.tolist()),)))
 
 
 def _response(
@@ -215,31 +217,3 @@ def _closed_form(
                 column = joints.index(name)
                 targets[:, column] = start[column] + step[column] * (1.0 - np.array(share))
     return targets
-
-
-def control_checks(response: Response, answer: Mapping[str, np.ndarray]) -> list[Check]:
-    """Two checks: against the oracle under the same law, and against the closed form."""
-    positions = answer["positions"]
-    floor = f"floor {response.floor:.1e}, {response.steps} steps of {response.world.physics.timestep:g} s"
-    if response.steps < STEPS:
-        floor += f" of {STEPS}: then a joint comes near a limit"
-    if response.clipped:
-        floor += ", some efforts clipped"
-    if positions.shape != response.positions.shape or not np.isfinite(positions).all():
-        detail = f"positions of shape {positions.shape}, not all of them finite; {floor}"
-        return [Check("L7", "step response", positions.size, response.tolerance, None, "", detail)]
-    checks = [_check("step response", response, response.positions, positions, floor)]
-    if not np.isnan(response.closed).all():
-        checks.append(_check("step response, closed form", response, response.closed, positions, floor))
-    return checks
-
-
-def _check(name: str, response: Response, expected: np.ndarray, actual: np.ndarray, detail: str) -> Check:
-    error = np.where(np.isnan(expected), 0.0, np.abs(actual - expected))
-    row, column = np.unravel_index(int(error.argmax()), error.shape)
-    worst = float(error[row, column])
-    where = f"joints.{response.joints[column]}, step {row * EVERY}"
-    count = int((~np.isnan(expected)).sum())
-    if response.steps < EVERY:  # the beginning alone, which is given
-        return Check("L7", name, 0, response.tolerance, None, "", detail)
-    return Check("L7", name, count, response.tolerance, worst, where, detail)

@@ -17,19 +17,19 @@ import numpy as np
 from simspec.compiler import compile_world
 from simspec.control.reference import natives
 from simspec.dialects.kit.sidecar import SIDECAR
-from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.capabilities import DOUBLE, Capability
 from simspec.engines.kit.contract import Engine
 from simspec.engines.kit.identity import engine_name
 from simspec.engines.kit.registry import find_engine
 from simspec.errors import UnsupportedError
 from simspec.proof import motion
-from simspec.proof.checks import NOTHING, PRECISIONS, TOO_CHAOTIC, Check, failed
+from simspec.proof.checks import NOTHING, PRECISIONS, TOO_CHAOTIC, Check, Part, failed
 from simspec.proof.comparator import INVENTORY, INVENTORY_LEVEL
 from simspec.proof.contact.size import NAME as SIZE
 from simspec.proof.contact.size import size_trial
 from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, REST_CHECK, SLIDING_CHECK
 from simspec.proof.limits import BALLS_CHECK, STOPS_CHECK, followers, left_to, no_ball_stops, nothing_stops
+from simspec.proof.motion import MOTION
 from simspec.proof.touch.plan import nothing_to_try, oracle_of
 from simspec.support.declarations import Level
 from simspec.support.negotiation import Decision
@@ -83,13 +83,13 @@ def _held_at_a_limit(world: World) -> str:
         if body.joint.position_limits is None:
             continue
         low, high = body.joint.position_limits
-        own = float(q[at_q.start])
-        if low + MARGIN * (high - low) <= own <= high - MARGIN * (high - low):
+        stands = float(q[at_q.start])
+        if low + MARGIN * (high - low) <= stands <= high - MARGIN * (high - low):
             continue
         unit = np.zeros(oracle.nv)
         unit[at_v.start] = 1.0
         if all(abs(oracle.constrained_velocity(where, unit)[at_v.start]) < LOCKED for where in (start, q)):
-            at = f"at {own + 0.0:.6g}, within {MARGIN:.0%} of its range to a limit, or beyond: {low:g} to {high:g}"
+            at = f"at {stands + 0.0:.6g}, within {MARGIN:.0%} of its range to a limit, or beyond: {low:g} to {high:g}"
             return f"constraints hold joint {body.joint.name!r} {at}, so that every motion is at a limit"
     return ""
 
@@ -105,28 +105,31 @@ def chaotic(world: World, precision: str = DOUBLE) -> str:
     """
     if motionless(world):
         return ""
-    oracle: Oracle = oracle_of(world)
-    planned = motion.plan(world, oracle, PRECISIONS[precision])
-    return planned.chaos
+    return motion.plan(world, oracle_of(world), PRECISIONS[precision]).chaos
 
 
 NOT_ASKED = "not asked for"
 """The reason of a part that the caller of ``verify`` left out."""
-OPTIONAL = (("L4", "collision matrix"), ("L5", ""), ("L6", ""), ("L7", ""))
+MATRIX = "collision matrix"
+OPTIONAL = (("L4", MATRIX), ("L5", ""), ("L6", ""), ("L7", ""))
 """The parts that are left out where their level is not asked for; all else comes from one read-back and two quick probes."""
 
 
-def _always(world: World) -> str:
-    return ""
+@dataclass(frozen=True, slots=True)
+class PartRule:
+    """``missing``: "" where a world has a part, or why it has none (None: the part is compared where it can be). ``needs``:
+    capabilities in addition to an engine's core. ``frictionless``: joints' dry friction is switched off in it. ``mentioned``: a
+    certificate says why a world has none."""
+
+    missing: Callable[[World], str] | None
+    needs: tuple[Capability, ...] = ()
+    frictionless: bool = False
+    mentioned: bool = True
 
 
 def _moves(world: World) -> str:
     moving = any(VELOCITY_SIZE[body.joint.kind] for body in world.bodies)
     return "" if moving else "nothing moves in this world"
-
-
-def _contact(world: World) -> str:
-    return "" if meeting_laws(world) else "no two shapes of this world may touch"
 
 
 def _driven(world: World) -> str:
@@ -136,54 +139,42 @@ def _driven(world: World) -> str:
     return "joints are driven by the engines' own controllers alone, a declared difference" if native else ""
 
 
-def _pushed(world: World) -> str:
-    return "" if world.forces else "no force acts on a body of this world"
-
-
-def _prescribed(world: World) -> str:
-    return "" if world.motions else "no body of this world is kinematic"
-
-
-def _acts(world: World) -> str:
-    return "" if world.forces or world.motions else _driven(world)
-
-
-def _rubs(world: World) -> str:
+def _frictional(world: World) -> str:
     return "" if len(frictional_coordinates(world)) else "no joint has dry friction"
 
 
-def _moves_or_rubs(world: World) -> str:
-    return _rubs(world) and motionless(world)
-
-
-PARTS: Mapping[tuple[str, str], Callable[[World], str]] = {
-    ("L0", ""): _always,
-    ("L1", ""): _always,
-    ("L2", ""): _always,
-    ("L2", "pose, position"): _always,
-    ("L3", ""): _moves,
-    ("L3", "mass matrix"): _moves,
-    ("L3", "bias force"): _moves,
-    ("L3", "gravity force"): _moves,
-    ("L4", ""): _always,
-    ("L4", "collision matrix"): nothing_to_try,
-    ("L5", ""): _contact,
-    ("L6", ""): _moves_or_rubs,
-    ("L6", "motion"): motionless,
-    ("L6", SLIDING_CHECK): _rubs,
-    ("L6", REST_CHECK): _rubs,
-    ("L6", STOPS_CHECK): nothing_stops,
-    ("L6", BALLS_CHECK): no_ball_stops,
-    ("L7", ""): _acts,
-    ("L7", "step response"): _driven,
-    ("L7", FORCES_CHECK): _pushed,
-    ("L7", PRESCRIBED_CHECK): _prescribed,
+_ALWAYS = PartRule(lambda world: "")
+_FREE = (Capability.CONTACT_OFF,)
+PARTS: Mapping[Part, PartRule] = {
+    ("L0", ""): _ALWAYS,
+    ("L1", ""): _ALWAYS,
+    ("L2", ""): _ALWAYS,
+    ("L2", "pose, position"): _ALWAYS,
+    ("L3", ""): PartRule(_moves),
+    ("L3", "mass matrix"): PartRule(_moves, (Capability.MASS_MATRIX,)),
+    ("L3", "bias force"): PartRule(_moves, (Capability.BIAS_FORCE,)),
+    ("L3", "gravity force"): PartRule(_moves, (Capability.BIAS_FORCE,)),
+    ("L4", ""): _ALWAYS,
+    (INVENTORY_LEVEL, INVENTORY): PartRule(None, (Capability.INVENTORY,)),
+    ("L4", MATRIX): PartRule(nothing_to_try, (Capability.PAIR_DETECTION,)),
+    ("L5", ""): PartRule(lambda world: "" if meeting_laws(world) else "no two shapes of this world may touch"),
+    ("L5", SIZE): PartRule(None, (Capability.PAIR_DETECTION,)),
+    ("L6", ""): PartRule(lambda world: _frictional(world) and motionless(world)),
+    MOTION: PartRule(motionless, _FREE, frictionless=True),
+    ("L6", SLIDING_CHECK): PartRule(_frictional, _FREE),
+    ("L6", REST_CHECK): PartRule(_frictional, _FREE),
+    ("L6", STOPS_CHECK): PartRule(nothing_stops, _FREE, True, False),
+    ("L6", BALLS_CHECK): PartRule(no_ball_stops, _FREE, True, False),
+    ("L7", ""): PartRule(lambda world: "" if world.forces or world.motions else _driven(world)),
+    ("L7", "step response"): PartRule(_driven, _FREE, True),
+    ("L7", FORCES_CHECK): PartRule(
+        lambda world: "" if world.forces else "no force acts on a body of this world", _FREE, True, False
+    ),
+    ("L7", PRESCRIBED_CHECK): PartRule(
+        lambda world: "" if world.motions else "no body of this world is kinematic", _FREE, True, False
+    ),
 }
-"""Level, and name of a check ("" any), to the function that says "" where a world has it, or why a world has none."""
-
-
-UNMENTIONED = (("L6", STOPS_CHECK), ("L6", BALLS_CHECK), ("L7", FORCES_CHECK), ("L7", PRESCRIBED_CHECK))
-"""Parts of which a certificate says nothing where a world has none."""
+"""The parts of a proof, in its order."""
 
 
 def title(level: str, name: str) -> str:
@@ -191,10 +182,10 @@ def title(level: str, name: str) -> str:
     return f"{level} {name}".strip()
 
 
-def expected(world: World) -> dict[tuple[str, str], str]:
+def expected(world: World) -> dict[Part, str]:
     """For every part of a proof (level, name of a check or "" for any) the reason why this world has none; "" where it must
     have been compared."""
-    return {part: why(world) for part, why in PARTS.items()}
+    return {part: rule.missing(world) for part, rule in PARTS.items() if rule.missing is not None}
 
 
 def left_out(world: World, levels: Iterable[str] | None = None) -> dict[str, str]:
@@ -204,7 +195,7 @@ def left_out(world: World, levels: Iterable[str] | None = None) -> dict[str, str
     for (level, name), why in expected(world).items():
         if (level, name) in OPTIONAL and levels is not None and level not in levels:
             why = NOT_ASKED
-        if why and level not in reasons and (why == NOT_ASKED or (level, name) not in UNMENTIONED):
+        if why and level not in reasons and (why == NOT_ASKED or PARTS[level, name].mentioned):
             reasons[title(level, name)] = why
     return reasons
 
@@ -266,51 +257,23 @@ def judge(
 
 # What a proof does not check because an engine lacks what it takes (``Engine.LACKS``): parts of levels, with the reason.
 #
-# Such a part is neither passed nor failed. A certificate says that it was not checked, and a stored one is held against what
-# the engine declares, so that nothing else can hide there.
+# Such a part is neither passed nor failed. A certificate says that it was not checked, and a stored one is compared with the
+# engine's declarations, so that nothing else can hide there.
 
-MATRIX = "collision matrix"
-NEEDS: Mapping[tuple[str, str], tuple[Capability, ...]] = {
-    ("L3", "mass matrix"): (Capability.MASS_MATRIX,),
-    ("L3", "bias force"): (Capability.BIAS_FORCE,),
-    ("L3", "gravity force"): (Capability.BIAS_FORCE,),
-    (INVENTORY_LEVEL, INVENTORY): (Capability.INVENTORY,),
-    ("L4", MATRIX): (Capability.PAIR_DETECTION,),
-    ("L5", SIZE): (Capability.PAIR_DETECTION,),
-    ("L6", "motion"): (Capability.CONTACT_OFF,),
-    ("L6", SLIDING_CHECK): (Capability.CONTACT_OFF,),
-    ("L6", REST_CHECK): (Capability.CONTACT_OFF,),
-    ("L6", STOPS_CHECK): (Capability.CONTACT_OFF,),
-    ("L6", BALLS_CHECK): (Capability.CONTACT_OFF,),
-    ("L7", "step response"): (Capability.CONTACT_OFF,),
-    ("L7", FORCES_CHECK): (Capability.CONTACT_OFF,),
-    ("L7", PRESCRIBED_CHECK): (Capability.CONTACT_OFF,),
-}
-"""What each part of a proof takes beside an engine's core."""
-WITHOUT_FRICTION = (
-    *(
-        ("L6", "motion"),
-        ("L6", STOPS_CHECK),
-        ("L6", BALLS_CHECK),
-        ("L7", "step response"),
-        ("L7", FORCES_CHECK),
-        ("L7", PRESCRIBED_CHECK),
-    ),
-)
-"""The parts in which joints' dry friction is switched off, where a world has any."""
-ASKED = ("L1", "L2", "L3", "L4", "L5", "L6", "L7")
-"""The levels for which an engine is asked: all but that of the files."""
-TITLES = frozenset({title(*part) for part in NEEDS} | {level for level, _ in NEEDS} | set(ASKED))
+ENGINE_LEVELS = ("L1", "L2", "L3", "L4", "L5", "L6", "L7")
+"""The levels that need the engine: all but that of the files."""
+NAMED_LEVELS = ("L3", "L6", "L7")
+"""The levels that are made of named parts and nothing else."""
+TITLES = frozenset({title(*part) for part, rule in PARTS.items() if rule.needs} | set(ENGINE_LEVELS))
 """Every name under which a certificate says that a part was not checked."""
 
 
-def unchecked(world: World, engine: type[Engine]) -> dict[tuple[str, str], str]:
+def unchecked(world: World, engine: type[Engine]) -> dict[Part, str]:
     """The parts (level, name of a check) that ``engine`` cannot be asked for, with the reason that it declares."""
+    off = (Capability.DRY_FRICTION_OFF,) if len(frictional_coordinates(world)) else ()
     parts = {}
-    for part, capabilities in NEEDS.items():
-        taken = [*capabilities]
-        if part in WITHOUT_FRICTION and len(frictional_coordinates(world)):
-            taken.append(Capability.DRY_FRICTION_OFF)
+    for part, rule in PARTS.items():
+        taken = (*rule.needs, *(off if rule.frictionless else ()))
         reasons = [engine.LACKS[capability] for capability in taken if capability in engine.LACKS]
         if reasons:
             parts[part] = "; ".join(dict.fromkeys(reasons))
@@ -319,17 +282,16 @@ def unchecked(world: World, engine: type[Engine]) -> dict[tuple[str, str], str]:
 
 def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[str, str]) -> dict[str, str]:
     """The same as a certificate says it: by title, and by level where nothing of a level is left; without what ``not_compared``
-    names, which this world does not have or nobody asked for."""
-    lacking = unchecked(world, engine)
-    wanted = expected(world)
+    names, which this world does not have or was not asked for."""
+    lacking, wanted = unchecked(world, engine), expected(world)
     parts: dict[str, str] = {}
     for (level, name), why in lacking.items():
         if level in not_compared or title(level, name) in not_compared or wanted.get((level, name)):
             continue
         if (level, name) == ("L5", SIZE) and size_trial(world) is None:
             continue
-        others = [part for part in PARTS if part[0] == level and part[1] and not wanted[part]]
-        whole = (level, "") in PARTS and level in WHOLE and all(part in lacking for part in others)
+        others = [part for part, absent in wanted.items() if part[0] == level and part[1] and not absent]
+        whole = level in NAMED_LEVELS and all(part in lacking for part in others)
         key = level if whole else title(level, name)
         parts[key] = "; ".join(dict.fromkeys([*parts[key].split("; "), why])) if key in parts else why
     return parts
@@ -338,11 +300,7 @@ def not_checked_parts(world: World, engine: type[Engine], not_compared: Mapping[
 def of_files_alone(not_compared: Mapping[str, str], why: str) -> dict[str, str]:
     """What is not checked of an engine that is not there, which ``why`` says: every level but that of the files, without those
     that ``not_compared`` names."""
-    return {level: why for level in ASKED if level not in not_compared}
-
-
-WHOLE = ("L3", "L6", "L7")
-"""The levels that are made of named parts and nothing else."""
+    return {level: why for level in ENGINE_LEVELS if level not in not_compared}
 
 
 UNTOLD = "the engine is told none"
@@ -360,8 +318,8 @@ def not_checked(world: World, read_back: ReadBack) -> dict[str, str]:
 
 def unreadable(world: World, declared: Mapping[str, str]) -> dict[str, str]:
     """Of the fields that an engine declares not to be readable back those that the world has."""
-    own = natives(world)
-    return {field: why for field, why in declared.items() if own or field != "control.native"}
+    native = natives(world)
+    return {field: why for field, why in declared.items() if native or field != "control.native"}
 
 
 # How an engine's files realise a world: the decisions on its features and the settings in force, from which follow the

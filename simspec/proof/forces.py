@@ -6,7 +6,6 @@ of a step they begin and end by in the world. The oracle has them by its own Jac
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -14,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simspec.control.request import brought_forward, curve, forces_to_request, in_steps, motions_to_request
-from simspec.dynamics.oracle import STATES_SEED, Oracle, angles_of, random_states, shortened
+from simspec.dynamics.oracle import STATES_SEED, Oracle, random_states
 from simspec.engines.kit.capabilities import DOUBLE, ROUNDING
 from simspec.engines.kit.process import Operation
-from simspec.proof.checks import PRECISIONS, Check, Precision, Rounded, Tally
-from simspec.proof.limits import MIDDLE, inside
-from simspec.proof.motion import DISTURBED, comes_near_limits, couple, deviation
-from simspec.world.actions import Force, Motion
+from simspec.proof.checks import LEEWAY, PRECISIONS, Check, Demand, Demands, Precision, Rounded, Tally
+from simspec.proof.limits import MIDDLE, Stops, inside
+from simspec.proof.motion import DISTURBED, NEAR, couple, deviation, pose_check
+from simspec.world.actions import Force
+from simspec.world.frames import vector3
 from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.types import World
 
@@ -35,9 +35,9 @@ INSIDE = 0.2
 """Share of its range that a joint begins away from its limits."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Pushed:
-    """What to do (``world`` with its forces brought forward, ``q``, ``v``, ``effort``), and what must come of it: ``poses`` at
+    """A beginning (``q``, ``v``, ``effort``) of a ``world`` with its forces brought forward, and the expected ``poses`` at
     every ``EVERY``-th step, by the oracle with its round-off ``floor``."""
 
     world: World
@@ -56,10 +56,26 @@ class Pushed:
         """That of L6."""
         return self.precision.tolerance(self.floor)
 
-    def operation(self, asked: World) -> Operation:
-        """What an engine is asked (see ``engines/kit/worker.py``)."""
+    def operation(self, world: World) -> Operation:
+        """The operation that an engine is asked for (see ``engines/kit/worker.py``)."""
         arrays = {"q": self.q, "v": self.v, "effort": self.effort, "rubbing": frictional_coordinates(self.world)}
-        return Operation("pushed", {**forces_to_request(self.world), "steps": STEPS, "every": EVERY}, arrays, asked)
+        return Operation("pushed", {**forces_to_request(self.world), "steps": STEPS, "every": EVERY}, arrays, world)
+
+    def demands(self) -> Demands:
+        """One comparison for each body at each instant."""
+        count = int(np.prod(self.poses.shape[:2]))
+        return {("L7", FORCES_CHECK): Demand(count, count, self.precision.tolerance(LEEWAY * self.floor))}
+
+    def checks(self, world: World, answer: Mapping[str, Floats], creep: float = 0.0) -> list[Check]:
+        """One check: the worst deviation of any body at any instant."""
+        detail = f"floor {self.floor:.1e}, {STEPS} steps of {self.world.physics.timestep:g} s"
+        if self.halved:
+            detail += f", forces divided by 2^{self.halved}, with which no joint comes near a limit"
+        part, names = ("L7", FORCES_CHECK), [body.name for body in self.world.bodies]
+        if self.ends:
+            return [Check(*part, 0, self.tolerance, None, "", f"{self.ends}; {detail}")]
+        steps = range(0, STEPS + 1, EVERY)
+        return [pose_check(part, names, steps, self.poses, answer["pose"], self.tolerance, detail)]
 
 
 def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> Pushed | None:
@@ -67,39 +83,29 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
     if not world.forces:
         return None
     start, v = initial_state(world)
-    q, v = start.copy(), np.zeros_like(v)
-    for body, at in zip(world.bodies, oracle.layout.position, strict=True):
-        if (limits := body.joint.position_limits) is not None:
-            margin = INSIDE * (limits[1] - limits[0])
-            q[at] = np.clip(q[at], limits[0] + margin, limits[1] - margin)
-        if (most := body.joint.angle_limit) is not None:
-            angle = float(angles_of(q[None, at])[0])
-            q[at] = shortened(q[at], min(1.0, (1.0 - INSIDE) * most / angle) if angle else 1.0)
-    q = oracle.inwards(oracle.settled(inside(world, q, INSIDE), start))
+    v, stops = np.zeros_like(v), Stops(world)
+    q = oracle.inwards(oracle.settled(inside(world, stops.within(start, INSIDE), INSIDE), start))
     effort = oracle.bias_force(q, v) - oracle.joint_effort(q, v)
     forces = brought_forward(world.forces, world.physics.timestep, FIRST, LONGEST)
     ends = "its motion without forces comes near a limit, or is not finite"
     for halved in range(HALVINGS):
-        asked = dataclasses.replace(world, forces=tuple(_times(0.5**halved, force) for force in forces))
-        states = _motion(asked, oracle, q, v, effort)
-        if np.isfinite(states).all() and not comes_near_limits(world, oracle, states):
+        weaker = replace(world, forces=tuple(_times(0.5**halved, force) for force in forces))
+        states = _motion(weaker, oracle, q, v, effort)
+        if np.isfinite(states).all() and not stops.near(states, NEAR).any():
             ends = ""
             break
     poses = np.array([oracle.body_poses(row) for row in states])
     generator, floor = np.random.default_rng(STATES_SEED + 300), 0.0
     for run in range(DISTURBED):
         off, rounded = precision.beginning(q, generator), precision.rounding(run, generator)
-        other = np.array([oracle.body_poses(row) for row in _motion(asked, oracle, off, v, effort, rounded)])
+        other = np.array([oracle.body_poses(row) for row in _motion(weaker, oracle, off, v, effort, rounded)])
         floor = max(floor, float(deviation(poses, other).max(initial=0.0)))
-    return Pushed(asked, q, v, effort, poses, floor if np.isfinite(floor) else 0.0, halved, ends, precision)
+    return Pushed(weaker, q, v, effort, poses, floor if np.isfinite(floor) else 0.0, halved, ends, precision)
 
 
 def _times(factor: float, force: Force) -> Force:
-    x, y, z = force.force
-    a, b, c = force.torque
-    return dataclasses.replace(
-        force, force=(factor * x, factor * y, factor * z), torque=(factor * a, factor * b, factor * c)
-    )
+    forces, torques = (vector3(factor * value for value in vector) for vector in (force.force, force.torque))
+    return replace(force, force=forces, torque=torques)
 
 
 def _motion(
@@ -123,29 +129,12 @@ def _motion(
     return np.array(rows)
 
 
-def forces_checks(pushed: Pushed, answer: Mapping[str, Floats]) -> list[Check]:
-    """One check: the worst deviation of any body at any instant."""
-    world, pose = pushed.world, answer["pose"]
-    detail = f"floor {pushed.floor:.1e}, {STEPS} steps of {world.physics.timestep:g} s"
-    if pushed.halved:
-        detail += f", forces divided by 2^{pushed.halved}, with which no joint comes near a limit"
-    if pushed.ends:
-        return [Check("L7", FORCES_CHECK, 0, pushed.tolerance, None, "", f"{pushed.ends}; {detail}")]
-    if pose.shape != pushed.poses.shape or not np.isfinite(pose).all():
-        detail = f"poses of shape {pose.shape}, not all of them finite; {detail}"
-        return [Check("L7", FORCES_CHECK, pose.size, pushed.tolerance, None, "", detail)]
-    error = deviation(pushed.poses, pose)
-    instant, body = np.unravel_index(int(np.argmax(error)), error.shape)
-    where = f"bodies.{world.bodies[body].name}, step {instant * EVERY}"
-    return [Check("L7", FORCES_CHECK, error.size, pushed.tolerance, float(error[instant, body]), where, detail)]
-
-
 PRESCRIBED_CHECK = "prescribed motion"
 MOVED = 100
-"""Steps in which all motions are done: what takes longer is told to the engine quicker."""
+"""Steps in which all motions are done: slower ones are made quicker for the engine."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Followed:
     """A ``world`` with quick motions, and where its kinematic bodies (``names``) must be after every step (rows, bodies, 7)."""
 
@@ -154,47 +143,40 @@ class Followed:
     poses: Floats
     precision: Precision = PRECISIONS[DOUBLE]
 
-    def operation(self, asked: World) -> Operation:
-        """What an engine is asked: all bodies begin where the world's do, at rest."""
+    def operation(self, world: World) -> Operation:
+        """The operation that an engine is asked for: all bodies begin where the world's do, at rest."""
         q, v = initial_state(self.world)
         parameters, motions = motions_to_request(self.world)
-        still = np.zeros_like(v)
-        arrays = {**motions, "q": q, "v": still, "effort": still, "rubbing": frictional_coordinates(self.world)}
-        return Operation("prescribed", {**parameters, "steps": MOVED, "every": 1}, arrays, asked)
+        rest = np.zeros_like(v)
+        arrays = {**motions, "q": q, "v": rest, "effort": rest, "rubbing": frictional_coordinates(self.world)}
+        return Operation("prescribed", {**parameters, "steps": MOVED, "every": 1}, arrays, world)
+
+    def demands(self) -> Demands:
+        """One comparison for each kinematic body after each step."""
+        count = int(np.prod(self.poses.shape[:2]))
+        return {("L7", PRESCRIBED_CHECK): Demand(count, count, self.precision.motion)}
+
+    def checks(self, world: World, answer: Mapping[str, Floats], creep: float = 0.0) -> list[Check]:
+        """One check: the worst deviation of a kinematic body from its motion, after any step."""
+        rows = {body.name: row for row, body in enumerate(self.world.bodies)}
+        pose, steps = answer["pose"][:, [rows[name] for name in self.names]], range(MOVED + 1)
+        detail, tolerance = f"{MOVED} steps of {self.world.physics.timestep:g} s", self.precision.motion
+        return [pose_check(("L7", PRESCRIBED_CHECK), self.names, steps, self.poses, pose, tolerance, detail)]
 
 
-def plan_motions(world: World, precision: Precision = PRECISIONS[DOUBLE]) -> Followed | None:
+def plan_motions(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> Followed | None:
     """The probe of a world's kinematic bodies; None where it has none."""
     if not world.motions:
         return None
-    dt = world.physics.timestep
-    quick = tuple(_in_time(motion, MOVED * dt) for motion in world.motions)
-    asked = dataclasses.replace(world, motions=quick, forces=(), controllers=(), trajectory=None)
-    times = np.arange(MOVED + 1) * dt
+    times = np.arange(MOVED + 1) * world.physics.timestep
+    shares = (min(1.0, times[-1] / motion.times[-1]) if motion.times[-1] else 1.0 for motion in world.motions)
+    quick = tuple(
+        replace(motion, times=tuple(share * time for time in motion.times))
+        for motion, share in zip(world.motions, map(float, shares), strict=True)
+    )
+    faster = replace(world, motions=quick, forces=(), controllers=(), trajectory=None)
     poses = np.stack([np.concatenate(curve(motion).at(times), axis=1) for motion in quick], axis=1)
-    return Followed(asked, tuple(motion.body for motion in quick), poses, precision)
-
-
-def _in_time(motion: Motion, longest: float) -> Motion:
-    """A motion whose last point comes at ``longest`` (s) at the latest."""
-    share = min(1.0, longest / motion.times[-1]) if motion.times[-1] else 1.0
-    return dataclasses.replace(motion, times=tuple(share * time for time in motion.times))
-
-
-def motion_checks(followed: Followed, answer: Mapping[str, Floats]) -> list[Check]:
-    """One check: the worst deviation of a kinematic body from its motion, after any step."""
-    rows = {body.name: row for row, body in enumerate(followed.world.bodies)}
-    pose = answer["pose"][:, [rows[name] for name in followed.names]]
-    detail = f"{MOVED} steps of {followed.world.physics.timestep:g} s"
-    if pose.shape != followed.poses.shape or not np.isfinite(pose).all():
-        detail = f"poses of shape {pose.shape}, not all of them finite; {detail}"
-        return [Check("L7", PRESCRIBED_CHECK, pose.size, followed.precision.motion, None, "", detail)]
-    error = deviation(followed.poses, pose)
-    instant, body = np.unravel_index(int(np.argmax(error)), error.shape)
-    where = f"bodies.{followed.names[body]}, step {instant}"
-    return [
-        Check("L7", PRESCRIBED_CHECK, error.size, followed.precision.motion, float(error[instant, body]), where, detail)
-    ]
+    return Followed(faster, tuple(motion.body for motion in quick), poses, precision)
 
 
 # Dry friction in joints and along sums of their positions, measured against closed forms (level L6, beside the motion, for
@@ -245,6 +227,13 @@ class Trial:
     slides: bool = True
     along: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """The way (nv,) of joints that slide."""
+    floored: bool = False
+    """Whether the tolerance follows from a round-off floor."""
+
+    @property
+    def check(self) -> str:
+        """Name of its check."""
+        return SLIDING_CHECK if self.slides else REST_CHECK
 
 
 @dataclass(frozen=True)
@@ -264,10 +253,32 @@ class DryFriction:
         return found if found.any() else np.ones(len(self.places), dtype=bool)
 
     def operation(self, world: World) -> Operation:
-        """What an engine is asked (see ``engines/kit/worker.py``)."""
-        names = ("q", "v", "effort")
-        arrays = {name: np.array([getattr(trial, name) for trial in self.trials]) for name in names}
+        """The operation that an engine is asked for (see ``engines/kit/worker.py``)."""
+        arrays = {name: np.array([getattr(trial, name) for trial in self.trials]) for name in ("q", "v", "effort")}
         return Operation("trials", {"steps": [trial.steps for trial in self.trials]}, arrays, world)
+
+    def demands(self) -> Demands:
+        """One comparison for each joint that is compared in a trial."""
+        demands: Demands = {}
+        for trial in self.trials:
+            part = (LEVEL, trial.check)
+            count = int(self.compared(trial).sum()) + (demands[part].count if part in demands else 0)
+            demands[part] = Demand(count, count, trial.tolerance * (LEEWAY if trial.floored else 1.0))
+        return demands
+
+    def checks(self, world: World, answer: Mapping[str, np.ndarray], creep: float = 0.0) -> list[Check]:
+        """One check for joints that slide and one for joints at rest."""
+        tally = Tally()
+        every = [body.joint.name for body in world.bodies for _ in body.joint.velocity]
+        for trial, speeds in zip(self.trials, answer["v"][:, self.places], strict=True):
+            expected = trial.expected[self.places]
+            scale = self.strength * trial.steps * world.physics.timestep + creep / trial.tolerance
+            shares = np.abs(speeds - expected) / scale
+            for joint in np.flatnonzero(self.compared(trial)):
+                detail = f"{trial.name}: {speeds[joint]:.6g} after {trial.steps} steps, should be {expected[joint]:.6g}"
+                where = f"joints.{every[self.places[joint]]}"
+                tally.add(LEVEL, trial.check, trial.tolerance, float(shares[joint]), where, detail)
+        return tally.checks()
 
 
 def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> DryFriction | None:
@@ -289,17 +300,17 @@ def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISION
         q = oracle.inwards(oracle.settled(q, start))
     places = {body.joint.name: at for body, at in zip(world.bodies, oracle.layout.velocity, strict=True)}
     along: list[tuple[np.ndarray, float]] = []
-    for one in world.sums:
-        if one.dry_friction:
+    for total in world.sums:
+        if total.dry_friction:
             weights = np.zeros(oracle.nv)
-            for joint, weight in one.joints:
+            for joint, weight in total.joints:
                 weights[places[joint]] = weight
-            along.append((weights, one.dry_friction))
-        if one.position_limits is not None:
-            low, high = one.position_limits
-            own = RANGE * (high - low) / sum(abs(weight) for _, weight in one.joints)
-            for joint, _ in one.joints:
-                room[places[joint]] = np.minimum(room[places[joint]], own)
+            along.append((weights, total.dry_friction))
+        if total.position_limits is not None:
+            low, high = total.position_limits
+            way = RANGE * (high - low) / sum(abs(weight) for _, weight in total.joints)
+            for joint, _ in total.joints:
+                room[places[joint]] = np.minimum(room[places[joint]], way)
     whole = friction + sum((np.abs(weights) * most for weights, most in along), np.zeros(oracle.nv))
     strength = oracle.mobility(q) * whole
     gain = np.minimum(SLIDING * strength, room / world.physics.timestep**2)
@@ -312,7 +323,8 @@ def plan_friction(world: World, oracle: Oracle, precision: Precision = PRECISION
     if precision.name != DOUBLE:
         floor = max(_floor(trial, oracle, rubbed, strength, rough, precision) for trial in trials if trial.slides)
         tolerance = max(precision.sliding, precision.factor * floor)
-        trials = tuple(replace(trial, tolerance=tolerance) if trial.slides else trial for trial in trials)
+        floored = tolerance > precision.sliding
+        trials = tuple(replace(t, tolerance=tolerance, floored=floored) if t.slides else t for t in trials)
     return DryFriction(trials, rough, strength[rough])
 
 
@@ -359,38 +371,26 @@ class _Rubbed:
 def _trials(
     oracle: Oracle, q: np.ndarray, friction: _Rubbed, gain: np.ndarray, room: np.ndarray, side: np.ndarray
 ) -> Iterator[Trial]:
-    """``gain``: the acceleration of a joint that slides; ``room``: how far it may go."""
-    rest = np.zeros(oracle.nv)
-    steps = next((count for count in FRICTION_STEPS if _way(gain, count * oracle.timestep, room)), FRICTION_STEPS[-1])
-    seconds = steps * oracle.timestep
+    """``gain``: the acceleration of a joint that slides; ``room``: how far it may go: within it, and within the neighbourhood
+    for which efforts were chosen."""
+    rest, dt = np.zeros(oracle.nv), oracle.timestep
+    stays = (count for count in FRICTION_STEPS if (1.5 * gain * (count * dt) ** 2 <= np.minimum(room, REACH)).all())
+    steps = next(stays, FRICTION_STEPS[-1])
+    speed = gain * (steps * dt)
     for sign, word in ((side, "one way"), (-side, "the other way")):
+        brake = friction.against(gain * sign)
         for name, v, a in (
-            ("slides and gains speed", gain * seconds, gain),
-            ("slides and loses speed", 2.0 * gain * seconds, -gain),
+            ("slides and gains speed", speed, gain),
+            ("slides and loses speed", 2.0 * speed, -gain),
             ("breaks away", rest, gain),
         ):
             v, a = v * sign, a * sign
-            brake = friction.against(gain * sign)
             left = oracle.bias_force(q, v) - oracle.joint_effort(q, v) + oracle.effort_for(q, a)
             count, expected = _sliding(oracle, q, v, left, friction, gain * sign, steps)
             name = f"{name}, {word}"
             yield Trial(name, q, v, left + brake, count, expected, SLIDE_TOLERANCE, along=gain * sign)
-        balance = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest)
-        yield Trial(
-            f"is held, {word}",
-            q,
-            rest,
-            balance + BELOW * friction.against(gain * sign),
-            FRICTION_STEPS[0],
-            rest,
-            HOLD_TOLERANCE,
-            False,
-        )
-
-
-def _way(gain: np.ndarray, seconds: float, room: np.ndarray) -> bool:
-    """Whether no joint leaves its room, or the neighbourhood for which efforts were chosen."""
-    return bool((1.5 * gain * seconds**2 <= np.minimum(room, REACH)).all())
+        balance = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest) + BELOW * brake
+        yield Trial(f"is held, {word}", q, rest, balance, FRICTION_STEPS[0], rest, HOLD_TOLERANCE, False)
 
 
 def _sliding(
@@ -405,25 +405,3 @@ def _sliding(
     until = len(slides) if slides.all() else int(np.argmin(slides))
     steps = next(count for count in FRICTION_STEPS if count <= max(until, 1))
     return steps, speeds[steps - 1]
-
-
-def dry_friction_checks(world: World, plan: DryFriction, answer: Mapping[str, np.ndarray], creep: float) -> list[Check]:
-    """One check for joints that slide and one for joints at rest; ``creep`` is the speed (m/s, rad/s) that the engine's solver
-    is declared to leave (``Engine.DRY_FRICTION_CREEP``)."""
-    tally = Tally()
-    every = [body.joint.name for body in world.bodies for _ in body.joint.velocity]
-    names = [every[place] for place in plan.places]
-    speeds = answer["v"][:, plan.places]
-    for row, trial in enumerate(plan.trials):
-        slides = trial.slides
-        expected = trial.expected[plan.places]
-        scale = plan.strength * trial.steps * world.physics.timestep + creep / trial.tolerance
-        shares = np.abs(speeds[row] - expected) / scale
-        for joint in np.flatnonzero(plan.compared(trial)):
-            name = names[joint]
-            detail = (
-                f"{trial.name}: {speeds[row, joint]:.6g} after {trial.steps} steps, should be {expected[joint]:.6g}"
-            )
-            check = SLIDING_CHECK if slides else REST_CHECK
-            tally.add(LEVEL, check, trial.tolerance, float(shares[joint]), f"joints.{name}", detail)
-    return tally.checks()

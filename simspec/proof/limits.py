@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simspec.dynamics.oracle import STATES_SEED, Oracle
+from simspec.dynamics.oracle import STATES_SEED, Oracle, angles_of, shortened
+from simspec.engines.kit.capabilities import DOUBLE
 from simspec.engines.kit.process import Operation
-from simspec.proof.checks import Check, Tally
+from simspec.proof.checks import PRECISIONS, Check, Demand, Demands, Precision, Tally
 from simspec.world.canonical import derived
 from simspec.world.kinematics import frictional_coordinates, initial_state, layout_of
 from simspec.world.passive_forces import JointSums
@@ -30,15 +33,15 @@ CLOSE = 1e-12
 def followers(world: World) -> dict[str, list[tuple[str, float, float]]]:
     """By the first joint of each chain of joints that follow one other: the joints of the chain, itself among them, with the
     ratio and offset by which their positions are those of the first."""
-    leaders = {one.joint: one for one in world.constraints if isinstance(one, Follow)}
+    leaders = {follow.joint: follow for follow in _couplings(world)}
     chains: dict[str, list[tuple[str, float, float]]] = {}
     for name in leaders:
         ratio, offset, first = 1.0, 0.0, name
         for _ in leaders:  # no chain is longer, and none goes round
             if first not in leaders:
                 break
-            one = leaders[first]
-            ratio, offset, first = ratio * one.ratio, ratio * one.offset + offset, one.leader
+            follow = leaders[first]
+            ratio, offset, first = ratio * follow.ratio, ratio * follow.offset + offset, follow.leader
         chains.setdefault(first, [(first, 1.0, 0.0)]).append((name, ratio, offset))
     return chains
 
@@ -50,39 +53,61 @@ def left_to(
     of its range away from its ``limits`` (None: it has none); the lowest is above the highest where there is none such."""
     low, high = -np.inf, np.inf
     for name, ratio, offset in chain:
-        own = limits[name]
-        if own is not None and ratio:
-            room = margin * (own[1] - own[0])
-            ends = sorted((limit - offset) / ratio for limit in (own[0] + room, own[1] - room))
+        ends_of_joint = limits[name]
+        if ends_of_joint is not None and ratio:
+            room = margin * (ends_of_joint[1] - ends_of_joint[0])
+            ends = sorted((end - offset) / ratio for end in (ends_of_joint[0] + room, ends_of_joint[1] - room))
             low, high = max(low, ends[0]), min(high, ends[1])
     return low, high
 
 
 class Stops:
-    """The sums of a world that have limits: ``along``, and ``low`` and ``high`` (sums,)."""
+    """The limits of a world's joints (``floor`` and ``ceiling``, (nq,), infinite where there is none), of its balls, and of its
+    sums of joint positions: ``along``, and ``low`` and ``high`` (sums,)."""
 
     def __init__(self, world: World):
-        limited = [one for one in world.sums if one.position_limits is not None]
+        limited = [total for total in world.sums if total.position_limits is not None]
         self.along = JointSums(world.bodies, limited)
-        ends = np.array([one.position_limits for one in limited], dtype=float).reshape(-1, 2)
-        self.low, self.high = ends.T
+        self.low, self.high = np.array([total.position_limits for total in limited], dtype=float).reshape(-1, 2).T
         where = layout_of(world)
         self.places = np.zeros(where.nv, dtype=np.intp)
         """Where in q each coordinate of a hinge or slide is that stands in v; 0 of others, which no sum has."""
-        self._own: dict[str, int] = {}
+        self._joints = {body.joint.name: v.start for body, v in zip(world.bodies, where.velocity, strict=True)}
         self.floor, self.ceiling = np.full(where.nq, -np.inf), np.full(where.nq, np.inf)
+        self._balls: list[tuple[slice, float]] = []
         for body, q, v in zip(world.bodies, where.position, where.velocity, strict=True):
             if q.stop - q.start == 1:
                 self.places[v] = q.start
-            self._own[body.joint.name] = v.start
             if body.joint.position_limits is not None:
                 self.floor[q], self.ceiling[q] = body.joint.position_limits
+            if body.joint.angle_limit is not None:
+                self._balls.append((q, body.joint.angle_limit))
+        self._limited = np.flatnonzero(np.isfinite(self.ceiling - self.floor))
 
     def near(self, states: Floats, margin: float) -> NDArray[np.bool_]:
-        """Whether, at each of some positions (n, nq), a sum is within a share of its range to a limit, or beyond."""
-        lengths, room = self.along.lengths(states), margin * (self.high - self.low)
-        near: NDArray[np.bool_] = ((lengths < self.low + room) | (lengths > self.high - room)).any(axis=1)
+        """Whether, at each of some positions (n, nq), a joint, a ball or a sum is within a share of its range to a limit, or
+        beyond."""
+        low, high = (
+            np.concatenate([ends[self._limited], of_sums])
+            for ends, of_sums in ((self.floor, self.low), (self.ceiling, self.high))
+        )
+        values = np.concatenate([states[:, self._limited], self.along.lengths(states)], axis=1)
+        room = margin * (high - low)
+        near: NDArray[np.bool_] = ((values < low + room) | (values > high - room)).any(axis=1)
+        for at, largest in self._balls:
+            near |= angles_of(states[:, at]) > (1.0 - margin) * largest
         return near
+
+    def within(self, q: Floats, margin: float) -> Floats:
+        """``q`` (nq,) with each joint and ball a share of its range away from its limits; sums as they come."""
+        q, room = q.copy(), margin * (self.ceiling - self.floor)[self._limited]
+        q[self._limited] = np.clip(
+            q[self._limited], self.floor[self._limited] + room, self.ceiling[self._limited] - room
+        )
+        for at, largest in self._balls:
+            if (angle := float(angles_of(q[None, at])[0])) > (1.0 - margin) * largest:
+                q[at] = shortened(q[at], (1.0 - margin) * largest / angle)
+        return q
 
     def moved(
         self, q: Floats, targets: Sequence[tuple[int, float, float]], margin: float, coupled: Sequence[Follow] = ()
@@ -92,7 +117,10 @@ class Stops:
         where none are found."""
         q = q.copy()
         rows = [(self.along.weights[row], lower, upper) for row, lower, upper in targets]
-        rows += [(self._weights(one), one.offset, one.offset) for one in coupled]
+        for follow in coupled:
+            weights = np.zeros(len(self.places))
+            weights[self._joints[follow.joint]], weights[self._joints[follow.leader]] = 1.0, -follow.ratio
+            rows.append((weights, follow.offset, follow.offset))
         touched = np.any([weights != 0.0 for weights, _, _ in rows], axis=0)
         at = self.places[touched]
         span = np.where(np.isfinite(self.ceiling - self.floor), self.ceiling - self.floor, 0.0)[at]
@@ -110,23 +138,21 @@ class Stops:
                 return q
         return None
 
-    def _weights(self, one: Follow) -> Floats:
-        weights = np.zeros(len(self.places))
-        weights[self._own[one.joint]], weights[self._own[one.leader]] = 1.0, -one.ratio
-        return weights
-
 
 def inside(world: World, q: Floats, margin: float) -> Floats:
     """``q`` (nq,), or positions near it at which all sums are ``margin`` of their ranges away from their limits; ``q`` where
     there are none."""
-    if not any(one.position_limits for one in world.sums):
+    if not any(total.position_limits for total in world.sums):
         return q
     stops = Stops(world)
     room = margin * (stops.high - stops.low)
     targets = list(zip(range(len(room)), (stops.low + room).tolist(), (stops.high - room).tolist(), strict=True))
-    coupled = [held for held in world.constraints if isinstance(held, Follow)]
-    moved = stops.moved(q, targets, margin, coupled)
+    moved = stops.moved(q, targets, margin, _couplings(world))
     return q if moved is None else moved
+
+
+def _couplings(world: World) -> list[Follow]:
+    return [constraint for constraint in world.constraints if isinstance(constraint, Follow)]
 
 
 def calmed(world: World, v: Floats, most: float) -> Floats:
@@ -138,11 +164,11 @@ def calmed(world: World, v: Floats, most: float) -> Floats:
     return v
 
 
-# Limits of sums of joint positions and of ball joints, pressed on (level L6, beside the motion, which stays away from them).
+# Limits of sums of joint positions and of ball joints, pressed on (level L6, alongside the motion, which stays away from them).
 #
 # A force along a sum that stands at its limit is what the stop gives back, to the last bit: c F − c λ = 0, so that nothing
 # moves at all. A sum that arrives there, with the velocity that such a force gives, stops with all that it moves: the stop is
-# inelastic. So what must come is known without a law of impacts beside the engine's own.
+# inelastic. So the expected motion needs no law of impacts in addition to the engine's.
 LEVEL, STOPS_CHECK, BALLS_CHECK = "L6", "limits of sums", "limits of balls"
 STEPS = 20
 """Steps of one trial."""
@@ -151,14 +177,16 @@ WAY = 0.01
 MARGIN = 0.02
 """Share of their ranges by which joints stay away from their own limits."""
 TOLERANCE = 0.02
-"""Of the speed that the same force gives where there is no limit: stops that give way reach 0.0072 of it (measured), one that
-is missing reaches all of it."""
+"""Of the speed that the same force gives where there is no limit: compliant stops reach 0.0072 of it (measured), a missing one
+reaches all of it."""
+ARRIVING = 2
+"""Steps in which what arrives is damped as it moves: the one to the limit, and the one in which the stop acts."""
 
 
 @dataclass(frozen=True)
 class Trial:
     """One beginning, after which nothing moves; ``free`` (nv,): the velocities that the same force gives without the limit;
-    ``turned``: the largest velocity that damping leaves of an arrival (see :func:`_turned_aside`)."""
+    ``turned``: the largest velocity that damping leaves of an arrival (see :func:`_trials`)."""
 
     name: str
     where: str
@@ -178,17 +206,36 @@ class SumLimits:
     out_of_reach: tuple[str, ...]
 
     def operation(self, world: World) -> Operation:
-        """What an engine is asked (see ``engines/kit/worker.py``)."""
+        """The operation that an engine is asked for (see ``engines/kit/worker.py``)."""
         arrays = {name: np.array([getattr(trial, name) for trial in self.trials]) for name in ("q", "v", "effort")}
         arrays["rubbing"] = frictional_coordinates(world)
         return Operation("stopped", {"steps": [STEPS] * len(self.trials)}, arrays, world)
 
+    def demands(self) -> Demands:
+        """One comparison for each trial."""
+        counts = Counter((LEVEL, trial.check) for trial in self.trials)
+        return {part: Demand(count, count, TOLERANCE) for part, count in counts.items()}
+
+    def checks(self, world: World, answer: Mapping[str, Floats], creep: float = 0.0) -> list[Check]:
+        """A check of sums and one of balls: the largest velocity that is left, beyond what damping turned aside, as a share of
+        what the same force gives without the limits."""
+        tally = Tally()
+        names = [body.joint.name for body in world.bodies for _ in body.joint.velocity]
+        for trial, left in zip(self.trials, answer["v"], strict=True):
+            share = np.maximum(np.abs(left) - trial.turned, 0.0) / float(np.abs(trial.free).max())
+            worst = int(np.argmax(share)) if np.isfinite(share).all() else int(np.argmin(np.isfinite(share)))
+            detail = f"{trial.name}: {names[worst]} moves at {left[worst]:.6g} after {STEPS} steps, should be at rest"
+            if self.out_of_reach and trial.check == STOPS_CHECK:
+                detail += f"; out of the joints' reach: {', '.join(self.out_of_reach[:3])}"
+            tally.add(LEVEL, trial.check, TOLERANCE, float(share[worst]), trial.where, detail)
+        return tally.checks()
+
 
 def nothing_stops(world: World) -> str:
     """Why no limit of a sum of this world is pressed on; "" where one is."""
-    if not any(one.position_limits for one in world.sums):
+    if not any(total.position_limits for total in world.sums):
         return "no sum of joint positions has limits"
-    if not all(isinstance(held, Follow) for held in world.constraints):
+    if not all(isinstance(constraint, Follow) for constraint in world.constraints):
         return "sums are not brought to their limits where loops are closed"
     return "" if _reached(world) else "the joints' own limits keep every sum off its limits"
 
@@ -200,129 +247,97 @@ def no_ball_stops(world: World) -> str:
     return "balls are not brought to their limits where joints are held together" if world.constraints else ""
 
 
-def plan(world: World, oracle: Oracle) -> SumLimits | None:
+def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]) -> SumLimits | None:
     """The trials; None where no limit of a sum and of a ball can be pressed on."""
-    sums = None if nothing_stops(world) else _of_sums(world, oracle)
-    if no_ball_stops(world):
-        return sums
-    balls = tuple(_of_balls(world, oracle))
-    return SumLimits(balls, ()) if sums is None else SumLimits((*sums.trials, *balls), sums.out_of_reach)
+    reached = {} if nothing_stops(world) else _reached(world)
+    stops = Stops(world)
+    names = [total.name for total in stops.along.sums] if reached else []
+    trials = [trial for (row, side), q in reached.items() for trial in _of_sum(oracle, stops, row, side, q)]
+    if not no_ball_stops(world):
+        trials += _of_balls(world, oracle)
+    out = (name for row, name in enumerate(names) if not {(row, 1), (row, -1)} & reached.keys())
+    return SumLimits(tuple(trials), tuple(out)) if trials else None
+
+
+def _of_sum(oracle: Oracle, stops: Stops, row: int, side: int, q: Floats) -> Iterator[Trial]:
+    """Trials of the sum ``row``, which at ``q`` stands at its upper (1) or lower (−1) limit."""
+    moving = np.flatnonzero(stops.along.weights.any(axis=0))
+
+    def before(fast: Floats) -> Floats:
+        at = q.copy()
+        at[stops.places[moving]] -= 0.5 * oracle.timestep * fast[moving]
+        return at
+
+    limit, span = f"{'upper' if side > 0 else 'lower'} limit", float((stops.high - stops.low)[row])
+    where = f"constraints.{stops.along.sums[row].name}.sum.limits.position"
+    return _trials(oracle, q, stops.along.weights[row] * side, span, before, (limit, where, STOPS_CHECK))
 
 
 def _of_balls(world: World, oracle: Oracle) -> Iterator[Trial]:
     """A ball at its largest angle is turned further about the axis of that angle, whose rate is the ball's velocity about it,
     in either frame: what is pressed is what the stop gives back, as of a sum."""
-    q, still = initial_state(world)[0], np.zeros(oracle.nv)
-    parts = list(zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True))
-    for body, at, _ in parts:
-        if (limits := body.joint.position_limits) is not None:
-            q[at] = min(max(q[at.start], 0.9 * limits[0] + 0.1 * limits[1]), 0.1 * limits[0] + 0.9 * limits[1])
-        elif body.joint.angle_limit is not None:
-            q[at] = (1.0, 0.0, 0.0, 0.0)
+    q = Stops(world).within(initial_state(world)[0], 0.1)
+    balls = [
+        parts
+        for parts in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True)
+        if parts[0].joint.angle_limit is not None
+    ]
+    for _, at, _ in balls:
+        q[at] = (1.0, 0.0, 0.0, 0.0)
     q = inside(world, q, MIDDLE)
-    generator, seconds = np.random.default_rng(STATES_SEED + 400), STEPS * oracle.timestep
-    for body, at, at_v in parts:
-        if (most := body.joint.angle_limit) is None or most >= np.pi:
+    generator = np.random.default_rng(STATES_SEED + 400)
+    for body, at, at_v in balls:
+        if (most := body.joint.angle_limit or np.pi) >= np.pi:
             continue
         axis = generator.normal(size=3)
         axis /= np.linalg.norm(axis)
-        weights, there = still.copy(), q.copy()
-        weights[at_v], there[at] = axis, _turned(most, axis)
-        balance = oracle.bias_force(there, still) - oracle.joint_effort(there, still)
-        _, unit = oracle.step(there, still, balance + weights)
-        gain = float(weights @ unit) / oracle.timestep
-        force = 2.0 * WAY * most / (seconds**2 * gain)
-        fast = unit * (WAY * most / seconds / float(weights @ unit))
-        free = oracle.motion(there, still, balance + force * weights, STEPS, STEPS)[1][-1]
-        where = f"bodies.{body.name}.joint.limits.angle"
-        pressed = balance + force * weights
-        yield Trial("pressed on its largest angle", where, there, still, pressed, free, BALLS_CHECK)
-        before = there.copy()
-        before[at] = _turned(most - 0.5 * oracle.timestep * WAY * most / seconds, axis)
-        aside = _turned_aside(oracle, (before, fast, balance), weights, unit)
-        yield Trial("arrives at its largest angle", where, before, fast, balance, fast, BALLS_CHECK, aside)
+
+        def turned(angle: float, fast: Floats | None = None, at: slice = at, axis: Floats = axis) -> Floats:
+            there = q.copy()
+            there[at] = np.array([np.cos(angle / 2.0), *(np.sin(angle / 2.0) * axis)])
+            return there
+
+        weights = np.zeros(oracle.nv)
+        weights[at_v] = axis
+        before = partial(turned, most - 0.5 * WAY * most / STEPS)
+        named = ("largest angle", f"bodies.{body.name}.joint.limits.angle", BALLS_CHECK)
+        yield from _trials(oracle, turned(most), weights, most, before, named)
 
 
-ARRIVING = 2
-"""Steps in which what arrives is damped as it moves: the one to the limit, and the one in which the stop acts."""
-
-
-def _turned_aside(
+def _trials(
     oracle: Oracle,
-    begun: tuple[Floats, Floats, Floats],
+    q: Floats,
     weights: Floats,
-    unit: Floats,
-) -> float:
-    """What damping makes of the velocity of an arrival before the stop has taken it: a part that the stop, which takes
-    ``unit`` (nv,) of velocity along ``weights``, does not feel. ``begun``: the state and the effort of the first step."""
-    q, v, effort = begun
-    lost = oracle.step(q, v, effort)[1] - v
-    aside = lost - unit * float(weights @ lost) / float(weights @ unit)
-    return ARRIVING * float(np.abs(aside).max())
-
-
-def _turned(angle: float, axis: Floats) -> Floats:
-    return np.array([np.cos(angle / 2.0), *(np.sin(angle / 2.0) * axis)])
-
-
-def _of_sums(world: World, oracle: Oracle) -> SumLimits:
-    trials: list[Trial] = []
-    reached = _reached(world)
-    stops = Stops(world)
-    names = [one.name for one in stops.along.sums]
-    still = np.zeros(oracle.nv)
-    for (row, side), q in reached.items():
-        weights = stops.along.weights[row] * side
-        span, seconds = float((stops.high - stops.low)[row]), STEPS * oracle.timestep
-        balance = oracle.bias_force(q, still) - oracle.joint_effort(q, still)
-        _, unit = oracle.step(q, still, balance + weights)
-        gain = float(weights @ unit) / oracle.timestep
-        force = 2.0 * WAY * span / (seconds**2 * gain)
-        fast = unit * (WAY * span / (STEPS * oracle.timestep) / float(weights @ unit))
-        free = oracle.motion(q, still, balance + force * weights, STEPS, STEPS)[1][-1]
-        word = "upper" if side > 0 else "lower"
-        where = f"constraints.{names[row]}.sum.limits.position"
-        trials.append(Trial(f"pressed on its {word} limit", where, q, still, balance + force * weights, free))
-        # half a step's way before the limit
-        before = q.copy()
-        moving = np.flatnonzero(stops.along.weights.any(axis=0))
-        before[stops.places[moving]] -= 0.5 * oracle.timestep * fast[moving]
-        aside = _turned_aside(oracle, (before, fast, balance), weights, unit)
-        trials.append(Trial(f"arrives at its {word} limit", where, before, fast, balance, fast, turned=aside))
-    out = [name for row, name in enumerate(names) if not {(row, 1), (row, -1)} & reached.keys()]
-    return SumLimits(tuple(trials), tuple(out))
+    span: float,
+    before: Callable[[Floats], Floats],
+    named: tuple[str, str, str],
+) -> Iterator[Trial]:
+    """A force along ``weights`` (nv,) that presses on a limit at ``q``, and an arrival from half a step's way ``before`` it (of
+    a velocity). Before the stop acts, damping changes that velocity by a part that the stop does not feel."""
+    (limit, where, check), rest, seconds = named, np.zeros(oracle.nv), STEPS * oracle.timestep
+    balance = oracle.bias_force(q, rest) - oracle.joint_effort(q, rest)
+    _, unit = oracle.step(q, rest, balance + weights)
+    gain = float(weights @ unit)
+    pressed = balance + 2.0 * WAY * span / (seconds**2 * (gain / oracle.timestep)) * weights
+    free = oracle.motion(q, rest, pressed, STEPS, STEPS)[1][-1]
+    yield Trial(f"pressed on its {limit}", where, q, rest, pressed, free, check)
+    fast = unit * (WAY * span / seconds / gain)
+    start = before(fast)
+    lost = oracle.step(start, fast, balance)[1] - fast
+    aside = ARRIVING * float(np.abs(lost - unit * float(weights @ lost) / gain).max())
+    yield Trial(f"arrives at its {limit}", where, start, fast, balance, fast, check, aside)
 
 
 @derived
 def _reached(world: World) -> dict[tuple[int, int], Floats]:
     """Positions at which each sum with limits (its row) stands at its upper (1) or lower (−1) one, of those that can be."""
-    stops = Stops(world)
-    start, _ = initial_state(world)
-    coupled = [held for held in world.constraints if isinstance(held, Follow)]
+    stops, (start, _) = Stops(world), initial_state(world)
+    ranges = list(zip(range(len(stops.low)), stops.low.tolist(), stops.high.tolist(), strict=True))
     reached: dict[tuple[int, int], Floats] = {}
-    for row in range(len(stops.low)):
-        for side, end in ((1, float(stops.high[row])), (-1, float(stops.low[row]))):
-            targets = [
-                (other, float(low), float(high))
-                for other, (low, high) in enumerate(zip(stops.low, stops.high, strict=True))
-                if other != row
-            ]
-            q = stops.moved(start, [*targets, (row, end, end)], MARGIN, coupled)
+    for row, low, high in ranges:
+        others = [entry for entry in ranges if entry[0] != row]
+        for side, end in ((1, high), (-1, low)):
+            q = stops.moved(start, [*others, (row, end, end)], MARGIN, _couplings(world))
             if q is not None:
                 reached[row, side] = q
     return reached
-
-
-def stops_checks(world: World, plan: SumLimits, answer: Mapping[str, Floats]) -> list[Check]:
-    """A check of sums and one of balls: the largest velocity that is left, beyond what damping turned aside, as a share of what
-    the same force gives without the limits."""
-    tally = Tally()
-    names = [body.joint.name for body in world.bodies for _ in body.joint.velocity]
-    for trial, left in zip(plan.trials, answer["v"], strict=True):
-        share = np.maximum(np.abs(left) - trial.turned, 0.0) / float(np.abs(trial.free).max())
-        worst = int(np.argmax(share)) if np.isfinite(share).all() else int(np.argmin(np.isfinite(share)))
-        detail = f"{trial.name}: {names[worst]} moves at {left[worst]:.6g} after {STEPS} steps, should be at rest"
-        if plan.out_of_reach and trial.check == STOPS_CHECK:
-            detail += f"; out of the joints' reach: {', '.join(plan.out_of_reach[:3])}"
-        tally.add(LEVEL, trial.check, TOLERANCE, float(share[worst]), trial.where, detail)
-    return tally.checks()

@@ -9,20 +9,31 @@ the tolerance to mean something.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from simspec.dynamics.oracle import STATES_SEED, Oracle, angles_of, random_states, shortened
+from simspec.dynamics.oracle import STATES_SEED, Oracle, random_states, shortened
 from simspec.dynamics.stability import unstable
 from simspec.engines.kit.capabilities import DOUBLE
+from simspec.engines.kit.process import Operation
 from simspec.language.vocabulary import QUATERNION_JOINTS, SCALAR_JOINTS
-from simspec.proof.checks import PRECISIONS, TOO_CHAOTIC, Check, Precision, Rounded
+from simspec.proof.checks import (
+    LEEWAY,
+    PRECISIONS,
+    TOO_CHAOTIC,
+    Check,
+    Demand,
+    Demands,
+    Part,
+    Precision,
+    Rounded,
+)
 from simspec.proof.limits import CALM, MIDDLE, Stops, calmed, followers, inside, left_to
 from simspec.world.kinematics import frictional_coordinates, initial_state
 from simspec.world.rotations import rotation_error
-from simspec.world.types import Body, Follow, Record, World
+from simspec.world.types import Follow, Record, World
 
 # Where a mechanism rests: beginnings of motions that are too chaotic from anywhere else.
 
@@ -33,6 +44,8 @@ RESTING_WORK = 400_000
 """Coordinates × steps: of larger worlds as many steps as that allows."""
 INSIDE = 0.1
 """Share of its range by which a joint has to be inside its limits at the beginning; otherwise it begins in their middle."""
+NEAR = 0.05
+"""Share of its range to a limit from which on a joint, a ball or a sum is near it: what follows is not compared."""
 
 
 def at_rest(world: World, oracle: Oracle, near_limits: Callable[[np.ndarray], bool]) -> np.ndarray:
@@ -44,24 +57,20 @@ def at_rest(world: World, oracle: Oracle, near_limits: Callable[[np.ndarray], bo
     start, _ = initial_state(world)
     q = start.copy()
     for body, at in zip(world.bodies, oracle.layout.position, strict=True):
-        limits = body.joint.position_limits
-        if limits is not None:
-            room = INSIDE * (limits[1] - limits[0])
-            if not limits[0] + room < float(start[at][0]) < limits[1] - room:
-                q[at] = sum(limits) / 2.0
+        if (limits := body.joint.position_limits) is not None and not _well_inside(float(start[at][0]), *limits):
+            q[at] = sum(limits) / 2.0
     if world.constraints:
         q = oracle.inwards(oracle.settled(q, start))
-    still = np.zeros(oracle.nv)
-    v = still
-    best, energy = q, 0.0
+    rest = np.zeros(oracle.nv)
+    v, best, energy = rest, q, 0.0
     for _ in range(min(RESTING_STEPS, RESTING_WORK // max(1, oracle.nv))):
-        q, v = oracle.step(q, v, still)
+        q, v = oracle.step(q, v, rest)
         if not np.isfinite(q).all() or near_limits(q):
             return best
         best = q
         kinetic, _ = oracle.energy(q, v)
         if kinetic < energy:
-            v, kinetic = still, 0.0
+            v, kinetic = rest, 0.0
         energy = kinetic
     return best
 
@@ -92,6 +101,9 @@ GENTLE = 0.2
 GENTLER = (0.04, 0.008, 1e-4, 1e-6)
 """The same in more tries, where none so far keeps off the limits: the first two to come further, the others to come far enough
 at all where a range is a hair's breadth."""
+NEARLY = 0.8
+"""Share of the planned comparisons of a motion that ends where round-off grows too large."""
+MOTION: Part = ("L6", "motion")
 ROUND_OFF = "then round-off alone"
 """How the reason begins for which a motion ends whose floor grows too large."""
 FROM_REST = (GENTLE, *GENTLER)
@@ -139,6 +151,50 @@ class Motion:
         """The larger of 1e-9 and 100 × the floor, in double precision."""
         return self.precision.tolerance(self.floor)
 
+    def operation(self, world: World) -> Operation | None:
+        """The operation that an engine is asked for (see ``engines/kit/worker.py``); None where no motion can be compared."""
+        arrays = {"q": self.q, "v": self.v, "effort": self.effort, "rubbing": self.rubbing}
+        return None if self.chaos else Operation("motion", {"steps": self.steps, "every": self.every}, arrays, world)
+
+    def demands(self) -> Demands:
+        """Fewer comparisons are enough where round-off ends the motion: that instant is another on another machine."""
+        rows, bodies = self.poses.shape[:2]
+        least = int(NEARLY * rows) if self.ends.startswith(ROUND_OFF) else rows
+        tolerance = min(self.precision.tolerance(LEEWAY * self.floor), self.precision.loosest)
+        return {MOTION: Demand(rows * bodies, least * bodies, tolerance)}
+
+    def checks(self, world: World, answer: Mapping[str, np.ndarray], creep: float = 0.0) -> list[Check]:
+        """One check: the worst deviation of any body at any instant."""
+        detail = f"floor {self.floor:.1e}, {self.steps} steps of {world.physics.timestep:g} s"
+        detail += f" ({self.ends})" if self.ends else ""
+        if len(self.rubbing):
+            detail += f", dry friction of {len(self.rubbing)} joints switched off"
+        if self.steps < FEWEST:
+            detail = f"{self.steps} steps, should be {FEWEST} at least: {self.ends}; {detail}"
+            return [Check(*MOTION, 0, self.tolerance, None, "", detail)]
+        names = [body.name for body in world.bodies]
+        rows = [min(row * self.every, self.steps) for row in range(len(self.poses))]
+        return [pose_check(MOTION, names, rows, self.poses, answer["pose"], self.tolerance, detail)]
+
+
+def pose_check(
+    part: Part,
+    names: Sequence[str],
+    steps: Sequence[int],
+    expected: np.ndarray,
+    actual: np.ndarray,
+    tolerance: float,
+    detail: str,
+) -> Check:
+    """The worst deviation of any body (``names``) after any of ``steps``: poses (steps, bodies, 7)."""
+    if actual.shape != expected.shape or not np.isfinite(actual).all():
+        detail = f"poses of shape {actual.shape}, should be {expected.shape} and finite; {detail}"
+        return Check(*part, actual.size, tolerance, None, "", detail)
+    error = deviation(expected, actual)
+    row, body = divmod(int(np.argmax(error)), error.shape[1])
+    where = f"bodies.{names[body]}, step {steps[row]}"
+    return Check(*part, error.size, tolerance, float(error[row, body]), where, detail)
+
 
 KEPT = 24
 """Motions that a process keeps: those of the worlds of a self-test, or of a sweep that changes an engine's settings."""
@@ -154,91 +210,16 @@ def plan(world: World, oracle: Oracle, precision: Precision = PRECISIONS[DOUBLE]
     Worlds that differ in nothing but their name, what is recorded and expected, and engines' options share a motion, whose
     arrays are not to be changed: it takes seconds, and comparing worlds milliseconds.
     """
-    if any(not isinstance(one, Follow) for one in world.constraints):
+    if not all(isinstance(constraint, Follow) for constraint in world.constraints):
         precision = precision.of_loops()
     same = dataclasses.replace(world, name="", record=Record(), expectations=(), engines=(), frames=())
     known = _kept.get((same, precision))
     if known is None:
-        known = _plan(world, oracle, precision)
+        known = _Planning(world, oracle, precision).motion()
         if len(_kept) >= KEPT:
             _kept.pop(next(iter(_kept)), None)
         _kept[same, precision] = known
     return known
-
-
-def _plan(world: World, oracle: Oracle, precision: Precision) -> Motion:
-    most = min(STEPS, max(FEWEST, WORK // max(1, oracle.nv)))
-    best: _Beginning | None = None
-    for attempt in range(TRIES + len(GENTLER)):
-        trial = _tried(world, oracle, *_beginning(world, oracle, attempt, most), most)
-        if best is None or trial.steps > best.steps:
-            best = trial
-        if best.steps == most or (best.steps >= FEWEST and attempt >= TRIES + 1):
-            break
-    if best is None:
-        raise ValueError("no initial state was tried")
-    planned = _planned(world, oracle, best, most, precision)
-    for attempt in range(HELD, TRIES + len(GENTLER)):
-        if planned.steps >= FEWEST or unstable(world):
-            break  # enough, or nothing gentler helps
-        begun = _tried(world, oracle, *_beginning(world, oracle, attempt, most), most)
-        gentler = _planned(world, oracle, begun, most, precision)
-        if gentler.steps > planned.steps:
-            planned = gentler
-    if planned.steps < FEWEST and not unstable(world):
-        planned = _from_rest(world, oracle, planned, most, precision)
-    return planned
-
-
-def _from_rest(world: World, oracle: Oracle, planned: Motion, most: int, precision: Precision) -> Motion:
-    """The motion of ``FROM_REST`` that is followed for enough steps, or the longest; ``planned`` where none is longer."""
-    rest = at_rest(world, oracle, lambda q: comes_near_limits(world, oracle, q[None]))
-    slower = _slower(world, most)
-    v = slower * random_states(world, 1, STATES_SEED + 1, speed=0.5)[1][0]
-    v = oracle.constrained_velocity(rest, v) if world.constraints else v
-    push, balance = _push(oracle, rest, 0, slower), _balance(oracle, rest)
-    for share in FROM_REST:
-        begun = _tried(world, oracle, rest, share * v, balance + share * push, most)
-        trial = _planned(world, oracle, begun, most, precision)
-        if trial.steps > planned.steps:
-            planned = trial
-        if planned.steps >= FEWEST:
-            break
-    return planned
-
-
-def _planned(world: World, oracle: Oracle, begun: _Beginning, most: int, precision: Precision) -> Motion:
-    """What the oracle makes of a beginning, with its floor, as far as that can be used."""
-    q, v, effort, steps, ends, unsteady = begun.q, begun.v, begun.effort, begun.steps, begun.ends, begun.unsteady
-    every = EVERY if steps >= 10 * EVERY else LOOK
-    rows = [min(done, steps) for done in range(0, steps + every, every)]
-    exact = _poses(oracle, begun.states[[-(-row // LOOK) for row in rows]])
-    floors = np.zeros(len(exact))
-    generator = np.random.default_rng(STATES_SEED + 200)
-    for run in range(DISTURBED):
-        off_q, off_v = precision.beginning(q, generator), precision.beginning(v, generator)
-        rounded = precision.rounding(run, generator)
-        disturbed = _poses(oracle, _motion(oracle, off_q, off_v, effort, steps, every, rounded)[0])
-        with np.errstate(invalid="ignore", over="ignore"):
-            deviations = deviation(exact, disturbed).max(axis=1, initial=0.0)
-        floors = np.maximum(floors, np.where(np.isfinite(deviations), deviations, np.inf))
-    floors = np.maximum.accumulate(floors)
-    useful = precision.factor * floors <= precision.loosest
-    last = len(floors) - 1
-    if not useful.all():
-        last = max(0, int(np.argmin(useful)) - 1)
-        steps, ends = (
-            last * every,
-            f"{ROUND_OFF} would move bodies by {precision.loosest / precision.factor:.0e}",
-        )
-        unsteady = True
-    if steps < FEWEST and (diverging := unstable(world)):
-        ends = f"then it diverges: {diverging[0]}; stable up to {diverging[0].largest_stable_step:.3g} s"
-        unsteady = False
-    floor = float(floors[last])
-    return Motion(
-        q, v, effort, steps, every, exact[: last + 1], floor, frictional_coordinates(world), ends, precision, unsteady
-    )
 
 
 @dataclass(frozen=True)
@@ -256,153 +237,187 @@ class _Beginning:
     """Whether it ends since something turns too fast, or after it has grown by itself."""
 
 
-def _tried(world: World, oracle: Oracle, q: np.ndarray, v: np.ndarray, effort: np.ndarray, most: int) -> _Beginning:
-    """How far the oracle comes from a beginning, looked at every ``LOOK`` steps: up to ``most``, or until a joint comes within
-    5 % of its range to a limit, or turns too fast."""
-    states, speeds = _motion(oracle, q, v, effort, most, LOOK)
-    turned = f"then something turns by more than {LARGEST_TURN:g} rad in a step"
-    reasons = {
-        "then a joint comes near a limit": _near_limits(world, oracle, states),
-        turned: ~(_turns(world, oracle, speeds) <= LARGEST_TURN),
-    }
-    slid = f"then something slides more than {LARGEST_SLIDE:g} m away"
-    reasons[slid] = ~(_slides(world, oracle, states) <= LARGEST_SLIDE)
-    ends, steps = "", most
-    for why, bad in reasons.items():
-        if bad.any() and (until := max(0, int(np.argmax(bad)) - 1) * LOOK) < steps:
-            ends, steps = why, until
-    unsteady = ends == turned or (bool(ends) and _grows(world, oracle, states, v, effort))
-    return _Beginning(q, v, effort, steps, ends, states, unsteady)
+class _Planning:
+    """The choice of a motion. ``most``: steps at most; ``slower``: the share of speeds in motions that are longer than
+    ``SECONDS``."""
 
+    def __init__(self, world: World, oracle: Oracle, precision: Precision):
+        self.world, self.oracle, self.precision, self.stops = world, oracle, precision, Stops(world)
+        self.most = min(STEPS, max(FEWEST, WORK // max(1, oracle.nv)))
+        self.slower = min(1.0, SECONDS / (self.most * world.physics.timestep))
+        self.start, _ = initial_state(world)
 
-def _grows(world: World, oracle: Oracle, states: np.ndarray, v: np.ndarray, effort: np.ndarray) -> bool:
-    """Whether a joint goes ``GROWN`` times as far as the speeds and accelerations at the beginning take the fastest: the
-    motion then grows by itself, as that of a mechanism that stands on its end does, and with it whatever disturbs it."""
-    places = [at.start for body, at in _parts(world, oracle) if body.joint.kind in SCALAR_JOINTS]
-    if not places:
-        return False
-    start, first = float(np.abs(v).max()), float(np.abs(oracle.acceleration(states[0], v, effort)).max())
-    time = np.arange(len(states)) * LOOK * world.physics.timestep
-    with np.errstate(invalid="ignore", over="ignore"):
-        gone = np.abs(states[:, places] - states[0, places]).max(axis=1)
-        return bool((gone > GROWN * (start * time + 0.5 * first * time * time)).any())
+    def motion(self) -> Motion:
+        best = self._tried(*self._beginning(0))
+        for attempt in range(1, TRIES + len(GENTLER)):
+            if best.steps == self.most or (best.steps >= FEWEST and attempt > TRIES + 1):
+                break
+            best = max(best, self._tried(*self._beginning(attempt)), key=lambda begun: begun.steps)
+        planned = self._planned(best)
+        for attempt in range(HELD, TRIES + len(GENTLER)):
+            if planned.steps >= FEWEST or unstable(self.world):
+                return planned  # enough, or nothing gentler helps
+            gentler = self._planned(self._tried(*self._beginning(attempt)))
+            planned = max(planned, gentler, key=lambda trial: trial.steps)
+        return planned if planned.steps >= FEWEST or unstable(self.world) else self._from_rest(planned)
 
+    def _from_rest(self, planned: Motion) -> Motion:
+        """The motion of ``FROM_REST`` that is followed for enough steps, or the longest; ``planned`` where none is longer."""
+        rest = at_rest(self.world, self.oracle, lambda q: bool(self.stops.near(q[None], NEAR).any()))
+        v = self.slower * random_states(self.world, 1, STATES_SEED + 1, speed=0.5)[1][0]
+        v = self.oracle.constrained_velocity(rest, v) if self.world.constraints else v
+        push, balance = self._push(rest, 0), self._balance(rest)
+        for share in FROM_REST:
+            trial = self._planned(self._tried(rest, share * v, balance + share * push))
+            planned = max(planned, trial, key=lambda motion: motion.steps)
+            if planned.steps >= FEWEST:
+                break
+        return planned
 
-def _parts(world: World, oracle: Oracle) -> Iterator[tuple[Body, slice]]:
-    """Each body with the place of its joint in q."""
-    return zip(world.bodies, oracle.layout.position, strict=True)
-
-
-def _near_limits(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:
-    """Whether, at each instant, a joint or a sum is within 5 % of its range to a limit, or beyond."""
-    rows = [
-        (at.start, *body.joint.position_limits)
-        for body, at in zip(world.bodies, oracle.layout.position, strict=True)
-        if body.joint.position_limits is not None
-    ]
-    stops = Stops(world)
-    turned = stops.near(states, 0.05)
-    for body, at in zip(world.bodies, oracle.layout.position, strict=True):
-        if body.joint.angle_limit is not None:
-            turned = turned | (angles_of(states[:, at]) > 0.95 * body.joint.angle_limit)
-    if not rows:
-        return turned
-    index = np.array([row[0] for row in rows])
-    low, high = np.array([row[1] for row in rows]), np.array([row[2] for row in rows])
-    margin = 0.05 * (high - low)
-    near: np.ndarray = ((states[:, index] < low + margin) | (states[:, index] > high - margin)).any(axis=1)
-    return near | turned
-
-
-def comes_near_limits(world: World, oracle: Oracle, states: np.ndarray) -> bool:
-    """Whether in any of some states (n, nq) a joint or a sum is within 5 % of its range to a limit."""
-    return bool(_near_limits(world, oracle, states).any())
-
-
-def _slides(world: World, oracle: Oracle, states: np.ndarray) -> np.ndarray:
-    """How far (instants,) the slide that went farthest is from where it began, at each instant; NaN where motion diverged."""
-    parts = zip(world.bodies, oracle.layout.position, strict=True)
-    index = [at.start for body, at in parts if body.joint.kind == "slide"]
-    farthest: np.ndarray = np.abs(states[:, index] - states[0, index]).max(axis=1, initial=0.0)
-    return farthest
-
-
-def _turns(world: World, oracle: Oracle, speeds: np.ndarray) -> np.ndarray:
-    """The largest angle (instants,) by which a joint turns in a step, at each instant; NaN where motion has diverged."""
-    angles = np.zeros(len(speeds))
-    for body, part in zip(world.bodies, oracle.layout.velocity, strict=True):
-        if body.joint.kind in ("hinge", *QUATERNION_JOINTS):
-            turning = speeds[:, part][:, -3:]
+    def _planned(self, begun: _Beginning) -> Motion:
+        """What the oracle makes of a beginning, with its floor, as far as that can be used."""
+        precision, steps, ends, unsteady = self.precision, begun.steps, begun.ends, begun.unsteady
+        every = EVERY if steps >= 10 * EVERY else LOOK
+        rows = [min(done, steps) for done in range(0, steps + every, every)]
+        exact = self._poses(begun.states[[-(-row // LOOK) for row in rows]])
+        floors = np.zeros(len(exact))
+        generator = np.random.default_rng(STATES_SEED + 200)
+        for run in range(DISTURBED):
+            q, v = precision.beginning(begun.q, generator), precision.beginning(begun.v, generator)
+            rounded = precision.rounding(run, generator)
+            disturbed = self._poses(self._run(q, v, begun.effort, steps, every, rounded)[0])
             with np.errstate(invalid="ignore", over="ignore"):
-                angles = np.maximum(angles, np.sqrt((turning * turning).sum(axis=1)))
-    return angles * world.physics.timestep
+                deviations = deviation(exact, disturbed).max(axis=1, initial=0.0)
+            floors = np.maximum(floors, np.where(np.isfinite(deviations), deviations, np.inf))
+        floors = np.maximum.accumulate(floors)
+        useful = precision.factor * floors <= precision.loosest
+        last = len(floors) - 1
+        if not useful.all():
+            last = max(0, int(np.argmin(useful)) - 1)
+            steps, unsteady = last * every, True
+            ends = f"{ROUND_OFF} would move bodies by {precision.loosest / precision.factor:.0e}"
+        if steps < FEWEST and (diverging := unstable(self.world)):
+            ends = f"then it diverges: {diverging[0]}; stable up to {diverging[0].largest_stable_step:.3g} s"
+            unsteady = False
+        rubbing = frictional_coordinates(self.world)
+        poses, floor = exact[: last + 1], float(floors[last])
+        return Motion(begun.q, begun.v, begun.effort, steps, every, poses, floor, rubbing, ends, precision, unsteady)
 
+    def _tried(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> _Beginning:
+        """How far the oracle comes from a beginning, looked at every ``LOOK`` steps: until a joint comes near a limit, or turns
+        or slides too far."""
+        states, speeds = self._run(q, v, effort, self.most, LOOK)
+        turned = f"then something turns by more than {LARGEST_TURN:g} rad in a step"
+        reasons = {
+            "then a joint comes near a limit": self.stops.near(states, NEAR),
+            turned: ~(self._turns(speeds) <= LARGEST_TURN),
+            f"then something slides more than {LARGEST_SLIDE:g} m away": ~(self._slides(states) <= LARGEST_SLIDE),
+        }
+        ends, steps = "", self.most
+        for why, bad in reasons.items():
+            if bad.any() and (until := max(0, int(np.argmax(bad)) - 1) * LOOK) < steps:
+                ends, steps = why, until
+        unsteady = ends == turned or (bool(ends) and self._grows(states, v, effort))
+        return _Beginning(q, v, effort, steps, ends, states, unsteady)
 
-def _beginning(world: World, oracle: Oracle, attempt: int, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joints with limits start in the middle of their range, the rest anywhere; speeds and efforts are gentle.
+    def _places(self, *kinds: str) -> list[int]:
+        """Where in q the joints of some kinds begin."""
+        parts = zip(self.world.bodies, self.oracle.layout.position, strict=True)
+        return [at.start for body, at in parts if body.joint.kind in kinds]
 
-    Efforts give about 1 m/s² or rad/s² to each coordinate alone, so that light and heavy bodies move alike. From ``HELD`` on
-    they also carry the weight and the springs of where they start, and all else is gentler: falling reaches limits soonest.
-    In longer motions than ``SECONDS`` everything is as much slower, and free roots are held up as far as that takes, so that
-    all come as far as in that time.
-    """
-    slower = _slower(world, most)
-    q, v = (states[0] for states in random_states(world, 1, STATES_SEED + 1 + attempt, speed=0.5))
-    start, _ = initial_state(world)
-    for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
-        limits = body.joint.position_limits
-        if body.joint.angle_limit is not None:
-            q[at_q] = shortened(q[at_q], 0.5)
-            v[at_v] *= min(1.0, 0.2 * body.joint.angle_limit)
-        if limits is not None:
-            # the world's own start where it is well inside, since that is where its motion is meant to happen
-            low, high = limits
-            own = float(start[at_q][0])
-            q[at_q] = own if _well_inside(own, low, high) and attempt % 2 == 0 else (low + high) / 2
-            v[at_v] *= min(1.0, 0.2 * (high - low))
-    if any(one.position_limits for one in world.sums):
-        q, v = inside(world, q, MIDDLE), calmed(world, v, CALM)
-    if world.constraints:  # what is held together begins there, and moves so
-        couple(world, oracle, q, start)
-        q = oracle.inwards(oracle.settled(q, start))
-        v = oracle.constrained_velocity(q, v)
-    effort = _push(oracle, q, attempt, slower)
-    v *= slower
-    if attempt < HELD:
-        weight = oracle.bias_force(q, np.zeros(oracle.nv))
-        for body, at_v in zip(world.bodies, oracle.layout.velocity, strict=True):
-            if body.joint.kind == "free":
-                effort[at_v][:3] += (1.0 - slower**2) * weight[at_v][:3]
-        return q, v, effort
-    gentle = GENTLE if attempt < TRIES else GENTLER[attempt - TRIES]
-    return q, gentle * v, _balance(oracle, q) + gentle * effort
+    def _grows(self, states: np.ndarray, v: np.ndarray, effort: np.ndarray) -> bool:
+        """Whether a joint goes ``GROWN`` times as far as the speeds and accelerations at the beginning take the fastest: the
+        motion then grows by itself, as that of a mechanism that stands on its end does, and with it every disturbance."""
+        places = self._places(*SCALAR_JOINTS)
+        if not places:
+            return False
+        start, first = float(np.abs(v).max()), float(np.abs(self.oracle.acceleration(states[0], v, effort)).max())
+        time = np.arange(len(states)) * LOOK * self.world.physics.timestep
+        with np.errstate(invalid="ignore", over="ignore"):
+            gone = np.abs(states[:, places] - states[0, places]).max(axis=1)
+            return bool((gone > GROWN * (start * time + 0.5 * first * time * time)).any())
 
+    def _slides(self, states: np.ndarray) -> np.ndarray:
+        """How far (instants,) the slide that went farthest is from where it began; NaN where motion diverged."""
+        index = self._places("slide")
+        farthest: np.ndarray = np.abs(states[:, index] - states[0, index]).max(axis=1, initial=0.0)
+        return farthest
 
-def _slower(world: World, most: int) -> float:
-    """The share of speeds in motions that are longer than ``SECONDS``."""
-    return min(1.0, SECONDS / (most * world.physics.timestep))
+    def _turns(self, speeds: np.ndarray) -> np.ndarray:
+        """The largest angle (instants,) by which a joint turns in a step; NaN where motion has diverged."""
+        angles = np.zeros(len(speeds))
+        for body, part in zip(self.world.bodies, self.oracle.layout.velocity, strict=True):
+            if body.joint.kind in ("hinge", *QUATERNION_JOINTS):
+                turning = speeds[:, part][:, -3:]
+                with np.errstate(invalid="ignore", over="ignore"):
+                    angles = np.maximum(angles, np.sqrt((turning * turning).sum(axis=1)))
+        return angles * self.world.physics.timestep
 
+    def _beginning(self, attempt: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Joints with limits start in the middle of their range, the rest anywhere; speeds and efforts are gentle.
 
-def _push(oracle: Oracle, q: np.ndarray, attempt: int, slower: float) -> np.ndarray:
-    """Seeded efforts (nv,) that give about 1 m/s² or rad/s² to each coordinate alone, in longer motions less."""
-    generator = np.random.default_rng(STATES_SEED + 100 + attempt)
-    diagonal = np.zeros(oracle.nv)
-    for block, mass in zip(oracle.blocks, oracle.mass_blocks(q), strict=True):
-        diagonal[block] = np.diag(mass)
-    effort: np.ndarray = slower**2 * generator.uniform(-1.0, 1.0, oracle.nv) * diagonal
-    return effort
+        Efforts give about 1 m/s² or rad/s² to each coordinate alone, so that light and heavy bodies move alike. From ``HELD``
+        on they also carry the weight and the springs of where they start, and all else is gentler: falling reaches limits
+        soonest. In longer motions than ``SECONDS`` everything is as much slower, and free roots are held up as far as that
+        takes, so that all come as far as in that time.
+        """
+        world, oracle, slower = self.world, self.oracle, self.slower
+        q, v = (states[0] for states in random_states(world, 1, STATES_SEED + 1 + attempt, speed=0.5))
+        for body, at_q, at_v in zip(world.bodies, oracle.layout.position, oracle.layout.velocity, strict=True):
+            limits = body.joint.position_limits
+            if body.joint.angle_limit is not None:
+                q[at_q] = shortened(q[at_q], 0.5)
+                v[at_v] *= min(1.0, 0.2 * body.joint.angle_limit)
+            if limits is not None:
+                # the world's start where it is well inside, since that is where its motion is meant to happen
+                start = float(self.start[at_q][0])
+                q[at_q] = start if _well_inside(start, *limits) and attempt % 2 == 0 else sum(limits) / 2
+                v[at_v] *= min(1.0, 0.2 * (limits[1] - limits[0]))
+        if any(total.position_limits for total in world.sums):
+            q, v = inside(world, q, MIDDLE), calmed(world, v, CALM)
+        if world.constraints:  # what is held together begins there, and moves so
+            couple(world, oracle, q, self.start)
+            q = oracle.inwards(oracle.settled(q, self.start))
+            v = oracle.constrained_velocity(q, v)
+        effort = self._push(q, attempt)
+        v *= slower
+        if attempt < HELD:
+            weight = oracle.bias_force(q, np.zeros(oracle.nv))
+            for body, at_v in zip(world.bodies, oracle.layout.velocity, strict=True):
+                if body.joint.kind == "free":
+                    effort[at_v][:3] += (1.0 - slower**2) * weight[at_v][:3]
+            return q, v, effort
+        gentle = GENTLE if attempt < TRIES else GENTLER[attempt - TRIES]
+        return q, gentle * v, self._balance(q) + gentle * effort
 
+    def _push(self, q: np.ndarray, attempt: int) -> np.ndarray:
+        """Seeded efforts (nv,) that give about 1 m/s² or rad/s² to each coordinate alone, in longer motions less."""
+        diagonal = np.zeros(self.oracle.nv)
+        for block, mass in zip(self.oracle.blocks, self.oracle.mass_blocks(q), strict=True):
+            diagonal[block] = np.diag(mass)
+        generator = np.random.default_rng(STATES_SEED + 100 + attempt)
+        effort: np.ndarray = self.slower**2 * generator.uniform(-1.0, 1.0, self.oracle.nv) * diagonal
+        return effort
 
-def _balance(oracle: Oracle, q: np.ndarray) -> np.ndarray:
-    """The efforts (nv,) that carry the weight and the springs at a position."""
-    still = np.zeros(oracle.nv)
-    weight: np.ndarray = oracle.bias_force(q, still) - oracle.joint_effort(q, still)
-    return weight
+    def _balance(self, q: np.ndarray) -> np.ndarray:
+        """The efforts (nv,) that carry the weight and the springs at a position."""
+        rest = np.zeros(self.oracle.nv)
+        weight: np.ndarray = self.oracle.bias_force(q, rest) - self.oracle.joint_effort(q, rest)
+        return weight
+
+    def _run(
+        self, q: np.ndarray, v: np.ndarray, effort: np.ndarray, steps: int, every: int, rounded: Rounded | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The oracle's states at every ``every``-th step; not finite where the motion diverges."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return self.oracle.motion(q, v, effort, steps, every, rounded)
+
+    def _poses(self, states: np.ndarray) -> np.ndarray:
+        return np.array([self.oracle.body_poses(row) for row in states])
 
 
 def _well_inside(position: float, low: float, high: float) -> bool:
-    """Whether a position is a tenth of the range or more from both limits."""
-    margin = 0.1 * (high - low)
+    margin = INSIDE * (high - low)
     return low + margin < position < high - margin
 
 
@@ -410,33 +425,15 @@ def couple(world: World, oracle: Oracle, q: np.ndarray, start: np.ndarray) -> No
     """Put joints that follow others where these put them, in the middle of what the limits of all of them leave, in ``q``."""
     parts = zip(world.bodies, oracle.layout.position, strict=True)
     joints = {body.joint.name: (at.start, body.joint.position_limits) for body, at in parts}
-    limits = {name: own for name, (_, own) in joints.items()}
+    limits = {name: ends for name, (_, ends) in joints.items()}
     for first, chain in followers(world).items():
         low, high = left_to(chain, limits)
         at = joints[first][0]
         if np.isfinite(high - low) and not _well_inside(float(q[at]), low, high):
-            own = float(start[at])
-            q[at] = own if _well_inside(own, low, high) else (low + high) / 2
+            begun = float(start[at])
+            q[at] = begun if _well_inside(begun, low, high) else (low + high) / 2
         for name, ratio, offset in chain:
             q[joints[name][0]] = ratio * q[at] + offset
-
-
-def _motion(
-    oracle: Oracle,
-    q: np.ndarray,
-    v: np.ndarray,
-    effort: np.ndarray,
-    steps: int,
-    every: int,
-    rounded: Rounded | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The oracle's states at every ``every``-th step; not finite where the motion diverges."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        return oracle.motion(q, v, effort, steps, every, rounded)
-
-
-def _poses(oracle: Oracle, states: np.ndarray) -> np.ndarray:
-    return np.array([oracle.body_poses(row) for row in states])
 
 
 def deviation(expected: np.ndarray, actual: np.ndarray) -> np.ndarray:
@@ -444,26 +441,5 @@ def deviation(expected: np.ndarray, actual: np.ndarray) -> np.ndarray:
     plus radians."""
     reach = np.maximum(1.0, np.linalg.norm(expected[..., :3], axis=-1))
     away = np.linalg.norm(actual[..., :3] - expected[..., :3], axis=-1) / reach
-    apart: np.ndarray = away + rotation_error(actual[..., 3:], expected[..., 3:])
-    return apart
-
-
-def motion_checks(world: World, motion: Motion, answer: Mapping[str, np.ndarray]) -> list[Check]:
-    """One check: the worst deviation of any body at any instant."""
-    floor = f"floor {motion.floor:.1e}, {motion.steps} steps of {world.physics.timestep:g} s"
-    floor += f" ({motion.ends})" if motion.ends else ""
-    if len(motion.rubbing):
-        floor += f", dry friction of {len(motion.rubbing)} joints switched off"
-    if motion.steps < FEWEST:
-        detail = f"{motion.steps} steps, should be {FEWEST} at least: {motion.ends}; {floor}"
-        return [Check("L6", "motion", 0, motion.tolerance, None, "", detail)]
-    pose = answer["pose"]
-    if pose.shape != motion.poses.shape:
-        detail = f"{len(pose)} instants, should be {len(motion.poses)}"
-        return [Check("L6", "motion", len(pose), motion.tolerance, None, "", detail)]
-    error = deviation(motion.poses, pose)
-    if not np.isfinite(error).all():
-        return [Check("L6", "motion", error.size, motion.tolerance, None, "", f"not finite; {floor}")]
-    instant, body = np.unravel_index(int(np.argmax(error)), error.shape)
-    where = f"bodies.{world.bodies[body].name}, step {min(instant * motion.every, motion.steps)}"
-    return [Check("L6", "motion", error.size, motion.tolerance, float(error[instant, body]), where, floor)]
+    error: np.ndarray = away + rotation_error(actual[..., 3:], expected[..., 3:])
+    return error

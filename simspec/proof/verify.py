@@ -25,14 +25,12 @@ from simspec.errors import EngineError, Location, UnsupportedError
 from simspec.files import scratch_folder
 from simspec.outputs.writing import Artifacts
 from simspec.proof import control, forces, limits, motion
-from simspec.proof import forces as dry_friction
 from simspec.proof.certificate import Certificate, EngineProof
-from simspec.proof.checks import PRECISIONS, Check, Precision, failed
+from simspec.proof.checks import PRECISIONS, Check, Part, Plan, Precision, failed
 from simspec.proof.comparator import compare, inventory_checks
 from simspec.proof.contact.probe import Figure
 from simspec.proof.contact.run import contact_checks, measure, not_measured
 from simspec.proof.contact.scope import scope
-from simspec.proof.control import Response, control_checks
 from simspec.proof.expected import (
     MATRIX,
     approximations,
@@ -45,18 +43,9 @@ from simspec.proof.expected import (
     unchecked,
     uncomparable,
 )
-from simspec.proof.forces import (
-    FORCES_CHECK,
-    PRESCRIBED_CHECK,
-    SLIDING_CHECK,
-    DryFriction,
-    Followed,
-    Pushed,
-    dry_friction_checks,
-    forces_checks,
-)
-from simspec.proof.limits import BALLS_CHECK, STOPS_CHECK, SumLimits, stops_checks
-from simspec.proof.motion import Motion, motion_checks
+from simspec.proof.forces import FORCES_CHECK, PRESCRIBED_CHECK, SLIDING_CHECK
+from simspec.proof.limits import BALLS_CHECK, STOPS_CHECK
+from simspec.proof.motion import MOTION, Motion
 from simspec.proof.probes import (
     FEW_STATES,
     LARGE,
@@ -82,93 +71,90 @@ UNREAD = "text"
 
 
 @dataclass(frozen=True)
+class Experiment:
+    """A motion that engines repeat: its level, the parts of a proof that it makes (an engine that lacks one is not asked), and
+    how it is planned (None: the world has none)."""
+
+    level: str
+    parts: tuple[Part, ...]
+    plan: Callable[[World, Oracle, Precision], Plan | None]
+
+
+EXPERIMENTS: Mapping[str, Experiment] = {
+    "motion": Experiment(
+        "L6", (MOTION,), lambda world, *given: None if motionless(world) else motion.plan(world, *given)
+    ),
+    "trials": Experiment("L6", (("L6", SLIDING_CHECK),), forces.plan_friction),
+    "stopped": Experiment("L6", (("L6", STOPS_CHECK), ("L6", BALLS_CHECK)), limits.plan),
+    "respond": Experiment("L7", (("L7", "step response"),), control.plan),
+    "pushed": Experiment("L7", (("L7", FORCES_CHECK),), forces.plan),
+    "prescribed": Experiment("L7", (("L7", PRESCRIBED_CHECK),), forces.plan_motions),
+}
+"""By the operation that an engine is asked for."""
+
+
+@dataclass(frozen=True)
 class Probes:
-    """The oracle's side, computed once for all engines: states, meetings, motion."""
+    """The oracle's side, computed once for all engines: states, meetings, and the plans of experiments by name."""
 
     oracle: Oracle
     q: np.ndarray
     v: np.ndarray
     meetings: Meetings
-    motion: Motion | None
-    response: Response | None = None
-    rubbing: DryFriction | None = None
-    pushed: Pushed | None = None
-    followed: Followed | None = None
-    stops: SumLimits | None = None
+    plans: Mapping[str, Plan]
     precision: Precision = PRECISIONS[DOUBLE]
     _others: dict[str, Probes] = dataclasses.field(default_factory=dict, compare=False, repr=False)
 
     def of(self, engine: type[Engine]) -> Probes:
-        """These probes, or the same held against what the numbers of ``engine`` allow: made once."""
+        """These probes, or the same with the tolerances of the numbers of ``engine``: made once."""
         if self.precision.name == engine.PRECISION:
             return self
         if engine.PRECISION not in self._others:
-            self._others[engine.PRECISION] = _planned_for(self, PRECISIONS[engine.PRECISION])
+            precision = PRECISIONS[engine.PRECISION]
+            plans = _plans(self.oracle, precision, self.plans)
+            self._others[engine.PRECISION] = dataclasses.replace(self, plans=plans, precision=precision, _others={})
         return self._others[engine.PRECISION]
+
+    @property
+    def chaos(self) -> str:
+        """Why the motion cannot be compared in any engine; "" where it can, or there is none."""
+        planned = self.plans.get("motion")
+        return planned.chaos if isinstance(planned, Motion) else ""
 
     def operations(self, engine: type[Engine]) -> list[Operation]:
         """What ``engine`` is asked, by what it declares; :func:`engine_checks` reads the answers."""
-        if self.of(engine) is not self:
-            return self.of(engine).operations(engine)
         world = self.oracle.world
-        velocity = np.zeros((1, self.oracle.nv))
         lacking = unchecked(world, engine)
-        asked = [
+        operations = [
             Operation("read_back", world=world),
             Operation("kinematics", {}, {"q": self.q, "v": self.v}, world),
         ]
         quantities = [name for name in QUANTITIES if name not in engine.LACKS]
         if quantities:
-            asked.append(dynamics_operation(self.oracle, self.q, self.v, quantities))
+            operations.append(dynamics_operation(self.oracle, self.q, self.v, quantities))
         if ("L4", MATRIX) not in lacking:
-            asked.append(Operation("touching", {}, {"q": self.meetings.q, "v": velocity}, world))
-        if self.motion is not None and not self.motion.chaos and ("L6", "motion") not in lacking:
-            motion = self.motion
-            arrays = {"q": motion.q, "v": motion.v, "effort": motion.effort, "rubbing": motion.rubbing}
-            asked.append(Operation("motion", {"steps": motion.steps, "every": motion.every}, arrays, world))
-        if self.rubbing is not None and ("L6", SLIDING_CHECK) not in lacking:
-            asked.append(self.rubbing.operation(world))
-        if self.stops is not None and ("L6", STOPS_CHECK) not in lacking and ("L6", BALLS_CHECK) not in lacking:
-            asked.append(self.stops.operation(world))
-        if self.response is not None and ("L7", "step response") not in lacking:
-            asked.append(self.response.operation())
-        if self.pushed is not None and ("L7", FORCES_CHECK) not in lacking:
-            asked.append(self.pushed.operation(world))
-        if self.followed is not None and ("L7", PRESCRIBED_CHECK) not in lacking:
-            asked.append(self.followed.operation(world))
-        return asked
+            velocity = np.zeros((1, self.oracle.nv))
+            operations.append(Operation("touching", {}, {"q": self.meetings.q, "v": velocity}, world))
+        for name, plan in self.of(engine).plans.items():
+            if lacking.keys().isdisjoint(EXPERIMENTS[name].parts) and (operation := plan.operation(world)) is not None:
+                operations.append(operation)
+        return operations
 
 
 def prepare(world: World, levels: Iterable[str] = LEVELS, precision: str = DOUBLE) -> Probes:
     """Choose the probes for ``world`` and run the oracle. ``precision``: of the engine that is asked first; others get
     theirs from :meth:`Probes.of`."""
-    numbers = PRECISIONS[precision]
+    levels, numbers = set(levels), PRECISIONS[precision]
     oracle = touch.oracle_of(world)
     q, v = random_states(world, STATES if oracle.nv <= LARGE else FEW_STATES)
-    wanted = set(levels)
-    meetings = touch.meetings_of(world) if "L4" in wanted else touch.nothing(oracle)
-    moving = motion.plan(world, oracle, numbers) if "L6" in wanted and not motionless(world) else None
-    rubbing = dry_friction.plan_friction(world, oracle, numbers) if "L6" in wanted else None
-    response = control.plan(world, numbers) if "L7" in wanted else None
-    pushed = forces.plan(world, oracle, numbers) if "L7" in wanted else None
-    followed = forces.plan_motions(world, numbers) if "L7" in wanted else None
-    stops = limits.plan(world, oracle) if "L6" in wanted else None
-    return Probes(oracle, q, v, meetings, moving, response, rubbing, pushed, followed, stops, numbers)
+    meetings = touch.meetings_of(world) if "L4" in levels else touch.nothing(oracle)
+    names = [name for name, experiment in EXPERIMENTS.items() if experiment.level in levels]
+    return Probes(oracle, q, v, meetings, _plans(oracle, numbers, names), numbers)
 
 
-def _planned_for(probes: Probes, precision: Precision) -> Probes:
-    """The same probes, those whose tolerance hangs on an engine's numbers planned again."""
-    world, oracle = probes.oracle.world, probes.oracle
-    return dataclasses.replace(
-        probes,
-        motion=probes.motion and motion.plan(world, oracle, precision),
-        rubbing=probes.rubbing and dry_friction.plan_friction(world, oracle, precision),
-        response=probes.response and control.plan(world, precision),
-        pushed=probes.pushed and forces.plan(world, oracle, precision),
-        followed=probes.followed and forces.plan_motions(world, precision),
-        precision=precision,
-        _others={},
-    )
+def _plans(oracle: Oracle, precision: Precision, names: Iterable[str]) -> dict[str, Plan]:
+    planned = {name: EXPERIMENTS[name].plan(oracle.world, oracle, precision) for name in names}
+    return {name: plan for name, plan in planned.items() if plan is not None}
 
 
 def verify(
@@ -296,8 +282,7 @@ def _engine_proof(
 ) -> EngineProof:
     """The proof of one engine: ``checks`` of text and contact, and those of what it answered, or the error in its place."""
     engine = find_engine(compiled.engine)
-    moving = probes.of(engine).motion
-    if moving is not None and moving.chaos:
+    if probes.of(engine).chaos:
         not_compared = {**not_compared, **uncomparable(world, engine.PRECISION)}
     reply = answered if isinstance(answered, Reply) else None
     unreadable: dict[str, str] = {}
@@ -389,35 +374,26 @@ def engine_checks(
 ) -> tuple[list[Check], dict[str, str]]:
     """The checks of everything that ``probes.operations(engine)`` asked, and what the engine could not be asked for."""
     probes = probes.of(engine)
-    numbers = probes.precision
-    asked = [operation.op for operation in probes.operations(engine)]
-    by_operation = dict(zip(asked, answers, strict=True))
+    oracle, q, v, numbers = probes.oracle, probes.q, probes.v, probes.precision
+    requested = [operation.op for operation in probes.operations(engine)]
+    by_operation = dict(zip(requested, answers, strict=True))
     read_back = by_operation["read_back"].held
     if read_back is None:
         raise ValueError("the answer to read_back contains no model")
     arrays = {name: answer.arrays for name, answer in by_operation.items()}
     checks = read_back_checks(world, engine, read_back)
-    told = read_back.frames is not None
-    checks += kinematics_checks(world, probes.oracle, probes.q, probes.v, arrays["kinematics"], numbers, told)
+    framed = read_back.frames is not None
+    checks += kinematics_checks(world, oracle, q, v, arrays["kinematics"], numbers, framed)
     if "dynamics" in arrays:
-        checks += dynamics_checks(world, probes.oracle, probes.q, probes.v, arrays["dynamics"], numbers)
+        checks += dynamics_checks(world, oracle, q, v, arrays["dynamics"], numbers)
     if "touching" in arrays:
         units = [(unit["body"], unit["shapes"]) for unit in by_operation["touching"].result["units"]]
-        overlooks = engine.overlooks(world)
         rounding = {(body.name, shape.name): shape.rounding for body in read_back.bodies for shape in body.shapes}
-        checks += touch_checks(world, probes.meetings, units, arrays["touching"]["units"], overlooks, rounding)
-    if probes.motion is not None and not probes.motion.chaos and "motion" in arrays:
-        checks += motion_checks(world, probes.motion, arrays["motion"])
-    if probes.rubbing is not None and "trials" in arrays:
-        checks += dry_friction_checks(world, probes.rubbing, arrays["trials"], engine.DRY_FRICTION_CREEP)
-    if probes.stops is not None and "stopped" in arrays:
-        checks += stops_checks(world, probes.stops, arrays["stopped"])
-    if probes.response is not None and "respond" in arrays:
-        checks += control_checks(probes.response, arrays["respond"])
-    if probes.pushed is not None and "pushed" in arrays:
-        checks += forces_checks(probes.pushed, arrays["pushed"])
-    if probes.followed is not None and "prescribed" in arrays:
-        checks += forces.motion_checks(probes.followed, arrays["prescribed"])
+        touching = (units, arrays["touching"]["units"], engine.overlooks(world), rounding)
+        checks += touch_checks(world, probes.meetings, *touching)
+    for name, plan in probes.plans.items():
+        if name in arrays:
+            checks += plan.checks(world, arrays[name], engine.DRY_FRICTION_CREEP)
     return checks, not_checked(world, read_back)
 
 

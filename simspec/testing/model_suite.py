@@ -178,7 +178,7 @@ class ModelSuite(Suite):
         pressed = limits.plan(world, Oracle(world))
         assert pressed is not None
         (answer,) = bench.ask(world, pressed.operation(world))
-        assert failures(limits.stops_checks(world, pressed, answer.arrays)) == []
+        assert failures(pressed.checks(world, answer.arrays)) == []
 
     def test_what_is_lacking_raises_when_it_is_asked_for(self, bench: Bench) -> None:
         world = bench.allowed(worlds.fall())

@@ -47,10 +47,10 @@ def test_what_damping_turns_aside_is_no_fault_of_a_stop(damping):
     share = np.abs(left).max() / np.abs(trial.free).max()
     assert share > 0.01
     rows = [left if other is trial else still for other in plan.trials]
-    (check,) = limits.stops_checks(one, plan, {"v": np.array(rows)})
+    (check,) = plan.checks(one, {"v": np.array(rows)})
     assert check.passed
     missing = [trial.free if other is trial else still for other in plan.trials]
-    (check,) = limits.stops_checks(one, plan, {"v": np.array(missing)})
+    (check,) = plan.checks(one, {"v": np.array(missing)})
     assert not check.passed
 
 

@@ -14,7 +14,7 @@ from simspec.compiler import compile_world, write_folder
 from simspec.dynamics.oracle import Oracle
 from simspec.engines.kit.registry import engines
 from simspec.proof import forces
-from simspec.proof.forces import REST_CHECK, SLIDING_CHECK, dry_friction_checks
+from simspec.proof.forces import REST_CHECK, SLIDING_CHECK
 from simspec.proof.verify import verify
 from simspec.support.declarations import Level
 from simspec.support.features import Feature
@@ -86,7 +86,7 @@ def probe():
 
 
 def failures(world, plan, friction, creep=0.0) -> set[str]:
-    checks = dry_friction_checks(world, plan, {"v": stick_and_slip(world, plan, friction)}, creep)
+    checks = plan.checks(world, {"v": stick_and_slip(world, plan, friction)}, creep)
     assert {check.name for check in checks} == {SLIDING_CHECK, REST_CHECK}
     assert sum(check.count for check in checks) == len(plan.trials) * 4
     return {check.where for check in checks if not check.passed}
@@ -114,7 +114,7 @@ def test_what_is_no_number_fails(probe):
     world, plan, friction = probe
     found = stick_and_slip(world, plan, friction)
     found[3, plan.places[1]] = np.nan
-    checks = dry_friction_checks(world, plan, {"v": found}, 0.0)
+    checks = plan.checks(world, {"v": found}, 0.0)
     assert [check.where for check in checks if not check.passed] == ["joints.link3_joint"]
 
 

@@ -92,12 +92,12 @@ def test_the_floor_of_single_precision_is_that_of_rounded_steps():
     assert plan.tolerance == 10.0 * plan.floor
     nearest = OF_SINGLES.rounding(0, np.random.default_rng())
     moved = oracle.motion(plan.q, plan.v, plan.effort, plan.steps, plan.every, nearest)[0]
-    (check,) = motion.motion_checks(world, plan, {"pose": np.array([oracle.body_poses(q) for q in moved])})
+    (check,) = plan.checks(world, {"pose": np.array([oracle.body_poses(q) for q in moved])})
     assert check.passed
     assert check.worst > 1e-7
     heavy = dataclasses.replace(world, physics=dataclasses.replace(world.physics, gravity=(0.0, 0.0, -9.82)))
     moved = Oracle(heavy).motion(plan.q, plan.v, plan.effort, plan.steps, plan.every, nearest)[0]
-    (check,) = motion.motion_checks(world, plan, {"pose": np.array([oracle.body_poses(q) for q in moved])})
+    (check,) = plan.checks(world, {"pose": np.array([oracle.body_poses(q) for q in moved])})
     assert not check.passed
 
 
@@ -105,7 +105,7 @@ def test_every_probe_of_motion_goes_by_the_numbers():
     bodies = worlds.tree(["hinge", "slide"], 4)
     rough = dataclasses.replace(bodies[1], joint=dataclasses.replace(bodies[1].joint, dry_friction=0.5))
     world = driven(dataclasses.replace(chain(("hinge", "hinge")), name="arm"), "pd")
-    response = control.plan(world, OF_SINGLES)
+    response = control.plan(world, None, OF_SINGLES)
     assert response.tolerance == max(2e-6, 10.0 * response.floor)
     assert 1e-8 < response.floor < 1e-5
     pushed = forces.plan(
@@ -132,8 +132,8 @@ def test_probes_of_other_numbers_are_made_once():
     probes = prepare(worlds.fall(), ["L6"])
     other = probes.of(Rough)
     assert other is probes.of(Rough)
-    assert (probes.motion.precision, other.motion.precision) == (OF_DOUBLES, OF_SINGLES)
-    assert np.array_equal(other.motion.poses, probes.motion.poses)
+    assert (probes.plans["motion"].precision, other.plans["motion"].precision) == (OF_DOUBLES, OF_SINGLES)
+    assert np.array_equal(other.plans["motion"].poses, probes.plans["motion"].poses)
     assert other.of(Rough) is other
 
 

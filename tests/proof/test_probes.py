@@ -251,7 +251,7 @@ def test_motion_is_2000_steps_of_everything_at_once():
     assert plan.tolerance == max(1e-9, 100 * plan.floor)
     for body in range(len(world.bodies)):
         assert np.ptp(plan.poses[:, body, :3], axis=0).max() > 0.05, "every body moves"
-    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    (check,) = plan.checks(world, {"pose": plan.poses})
     assert check.passed
     assert check.worst == 0.0
     assert check.count == plan.poses.shape[0] * plan.poses.shape[1]
@@ -265,7 +265,7 @@ def test_a_body_that_leaves_the_path_is_noticed_with_its_step():
     for change in (slice(0, 3), slice(3, 7)):
         found = plan.poses.copy()
         found[30, 2, change] += 1e-8
-        (check,) = motion.motion_checks(world, plan, {"pose": found})
+        (check,) = plan.checks(world, {"pose": found})
         assert not check.passed
         assert check.where == f"bodies.{world.bodies[2].name}, step {30 * plan.every}"
 
@@ -281,16 +281,16 @@ def test_an_engine_with_another_damping_is_noticed(factor):
     other = Oracle(dataclasses.replace(world, bodies=bodies))
     states, _ = other.motion(plan.q, plan.v, plan.effort, plan.steps, plan.every)
     found = np.array([other.body_poses(q) for q in states])
-    assert not motion.motion_checks(world, plan, {"pose": found})[0].passed
+    assert not plan.checks(world, {"pose": found})[0].passed
 
 
 def test_what_ends_early_or_is_not_a_number_fails():
     world = worlds.damped_springs()
     _, plan = moved(world)
-    assert not motion.motion_checks(world, plan, {"pose": plan.poses[:-1]})[0].passed
+    assert not plan.checks(world, {"pose": plan.poses[:-1]})[0].passed
     found = plan.poses.copy()
     found[5, 1, 0] = math.nan
-    assert not motion.motion_checks(world, plan, {"pose": found})[0].passed
+    assert not plan.checks(world, {"pose": found})[0].passed
 
 
 def test_motion_keeps_off_the_limits():
@@ -315,7 +315,7 @@ def test_motion_that_cannot_keep_off_the_limits_says_how_far_it_goes():
     assert (states > -0.03).all()
     assert (states < 0.04).all()
     assert (np.ptp(states, axis=0) > 1e-4).all(), "every joint moves"
-    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    (check,) = plan.checks(world, {"pose": plan.poses})
     assert check.passed
     assert f"{plan.steps} steps" in check.detail
 
@@ -324,9 +324,9 @@ def test_a_range_of_a_hair_is_enough_and_too_few_steps_fail(monkeypatch):
     world = narrow(-3e-8, 4e-8)
     _, plan = moved(world)
     assert plan.steps >= motion.FEWEST
-    assert motion.motion_checks(world, plan, {"pose": plan.poses})[0].passed
+    assert plan.checks(world, {"pose": plan.poses})[0].passed
     monkeypatch.setattr(motion, "FEWEST", plan.steps + 1)
-    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    (check,) = plan.checks(world, {"pose": plan.poses})
     assert not check.passed
     assert check.count == 0
     assert "then a joint comes near a limit" in check.detail
@@ -336,20 +336,20 @@ def test_motion_is_asked_without_dry_friction_and_says_so():
     world = worlds.limits_and_armature(dry_friction=0.2)
     _, plan = moved(world)
     assert plan.rubbing.tolist() == [0, 1, 2]
-    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    (check,) = plan.checks(world, {"pose": plan.poses})
     assert check.passed
     assert "dry friction of 3 joints switched off" in check.detail
-    assert not motion.motion_checks(world, plan, {"pose": plan.poses * 2})[0].passed
+    assert not plan.checks(world, {"pose": plan.poses * 2})[0].passed
 
 
 def test_a_world_that_cannot_move_is_compared_all_the_same():
     world = worlds.world(worlds.tree(["fixed", "fixed"], 3))
     _, plan = moved(world)
     assert plan.floor == 0.0
-    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    (check,) = plan.checks(world, {"pose": plan.poses})
     assert check.passed
     shifted = plan.poses + 1e-6
-    assert not motion.motion_checks(world, plan, {"pose": shifted})[0].passed
+    assert not plan.checks(world, {"pose": shifted})[0].passed
 
 
 def test_the_floor_of_chaos_is_the_tolerance():
@@ -375,7 +375,7 @@ def test_motion_is_compared_as_far_as_it_means_something_and_says_why_not_farthe
             assert np.abs(states[:, at_q] - states[0, at_q]).max() <= 3.0
         elif body.joint.kind != "fixed":
             assert np.linalg.norm(speeds[:, at_v][:, -3:], axis=1).max() * 0.004 <= 0.25
-    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    (check,) = plan.checks(world, {"pose": plan.poses})
     assert check.passed
     assert why in check.detail
 
@@ -396,7 +396,7 @@ def test_the_floor_is_the_worst_of_several_runs():
 def test_motion_that_diverges_fails_with_its_cause(joint):
     world = at_4_ms(["fixed", "hinge", "slide"], 3, **joint)
     _, plan = moved(world)
-    (check,) = motion.motion_checks(world, plan, {"pose": plan.poses})
+    (check,) = plan.checks(world, {"pose": plan.poses})
     assert not check.passed
     assert "is unstable at this timestep" in check.detail
     assert "stable up to" in check.detail

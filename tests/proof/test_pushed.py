@@ -22,9 +22,7 @@ def test_motion_that_cannot_be_compared_is_a_check_that_failed():
     world = pushed_loop()
     pushed = forces.plan(world, Oracle(world))
     assert pushed is not None
-    (check,) = forces.forces_checks(
-        dataclasses.replace(pushed, ends="it diverges"), {"pose": pushed.poses * float("nan")}
-    )
+    (check,) = dataclasses.replace(pushed, ends="it diverges").checks(world, {"pose": pushed.poses * float("nan")})
     assert isinstance(check, Check)
     assert (check.count, check.passed) == (0, False)
     assert "it diverges" in check.detail

@@ -168,17 +168,17 @@ def test_a_limit_that_does_not_act_is_noticed():
     plan = limits.plan(world, Oracle(world))
     assert plan is not None
     at_rest = {"v": np.zeros((4, 2))}
-    assert [check.passed for check in limits.stops_checks(world, plan, at_rest)] == [True]
+    assert [check.passed for check in plan.checks(world, at_rest)] == [True]
     oracle = Oracle(world)
     steps = limits.STEPS
     free = [oracle.motion(trial.q, trial.v, trial.effort, steps, steps)[1][-1] for trial in plan.trials]
     for number in range(4):
         one = at_rest["v"].copy()
         one[number] = free[number]
-        (check,) = limits.stops_checks(world, plan, {"v": one})
+        (check,) = plan.checks(world, {"v": one})
         assert not check.passed
         assert check.where == "constraints.tendon.sum.limits.position"
-    (check,) = limits.stops_checks(world, plan, {"v": np.full((4, 2), np.nan)})
+    (check,) = plan.checks(world, {"v": np.full((4, 2), np.nan)})
     assert not check.passed
 
 
