@@ -1,6 +1,6 @@
 """Everything that DART holds beside the fields of the read-back, and that can act.
 
-All that dartpy can be asked (which methods there are, and what becomes of each, is in ``dart_getters.py``), of the instance
+All that dartpy can be asked, of the instance
 that runs. The pairs of nodes that do not touch cannot be asked for; they are those that DART was told. What the inventory must
 be says ``dart_expected.py``.
 """

@@ -1,4 +1,4 @@
-"""A world as Drake holds it: a MultibodyPlant and its SceneGraph, built by calls from the document of ``world.json``.
+"""A MultibodyPlant and its SceneGraph, built by calls from the document of ``world.json``.
 
 Facts marked *measured*: Drake 1.51.1. Names of a spec have no point, so that names with one are free for what is added:
 frames of joints (``joint.NAME``, ``turn.NAME``), geometries (``SHAPE.LAYER.PART``), bodies (``MODEL.BODY``).
@@ -15,30 +15,32 @@ import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from simspec.engines.drake.approximations import ANY_RESOLUTION, FACED, corners, hydroelastic, too_large
+from simspec.engines.kit.building import STATIC, PlacedBody, Unit, Walk, refuse
 from simspec.errors import EngineError, not_importable
-from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint, Joint, JsonBody, JsonShape, JsonWorld
+from simspec.formats.world import AxisJoint, BallJoint, FixedJoint, FreeJoint, JsonBody, JsonShape
 from simspec.world.types import VELOCITY_SIZE, Pose
 
 NAME = "drake"
 ERROR_REDUCTION = 0.01
 """β of the common law (:class:`simspec.world.types.Hardness`)."""
 SERVO = "servo"
-"""How the names of actuators that hold the gains of a PD controller begin."""
+"""The prefix of the names of actuators that hold the gains of a PD controller."""
+SHAPE = "shape"
+"""The part of a shape's geometries that is the shape itself."""
 CONE = "elliptic"
-"""The only one that Drake has."""
+"""Drake's only friction cone."""
 LACKING = ("torsional_friction", "rolling_friction", "restitution", "hardness")
 """Numbers of shapes that Drake does not have."""
 MOST_PLANES = 8
-"""Half spaces on the world's own body that Drake's tree of boxes around geometries takes; 20 of them, or one beside bodies that
-move, crash the process, since the boxes have no end (measured)."""
+"""Half spaces on the world's body that Drake's tree of boxes around geometries takes. 20 of them, or one on a body that moves,
+crash the process, since the boxes have no end (measured)."""
 HALF_SPACES = "half spaces are not currently supported for deformable contact"
-"""Drake warns of every plane beside deformable bodies, which simspec does not have: that is no news."""
+"""Part of a warning that Drake prints for every plane, about deformable bodies, which simspec does not have."""
 
 
 def import_drake() -> Drake:
@@ -91,14 +93,9 @@ def warnings_into(lines: list[str]) -> Iterator[None]:
         logger.propagate = spread
 
 
-def body_name(body: JsonBody) -> str:
-    """What a body is called in Drake."""
-    return f"{body.model}.{body.name}"
-
-
-def told_name(held: Any) -> tuple[str, str]:
-    """The (model, name) that a body of Drake's has by its name."""
-    model, _, name = held.name().partition(".")
+def names_of(body: Any) -> tuple[str, str]:
+    """The names of the model and of the body of one of Drake's bodies."""
+    model, _, name = body.name().partition(".")
     return model, name
 
 
@@ -107,155 +104,186 @@ def is_servo(actuator: Any) -> bool:
     return bool(actuator.name().startswith(f"{SERVO}."))
 
 
-@dataclass(frozen=True, slots=True)
-class Geometry:
-    """One geometry of a collision shape: ``id`` Drake's, ``shape`` the shape's place among all collision shapes, ``part`` what
-    it stands for: the shape itself ("shape") or one of its corners."""
+class Geometry(NamedTuple):
+    """Drake's ``id`` of a geometry, and the ``part`` of a copy of a shape that it is: the shape itself or a corner."""
 
     id: Any
-    body: int
-    shape: int
-    material: str
-    layer: int
+    unit: Unit
     part: str
-    kind: str
-    """Of the shape."""
 
 
-@dataclass
 class Built:
-    """What was built: ``bodies`` in the world's order, ``joints`` theirs (None: free), ``turns`` of ball joints the frame whose
-    pose is the joint's rotation."""
+    """``bodies``: Drake's, in the world's order; ``joints``: theirs (None: free); ``turns``: by the row of a ball joint the
+    frame with the joint's rotation."""
 
-    drake: Drake
-    diagram: Any = None
-    plant: Any = None
-    scene: Any = None
-    bodies: list[Any] = field(default_factory=list)
-    joints: list[Any] = field(default_factory=list)
-    turns: dict[int, Any] = field(default_factory=dict)
-    places: dict[str | None, Any] = field(default_factory=dict)
-    """Where bodies that cannot move are in the world."""
-    geometries: list[Geometry] = field(default_factory=list)
-    shapes: list[tuple[int, str]] = field(default_factory=list)
-    """(body, name) of every collision shape."""
+    def __init__(self, walk: Walk, settings: Mapping[str, Any]):
+        """Raises EngineError for what Drake does not support, or refuses."""
+        _check(walk, settings)
+        self.walk, self.settings, self.drake = walk, settings, import_drake()
+        document, drake = walk.document, self.drake
+        builder = drake.framework.DiagramBuilder()
+        plant = drake.plant.MultibodyPlant(document.timestep)
+        self.plant, self.scene = drake.plant.AddMultibodyPlantSceneGraph(builder, plant)
+        plant = self.plant
+        self.bodies: list[Any] = []
+        self.joints: list[Any] = []
+        self.turns: dict[int, Any] = {}
+        self.geometries: list[Geometry] = []
+        try:
+            plant.SetUseSampledOutputPorts(False)
+            plant.set_adjacent_bodies_collision_filters(False)
+            plant.mutable_gravity_field().set_gravity_vector(document.gravity)
+            models, kinds = drake.plant.ContactModel, drake.plant.DiscreteContactApproximation
+            plant.set_contact_model(models.kHydroelasticWithFallback if hydroelastic(settings) else models.kPoint)
+            approximations = {"sap": kinds.kSap, "tamsi": kinds.kTamsi}
+            plant.set_discrete_contact_approximation(approximations[settings["contact_approximation"]])
+            plant.set_sap_near_rigid_threshold(0.0)
+            for placed in walk.bodies:
+                body = placed.body
+                self.bodies.append(plant.AddRigidBody(f"{body.model}.{body.name}", self._inertia(body)))
+                self.joints.append(self._joint(placed))
+            units: dict[tuple[int, int], list[Unit]] = {}
+            for unit in walk.units:
+                units.setdefault((unit.of.owner.row, unit.of.place), []).append(unit)
+            for placed in walk.bodies:
+                for place, shape in enumerate(placed.body.shapes):
+                    self._shape(placed, shape, units.get((placed.row, place), []))
+            self._filter()
+            plant.Finalize()
+            plant.set_stiction_tolerance(settings["stiction_tolerance"])
+            self.diagram = builder.Build()
+        except (RuntimeError, ValueError) as error:
+            raise EngineError(NAME, f"refuses the world: {error}") from error
+        except ImportError as error:
+            raise EngineError(NAME, f"meshes need scipy in addition to Drake: {error}") from error
 
-
-def build(document: JsonWorld, settings: Mapping[str, Any]) -> Built:
-    """Build the world. Raises EngineError for what Drake does not have, or refuses."""
-    _check(document, settings)
-    drake = import_drake()
-    builder = drake.framework.DiagramBuilder()
-    plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, drake.plant.MultibodyPlant(document.timestep))
-    built = Built(drake, plant=plant, scene=scene)
-    try:
-        plant.SetUseSampledOutputPorts(False)
-        plant.set_adjacent_bodies_collision_filters(False)
-        plant.mutable_gravity_field().set_gravity_vector(document.gravity)
-        models = drake.plant.ContactModel
-        plant.set_contact_model(models.kHydroelasticWithFallback if hydroelastic(settings) else models.kPoint)
-        kinds = drake.plant.DiscreteContactApproximation
-        plant.set_discrete_contact_approximation(
-            {"sap": kinds.kSap, "tamsi": kinds.kTamsi}[settings["contact_approximation"]]
-        )
-        plant.set_sap_near_rigid_threshold(0.0)
-        frames: dict[str | None, Any] = {None: plant.world_body()}
-        built.places[None] = drake.math.RigidTransform()
-        for index, body in enumerate(document.bodies):
-            held = plant.AddRigidBody(body_name(body), _inertia(drake, body))
-            frames[body.name] = held
-            built.bodies.append(held)
-            built.joints.append(_joint(built, index, body.joint, frames, held))
-            if isinstance(body.joint, FixedJoint) and body.joint.parent in built.places:
-                built.places[body.name] = built.places[body.joint.parent].multiply(drake.place(body.joint.origin))
-            for shape in body.shapes:
-                _shape(built, index, shape, document.timestep, settings)
-        _filter(built, document, settings)
-        plant.Finalize()
-        plant.set_stiction_tolerance(settings["stiction_tolerance"])
-        built.diagram = builder.Build()
-    except (RuntimeError, ValueError) as error:
-        raise EngineError(NAME, f"refuses the world: {error}") from error
-    except ImportError as error:
-        raise EngineError(NAME, f"meshes need scipy beside Drake: {error}") from error
-    return built
-
-
-def _check(document: JsonWorld, settings: Mapping[str, Any]) -> None:
-    """Raise EngineError for what Drake does not have."""
-    driven = any(isinstance(body.joint, AxisJoint) and body.joint.servo is not None for body in document.bodies)
-    if driven and settings["contact_approximation"] != "sap":
-        raise EngineError(NAME, "supports its PD controllers by SAP alone")
-    if document.friction_cone != CONE:
-        raise EngineError(NAME, f"does not support the friction cone {document.friction_cone}")
-    planes = sum(len(shape.copies) for body in document.bodies for shape in body.shapes if shape.kind == "plane")
-    if planes > MOST_PLANES:
-        raise EngineError(NAME, f"does not support more than {MOST_PLANES} planes, copies included; here are {planes}")
-    geometries = (
-        len(shape.copies) * (1 + len(corners(shape.kind, shape.size)))
-        for body in document.bodies
-        for shape in body.shapes
-    )
-    large = too_large(sum(geometries), sum(VELOCITY_SIZE[body.joint.kind] for body in document.bodies))
-    if large is not None:
-        raise EngineError(NAME, large)
-    for body in document.bodies:
-        if isinstance(body.joint, AxisJoint) and body.joint.dry_friction:
-            raise EngineError(NAME, f"does not support dry friction, which joint {body.joint.name!r} has")
-        for shape in body.shapes:
-            for copy in shape.copies:
-                lacking = [name for name in LACKING if getattr(copy, name)]
-                if lacking:
-                    raise EngineError(NAME, f"does not support {lacking[0]}, which shape {shape.name!r} has")
-
-
-def _inertia(drake: Drake, body: JsonBody) -> Any:
-    if body.mass == 0.0:
+    def _inertia(self, body: JsonBody) -> Any:
+        tree = self.drake.tree
+        if body.mass:
+            moments = tree.RotationalInertia(*body.inertia)
+            return tree.SpatialInertia.MakeFromCentralInertia(body.mass, body.centre_of_mass, moments)
         if any(body.centre_of_mass) or any(body.inertia):
             raise EngineError(NAME, f"does not support the inertia of {body.name!r}, which has no mass")
-        return drake.tree.SpatialInertia.Zero()
-    return drake.tree.SpatialInertia.MakeFromCentralInertia(
-        body.mass, body.centre_of_mass, drake.tree.RotationalInertia(*body.inertia)
-    )
+        return tree.SpatialInertia.Zero()
+
+    def _joint(self, placed: PlacedBody) -> Any:
+        """Add the joint of a body. Drake adds those of free bodies itself: None."""
+        joint, plant, tree = placed.body.joint, self.plant, self.drake.tree
+        if isinstance(joint, FreeJoint):
+            return None
+        name, child, identity = joint.name, self.bodies[placed.row].body_frame(), self.drake.math.RigidTransform()
+        parent = plant.world_body() if placed.parent == STATIC else self.bodies[placed.parent]
+        origin = self.drake.place(joint.origin)
+        frame = plant.AddFrame(tree.FixedOffsetFrame(f"joint.{name}", parent.body_frame(), origin))
+        if isinstance(joint, FixedJoint):
+            return plant.AddJoint(tree.WeldJoint(name, frame, child, identity))
+        if isinstance(joint, BallJoint):
+            turn = plant.AddFrame(tree.FixedOffsetFrame(f"turn.{name}", frame, identity))
+            self.turns[placed.row] = turn
+            return plant.AddJoint(tree.BallRpyJoint(name, turn, child))
+        kind = {"hinge": tree.RevoluteJoint, "slide": tree.PrismaticJoint}[joint.kind]
+        found = plant.AddJoint(kind(name, frame, child, joint.axis))
+        if joint.position_limits is not None:
+            found.set_position_limits(*([value] for value in joint.position_limits))
+        if joint.velocity_limit is not None:
+            found.set_velocity_limits([-joint.velocity_limit], [joint.velocity_limit])
+        # a controller has a separate actuator, since its effort limit is not the joint's. Of several actuators Drake takes the
+        # rotor inertia of the last for the joint's, whichever the others have (measured)
+        if joint.effort_limit is not None or (joint.armature and joint.servo is None):
+            actuator = plant.AddJointActuator(f"actuator.{name}", found)
+            actuator.set_default_rotor_inertia(joint.armature if joint.servo is None else 0.0)
+            if joint.effort_limit is not None:
+                actuator.set_effort_limit(joint.effort_limit)
+        if joint.servo is not None:
+            limit = math.inf if joint.servo.effort_limit is None else joint.servo.effort_limit
+            servo = plant.AddJointActuator(f"{SERVO}.{name}", found, limit)
+            servo.set_default_rotor_inertia(joint.armature)
+            servo.set_controller_gains(tree.PdControllerGains(p=joint.servo.kp, d=joint.servo.kd))
+        return found
+
+    def _shape(self, placed: PlacedBody, shape: JsonShape, units: Sequence[Unit]) -> None:
+        """Add the geometries of a shape: its visual, and for each of its copies the shape itself and its corners."""
+        drake, body, place = self.drake, self.bodies[placed.row], self.drake.place(shape.pose)
+        if shape.kind == "plane" and units:
+            body, place = self.plant.world_body(), drake.place(placed.pose).multiply(place)
+        if shape.colour is not None:
+            visual = solid(drake, shape.kind, shape.size)
+            self.plant.RegisterVisualGeometry(body, place, visual, f"{shape.name}.seen", shape.colour)
+        if not units:
+            return
+        parts = [(SHAPE, solid(drake, shape.kind, shape.size), place)]
+        for order, (kind, size, centre) in enumerate(corners(shape.kind, shape.size)):
+            at = drake.math.RigidTransform(drake.math.RotationMatrix(), centre)
+            parts.append((f"corner{order}", solid(drake, kind, size), place.multiply(at)))
+        for unit in units:
+            for part, geometry, pose in parts:
+                name, properties = f"{shape.name}.{unit.copy.layer}.{part}", self._properties(unit, part)
+                made = self.plant.RegisterCollisionGeometry(body, pose, geometry, name, properties)
+                self.geometries.append(Geometry(made, unit, part))
+
+    def _properties(self, unit: Unit, part: str) -> Any:
+        geometry, settings = self.drake.geometry, self.settings
+        properties = geometry.ProximityProperties()
+        friction = self.drake.plant.CoulombFriction(unit.copy.friction, unit.copy.friction)
+        geometry.AddContactMaterial(settings["dissipation"], settings["stiffness"], friction, properties)
+        # Drake adds the relaxation times of two shapes
+        properties.AddProperty("material", "relaxation_time", 0.5 * relaxation(self.walk.document.timestep))
+        if part == SHAPE and unit.of.shape.kind in FACED and hydroelastic(settings):
+            # rigid where its body is static, so that its size does not matter; two rigid shapes do not touch in Drake
+            if unit.of.owner.moves:
+                modulus = settings["hydroelastic_modulus"]
+                geometry.AddCompliantHydroelasticProperties(ANY_RESOLUTION, modulus, properties)
+            else:
+                geometry.AddRigidHydroelasticProperties(ANY_RESOLUTION, properties)
+        return properties
+
+    def _filter(self) -> None:
+        """Exclude contact between units of kinds that do not touch and of excluded bodies, between corners, and between the
+        faces that touch by hydroelastic contact and the corners of such faces."""
+        bodies: dict[int, list[Any]] = {}
+        kinds: dict[tuple[str, str, int], list[Any]] = {}
+        for geometry in self.geometries:
+            bodies.setdefault(geometry.unit.of.owner.row, []).append(geometry.id)
+            kinds.setdefault(geometry.unit.kind, []).append(geometry.id)
+        excluded = [(bodies.get(one, []), bodies.get(other, [])) for one, other in self.walk.excluded]
+        for one, other in itertools.combinations_with_replacement(kinds, 2):
+            if not self.walk.meet(one, other):
+                excluded.append((kinds[one], kinds[other]))
+        small = [geometry.id for geometry in self.geometries if geometry.part != SHAPE]
+        excluded.append((small, small))
+        if hydroelastic(self.settings):
+            faced = [geometry for geometry in self.geometries if geometry.unit.of.shape.kind in FACED]
+            at_faces = [geometry.id for geometry in faced if geometry.part != SHAPE]
+            excluded.append(([geometry.id for geometry in faced if geometry.part == SHAPE], at_faces))
+        sets, declared = self.drake.geometry.GeometrySet, self.drake.geometry.CollisionFilterDeclaration()
+        for ids, others in excluded:
+            if ids is others:
+                declared.ExcludeWithin(sets(ids))
+            elif ids and others:
+                declared.ExcludeBetween(sets(ids), sets(others))
+        self.scene.collision_filter_manager().Apply(declared)
 
 
-def _joint(built: Built, index: int, joint: Joint, bodies: Mapping[str | None, Any], held: Any) -> Any:
-    """Add the joint of a body. A free body has none: Drake gives it one."""
-    if isinstance(joint, FreeJoint):
-        return None
-    drake, plant, tree = built.drake, built.plant, built.drake.tree
-    name, own = joint.name, held.body_frame()
-    place = drake.place(joint.origin)
-    frame = plant.AddFrame(tree.FixedOffsetFrame(f"joint.{name}", bodies[joint.parent].body_frame(), place))
-    nothing = drake.math.RigidTransform()
-    if isinstance(joint, FixedJoint):
-        return plant.AddJoint(tree.WeldJoint(name, frame, own, nothing))
-    if isinstance(joint, BallJoint):
-        built.turns[index] = turn = plant.AddFrame(tree.FixedOffsetFrame(f"turn.{name}", frame, nothing))
-        return plant.AddJoint(tree.BallRpyJoint(name, turn, own))
-    kind = {"hinge": tree.RevoluteJoint, "slide": tree.PrismaticJoint}[joint.kind]
-    found = plant.AddJoint(kind(name, frame, own, joint.axis))
-    if joint.position_limits is not None:
-        found.set_position_limits(*([value] for value in joint.position_limits))
-    if joint.velocity_limit is not None:
-        found.set_velocity_limits([-joint.velocity_limit], [joint.velocity_limit])
-    # a controller has an actuator of its own, since its effort limit is not the joint's. Of several actuators Drake takes the
-    # rotor inertia of the last for the joint's, whatever the others have (measured)
-    driven = joint.servo is not None
-    if joint.effort_limit is not None or (joint.armature and not driven):
-        actuator = plant.AddJointActuator(f"actuator.{name}", found)
-        actuator.set_default_rotor_inertia(0.0 if driven else joint.armature)
-        if joint.effort_limit is not None:
-            actuator.set_effort_limit(joint.effort_limit)
-    if joint.servo is not None:
-        limit = math.inf if joint.servo.effort_limit is None else joint.servo.effort_limit
-        servo = plant.AddJointActuator(f"{SERVO}.{name}", found, limit)
-        servo.set_default_rotor_inertia(joint.armature)
-        servo.set_controller_gains(tree.PdControllerGains(p=joint.servo.kp, d=joint.servo.kd))
-    return found
-
-
-# --- contact --------------------------------------------------------------------------------------------------
+def _check(walk: Walk, settings: Mapping[str, Any]) -> None:
+    """Raise EngineError for what Drake does not support."""
+    refuse(walk, NAME, cones=(CONE,), moving_planes=False)
+    joints = [body.body.joint for body in walk.bodies]
+    axes = [joint for joint in joints if isinstance(joint, AxisJoint)]
+    if settings["contact_approximation"] != "sap" and any(joint.servo is not None for joint in axes):
+        raise EngineError(NAME, "supports its PD controllers by SAP alone")
+    if rough := [joint.name for joint in axes if joint.dry_friction]:
+        raise EngineError(NAME, f"does not support dry friction, which joint {rough[0]!r} has")
+    shapes = [unit.of.shape for unit in walk.units]
+    planes = sum(shape.kind == "plane" for shape in shapes)
+    if planes > MOST_PLANES:
+        raise EngineError(NAME, f"does not support more than {MOST_PLANES} planes, copies included; here are {planes}")
+    geometries = sum(1 + len(corners(shape.kind, shape.size)) for shape in shapes)
+    large = too_large(geometries, sum(VELOCITY_SIZE[joint.kind] for joint in joints))
+    if large is not None:
+        raise EngineError(NAME, large)
+    for unit in walk.units:
+        if lacking := [name for name in LACKING if getattr(unit.copy, name)]:
+            raise EngineError(NAME, f"does not support {lacking[0]}, which shape {unit.of.shape.name!r} has")
 
 
 def solid(drake: Drake, kind: str, size: Sequence[float]) -> Any:
@@ -278,85 +306,3 @@ def solid(drake: Drake, kind: str, size: Sequence[float]) -> Any:
 def relaxation(timestep: float) -> float:
     """The relaxation time τ (s) of two rigid shapes: SAP makes φ + (dt + τ) v = 0, and the common law is v = −β φ/dt."""
     return timestep * (1.0 / ERROR_REDUCTION - 1.0)
-
-
-def _shape(built: Built, index: int, shape: JsonShape, timestep: float, settings: Mapping[str, Any]) -> None:
-    """Add the geometries of a shape: one to be seen, and where it is solid, in each of its layers itself, and its corners."""
-    drake, number = built.drake, len(built.shapes)
-    place = drake.place(shape.pose)
-    body = built.bodies[index]
-    still = told_name(body)[1] in built.places
-    if shape.kind == "plane" and shape.copies:
-        name = told_name(body)[1]
-        if name not in built.places:
-            raise EngineError(NAME, f"does not support planes on bodies that move, as {shape.name!r}")
-        body, place = built.plant.world_body(), built.places[name].multiply(place)
-    if shape.colour is not None:
-        name, kind = f"{shape.name}.seen", solid(drake, shape.kind, shape.size)
-        built.plant.RegisterVisualGeometry(body, place, kind, name, shape.colour)
-    if not shape.copies:
-        return
-    built.shapes.append((index, shape.name))
-    parts = [("shape", solid(drake, shape.kind, shape.size), place)]
-    for order, (kind, size, centre) in enumerate(corners(shape.kind, shape.size)):
-        at = drake.math.RigidTransform(drake.math.RotationMatrix(), centre)
-        parts.append((f"corner{order}", solid(drake, kind, size), place.multiply(at)))
-    for copy in shape.copies:
-        for part, kind, pose in parts:
-            name = f"{shape.name}.{copy.layer}.{part}"
-            properties = drake.geometry.ProximityProperties()
-            friction = drake.plant.CoulombFriction(copy.friction, copy.friction)
-            drake.geometry.AddContactMaterial(settings["dissipation"], settings["stiffness"], friction, properties)
-            # Drake adds the relaxation times of two shapes
-            properties.AddProperty("material", "relaxation_time", 0.5 * relaxation(timestep))
-            if part == "shape" and shape.kind in FACED and hydroelastic(settings):
-                _by_pressure(drake, still, settings, properties)
-            held = built.plant.RegisterCollisionGeometry(body, pose, kind, name, properties)
-            built.geometries.append(Geometry(held, index, number, shape.material, copy.layer, part, shape.kind))
-
-
-def _by_pressure(drake: Drake, still: bool, settings: Mapping[str, Any], properties: Any) -> None:
-    """Hydroelastic contact of a shape: rigid where its body cannot move, so that its size does not matter; two of those never
-    meet, of which Drake computes no contact."""
-    if still:
-        drake.geometry.AddRigidHydroelasticProperties(ANY_RESOLUTION, properties)
-    else:
-        drake.geometry.AddCompliantHydroelasticProperties(ANY_RESOLUTION, settings["hydroelastic_modulus"], properties)
-
-
-def _filter(built: Built, document: JsonWorld, settings: Mapping[str, Any]) -> None:
-    """Keep apart what does not touch: bodies that are named, groups, materials and layers that do not meet, corners, and
-    corners of shapes whose faces touch by hydroelastic contact from such faces."""
-    declared = built.drake.geometry.CollisionFilterDeclaration()
-    bodies: dict[str, list[Any]] = {}
-    groups: dict[str, list[Any]] = {}
-    classes: dict[tuple[str, int], list[Any]] = {}
-    between: list[tuple[list[Any], list[Any]]] = []
-    names = [body.name for body in document.bodies]
-    group_of = [body.group for body in document.bodies]
-    small = []
-    for geometry in built.geometries:
-        bodies.setdefault(names[geometry.body], []).append(geometry.id)
-        groups.setdefault(group_of[geometry.body], []).append(geometry.id)
-        classes.setdefault((geometry.material, geometry.layer), []).append(geometry.id)
-        if geometry.part != "shape":
-            small.append(geometry.id)
-    between += [(bodies[one], bodies[other]) for one, other in document.apart.bodies]
-    between += [(groups[one], groups[other]) for one, other in document.apart.groups]
-    meets = {(frozenset((one, other)), layer) for one, other, layer in document.meets}
-    for (one, layer), (other, other_layer) in itertools.combinations_with_replacement(classes, 2):
-        if layer != other_layer or (frozenset((one, other)), layer) not in meets:
-            between.append((classes[one, layer], classes[other, other_layer]))
-    if small:
-        between.append((small, small))
-    faced = [one for one in built.geometries if hydroelastic(settings) and one.kind in FACED]
-    faces, at_faces = ([one.id for one in faced if (one.part == "shape") is whole] for whole in (True, False))
-    if at_faces:
-        between.append((faces, at_faces))
-    sets = built.drake.geometry.GeometrySet
-    for ids, other_ids in between:
-        if ids is other_ids:
-            declared.ExcludeWithin(sets(ids))
-        else:
-            declared.ExcludeBetween(sets(ids), sets(other_ids))
-    built.scene.collision_filter_manager().Apply(declared)

@@ -7,16 +7,13 @@ at a pitch of 90° (measured); so its v is in the child's axes.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from simspec.engines.drake.building import Built
-from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world.rotations import conjugate, exponential, matrices, multiply, rotate, unit
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE
 
 TINY = 1e-300
 """Added to angles that are divided by: no other angle changes by it."""
@@ -25,25 +22,21 @@ TINY = 1e-300
 class Coordinates:
     """Where each joint has its numbers in q (nq,) and v (nv,), and in Drake's x = [q; v]; and the rotations of ball joints."""
 
-    def __init__(self, built: Built, kinds: Sequence[str]):
-        self._built = built
-        plant = built.plant
-        self.positions = plant.num_positions()
-        q = np.cumsum([0, *(POSITION_SIZE[kind] for kind in kinds)])
-        v = np.cumsum([0, *(VELOCITY_SIZE[kind] for kind in kinds)])
-        self.nq, self.nv = int(q[-1]), int(v[-1])
-        self.q_places = [slice(a, b) for a, b in itertools.pairwise(q)]
-        self.v_places = [slice(a, b) for a, b in itertools.pairwise(v)]
-        straight, free, ball = [], [], []
-        for index, (kind, body, joint) in enumerate(zip(kinds, built.bodies, built.joints, strict=True)):
-            own = (index, int(q[index]), int(v[index]))
-            if kind in SCALAR_JOINTS:
-                straight.append((*own, joint.position_start(), joint.velocity_start()))
-            elif kind == "ball":
-                ball.append((*own, joint.position_start(), joint.velocity_start()))
-            elif kind == "free":
-                free.append((*own, body.floating_positions_start(), body.floating_velocities_start_in_v()))
-        table = np.array(straight, dtype=np.intp).reshape(-1, 5)
+    def __init__(self, built: Built, q_places: Sequence[slice], v_places: Sequence[slice]):
+        self._built, self.positions = built, built.plant.num_positions()
+        self.nq, self.nv = (places[-1].stop if places else 0 for places in (q_places, v_places))
+        scalar: list[tuple[int, ...]] = []
+        free: list[tuple[int, ...]] = []
+        ball: list[tuple[int, ...]] = []
+        for placed, body, joint in zip(built.walk.bodies, built.bodies, built.joints, strict=True):
+            kind, row = placed.body.joint.kind, placed.row
+            place = (row, q_places[row].start, v_places[row].start)
+            if kind == "free":
+                free.append((*place, body.floating_positions_start(), body.floating_velocities_start_in_v()))
+            elif kind != "fixed":
+                rows = ball if kind == "ball" else scalar
+                rows.append((*place, joint.position_start(), joint.velocity_start()))
+        table = np.array(scalar, dtype=np.intp).reshape(-1, 5)
         self.q, self.v, self.drake_q, self.drake_v = table[:, 1], table[:, 2], table[:, 3], table[:, 4]
         self.free, self.free_q, self.free_v, self.free_drake_q, self.free_drake_v = _wide(free, (7, 6, 7, 6))
         self._free_turns = self.free_drake_q[:, :4]

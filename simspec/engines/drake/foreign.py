@@ -5,7 +5,7 @@ Facts marked *measured*: Drake 1.51.1.
 
 from __future__ import annotations
 
-import math
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from simspec.engines.drake.building import CONE, NAME, warnings_into
-from simspec.engines.drake.readback import JOINT_KINDS, SIZES, pose_of
+from simspec.engines.drake.readback import JOINT_KINDS, SIZES, axis_fields, inertial, transform_pose
 from simspec.engines.kit.foreign import (
     MESH,
     REFUSED,
@@ -25,10 +25,11 @@ from simspec.engines.kit.foreign import (
     support,
     told_apart,
 )
+from simspec.engines.kit.readback import vector
 from simspec.errors import EngineError
 from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
-from simspec.world.types import EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+from simspec.world.types import EngineValue, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
 HOW: Final = "pydrake.multibody.parsing.Parser(plant).AddModels(file)"
 MEASURED: Final = "1.51.1"
@@ -149,52 +150,37 @@ class _Held:
             "timestep": float(plant.time_step()),
             "couplings": int(plant.num_constraints()),
         }
-        gravity = _vector(plant.gravity_field().gravity_vector())
+        gravity = vector(plant.gravity_field().gravityvector())
         return ReadBack(bodies_of_links(links), gravity, float(plant.time_step()), CONE, inventory=inventory)
 
     def _link(self, body: Any, names: Mapping[int, str]) -> HeldLink:
         joint = self._inboard[int(body.index())]
         above = joint.parent_body().index()
-        anchor = pose_of(joint.frame_on_child().GetFixedPoseInBodyFrame())
+        anchor = transform_pose(joint.frame_on_child().GetFixedPoseInBodyFrame())
         floating = joint.type_name() in FLOATING
         return HeldLink(
             names[int(body.index())],
             names.get(int(above)),
-            pose_of(body.EvalPoseInWorld(self._context)),
-            self._inertial(body),
+            transform_pose(body.EvalPoseInWorld(self._context)),
+            inertial(body, self._context),
             self._joint(joint, anchor),
             (0.0, 0.0, 0.0) if floating else anchor.position,
             self._shapes(body),
         )
 
-    def _inertial(self, body: Any) -> Inertial:
-        about_origin = body.CalcSpatialInertiaInBodyFrame(self._context)
-        mass = float(about_origin.get_mass())
-        if not mass:
-            return Inertial(0.0)
-        centre = about_origin.get_com()
-        m = about_origin.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3().tolist()
-        return Inertial(mass, _vector(centre), (m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2]))
-
     def _joint(self, joint: Any, anchor: Pose) -> Joint:
         kind = MOVES.get(joint.type_name(), joint.type_name())
         if kind not in SCALAR_JOINTS:
             return Joint(joint.name(), kind)
-        axis = _vector(joint.revolute_axis() if kind == "hinge" else joint.translation_axis())
-        lower, upper = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
-        speed = float(joint.velocity_upper_limits()[0])
         actuator = self._actuators.get(int(joint.index()))
-        effort = math.inf if actuator is None else float(actuator.effort_limit())
-        return Joint(
+        found = Joint(
             joint.name(),
             kind,
-            axis=frames.rotate(anchor.quaternion, axis),
-            position_limits=(lower, upper) if math.isfinite(lower) or math.isfinite(upper) else None,
-            velocity_limit=speed if math.isfinite(speed) else None,
-            effort_limit=effort if math.isfinite(effort) else None,
+            **axis_fields(joint, kind, actuator),
             damping=float(joint.GetDampingVector(self._context)[0]),
             armature=0.0 if actuator is None else float(actuator.calc_reflected_inertia(self._context)),
         )
+        return dataclasses.replace(found, axis=frames.rotate(anchor.quaternion, found.axis))
 
     def _shapes(self, body: Any) -> tuple[Shape, ...]:
         plant = self._plant
@@ -224,12 +210,7 @@ class _Held:
             held = inspector.GetProximityProperties(geometry)
             friction = held.GetProperty("material", "coulomb_friction")
             surfaces = (Surface(float(friction.dynamic_friction())),)
-        pose = pose_of(inspector.GetPoseInFrame(geometry))
+        pose = transform_pose(inspector.GetPoseInFrame(geometry))
         return Shape(
             inspector.GetName(geometry), kind, size, pose, collision=solid, visual=not solid, surfaces=surfaces
         )
-
-
-def _vector(values: Any) -> Vector3:
-    x, y, z = np.asarray(values, dtype=float).tolist()
-    return (x + 0.0, y + 0.0, z + 0.0)

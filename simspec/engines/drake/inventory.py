@@ -1,7 +1,8 @@
-"""Everything that Drake holds beside the fields of the read-back, and that can act; what it must be says ``expected.py``.
+"""The values that Drake stores besides the fields of the read-back, and that can act, and what they must be (``expected``,
+which runs without Drake).
 
-The filter of contacts is Drake's own answer for every two geometries. What cannot be asked for: the stiction tolerance, which
-is what Drake was told.
+The filter of contacts is Drake's answer for every two geometries. The stiction tolerance cannot be queried: it is the one that
+simspec passed to Drake.
 """
 
 from __future__ import annotations
@@ -9,209 +10,41 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from simspec.contact.plan import ContactPlan
 from simspec.control.reference import natives
 from simspec.engines.drake.approximations import ANY_RESOLUTION, FACED, Part, corners, held_at, hydroelastic, reach_of
-from simspec.engines.drake.building import ERROR_REDUCTION, told_name
+from simspec.engines.drake.building import ERROR_REDUCTION, SHAPE, names_of
 from simspec.engines.drake.readback import (
-    SHAPE,
     SIZES,
     actuator_of,
     geometries_of,
     inertial,
     joint_of,
     kind_and_size,
-    properties,
-    seen_of,
     surface,
+    visuals_of,
 )
 from simspec.engines.drake.simulation import Simulation
-from simspec.engines.kit.inventory import Carrier, expected_apart, listed, named_set, sidecar_labels
+from simspec.engines.kit.inventory import (
+    NEUTRAL,
+    Carrier,
+    Items,
+    below,
+    excluded_carriers,
+    expected_apart,
+    finite,
+    listed,
+    named_set,
+    sidecar_labels,
+)
 from simspec.formats.kit.contract import recentre_free_roots
 from simspec.world import frames
 from simspec.world.contact_pairs import solid_shapes
 from simspec.world.inertia import NO_INERTIA
 from simspec.world.kinematics import rigid_groups
-from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, EngineValue, Shape, World
-
-BIG = 1e308
-"""Stands for infinity, which is no number in JSON."""
-CONFIG = (
-    *("compliance_type", "hydroelastic_modulus", "resolution_hint", "slab_thickness", "margin", "dynamic_friction"),
-    *("static_friction", "hunt_crossley_dissipation", "relaxation_time", "point_stiffness"),
-)
-
-
-def finite(values: Any) -> tuple[float, ...]:
-    """Numbers with ``BIG`` for infinity."""
-    return tuple(max(-BIG, min(BIG, float(value))) for value in values)
-
-
-def inventory(sim: Simulation) -> dict[str, EngineValue]:
-    """Everything else that is held, by name."""
-    found = of_plant(sim.built.drake, sim.plant, sim.built.scene)
-    found["stiction_tolerance"] = sim.settings["stiction_tolerance"]
-    found |= sidecar_labels(sim.sidecar)
-    found["sidecar.bodies"] = listed([told_name(body)[1] for body in sim.built.bodies])
-    every = [sim.plant.get_input_port(index) for index in range(sim.plant.num_input_ports())]
-    found["ports"] = listed([port.get_name() for port in every if port.HasValue(sim.context)])
-    found["port.actuation"] = bool(sim.plant.get_actuation_input_port().HasValue(sim.context))
-    found["port.wrenches"] = bool(sim.plant.get_applied_spatial_force_input_port().HasValue(sim.context))
-    groups: dict[str, dict[str, Any]] = {}
-    for index, held in enumerate(sim.built.bodies):
-        found |= _body(sim, index, held)
-        for (shape, layer), parts in geometries_of(sim, held).items():
-            groups[f"{shape}.{layer}"] = parts
-            found |= _surface(sim, f"{shape}.{layer}", parts)
-    return found | _filter(sim, groups)
-
-
-def neutral(sim: Simulation) -> dict[str, EngineValue]:
-    """What an empty plant of Drake's holds."""
-    drake = sim.built.drake
-    builder = drake.framework.DiagramBuilder()  # owns both
-    plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, drake.plant.MultibodyPlant(sim.timestep))
-    plant.Finalize()
-    return of_plant(drake, plant, scene)
-
-
-def of_plant(drake: Any, plant: Any, scene: Any) -> dict[str, EngineValue]:
-    """A plant's own numbers."""
-    update = plant.GetUniquePeriodicDiscreteUpdateAttribute()
-    frames = [plant.get_frame(drake.tree.FrameIndex(index)) for index in range(plant.num_frames())]
-    found: dict[str, EngineValue] = {
-        "contact.model": plant.get_contact_model().name,
-        "contact.approximation": plant.get_discrete_contact_approximation().name,
-        "contact.solver": plant.get_discrete_contact_solver().name,
-        "contact.near_rigid_threshold": plant.get_sap_near_rigid_threshold(),
-        "contact.representation": plant.get_contact_surface_representation().name,
-        "contact.adjacent_filter": plant.get_adjacent_bodies_collision_filters(),
-        "sampled_outputs": plant.has_sampled_output_ports(),
-        "update.period": "none" if update is None else update.period_sec(),
-        "update.offset": "none" if update is None else update.offset_sec(),
-        "count.continuous_states": plant.num_continuous_states(),
-        "count.abstract_states": plant.num_abstract_states(),
-        "count.deformable_bodies": plant.deformable_model().num_bodies(),
-        "scene.sources": scene.model_inspector().num_sources(),
-        "scene.deformable_geometries": len(scene.model_inspector().GetAllDeformableGeometryIds()),
-        "scene.renderers": scene.RendererCount(),
-        "count.bodies": plant.num_bodies() - 1,
-        "count.joints": plant.num_joints(),
-        "count.actuators": plant.num_actuators(),
-        "count.force_elements": plant.num_force_elements(),
-        "count.constraints": plant.num_constraints(),
-        "count.frames": sum(not (one.is_body_frame() or one.is_ephemeral()) for one in frames),
-        "count.geometries": plant.num_collision_geometries(),
-        "count.models": plant.num_model_instances() - 2,
-    }
-    defaults = scene.get_config().default_proximity_properties
-    for name in CONFIG:
-        value = getattr(defaults, name)
-        found[f"scene.{name}"] = "none" if value is None else value
-    return found
-
-
-def _body(sim: Simulation, index: int, held: Any) -> dict[str, EngineValue]:
-    joint, (model, name) = joint_of(sim, index), told_name(held)
-    found: dict[str, EngineValue] = {
-        "model": model,
-        "instance": sim.plant.GetModelInstanceName(held.model_instance()),
-        "gravity": sim.plant.is_gravity_enabled(held.model_instance()),
-        "joint": sim.document.bodies[index].joint.name,
-        "joint.own_name": "" if joint.is_ephemeral() else joint.name(),
-        "joint.locked": joint.is_locked(sim.context),
-        "joint.damping": tuple(map(float, joint.GetDampingVector(sim.context))),
-        "joint.position_limits": finite((*joint.position_lower_limits(), *joint.position_upper_limits())),
-        "joint.velocity_limits": finite((*joint.velocity_lower_limits(), *joint.velocity_upper_limits())),
-        "joint.acceleration_limits": finite((*joint.acceleration_lower_limits(), *joint.acceleration_upper_limits())),
-        "shapes": tuple(dict.fromkeys(shape for shape, _ in geometries_of(sim, held))),
-        "seen": tuple(seen_of(sim, held)),
-    }
-    actuator = actuator_of(sim, joint)
-    if actuator is not None:
-        found |= {
-            "actuator": actuator.name(),
-            "actuator.gear": float(actuator.gear_ratio(sim.context)),
-            "actuator.rotor": float(actuator.rotor_inertia(sim.context)),
-            "actuator.effort_limit": finite((actuator.effort_limit(),)),
-            "actuator.controller": actuator.has_controller(),
-        }
-    servo = sim.servos.get(int(joint.index()))
-    if servo is not None:
-        found |= {
-            "servo": servo.name(),
-            "servo.gear": float(servo.gear_ratio(sim.context)),
-            "servo.rotor": float(servo.rotor_inertia(sim.context)),
-            "servo.controller": servo.has_controller(),
-        }
-    if sim.plant.IsAnchored(held):
-        mass = inertial(sim, held)
-        found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
-    return {f"body.{name}.{field}": value for field, value in found.items()}
-
-
-def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, EngineValue]:
-    """The numbers of a copy of a shape, which its corners have too, and where these are."""
-    inspector = sim.query().inspector()
-    numbers: dict[str, dict[str, float | str]] = {part: {**surface(sim, one)} for part, one in parts.items()}
-    for part, one in parts.items():
-        # Python cannot read the compliance type: the mesh that was made of it tells, which planes do not have
-        numbers[part]["hydroelastic_mesh"] = type(inspector.maybe_get_hydroelastic_mesh(one)).__name__
-    found: dict[str, EngineValue] = {
-        f"surface.{name}.{key}": tuple(held[key] for held in numbers.values()) for key in numbers[SHAPE]
-    }
-    found[f"surface.{name}.parts"] = tuple(parts)
-    found[f"surface.{name}.properties"] = named_set({word for one in parts.values() for word in properties(sim, one)})
-    reach = reach_of(inspector.GetPoseInFrame(parts[SHAPE]).translation().tolist())
-    for part, one in parts.items():
-        if part != SHAPE:
-            kind, size = kind_and_size(sim, one)
-            found[f"surface.{name}.{part}"] = (
-                kind,
-                *held_at(inspector.GetPoseInFrame(one).translation().tolist()),
-                *size,
-                reach,
-            )
-    return found
-
-
-def _filter(sim: Simulation, groups: dict[str, dict[str, Any]]) -> dict[str, EngineValue]:
-    """For every copy of a shape the others that it does not touch, itself not counted; and whether its corners are kept from
-    touching the same, each other, and what its faces touch by hydroelastic contact."""
-    filtered = sim.query().inspector().CollisionFiltered
-    apart: dict[str, set[str]] = {name: set() for name in groups}
-    for (one, parts), (other, others) in itertools.combinations(groups.items(), 2):
-        if filtered(parts[SHAPE], others[SHAPE]):
-            apart[one].add(other)
-            apart[other].add(one)
-    found: dict[str, EngineValue] = {f"apart.{name}": named_set(names) for name, names in apart.items()}
-    small = [(name, part, one) for name, parts in groups.items() for part, one in parts.items() if part != SHAPE]
-    by_pressure = {name for name, parts in groups.items() if _by_pressure(sim, parts[SHAPE])}
-    odd = [
-        f"{name}.{part} {other}"
-        for name, part, one in small
-        for other, parts in groups.items()
-        if filtered(one, parts[SHAPE]) != (other in apart[name] or other == name or {name, other} <= by_pressure)
-    ]
-    odd += [
-        f"{a}.{part} {b}.{other}"
-        for (a, part, one), (b, other, two) in itertools.combinations(small, 2)
-        if not filtered(one, two)
-    ]
-    return found | {"apart.corners": len(small), "apart.odd_corners": listed(odd)}
-
-
-def _by_pressure(sim: Simulation, geometry: Any) -> bool:
-    """Whether a shape touches others of its sort by hydroelastic contact."""
-    kind, _ = SIZES[type(sim.query().inspector().GetShape(geometry)).__name__]
-    return kind in FACED and sim.plant.get_contact_model().name == "kHydroelasticWithFallback"
-
-
-# What Drake's inventory must be (``inventory.py``), from the world and the settings that follow from it alone.
-#
-# Runs outside the engine's process, without Drake.
+from simspec.world.types import POSITION_SIZE, VELOCITY_SIZE, Body, EngineValue, Inertial, Shape, World
 
 APPROXIMATIONS = {"sap": "kSap", "tamsi": "kTamsi"}
 PROPERTIES = {
@@ -224,123 +57,363 @@ PROPERTIES = {
     "hydroelastic.hydroelastic_modulus",
     "hydroelastic.resolution_hint",
 }
-"""What is said of every collision geometry."""
+"""The properties of every collision geometry."""
 Settings = Mapping[str, bool | int | float | str]
 Gains = Mapping[str, bool]
 """By natively driven joint, whether its controller has any gains."""
 
 
+class EnginePlant(NamedTuple):
+    drake: Any
+    plant: Any
+    scene: Any
+
+
+class ExpectedPlant(NamedTuple):
+    """A world, its settings and gains."""
+
+    world: World
+    settings: Settings
+    gains: Gains
+
+    @property
+    def approximation(self) -> str:
+        return APPROXIMATIONS[str(self.settings["contact_approximation"])]
+
+
+class EngineBody(NamedTuple):
+    """Drake's body at a row, its joint, its actuator and the actuator of its controller."""
+
+    sim: Simulation
+    row: int
+    body: Any
+    joint: Any
+    actuator: Any
+    servo: Any
+
+
+class ExpectedBody(NamedTuple):
+    body: Body
+    gains: Gains
+
+    @property
+    def positions(self) -> int:
+        kind = self.body.joint.kind
+        return POSITION_SIZE[kind] - (kind == "ball")
+
+    @property
+    def velocities(self) -> int:
+        return VELOCITY_SIZE[self.body.joint.kind]
+
+    @property
+    def driven(self) -> bool:
+        return self.body.joint.name in self.gains
+
+    @property
+    def limited(self) -> bool:
+        """Whether the joint has an actuator in addition to that of a controller, which then has the armature."""
+        return self.body.joint.effort_limit is not None or (bool(self.body.joint.armature) and not self.driven)
+
+    @property
+    def shapes(self) -> list[Shape]:
+        """The shapes in Drake's order: planes are on the world's body, and come last."""
+        return sorted(self.body.shapes, key=lambda shape: shape.kind == "plane" and shape.collision)
+
+
+def _finite(*values: float) -> tuple[float, ...]:
+    return tuple(map(finite, values))
+
+
+def _update(plant: Any, part: str) -> float | str:
+    update = plant.GetUniquePeriodicDiscreteUpdateAttribute()
+    return "none" if update is None else float(getattr(update, part)())
+
+
+def _frames(of: EnginePlant) -> int:
+    """The number of frames besides those of bodies."""
+    stored = [of.plant.get_frame(of.drake.tree.FrameIndex(index)) for index in range(of.plant.num_frames())]
+    return sum(not (frame.is_body_frame() or frame.is_ephemeral()) for frame in stored)
+
+
+def _scene(of: EnginePlant, name: str) -> EngineValue:
+    value: EngineValue | None = getattr(of.scene.get_config().default_proximity_properties, name)
+    return "none" if value is None else value
+
+
+PLANT = Items[EnginePlant, ExpectedPlant](
+    {
+        "contact.model": (
+            lambda of: of.plant.get_contact_model().name,
+            lambda of: "kHydroelasticWithFallback" if hydroelastic(of.settings) else "kPoint",
+        ),
+        "contact.approximation": (
+            lambda of: of.plant.get_discrete_contact_approximation().name,
+            lambda of: of.approximation,
+        ),
+        "contact.solver": (lambda of: of.plant.get_discrete_contact_solver().name, lambda of: of.approximation),
+        "contact.near_rigid_threshold": (lambda of: of.plant.get_sap_near_rigid_threshold(), 0.0),
+        "contact.representation": (lambda of: of.plant.get_contact_surface_representation().name, NEUTRAL),
+        "contact.adjacent_filter": (lambda of: of.plant.get_adjacent_bodies_collision_filters(), False),
+        "sampled_outputs": (lambda of: of.plant.has_sampled_output_ports(), False),
+        "update.period": (lambda of: _update(of.plant, "period_sec"), lambda of: of.world.physics.timestep),
+        "update.offset": (lambda of: _update(of.plant, "offset_sec"), 0.0),
+        "count.continuous_states": (lambda of: of.plant.num_continuous_states(), NEUTRAL),
+        "count.abstract_states": (lambda of: of.plant.num_abstract_states(), 0),
+        "count.deformable_bodies": (lambda of: of.plant.deformable_model().num_bodies(), NEUTRAL),
+        "scene.sources": (lambda of: of.scene.model_inspector().num_sources(), NEUTRAL),
+        "scene.deformable_geometries": (
+            lambda of: len(of.scene.model_inspector().GetAllDeformableGeometryIds()),
+            NEUTRAL,
+        ),
+        "scene.renderers": (lambda of: of.scene.RendererCount(), NEUTRAL),
+        "count.bodies": (lambda of: of.plant.num_bodies() - 1, lambda of: len(of.world.bodies)),
+        "count.joints": (lambda of: of.plant.num_joints(), lambda of: len(of.world.bodies)),
+        "count.actuators": (
+            lambda of: of.plant.num_actuators(),
+            lambda of: sum(ExpectedBody(body, of.gains).limited for body in of.world.bodies) + len(of.gains),
+        ),
+        "count.force_elements": (lambda of: of.plant.num_force_elements(), 1),
+        "count.constraints": (lambda of: of.plant.num_constraints(), 0),
+        "count.frames": (
+            _frames,
+            lambda of: sum((body.joint.kind != "free") + (body.joint.kind == "ball") for body in of.world.bodies),
+        ),
+        "count.geometries": (lambda of: of.plant.num_collision_geometries(), NEUTRAL),
+        "count.models": (lambda of: of.plant.num_model_instances() - 2, 0),
+    }
+)
+SCENE = Items[EnginePlant, ExpectedPlant].named(
+    _scene,
+    {
+        **dict.fromkeys(("compliance_type", "hydroelastic_modulus", "resolution_hint", "slab_thickness"), NEUTRAL),
+        **dict.fromkeys(("margin", "dynamic_friction", "static_friction", "hunt_crossley_dissipation"), NEUTRAL),
+        **dict.fromkeys(("relaxation_time", "point_stiffness"), NEUTRAL),
+    },
+)
+
+
+def _ports(sim: Simulation) -> str:
+    ports = (sim.plant.get_input_port(index) for index in range(sim.plant.num_input_ports()))
+    return listed([port.get_name() for port in ports if port.HasValue(sim.context)])
+
+
+SIMULATION = Items[Simulation, ExpectedPlant](
+    {
+        "stiction_tolerance": (
+            lambda sim: sim.settings["stiction_tolerance"],
+            lambda of: of.settings["stiction_tolerance"],
+        ),
+        "sidecar.bodies": (
+            lambda sim: listed([names_of(body)[1] for body in sim.built.bodies]),
+            lambda of: listed([body.name for body in of.world.bodies]),
+        ),
+        "ports": (_ports, listed(["geometry_query", "applied_generalized_force"])),
+        "port.actuation": (lambda sim: sim.plant.get_actuation_input_port().HasValue(sim.context), False),
+        "port.wrenches": (lambda sim: sim.plant.get_applied_spatial_force_input_port().HasValue(sim.context), False),
+    }
+)
+
+
+def _limits(joint: Any, name: str) -> tuple[float, ...]:
+    return _finite(*getattr(joint, f"{name}_lower_limits")(), *getattr(joint, f"{name}_upper_limits")())
+
+
+def _range(lower: float, upper: float, size: int) -> tuple[float, ...]:
+    return _finite(*(lower,) * size, *(upper,) * size)
+
+
+def _position_range(of: ExpectedBody) -> tuple[float, ...]:
+    return _range(*(of.body.joint.position_limits or (-math.inf, math.inf)), of.positions)
+
+
+def _speed_range(of: ExpectedBody) -> tuple[float, ...]:
+    speed = math.inf if of.body.joint.velocity_limit is None else of.body.joint.velocity_limit
+    return _range(-speed, speed, of.velocities)
+
+
+BODY = Items[EngineBody, ExpectedBody](
+    {
+        "model": (lambda of: names_of(of.body)[0], lambda of: of.body.model),
+        "instance": (
+            lambda of: of.sim.plant.GetModelInstanceName(of.body.model_instance()),
+            "DefaultModelInstance",
+        ),
+        "gravity": (lambda of: of.sim.plant.is_gravity_enabled(of.body.model_instance()), True),
+        "joint": (lambda of: of.sim.document.bodies[of.row].joint.name, lambda of: of.body.joint.name),
+        "joint.own_name": (
+            lambda of: "" if of.joint.is_ephemeral() else of.joint.name(),
+            lambda of: "" if of.body.joint.kind == "free" else of.body.joint.name,
+        ),
+        "joint.locked": (lambda of: of.joint.is_locked(of.sim.context), False),
+        "joint.damping": (
+            lambda of: tuple(map(float, of.joint.GetDampingVector(of.sim.context))),
+            lambda of: (0.0,) * of.velocities,
+        ),
+        "joint.position_limits": (lambda of: _limits(of.joint, "position"), _position_range),
+        "joint.velocity_limits": (lambda of: _limits(of.joint, "velocity"), _speed_range),
+        "joint.acceleration_limits": (
+            lambda of: _limits(of.joint, "acceleration"),
+            lambda of: _range(-math.inf, math.inf, of.velocities),
+        ),
+        "shapes": (
+            lambda of: tuple(dict.fromkeys(shape for shape, _ in geometries_of(of.sim, of.row))),
+            lambda of: tuple(shape.name for shape in of.shapes if shape.collision),
+        ),
+        "seen": (
+            lambda of: tuple(visuals_of(of.sim, of.row)),
+            lambda of: tuple(shape.name for shape in of.shapes if shape.visual),
+        ),
+    }
+)
+ACTUATOR = Items[EngineBody, ExpectedBody](
+    {
+        "actuator": (lambda of: of.actuator.name(), lambda of: f"actuator.{of.body.joint.name}"),
+        "actuator.gear": (lambda of: float(of.actuator.gear_ratio(of.sim.context)), 1.0),
+        "actuator.rotor": (
+            lambda of: float(of.actuator.rotor_inertia(of.sim.context)),
+            lambda of: 0.0 if of.driven else of.body.joint.armature,
+        ),
+        "actuator.effort_limit": (
+            lambda of: _finite(of.actuator.effort_limit()),
+            lambda of: _finite(math.inf if (effort := of.body.joint.effort_limit) is None else effort),
+        ),
+        "actuator.controller": (lambda of: of.actuator.has_controller(), False),
+    }
+)
+SERVO = Items[EngineBody, ExpectedBody](
+    {
+        "servo": (lambda of: of.servo.name(), lambda of: f"servo.{of.body.joint.name}"),
+        "servo.gear": (lambda of: float(of.servo.gear_ratio(of.sim.context)), 1.0),
+        "servo.rotor": (lambda of: float(of.servo.rotor_inertia(of.sim.context)), lambda of: of.body.joint.armature),
+        # Drake has no controller without gains
+        "servo.controller": (lambda of: of.servo.has_controller(), lambda of: of.gains[of.body.joint.name]),
+    }
+)
+STATIC_MASS = Items[Inertial, Inertial].named(
+    getattr,
+    {
+        "mass": lambda mass: mass.mass,
+        "centre_of_mass": lambda mass: mass.centre_of_mass,
+        "inertia": lambda mass: mass.inertia,
+    },
+)
+"""Of static bodies, whose mass is not in the read-back."""
+
+
+def inventory(sim: Simulation) -> dict[str, EngineValue]:
+    """The stored values by name."""
+    found = _plant(EnginePlant(sim.built.drake, sim.plant, sim.built.scene))
+    found |= sidecar_labels(sim.sidecar) | SIMULATION.read(sim)
+    units: dict[str, dict[str, Any]] = {}
+    for row, body in enumerate(sim.built.bodies):
+        joint, at = joint_of(sim, row), f"body.{names_of(body)[1]}"
+        of = EngineBody(sim, row, body, joint, actuator_of(sim, joint), sim.servos.get(int(joint.index())))
+        found |= BODY.read(of, at)
+        found |= ACTUATOR.read(of, at) if of.actuator is not None else {}
+        found |= SERVO.read(of, at) if of.servo is not None else {}
+        if sim.plant.IsAnchored(body):
+            found |= STATIC_MASS.read(inertial(body, sim.context), at)
+        for (shape, layer), parts in geometries_of(sim, row).items():
+            units[f"{shape}.{layer}"] = parts
+            found |= _surface(sim, f"surface.{shape}.{layer}", parts)
+    return found | _filter(sim, units)
+
+
+def neutral(sim: Simulation) -> dict[str, EngineValue]:
+    """The values of an empty plant."""
+    drake = sim.built.drake
+    builder = drake.framework.DiagramBuilder()  # owns both
+    plant, scene = drake.plant.AddMultibodyPlantSceneGraph(builder, drake.plant.MultibodyPlant(sim.timestep))
+    plant.Finalize()
+    return _plant(EnginePlant(drake, plant, scene))
+
+
+def _plant(of: EnginePlant) -> dict[str, EngineValue]:
+    return PLANT.read(of) | SCENE.read(of, "scene")
+
+
+def _surface(sim: Simulation, name: str, parts: dict[str, Any]) -> dict[str, EngineValue]:
+    """The numbers of a copy of a shape, which its corners have too, and the places of these."""
+    inspector = sim.query().inspector()
+    columns: dict[str, list[float | str]] = {}
+    found: dict[str, EngineValue] = {f"{name}.parts": tuple(parts)}
+    properties: set[str] = set()
+    reach = reach_of(inspector.GetPoseInFrame(parts[SHAPE]).translation().tolist())
+    for part, geometry in parts.items():
+        # Python cannot read the compliance type: the class of the mesh says it, which planes do not have
+        mesh = type(inspector.maybe_get_hydroelastic_mesh(geometry)).__name__
+        numbers: dict[str, float | str] = {**surface(sim, geometry), "hydroelastic_mesh": mesh}
+        for key, value in numbers.items():
+            columns.setdefault(key, []).append(value)
+        stored = inspector.GetProximityProperties(geometry)
+        groups = stored.GetGroupNames()
+        properties |= {f"{group}.{word}" for group in groups for word in stored.GetPropertiesInGroup(group)}
+        if part != SHAPE:
+            kind, size = kind_and_size(sim, geometry)
+            place = held_at(inspector.GetPoseInFrame(geometry).translation().tolist())
+            found[f"{name}.{part}"] = (kind, *place, *size, reach)
+    found |= {f"{name}.{key}": tuple(values) for key, values in columns.items()}
+    return found | {f"{name}.properties": named_set(properties)}
+
+
+def _filter(sim: Simulation, units: dict[str, dict[str, Any]]) -> dict[str, EngineValue]:
+    """For every copy of a shape the others that it does not touch; and the corners that are not excluded from touching these,
+    each other, and what their faces touch by hydroelastic contact."""
+    filtered, names = sim.query().inspector().CollisionFiltered, list(units)
+    shapes = [parts[SHAPE] for parts in units.values()]
+    found = excluded_carriers(names, lambda one, other: bool(filtered(shapes[one], shapes[other])))
+    small = [(name, part, ball) for name, parts in units.items() for part, ball in parts.items() if part != SHAPE]
+    by_pressure = {name for name, shape in zip(names, shapes, strict=True) if _by_pressure(sim, shape)}
+    unexpected = []
+    for name, part, ball in small:
+        for other, shape in zip(names, shapes, strict=True):
+            excluded = name == other or {name, other} <= by_pressure or filtered(units[name][SHAPE], shape)
+            if filtered(ball, shape) != excluded:
+                unexpected.append(f"{name}.{part} {other}")
+    for (a, part, one), (b, other, two) in itertools.combinations(small, 2):
+        if not filtered(one, two):
+            unexpected.append(f"{a}.{part} {b}.{other}")
+    return found | {"apart.corners": len(small), "apart.odd_corners": listed(unexpected)}
+
+
+def _by_pressure(sim: Simulation, geometry: Any) -> bool:
+    """Whether a shape touches others of its sort by hydroelastic contact."""
+    kind, _ = SIZES[type(sim.query().inspector().GetShape(geometry)).__name__]
+    return kind in FACED and sim.plant.get_contact_model().name == "kHydroelasticWithFallback"
+
+
 def expected(
     world: World, settings: Settings, plan: ContactPlan, neutral: Mapping[str, EngineValue]
 ) -> dict[str, EngineValue]:
-    """What the inventory must be under the ``settings`` that follow from ``world``; ``neutral`` are Drake's own values."""
+    """The values that follow from ``world`` under its ``settings``; ``neutral`` are Drake's defaults."""
     groups = rigid_groups(world)
     moved, _ = recentre_free_roots(world)
-    found = dict(neutral)
-    chosen = str(settings["contact_approximation"])
-    turned = sum(body.joint.kind != "free" for body in world.bodies)
-    balls = sum(body.joint.kind == "ball" for body in world.bodies)
     gains = {
         joint: bool(kp or kd)
-        for one in natives(world)
-        for joint, kp, kd in zip(one.joints, one.kp, one.kd, strict=True)
+        for controller in natives(world)
+        for joint, kp, kd in zip(controller.joints, controller.kp, controller.kd, strict=True)
     }
-    found |= {
-        "contact.model": "kHydroelasticWithFallback" if hydroelastic(settings) else "kPoint",
-        "contact.approximation": APPROXIMATIONS[chosen],
-        "contact.solver": APPROXIMATIONS[chosen],
-        "contact.near_rigid_threshold": 0.0,
-        "contact.adjacent_filter": False,
-        "sampled_outputs": False,
-        "update.period": world.physics.timestep,
-        "update.offset": 0.0,
-        "count.abstract_states": 0,
-        "ports": listed(["geometry_query", "applied_generalized_force"]),
-        "stiction_tolerance": settings["stiction_tolerance"],
-        "sidecar.bodies": listed([body.name for body in world.bodies]),
-        "port.actuation": False,
-        "port.wrenches": False,
-        "count.bodies": len(world.bodies),
-        "count.joints": len(world.bodies),
-        "count.actuators": sum(_limited(body, gains) for body in world.bodies) + len(gains),
-        "count.force_elements": 1,
-        "count.constraints": 0,
-        "count.frames": turned + balls,
-        "count.models": 0,
-    }
-    carriers, count, small = [], 0, 0
+    of = ExpectedPlant(world, settings, gains)
+    found = PLANT.expect(of, "", neutral) | SCENE.expect(of, "scene", below("scene", neutral)) | SIMULATION.expect(of)
+    carriers, small = [], 0
     for body in moved.bodies:
-        found |= _body_expected(body, groups[body.name] == "world", gains) | _servo(body, gains)
+        at, static, source = f"body.{body.name}", groups[body.name] == "world", ExpectedBody(body, gains)
+        found |= BODY.expect(source, at)
+        found |= ACTUATOR.expect(source, at) if source.limited else {}
+        found |= SERVO.expect(source, at) if source.driven else {}
+        if static:
+            found |= STATIC_MASS.expect(body.inertial if body.inertial.mass else NO_INERTIA, at)
         for shape in solid_shapes(body):
-            balls_of = corners(shape.kind, shape.size)
+            balls = corners(shape.kind, shape.size)
             for layer in plan.layers(shape.material):
-                name = f"{shape.name}.{layer}"
-                carriers.append(Carrier(name, body.name, shape.material, layer))
+                carriers.append(Carrier(f"{shape.name}.{layer}", body.name, shape.material, layer))
                 friction = float(plan.numbers[shape.material, layer].friction or 0.0)
-                found |= _surface_expected(name, shape, balls_of, friction, settings, world.physics.timestep)
-                by_pressure = hydroelastic(settings) and shape.kind in FACED
-                still = groups[body.name] == "world"
-                found |= _pressure(name, shape, len(balls_of), by_pressure, still, settings, neutral)
-                count, small = count + 1 + len(balls_of), small + len(balls_of)
-    found["count.geometries"] = count
-    found |= {"apart.corners": small, "apart.odd_corners": ""}
+                name = f"surface.{shape.name}.{layer}"
+                found |= _surface_expected(name, shape, balls, friction, settings, world.physics.timestep)
+                found |= _pressure(name, shape, len(balls), static, settings, neutral)
+                small += len(balls)
+    found |= {"count.geometries": len(carriers) + small, "apart.corners": small, "apart.odd_corners": ""}
     return found | expected_apart(world, plan, carriers)
-
-
-def _limited(body: Body, gains: Gains) -> bool:
-    """Whether the joint has an actuator beside that of a controller, which then has the armature."""
-    return body.joint.effort_limit is not None or (bool(body.joint.armature) and body.joint.name not in gains)
-
-
-def _body_expected(body: Body, still: bool, gains: Gains) -> dict[str, EngineValue]:
-    joint = body.joint
-    q, v = POSITION_SIZE[joint.kind], VELOCITY_SIZE[joint.kind]
-    q -= joint.kind == "ball"
-    lower, upper = joint.position_limits or (-math.inf, math.inf)
-    speed = math.inf if joint.velocity_limit is None else joint.velocity_limit
-    # planes are on the world's own body, and told last
-    told = sorted(body.shapes, key=lambda shape: shape.kind == "plane" and shape.collision)
-    found: dict[str, EngineValue] = {
-        "instance": "DefaultModelInstance",
-        "model": body.model,
-        "gravity": True,
-        "joint": joint.name,
-        "joint.own_name": "" if joint.kind == "free" else joint.name,
-        "joint.locked": False,
-        "joint.damping": (0.0,) * v,
-        "joint.position_limits": finite((lower,) * q + (upper,) * q),
-        "joint.velocity_limits": finite((-speed,) * v + (speed,) * v),
-        "joint.acceleration_limits": finite((-math.inf,) * v + (math.inf,) * v),
-        "shapes": tuple(shape.name for shape in told if shape.collision),
-        "seen": tuple(shape.name for shape in told if shape.visual),
-    }
-    if _limited(body, gains):
-        effort = math.inf if joint.effort_limit is None else joint.effort_limit
-        found |= {
-            "actuator": f"actuator.{joint.name}",
-            "actuator.gear": 1.0,
-            "actuator.rotor": 0.0 if joint.name in gains else joint.armature,
-            "actuator.effort_limit": finite((effort,)),
-            "actuator.controller": False,
-        }
-    if still:
-        mass = body.inertial if body.inertial.mass else NO_INERTIA
-        found |= {"mass": mass.mass, "centre_of_mass": mass.centre_of_mass, "inertia": mass.inertia}
-    return {f"body.{body.name}.{field}": value for field, value in found.items()}
-
-
-def _servo(body: Body, gains: Gains) -> dict[str, EngineValue]:
-    """The actuator of a natively driven joint. Drake has no controller without gains."""
-    name = body.joint.name
-    if name not in gains:
-        return {}
-    held: dict[str, EngineValue] = {
-        "": f"servo.{name}",
-        ".gear": 1.0,
-        ".rotor": body.joint.armature,
-        ".controller": gains[name],
-    }
-    return {f"body.{body.name}.servo{field}": value for field, value in held.items()}
 
 
 def _surface_expected(
@@ -354,32 +427,28 @@ def _surface_expected(
         "relaxation_time": 0.5 * timestep * (1.0 - ERROR_REDUCTION) / ERROR_REDUCTION,
     }
     parts = ("shape", *(f"corner{index}" for index in range(len(balls))))
-    found: dict[str, EngineValue] = {f"surface.{name}.{key}": (value,) * len(parts) for key, value in numbers.items()}
-    found[f"surface.{name}.parts"] = parts
-    found[f"surface.{name}.properties"] = named_set(PROPERTIES)
+    found: dict[str, EngineValue] = {f"{name}.{key}": (value,) * len(parts) for key, value in numbers.items()}
+    found |= {f"{name}.parts": parts, f"{name}.properties": named_set(PROPERTIES)}
     for index, (kind, size, centre) in enumerate(balls):
         place = frames.add(shape.pose.position, frames.rotate(shape.pose.quaternion, centre))
-        found[f"surface.{name}.corner{index}"] = (kind, *held_at(place), *size, reach_of(shape.pose.position))
+        found[f"{name}.corner{index}"] = (kind, *held_at(place), *size, reach_of(shape.pose.position))
     return found
 
 
 def _pressure(
-    name: str,
-    shape: Shape,
-    balls: int,
-    by_pressure: bool,
-    still: bool,
-    settings: Settings,
-    neutral: Mapping[str, EngineValue],
+    name: str, shape: Shape, balls: int, static: bool, settings: Settings, neutral: Mapping[str, EngineValue]
 ) -> dict[str, EngineValue]:
-    """The numbers of hydroelastic contact: Drake's own in the corners and in shapes without it. Planes have no mesh."""
-    modulus, hint = (float(neutral[f"scene.{word}"]) for word in ("hydroelastic_modulus", "resolution_hint"))  # type: ignore[arg-type]
-    mesh = "NoneType"
-    first = modulus, hint, mesh
-    if by_pressure:
-        solid = "TriangleSurfaceMesh" if still else "VolumeMesh"
-        own = modulus if still else float(settings["hydroelastic_modulus"])
-        first = own, ANY_RESOLUTION, mesh if shape.kind == "plane" else solid
-    words = ("hydroelastic_modulus", "resolution_hint", "hydroelastic_mesh")
-    columns = zip(first, *[(modulus, hint, mesh)] * balls, strict=True)
-    return {f"surface.{name}.{word}": column for word, column in zip(words, columns, strict=True)}
+    """The numbers of hydroelastic contact: Drake's defaults in the corners and in shapes without it. Planes have no mesh."""
+    default: dict[str, Any] = {
+        "hydroelastic_modulus": neutral["scene.hydroelastic_modulus"],
+        "resolution_hint": neutral["scene.resolution_hint"],
+        "hydroelastic_mesh": "NoneType",
+    }
+    first = dict(default)
+    if hydroelastic(settings) and shape.kind in FACED:
+        first["resolution_hint"] = ANY_RESOLUTION
+        if shape.kind != "plane":
+            first["hydroelastic_mesh"] = "TriangleSurfaceMesh" if static else "VolumeMesh"
+        if not static:
+            first["hydroelastic_modulus"] = settings["hydroelastic_modulus"]
+    return {f"{name}.{word}": (first[word], *(default[word],) * balls) for word in default}

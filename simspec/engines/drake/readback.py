@@ -1,19 +1,19 @@
-"""What Drake says it holds, in the world's frames and order."""
+"""The model that Drake stores, in the world's frames and order."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
 
 import numpy as np
 
-from simspec.engines.drake.building import CONE, NAME, told_name
+from simspec.engines.drake.building import CONE, NAME, SHAPE, names_of
 from simspec.engines.drake.simulation import Simulation
+from simspec.engines.kit.readback import bound, inertial_of, merged, pose_of, range_of, vector
 from simspec.engines.kit.world_simulation import free_joint
 from simspec.errors import EngineError
-from simspec.world import frames
-from simspec.world.types import Body, EngineServo, Inertial, Joint, Pose, ReadBack, Shape, Surface, Vector3
+from simspec.world.inertia import NO_INERTIA
+from simspec.world.types import Body, EngineServo, Inertial, Joint, Pose, ReadBack, Shape, Surface
 
 JOINT_KINDS = {
     "weld": "fixed",
@@ -32,57 +32,53 @@ SIZES = {
     "HalfSpace": ("plane", ()),
     "Convex": ("mesh", ()),
 }
-"""Drake's shapes, and what gives their size; of a hull its vertices do."""
-SHAPE = "shape"
-"""The part of a shape's geometries that is the shape itself."""
+"""Drake's shapes, and the getters of their size; that of a mesh is its vertices."""
 
 
 def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
-    """The model as Drake holds it, and its present state."""
+    """The model as Drake stores it, and its present state."""
     q, v = sim.get_state()
     bodies = []
-    for index, held in enumerate(sim.built.bodies):
-        model, name = told_name(held)
-        bodies.append(Body(name, model, inertial(sim, held), _joint(sim, index, q, v), _shapes(sim, held)))
-    gravity = _vector(sim.plant.gravity_field().gravity_vector())
+    for row, body in enumerate(sim.built.bodies):
+        model, name = names_of(body)
+        joint = _joint(sim, row, q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist())
+        bodies.append(Body(name, model, inertial(body, sim.context), joint, _shapes(sim, row)))
+    gravity = vector(sim.plant.gravity_field().gravity_vector())
     read = sim.model(bodies, gravity, float(sim.plant.time_step()), unreadable, CONE)
-    return dataclasses.replace(read, servos=_servos(sim))
-
-
-def _servos(sim: Simulation) -> tuple[EngineServo, ...]:
-    """Drake's PD controllers; one without gains is held as none, which is the same."""
-    found = []
+    servos = []  # one without gains is the same as none in Drake
     for servo in sim.servos.values():
-        limit, gains = float(servo.effort_limit()), servo.get_controller_gains()
-        found.append(EngineServo(servo.joint().name(), gains.p, gains.d, limit if math.isfinite(limit) else None))
-    return tuple(found)
+        gains = servo.get_controller_gains()
+        servos.append(EngineServo(servo.joint().name(), gains.p, gains.d, bound(servo.effort_limit())))
+    return dataclasses.replace(read, servos=tuple(servos))
 
 
-def _vector(values: Any) -> Vector3:
-    x, y, z = np.asarray(values, dtype=float).tolist()
-    return (x + 0.0, y + 0.0, z + 0.0)
+def transform_pose(transform: Any) -> Pose:
+    """A pose of one of Drake's."""
+    return pose_of(transform.translation(), transform.rotation().matrix())
 
 
-def pose_of(transform: Any) -> Pose:
-    """A pose from Drake's."""
-    matrix = tuple(map(tuple, transform.rotation().matrix().tolist()))
-    return Pose(_vector(transform.translation()), frames.from_matrix(matrix))  # type: ignore[arg-type]
-
-
-def inertial(sim: Simulation, held: Any) -> Inertial:
-    """The mass properties of a body."""
-    about_origin = held.CalcSpatialInertiaInBodyFrame(sim.context)
-    mass = float(about_origin.get_mass())
-    if mass == 0.0:
-        return Inertial(0.0)
+def inertial(body: Any, context: Any) -> Inertial:
+    """The mass properties of a body of Drake's."""
+    about_origin = body.CalcSpatialInertiaInBodyFrame(context)
+    if not (mass := float(about_origin.get_mass())):
+        return NO_INERTIA
     centre = about_origin.get_com()
-    m = about_origin.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3().tolist()
-    return Inertial(mass, _vector(centre), (m[0][0], m[1][1], m[2][2], m[0][1], m[0][2], m[1][2]))
+    return inertial_of(mass, centre, about_origin.Shift(centre).CalcRotationalInertia().CopyToFullMatrix3())
 
 
-def joint_of(sim: Simulation, index: int) -> Any:
-    """Drake's joint of a body; that of a free one it made itself."""
-    return sim.inboard[int(sim.built.bodies[index].index())]
+def axis_fields(joint: Any, kind: str, actuator: Any) -> dict[str, Any]:
+    """The axis and the limits of a hinge or a slide; ``actuator`` has its effort limit, if any."""
+    return {
+        "axis": vector(joint.revolute_axis() if kind == "hinge" else joint.translation_axis()),
+        "position_limits": range_of(joint.position_lower_limits()[0], joint.position_upper_limits()[0]),
+        "velocity_limit": bound(joint.velocity_upper_limits()[0]),
+        "effort_limit": None if actuator is None else bound(actuator.effort_limit()),
+    }
+
+
+def joint_of(sim: Simulation, row: int) -> Any:
+    """Drake's joint of a body; Drake adds those of free bodies."""
+    return sim.inboard[int(sim.built.bodies[row].index())]
 
 
 def actuator_of(sim: Simulation, joint: Any) -> Any:
@@ -90,95 +86,81 @@ def actuator_of(sim: Simulation, joint: Any) -> Any:
     return sim.actuators.get(int(joint.index()))
 
 
-def _joint(sim: Simulation, index: int, q: np.ndarray, v: np.ndarray) -> Joint:
-    joint = joint_of(sim, index)
+def _joint(sim: Simulation, row: int, position: list[float], velocity: list[float]) -> Joint:
+    joint = joint_of(sim, row)
     kind = JOINT_KINDS.get(joint.type_name())
     if kind is None:
-        raise EngineError(NAME, f"holds the joint {joint.name()!r} as {joint.type_name()}, unknown here")
-    at = sim.coordinates.v_places[index]
-    position, velocity = q[sim.coordinates.q_places[index]].tolist(), v[at].tolist()
+        raise EngineError(NAME, f"stores the joint {joint.name()!r} as {joint.type_name()}, unknown here")
     if kind == "free":
-        return free_joint(sim.document.bodies[index].joint.name, position, velocity)
+        return free_joint(sim.document.bodies[row].joint.name, position, velocity)
     if not joint.frame_on_child().is_body_frame():
         raise EngineError(NAME, f"joint {joint.name()!r} is not at its child's frame")
     above = joint.parent_body()
-    parent = None if above.index() == sim.plant.world_body().index() else told_name(above)[1]
-    origin = pose_of(joint.frame_on_parent().GetFixedPoseInBodyFrame())
-    held = Joint(joint.name(), kind, parent, origin, position=tuple(position), velocity=tuple(velocity))
+    parent = None if above.index() == sim.plant.world_body().index() else names_of(above)[1]
+    origin = transform_pose(joint.frame_on_parent().GetFixedPoseInBodyFrame())
+    found = Joint(joint.name(), kind, parent, origin, position=tuple(position), velocity=tuple(velocity))
     if kind == "fixed":
-        return held
-    own = joint.GetDampingVector(sim.context) if joint.num_velocities() else np.zeros(1)
-    damping = float(sim.damping[at.start]) + float(np.max(np.abs(own)))
-    held = dataclasses.replace(held, damping=damping, spring_stiffness=float(sim.stiffness[at.start]))
+        return found
+    start = sim.v_places[row].start
+    native = joint.GetDampingVector(sim.context) if joint.num_velocities() else np.zeros(1)
+    damping = float(sim.damping[start]) + float(np.max(np.abs(native)))
+    found = dataclasses.replace(found, damping=damping, spring_stiffness=float(sim.stiffness[start]))
     if kind == "ball":
-        return held
-    lower, upper = float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
-    speed = float(joint.velocity_upper_limits()[0])
+        return found
     actuator = actuator_of(sim, joint)
     last = sim.servos.get(int(joint.index()), actuator)
-    effort = math.inf if actuator is None else float(actuator.effort_limit())
     return dataclasses.replace(
-        held,
-        axis=_vector(joint.revolute_axis() if kind == "hinge" else joint.translation_axis()),
-        position_limits=(lower, upper) if math.isfinite(lower) or math.isfinite(upper) else None,
-        velocity_limit=speed if math.isfinite(speed) else None,
-        effort_limit=effort if math.isfinite(effort) else None,
+        found,
+        **axis_fields(joint, kind, actuator),
         armature=0.0 if last is None else float(last.calc_reflected_inertia(sim.context)),
-        spring_rest=float(sim.rest[at.start]),
+        spring_rest=float(sim.rest[start]),
     )
 
 
-def _names(sim: Simulation, held: Any, of: str) -> list[tuple[list[str], Any]]:
-    """Drake's geometries of a body, each with the parts of its name; ``of`` is the plant's method. Planes are on the world's
-    body."""
-    inspector = sim.query().inspector()
-    ask = getattr(sim.plant, of)
-    own = [(inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(held)]
-    name = told_name(held)[1]
-    if name in sim.built.places:
-        planes = {shape.name for shape in sim.by_name[name].shapes if shape.kind == "plane"}
-        every = ((inspector.GetName(one).rpartition("::")[2].split("."), one) for one in ask(sim.plant.world_body()))
-        own += [(words, one) for words, one in every if words[0] in planes]
-    return own
+def _named_geometries(sim: Simulation, row: int, method: str) -> list[tuple[list[str], Any]]:
+    """Drake's geometries of a body by the plant's ``method``, with the parts of their names; planes are on the world's body."""
+    inspector, query = sim.query().inspector(), getattr(sim.plant, method)
 
+    def named(body: Any) -> list[tuple[list[str], Any]]:
+        return [(inspector.GetName(found).rpartition("::")[2].split("."), found) for found in query(body)]
 
-def geometries_of(sim: Simulation, held: Any) -> dict[tuple[str, int], dict[str, Any]]:
-    """Drake's collision geometries of a body, by shape and layer, and there by part; from their names."""
-    found: dict[tuple[str, int], dict[str, Any]] = {}
-    for (shape, layer, part), one in _names(sim, held, "GetCollisionGeometriesForBody"):
-        found.setdefault((shape, int(layer)), {})[part] = one
+    found, placed = named(sim.built.bodies[row]), sim.built.walk.bodies[row]
+    if not placed.moves:
+        planes = {shape.name for shape in placed.body.shapes if shape.kind == "plane"}
+        found += [(words, plane) for words, plane in named(sim.plant.world_body()) if words[0] in planes]
     return found
 
 
-def seen_of(sim: Simulation, held: Any) -> dict[str, Any]:
+def geometries_of(sim: Simulation, row: int) -> dict[tuple[str, int], dict[str, Any]]:
+    """Drake's collision geometries of a body, by shape and layer, and there by part; from their names."""
+    found: dict[tuple[str, int], dict[str, Any]] = {}
+    for (shape, layer, part), geometry in _named_geometries(sim, row, "GetCollisionGeometriesForBody"):
+        found.setdefault((shape, int(layer)), {})[part] = geometry
+    return found
+
+
+def visuals_of(sim: Simulation, row: int) -> dict[str, Any]:
     """Drake's visual geometries of a body, by shape."""
-    return {words[0]: one for words, one in _names(sim, held, "GetVisualGeometriesForBody")}
-
-
-def place_of(sim: Simulation, held: Any, geometry: Any) -> Any:
-    """The pose of a geometry on its body."""
-    inspector = sim.query().inspector()
-    place = inspector.GetPoseInFrame(geometry)
-    if inspector.GetFrameId(geometry) == inspector.world_frame_id():
-        return held.EvalPoseInWorld(sim.context).inverse().multiply(place)
-    return place
+    return {words[0]: found for words, found in _named_geometries(sim, row, "GetVisualGeometriesForBody")}
 
 
 def surface(sim: Simulation, geometry: Any) -> dict[str, float]:
-    """The numbers of a geometry."""
-    held = sim.query().inspector().GetProximityProperties(geometry)
-    friction = held.GetProperty("material", "coulomb_friction")
-    names = ("point_contact_stiffness", "hunt_crossley_dissipation", "relaxation_time")
+    """The numbers of a geometry's contact."""
+    properties = sim.query().inspector().GetProximityProperties(geometry)
+    friction = properties.GetProperty("material", "coulomb_friction")
+    names = {
+        "material": ("point_contact_stiffness", "hunt_crossley_dissipation", "relaxation_time"),
+        "hydroelastic": ("hydroelastic_modulus", "resolution_hint"),
+    }
     return {
         "static_friction": float(friction.static_friction()),
         "dynamic_friction": float(friction.dynamic_friction()),
-        **{name: float(held.GetProperty("material", name)) for name in names},
-        **{name: float(held.GetProperty("hydroelastic", name)) for name in ("hydroelastic_modulus", "resolution_hint")},
+        **{name: float(properties.GetProperty(group, name)) for group in names for name in names[group]},
     }
 
 
 def kind_and_size(sim: Simulation, geometry: Any) -> tuple[str, tuple[float, ...]]:
-    """What a geometry is; of a hull the vertices that Drake's own hull of it has, flat."""
+    """The kind and size of a geometry; the size of a mesh is the vertices of Drake's convex hull of it, flat."""
     inspector = sim.query().inspector()
     shape = inspector.GetShape(geometry)
     kind, sizes = SIZES[type(shape).__name__]
@@ -188,44 +170,24 @@ def kind_and_size(sim: Simulation, geometry: Any) -> tuple[str, tuple[float, ...
     return kind, tuple(float(value) for index in range(hull.num_vertices()) for value in hull.vertex(index))
 
 
-def properties(sim: Simulation, geometry: Any) -> list[str]:
-    """The names of everything that is said of a geometry's contact, as ``group.name``."""
-    told = sim.query().inspector().GetProximityProperties(geometry)
-    return sorted(f"{group}.{name}" for group in told.GetGroupNames() for name in told.GetPropertiesInGroup(group))
-
-
-def _shape(sim: Simulation, held: Any, name: str, geometry: Any) -> Shape:
-    """A geometry as a shape that is neither seen nor solid."""
-    kind, size = kind_and_size(sim, geometry)
-    return Shape(name, kind, size, pose_of(place_of(sim, held, geometry)), collision=False, visual=False)
-
-
-def _shapes(sim: Simulation, held: Any) -> tuple[Shape, ...]:
-    """The shapes of a body; copies that are alike, and what is seen of them, are one shape's."""
+def _shapes(sim: Simulation, row: int) -> tuple[Shape, ...]:
+    """The shapes of a body; equal copies, and their visual, are one shape."""
+    inspector, body = sim.query().inspector(), sim.built.bodies[row]
     found: dict[str, list[Shape]] = {}
 
-    def add(one: Shape) -> None:
-        held_so_far = found.setdefault(one.name, [])
-        for index, other in enumerate(held_so_far):
-            if (other.kind, other.size, other.pose) == (one.kind, one.size, one.pose):
-                held_so_far[index] = dataclasses.replace(
-                    other,
-                    collision=other.collision or one.collision,
-                    visual=other.visual or one.visual,
-                    colour=one.colour if one.visual else other.colour,
-                    surfaces=other.surfaces + one.surfaces,
-                )
-                return
-        held_so_far.append(one)
+    def add(name: str, geometry: Any, **fields: Any) -> None:
+        place = inspector.GetPoseInFrame(geometry)
+        if inspector.GetFrameId(geometry) == inspector.world_frame_id():
+            place = body.EvalPoseInWorld(sim.context).inverse().multiply(place)
+        fields = {"collision": False, "visual": False, **fields}
+        found.setdefault(name, []).append(Shape(name, *kind_and_size(sim, geometry), transform_pose(place), **fields))
 
-    for (name, _), parts in sorted(geometries_of(sim, held).items()):
+    for (name, _), parts in sorted(geometries_of(sim, row).items()):
         numbers = surface(sim, parts[SHAPE])
         if numbers["static_friction"] != numbers["dynamic_friction"]:
-            raise EngineError(NAME, f"holds two frictions for the shape {name!r}")
-        surfaces = (Surface(numbers["dynamic_friction"]),)
-        add(dataclasses.replace(_shape(sim, held, name, parts[SHAPE]), collision=True, surfaces=surfaces))
-    for name, geometry in seen_of(sim, held).items():
-        held_colour = sim.query().inspector().GetIllustrationProperties(geometry).GetProperty("phong", "diffuse")
-        colour = (held_colour.r(), held_colour.g(), held_colour.b(), held_colour.a())
-        add(dataclasses.replace(_shape(sim, held, name, geometry), visual=True, colour=colour))
-    return tuple(shape for copies in found.values() for shape in copies)
+            raise EngineError(NAME, f"stores two frictions for the shape {name!r}")
+        add(name, parts[SHAPE], collision=True, surfaces=(Surface(numbers["dynamic_friction"]),))
+    for name, geometry in visuals_of(sim, row).items():
+        colour = inspector.GetIllustrationProperties(geometry).GetProperty("phong", "diffuse")
+        add(name, geometry, visual=True, colour=(colour.r(), colour.g(), colour.b(), colour.a()))
+    return tuple(shape for copies in found.values() for shape in merged(copies))

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from simspec.control.reference import natives
 from simspec.dialects.kit.world import WorldSidecar
 from simspec.engines.drake.approximations import asked_approximation
-from simspec.engines.drake.building import NAME, build, is_servo, warnings_into
+from simspec.engines.drake.building import NAME, Built, is_servo, warnings_into
 from simspec.engines.drake.coordinates import Coordinates
 from simspec.engines.kit.arrays import empty_contacts
-from simspec.engines.kit.world_simulation import WorldSimulation
+from simspec.engines.kit.building import Walk
+from simspec.engines.kit.world_simulation import WorldSimulation, contact_table, unit_responses
 from simspec.errors import EngineError
-from simspec.formats.world import AxisJoint, BallJoint, initial_coordinates, parent_of
+from simspec.formats.world import AxisJoint, BallJoint, initial_coordinates
 from simspec.support.declarations import Refinement, unsupported_if
 from simspec.world.rotations import logarithm, unit
 from simspec.world.types import World
@@ -38,21 +39,20 @@ class Simulation(WorldSimulation[WorldSidecar]):
         self.log: list[str] = []
         with warnings_into(self.log):
             try:
-                self.built = build(self.document, self.settings)
+                self.built = Built(Walk.of(self.document), self.settings)
             except KeyError as error:
                 raise EngineError(NAME, f"the sidecar's settings lack, or have a wrong, {error}") from error
             self.root = self.built.diagram.CreateDefaultContext()
         self.plant = self.built.plant
         self.context = self.plant.GetMyMutableContextFromRoot(self.root)
-        self.coordinates = Coordinates(self.built, [body.joint.kind for body in self.document.bodies])
-        self.by_name = {body.name: body for body in self.document.bodies}
+        self.coordinates = Coordinates(self.built, self.q_places, self.v_places)
         self.timestep = float(self.plant.time_step())
         self._losses()
         self._port = self.plant.get_applied_generalized_force_input_port()
-        self._push(np.zeros(self.coordinates.nv))
+        self._push(np.zeros(self.nv))
         self._pushed = False
         self._index()
-        self.shape_of = {one.id: one.shape for one in self.built.geometries}
+        self.shape_of = {geometry.id: geometry.unit.of.number for geometry in self.built.geometries}
         self._contacts = self.plant.get_contact_results_output_port() if self.built.geometries else None
         self._results: Any = None
         self.set_state(*map(np.array, initial_coordinates(self.document)))
@@ -71,8 +71,8 @@ class Simulation(WorldSimulation[WorldSidecar]):
 
     def _losses(self) -> None:
         """Damping, springs and their rest, of every coordinate of v; of a ball the same for all three."""
-        self.damping, self.stiffness, self.rest = np.zeros((3, self.coordinates.nv))
-        for body, at in zip(self.document.bodies, self.coordinates.v_places, strict=True):
+        self.damping, self.stiffness, self.rest = np.zeros((3, self.nv))
+        for body, at in zip(self.document.bodies, self.v_places, strict=True):
             joint = body.joint
             if isinstance(joint, (AxisJoint, BallJoint)):
                 self.damping[at], self.stiffness[at] = joint.damping, joint.spring_stiffness
@@ -126,7 +126,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
     def _stretch(self, x: np.ndarray) -> np.ndarray:
         """q − rest of hinges, slides and balls (of these log R), in Drake's coordinates of v; zero of free bodies."""
         coordinates = self.coordinates
-        stretch = np.zeros(coordinates.nv)
+        stretch = np.zeros(self.nv)
         stretch[coordinates.drake_v] = x[coordinates.drake_q]
         if len(coordinates.ball):
             stretch[coordinates.ball_drake_v] = logarithm(unit(coordinates.turns))
@@ -145,7 +145,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
         varies = self._losing or (effort is not None and bool(effort[coordinates.free_v[:, 3:]].any()))
         x = self.x if moves or varies or effort is not None else np.empty(0)
         if not varies and (effort is not None or self._pushed):
-            self._push(np.zeros(coordinates.nv) if effort is None else coordinates.effort(x, effort))
+            self._push(np.zeros(self.nv) if effort is None else coordinates.effort(x, effort))
         self._pushed = varies or effort is not None
         try:
             for left in range(count - 1, -1, -1):
@@ -175,7 +175,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
     def _effort_at(self, x: np.ndarray, effort: np.ndarray | None) -> np.ndarray:
         """An effort with the damping and springs of the joints at a state, in Drake's coordinates."""
         coordinates = self.coordinates
-        total: np.ndarray = np.zeros(coordinates.nv) if effort is None else coordinates.effort(x, effort)
+        total: np.ndarray = np.zeros(self.nv) if effort is None else coordinates.effort(x, effort)
         damping, stiffness, _ = self._own
         total -= damping * x[coordinates.positions :] + stiffness * self._stretch(x)
         return total
@@ -191,37 +191,25 @@ class Simulation(WorldSimulation[WorldSidecar]):
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The mass matrix in the coordinates v, as parts (places, M): whole, or of many bodies one part for each tree."""
         x, coordinates = self.x, self.coordinates
-        if coordinates.nv > WHOLE:
+        if self.nv > WHOLE:
             return self._mass_by_trees(x)
         half = coordinates.effort_back(x, self.plant.CalcMassMatrix(self.context))
-        return [(np.arange(coordinates.nv), coordinates.effort_back(x, half.T))]
+        return [(np.arange(self.nv), coordinates.effort_back(x, half.T))]
 
     def _mass_by_trees(self, x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """By inverse dynamics of unit accelerations, of all trees at once, which do not act on each other: Drake gives M whole
         alone, and that of 2,000 free bodies would be 1 GB."""
-        root: dict[str, str] = {}
-        trees: dict[str, list[int]] = {}
-        for body, at in zip(self.document.bodies, self.coordinates.v_places, strict=True):
-            parent = parent_of(body.joint)
-            root[body.name] = body.name if parent is None else root[parent]
-            trees.setdefault(root[body.name], []).extend(range(at.start, at.stop))
-        places = [np.array(tree) for tree in trees.values() if tree]
-        parts = [(tree, np.zeros((len(tree), len(tree)))) for tree in places]
-        nothing = self.built.drake.tree.MultibodyForces(self.plant)
+        trees, nothing = self.tree_places(), self.built.drake.tree.MultibodyForces(self.plant)
 
         def force(acceleration: np.ndarray) -> np.ndarray:
-            held: np.ndarray = self.plant.CalcInverseDynamics(self.context, acceleration, nothing)
-            return held
+            found: np.ndarray = self.plant.CalcInverseDynamics(self.context, acceleration, nothing)
+            return found
 
-        still = force(np.zeros(self.coordinates.nv))
-        for column in range(max(len(tree) for tree in places)):
-            ours = np.zeros(self.coordinates.nv)
-            ours[[tree[column] for tree in places if column < len(tree)]] = 1.0
-            found = self.coordinates.effort_back(x, force(self.coordinates.effort(x, ours)) - still)
-            for tree, mass in parts:
-                if column < len(tree):
-                    mass[:, column] = found[tree]
-        return parts
+        static, coordinates = force(np.zeros(self.nv)), self.coordinates
+        masses = unit_responses(
+            trees, self.nv, lambda unit: coordinates.effort_back(x, force(coordinates.effort(x, unit)) - static)
+        )
+        return list(zip(trees, masses, strict=True))
 
     def bias(self) -> np.ndarray:
         """Coriolis, centrifugal and gravity forces (nv,)."""
@@ -241,16 +229,9 @@ class Simulation(WorldSimulation[WorldSidecar]):
         ]
         if not touches:
             return empty_contacts()
-        units = np.array([[self.shape_of[side] for side in one.ids] for one in touches], dtype=np.int64)
-        bodies = np.array([body for body, _ in self.built.shapes], dtype=np.int64)
-        return {
-            "body": bodies[units],
-            "unit": units,
-            "position": np.array([one.position for one in touches]),
-            "normal": np.array([one.normal for one in touches]),
-            "distance": -np.array([one.depth for one in touches]),
-            "normal_force": np.maximum([one.force for one in touches], 0.0),
-        }
+        units = np.array([[self.shape_of[side] for side in touch.ids] for touch in touches], dtype=np.int64)
+        table = np.array([(*touch.position, *touch.normal, touch.depth, touch.force) for touch in touches])
+        return contact_table(units, table, [row for row, _ in self.units()])
 
     def query(self) -> Any:
         """Drake's answers on geometry at the present state."""
@@ -259,18 +240,15 @@ class Simulation(WorldSimulation[WorldSidecar]):
     def touching(self) -> np.ndarray:
         """Pairs (n, 2) of the places of shapes that touch at the present state."""
         pairs = self.query().ComputePointPairPenetration()
-        return np.array([(self.shape_of[one.id_A], self.shape_of[one.id_B]) for one in pairs], dtype=np.int64).reshape(
-            -1, 2
-        )
+        numbers = [(self.shape_of[pair.id_A], self.shape_of[pair.id_B]) for pair in pairs]
+        return np.array(numbers, dtype=np.int64).reshape(-1, 2)
 
     def disable_contact(self) -> None:
         """Nothing touches anything."""
         geometry = self.built.drake.geometry
-        every = geometry.GeometrySet([one.id for one in self.built.geometries])
-        context = self.built.scene.GetMyMutableContextFromRoot(self.root)
-        self.built.scene.collision_filter_manager(context).Apply(
-            geometry.CollisionFilterDeclaration().ExcludeWithin(every)
-        )
+        every = geometry.GeometrySet(list(self.shape_of))
+        manager = self.built.scene.collision_filter_manager(self.built.scene.GetMyMutableContextFromRoot(self.root))
+        manager.Apply(geometry.CollisionFilterDeclaration().ExcludeWithin(every))
 
     def messages(self) -> list[str]:
         """What Drake said while loading."""
@@ -352,7 +330,7 @@ class JointServos:
     def __init__(self, sim: Simulation, v: np.ndarray):
         plant, self._context = sim.plant, sim.context
         self._port = plant.get_desired_state_input_port(sim.built.drake.tree.default_model_instance())
-        body_at = {int(place.start): index for index, place in enumerate(sim.coordinates.v_places)}
+        body_at = {int(place.start): index for index, place in enumerate(sim.v_places)}
         places = []
         for dof in v.tolist():
             joint = sim.built.joints[body_at[dof]]

@@ -103,7 +103,7 @@ def test_the_inventory_is_what_the_choice_demands(name, load):
 def material(name, value):
     def change(sim):
         context = sim.built.scene.GetMyMutableContextFromRoot(sim.root)
-        held = next(one.id for one in sim.built.geometries if one.body == 1 and one.part == "shape")
+        held = next(one.id for one in sim.built.geometries if one.unit.of.owner.row == 1 and one.part == "shape")
         properties = geometry.ProximityProperties(sim.query().inspector().GetProximityProperties(held))
         properties.UpdateProperty("hydroelastic", name, value)
         sim.built.scene.AssignRole(context, sim.plant.get_source_id(), held, properties, geometry.RoleAssign.kReplace)
