@@ -223,7 +223,7 @@ def missing_options(world: World, engine: str, pythons: Mapping[str, str] | None
 
 
 def _with_options(world: World, options: EngineOptions) -> World:
-    others = tuple(one for one in world.engines if one.engine != options.engine)
+    others = tuple(engine for engine in world.engines if engine.engine != options.engine)
     return dataclasses.replace(world, engines=(*others, options))
 
 
@@ -244,7 +244,7 @@ def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
             why += f"for up to {MOST_SPLIT_MATERIALS} materials"
             hint = f"use fewer materials, or values that the rule produces, or run without --engine {engine.NAME}"
         more = f" (and {len(pairs) - 1} more pairs)" if len(pairs) > 1 else ""
-        asked = (
+        kind = (
             law.hardness.kind
             if quantity == "hardness"
             else f"{getattr(law, quantity):.6g}, would be {combined_value:.6g}"
@@ -253,7 +253,7 @@ def _refuse_unreachable(world: World, engine: type[Engine]) -> None:
             Problem(
                 f"{engine.NAME} does not support this {word} of {first} and {second}: {why}{more}",
                 f"contact.pairs.{first}.{second}.{quantity}",
-                found=f"{word} {asked}",
+                found=f"{word} {kind}",
                 hint=hint,
             )
         )

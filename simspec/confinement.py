@@ -93,8 +93,8 @@ class Profile(NamedTuple):
 
 
 PROFILES: Final = {
-    one.name: one
-    for one in (
+    entry.name: entry
+    for entry in (
         Profile("expressions", COMPUTING),
         Profile("data", {**COMPUTING, **THREADS}),
         Profile("files", {**COMPUTING, **THREADS, **READING}, (1, 2)),
@@ -179,7 +179,7 @@ def _call(name: str, *arguments: object) -> int:
     """A system call; -1 where it fails, as ctypes.get_errno() says."""
     column, _ = MACHINES[machine()]
     number = NUMBERS[name][column]
-    words = [ctypes.c_long(one) if isinstance(one, int) else one for one in arguments]
+    words = [ctypes.c_long(argument) if isinstance(argument, int) else argument for argument in arguments]
     return int(_library().syscall(ctypes.c_long(number or 0), *words))
 
 
@@ -353,8 +353,10 @@ SYSTEM: Final = (
 def of_python() -> list[str]:
     """Folders and files that this interpreter and its packages are in, and the system's libraries."""
     simspec = os.path.dirname(os.path.abspath(__file__))  # an engine's interpreter need not have it
-    finders = [sys.modules.get(getattr(one, "__module__", "")) for one in sys.meta_path]
-    linked = [place for one in finders for place in getattr(one, "MAPPING", {}).values()]  # packages in development
+    finders = [sys.modules.get(getattr(protocol, "__module__", "")) for protocol in sys.meta_path]
+    linked = [
+        place for finder in finders for place in getattr(finder, "MAPPING", {}).values()
+    ]  # packages in development
     libraries = os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
     folders = [sys.prefix, sys.base_prefix, simspec, *linked, *sys.path, *libraries]
     return [*dict.fromkeys(os.path.realpath(folder) for folder in folders if folder), *SYSTEM]

@@ -174,8 +174,8 @@ def not_importable(engine: str, module: str, error: ImportError) -> EngineError:
 
 def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]], note: str = "") -> str:
     """A table with a caption, and a note below it. Names come from specs of strangers: nothing in them is markup."""
-    heads = "".join(f"<th>{_text(one)}</th>" for one in head)
-    body = "".join("<tr>" + "".join(f"<td>{_text(one)}</td>" for one in row) + "</tr>" for row in rows)
+    heads = "".join(f"<th>{_text(name)}</th>" for name in head)
+    body = "".join("<tr>" + "".join(f"<td>{_text(entry)}</td>" for entry in row) + "</tr>" for row in rows)
     above = f"<thead><tr>{heads}</tr></thead>" if head else ""
     below = f"<p>{_text(note)}</p>" if note else ""
     return f"<table><caption>{_text(title)}</caption>{above}<tbody>{body}</tbody></table>{below}"

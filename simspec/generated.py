@@ -102,9 +102,9 @@ def engine_hashes(files: Mapping[str, bytes]) -> dict[str, str]:
     """The hash of each engine's artifacts among the files of a folder, by engine."""
     found: dict[str, dict[str, bytes]] = {}
     for name, content in files.items():
-        engine, _, own = name.partition("/")
-        if own:
-            found.setdefault(engine, {})[own] = content
+        engine, _, text = name.partition("/")
+        if text:
+            found.setdefault(engine, {})[text] = content
     return {engine: Artifacts(contents).sha256 for engine, contents in found.items()}
 
 
@@ -235,14 +235,14 @@ def certificate_mismatch(built: Built, folder: Path, named: bool = False) -> str
     stored = still_holding(
         replace(certificate, engines=others), built.world, engine_hashes(owned_files(folder)) if others else {}
     )
-    asked = {
+    proofs = {
         name: proof
         for name, proof in certificate.engines.items()
         if name not in stored.dropped and (name in built.compiled or not named)
     }
     found = [f"{name}: {why}" for name, why in stored.dropped.items()]
-    if asked or not others:
-        found += judge(replace(certificate, engines=asked), built.world)
+    if proofs or not others:
+        found += judge(replace(certificate, engines=proofs), built.world)
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         return f"it is not valid: {found[0]}{more}"

@@ -40,8 +40,8 @@ def parts(rows: int, row_bytes: int, *arrays: np.ndarray, first: int = 0) -> Ite
         try:
             yield part
         finally:
-            for one in arrays:
-                release(one)
+            for array in arrays:
+                release(array)
 
 
 def release(array: np.ndarray) -> None:

@@ -105,10 +105,10 @@ def deep_contact(spec: Spec, world: World) -> list[Problem]:
 def _wrong_options(
     engine: type[Engine], settings: Mapping[str, Value], pairs: Mapping[Pair, Mapping[str, Value]]
 ) -> list[Problem]:
-    own = tuple(settings.items())
+    local = tuple(settings.items())
     return [
-        *check_settings(engine, own),
-        *check_pair_settings(engine, own, {pair: tuple(values.items()) for pair, values in pairs.items()}),
+        *check_settings(engine, local),
+        *check_pair_settings(engine, local, {pair: tuple(values.items()) for pair, values in pairs.items()}),
     ]
 
 

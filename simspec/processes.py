@@ -78,8 +78,8 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 
 def _ignore() -> None:
-    for one in SIGNALS:
-        signal.signal(one, signal.SIG_IGN)
+    for entry in SIGNALS:
+        signal.signal(entry, signal.SIG_IGN)
 
 
 def _lost(unraisable: Any) -> None:

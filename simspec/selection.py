@@ -51,7 +51,7 @@ class Selection:
 
     def lines(self) -> list[str]:
         """Every engine that is not taken, with the reason and the place in the spec."""
-        return [f"{name}: {one}" for name, one in self.not_taken.items()]
+        return [f"{name}: {taken}" for name, taken in self.not_taken.items()]
 
     def for_world(
         self, world: World, locate: Callable[[str], Location | None] = lambda path: None, least: int = 1
@@ -94,7 +94,7 @@ def acceptable(world: World, name: str, pythons: Mapping[str, str] | None) -> bo
     """Whether an engine supports ``world`` where everything is accepted that can be."""
     words = tuple(feature.value for feature in Feature)
     options = dataclasses.replace(world.options(name), accept=words, outside=words)
-    others = tuple(one for one in world.engines if one.engine != options.engine)
+    others = tuple(engine for engine in world.engines if engine.engine != options.engine)
     try:
         compile_world(dataclasses.replace(world, engines=(*others, options)), [name], pythons=pythons)
     except UnsupportedError:
@@ -110,15 +110,15 @@ def refusal(problems: Sequence[Problem]) -> NotTaken:
 
 
 def _too_few(taken: Sequence[str], least: int, not_taken: Mapping[str, NotTaken]) -> list[Problem]:
-    told = [problem for one in not_taken.values() for problem in one.problems]
-    absent = [f"{name}: {one.reason}" for name, one in not_taken.items() if not one.problems]
+    problems = [problem for taken in not_taken.values() for problem in taken.problems]
+    absent = [f"{name}: {taken.reason}" for name, taken in not_taken.items() if not taken.problems]
     words = f"at least {least} engines" if least > 1 else "one engine"
     problem = Problem(
         f"{words} must support this world, and {', '.join(taken) or 'none'} does",
         found="; ".join(absent) or None,
         hint=f"run it alone: --engine {taken[0]}" if taken else None,
     )
-    return [*told, problem]
+    return [*problems, problem]
 
 
 def available(pythons: Mapping[str, str]) -> Selection:

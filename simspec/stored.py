@@ -328,5 +328,5 @@ def read_as(model: type[Model], content: bytes | str, what: str) -> Model:
     try:
         return model.model_validate(parse(content, what))
     except ValidationError as error:
-        places = [f"{'.'.join(map(str, one['loc'])) or 'all of it'}: {one['msg']}" for one in error.errors()[:3]]
+        places = [f"{'.'.join(map(str, entry['loc'])) or 'all of it'}: {entry['msg']}" for entry in error.errors()[:3]]
         raise SpecError([Problem(f"{what} cannot be read: {'; '.join(places)[:400]}")]) from None

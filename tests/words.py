@@ -6,6 +6,7 @@ import ast
 import functools
 import io
 import re
+import sys
 import tokenize
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -89,3 +90,19 @@ def in_page(path: Path) -> list[Finding]:
     )
     text = re.sub(r"`[^`\n]*`", "``", text)
     return list(in_prose(text, 1))
+
+
+def findings_of(*paths: Path) -> list[str]:
+    """``file:line: word: text`` of every finding in files and folders."""
+    files = [file for path in paths for file in (sorted(path.rglob("*")) if path.is_dir() else [path])]
+    readers = {".py": in_module, ".md": in_page}
+    return [
+        f"{file}:{finding.line}: {finding.word}: {finding.text}"
+        for file in files
+        if file.suffix in readers and file != GLOSSARY and file.name not in ("words.py", "test_words.py")
+        for finding in readers[file.suffix](file)
+    ]
+
+
+if __name__ == "__main__":
+    print("\n".join(findings_of(*map(Path, sys.argv[1:]))))

@@ -108,12 +108,12 @@ def edited(before: str, wanted: Mapping[str, Mapping[str, Mapping[str, str]]]) -
     yaml.preserve_quotes = True
     yaml.width = 1_000_000
     yaml.indent(mapping=2, sequence=4, offset=2)
-    held: Any = (yaml.load("".join(lines[first:last])) or {}).get("engines")
-    engines = held if isinstance(held, CommentedMap) else CommentedMap()
+    actual: Any = (yaml.load("".join(lines[first:last])) or {}).get("engines")
+    engines = actual if isinstance(actual, CommentedMap) else CommentedMap()
     engines.fa.set_block_style()
     for name, keys in wanted.items():
-        own = engines.get(name)
-        options = own if isinstance(own, CommentedMap) else CommentedMap()
+        engine = engines.get(name)
+        options = engine if isinstance(engine, CommentedMap) else CommentedMap()
         options.fa.set_block_style()
         for key, features in keys.items():
             listed = options.get(key)

@@ -59,15 +59,15 @@ def audit(options: AuditOptions) -> int:
     if options.as_json:
         print_json(audit_data(audits))
     else:
-        for one in audits:
-            show_audit(one, options.details)
+        for entry in audits:
+            show_audit(entry, options.details)
         if page_file is not None:
             say(f"written: {page_file}")
         if walls().why:
             say(f"engines loaded the files without confinement: {walls().why} (docs/concepts/security.md)")
-    if any(one.died for one in audits):
+    if any(entry.died for entry in audits):
         return EXIT_ENGINE
-    return EXIT_OK if all(one.clean for one in audits) else EXIT_FAILED
+    return EXIT_OK if all(entry.clean for entry in audits) else EXIT_FAILED
 
 
 def _robot(name: str, options: ImportOptions) -> tuple[Path, ImportOptions]:

@@ -44,12 +44,12 @@ def _compile(options: CompileOptions, names: Sequence[str]) -> int:
     if alone and out is not None and not options.check:
         check_folder(out, COMPILED, [spec_file(names[0])])
     loaded, problems = load_all(options, names)
-    worlds = [one.world.name for one in loaded]
+    worlds = [entry.world.name for entry in loaded]
     twice = sorted({name for name in worlds if worlds.count(name) > 1})
     if twice:
         problems.append(Problem(f"several specs are called {', '.join(twice)}, and would write to one folder"))
     folders = [out if alone and out is not None else (out or GENERATED) / name for name in worlds]
-    sources = [one.file for one in loaded]
+    sources = [entry.file for entry in loaded]
     refused = [] if options.check else [folder_problem(folder, COMPILED, sources) for folder in folders]
     if any(refused):
         demand([*problems, *refused])
@@ -59,12 +59,14 @@ def _compile(options: CompileOptions, names: Sequence[str]) -> int:
     written = [generated.write(scenario, folder) for scenario, folder in zip(built, folders, strict=True)]
     results = list(zip(built, written, chosen, strict=True))
     if options.as_json:
-        data = [{**_data(one, place, options.explain), "not_compiled": own.not_taken} for one, place, own in results]
-        print_json({"compiled": data, "warnings": [problem for one in loaded for problem in one.warnings]})
+        data = [
+            {**_data(built, place, options.explain), "not_compiled": local.not_taken} for built, place, local in results
+        ]
+        print_json({"compiled": data, "warnings": [problem for entry in loaded for problem in entry.warnings]})
         return EXIT_OK
-    for scenario, place, own in results:
+    for scenario, place, local in results:
         say(f"{place.folder}: {'written' if place.changed else 'already current'}, {', '.join(scenario.compiled)}")
-        for line in own.lines():
+        for line in local.lines():
             say(f"  not for {line}")
         if place.stored is not None and place.stored.reasons:
             dropped = "proofs dropped from certificate.json" if place.stored.kept else "certificate.json dropped"

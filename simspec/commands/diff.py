@@ -31,7 +31,7 @@ def diff(options: DiffOptions) -> int:
     from simspec.commands.loading import load_spec
 
     loaded = [load_spec(options, name, check_effect=False, warn=False) for name in (options.a, options.b)]
-    options.robot_files.check_effect(*(one.spec for one in loaded))
+    options.robot_files.check_effect(*(entry.spec for entry in loaded))
     return diff_specs(loaded[0].world, loaded[1].world, options.as_json)
 
 

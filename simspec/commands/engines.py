@@ -49,8 +49,8 @@ def engines(options: EnginesOptions) -> int:
     listed = project.listed_interpreters()
     rows = instances(listed, project.default_engines, listed.not_queried)
     if options.as_json:
-        told = {"project": project.file, "project_trusted": project.not_trusted is None}
-        print_json({"instances": rows, **told, "engines": data, "broken": matrix.broken()})
+        given = {"project": project.file, "project_trusted": project.not_trusted is None}
+        print_json({"instances": rows, **given, "engines": data, "broken": matrix.broken()})
         return EXIT_OK
     for shown in engine_tables(rows, data, console().width):
         console().print(shown)
@@ -86,11 +86,11 @@ def doctor(options: DoctorOptions) -> int:
     started = {label: interpreters[label] for label in wanted_labels}
     known = instances(started, [*project.default_engines, *labels], closed)
     rows = {
-        one.label: not_examined(one.label, closed[one.label])
-        if one.label in closed
-        else examined(one.label, one.python, one.problem)
-        for one in known
-        if not labels or one.label in labels
+        instance.label: not_examined(instance.label, closed[instance.label])
+        if instance.label in closed
+        else examined(instance.label, instance.python, instance.problem)
+        for instance in known
+        if not labels or instance.label in labels
     }
     broken = {} if labels else dict(registry.engines().broken())
     wanted = list(rows) if labels or options.every else []

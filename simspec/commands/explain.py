@@ -118,8 +118,8 @@ def _of_specs(options: ExplainOptions, pythons: Mapping[str, str]) -> tuple[list
         load_spec(options, name, sets=sets, check_effect=False, warn=False, duration=OF_A_MODEL)
         for name, sets in _accepting(options)
     ]
-    options.robot_files.check_effect(*(one.spec for one in loaded))
-    sides = [Configuration(one.world, label, pythons.get(label)) for one, label in zip(loaded, labels, strict=True)]
+    options.robot_files.check_effect(*(entry.spec for entry in loaded))
+    sides = [Configuration(entry.world, label, pythons.get(label)) for entry, label in zip(loaded, labels, strict=True)]
     second = " ".join([f"{options.b or options.a} in {labels[1]}", *(f"--with {word}" for word in others)])
     return sides, [f"{options.a} in {labels[0]}", second]
 
@@ -192,7 +192,7 @@ def bisect(options: BisectOptions) -> int:
         done = replace(done, versions=tuple(chosen), not_measured={**unsupported, **done.not_measured})
         models, command = [], ""
         if done.before is not None and done.after is not None:
-            ends = [f"{name}{MARK}{one.version}" for one in (done.before, done.after)]
+            ends = [f"{name}{MARK}{reading.version}" for reading in (done.before, done.after)]
             engines = [word for label in ends for word in ("--engine", label)]
             sets = [word for entry in loaded.sets for word in ("--set", entry)]
             command = shlex.join(["simspec", "explain", options.spec, *engines, *sets])
@@ -243,21 +243,21 @@ def _between(engine: type[Engine], every: Sequence[str], first: str, last: str, 
     if given:
         ends = in_order(engine, [first, last])
         every = in_order(engine, [*every, *ends])
-        outside = [one for one in every if _outside(engine, one, first, last)]
+        outside = [name for name in every if _outside(engine, name, first, last)]
         if outside:
             message = "--versions has versions that are not between --from and --to"
             raise SpecError([Problem(message, found=", ".join(outside), allowed=f"{first} to {last}")])
         return list(every)
     for end in (first, last):
-        if not any(same_version(end, one) for one in every):
+        if not any(same_version(end, name) for name in every):
             near = ", ".join([*every[:NEAR], *(["…"] if len(every) > NEAR else [])]) or "none"
             message = f"is not a released version that this Python can install; between {first} and {last}: {near}"
             raise EngineError(f"{engine.NAME}{MARK}{end}", message)
     return list(every)
 
 
-def _outside(engine: type[Engine], one: str, first: str, last: str) -> bool:
-    ordered = in_order(engine, [first, one, last])
+def _outside(engine: type[Engine], name: str, first: str, last: str) -> bool:
+    ordered = in_order(engine, [first, name, last])
     return not (same_version(ordered[0], first) and same_version(ordered[-1], last))
 
 

@@ -133,27 +133,27 @@ def export(options: ExportOptions) -> int:
     for spec in options.specs:
         loaded, failed = load_all(options, [spec])
         problems += failed
-        for one in loaded:
-            folder = DEFAULT / one.world.name / name if out is None else out
-            folder = folder if out is None or len(options.specs) == 1 else out / one.world.name
+        for item in loaded:
+            folder = DEFAULT / item.world.name / name if out is None else out
+            folder = folder if out is None or len(options.specs) == 1 else out / item.world.name
             layout = profile or next(iter(language.PROFILES), "")
             try:
-                exports.append(Export(one, name, language.plain(one.world), folder, layout))
+                exports.append(Export(item, name, language.plain(item.world), folder, layout))
             except SpecError as error:
                 problems += error.problems
-    folders = [one.folder for one in exports]
+    folders = [entry.folder for entry in exports]
     twice = sorted({str(folder) for folder in folders if folders.count(folder) > 1})
     if twice:
         problems.append(Problem(f"several specs would write to one folder: {', '.join(twice)}"))
     if options.strict:
-        problems.extend(problem for one in exports for problem in one.refused())
-    sources = [one.loaded.file for one in exports] if not options.check and single is None else []
+        problems.extend(problem for entry in exports for problem in entry.refused())
+    sources = [entry.loaded.file for entry in exports] if not options.check and single is None else []
     demand([*problems, *(folder_problem(folder, PLAIN, sources) for folder in folders if sources)])
-    warnings = [problem for one in exports for problem in one.loaded.warnings]
+    warnings = [problem for entry in exports for problem in entry.loaded.warnings]
     if single is not None:
         return _single(options, exports[0], language, single, warnings)
     if options.check:
-        stale = [line for one in exports for line in _stale(one)]
+        stale = [line for entry in exports for line in _stale(entry)]
         return _current(options, stale, f"plain files of {len(exports)} specs are current")
     rows = [(made, sorted(made.files), _write(made)) for made in exports]
     if options.as_json:
@@ -199,20 +199,20 @@ def _current(options: ExportOptions, stale: Sequence[str], current: str) -> int:
 def _single(options: ExportOptions, export: Export, language: Format, path: Path, warnings: Sequence[Problem]) -> int:
     """Write one file and its list, or see whether they are current. Raises SpecError where one may not be written."""
     content = language.single(export.plain, path.suffix.lower())
-    beside = path.with_name(path.name + BESIDE)
+    name = path.with_name(path.name + BESIDE)
     listed = {**export.data(), DIGEST: hashlib.sha256(content).hexdigest()}
-    files = {path: content, beside: json_text(listed).encode()}
+    files = {path: content, name: json_text(listed).encode()}
     if options.check:
         stale = [f"not current: {place}" for place, wanted in files.items() if _stored(place) != wanted]
         return _current(options, stale, "the file is current")
     source = export.loaded.file
     same = path.exists() and source.exists() and path.samefile(source)
     over = Problem(f"{path}: is the spec that is exported", hint="use a new file name") if same else None
-    demand([file_problem(path, _named_by(beside)), file_problem(beside, _is_list), over])
+    demand([file_problem(path, _named_by(name)), file_problem(name, _is_list), over])
     changed = any(_stored(place) != wanted for place, wanted in files.items())
     if changed:
-        write_file(path, content, _named_by(beside))
-        write_file(beside, files[beside], _is_list)
+        write_file(path, content, _named_by(name))
+        write_file(name, files[name], _is_list)
     if options.as_json:
         names = sorted(place.name for place in files)
         row = {**export.data(), "folder": path.parent, "files": names, "changed": changed}
@@ -223,9 +223,9 @@ def _single(options: ExportOptions, export: Export, language: Format, path: Path
     return EXIT_OK
 
 
-def _named_by(beside: Path) -> Callable[[bytes], bool]:
+def _named_by(path: Path) -> Callable[[bytes], bool]:
     """Whether a content is that of the file that a list names."""
-    return lambda content: _data(_stored(beside)).get(DIGEST) == hashlib.sha256(content).hexdigest()
+    return lambda content: _data(_stored(path)).get(DIGEST) == hashlib.sha256(content).hexdigest()
 
 
 def _is_list(content: bytes) -> bool:

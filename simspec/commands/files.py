@@ -308,13 +308,13 @@ def generated_files(
 ) -> int:
     """Write generated files, or see whether they are current: the content of each, and a function that says whether an existing
     file is one that this command wrote: no other is replaced. ``how``: the command that writes them."""
-    told, codes = [], [EXIT_OK]
+    given, codes = [], [EXIT_OK]
     for path, (wanted, ours) in files.items():
-        one, code = _one(path, wanted, ours, check, as_json, how)
-        told.append(one)
+        entry, code = _one(path, wanted, ours, check, as_json, how)
+        given.append(entry)
         codes.append(code)
     if as_json:
-        print_json(told[0] if len(told) == 1 else {"files": told})
+        print_json(given[0] if len(given) == 1 else {"files": given})
     return max(codes)
 
 
@@ -335,5 +335,5 @@ def _one(
         say(f"{path} is not current; {how} writes it", error=True)
     elif not check:
         say(f"{path}: {'already current' if current else 'written'}")
-    one: dict[str, object] = {"file": path, "current": current, "written": not check and not current}
-    return one, EXIT_FAILED if check and not current else EXIT_OK
+    entry: dict[str, object] = {"file": path, "current": current, "written": not check and not current}
+    return entry, EXIT_FAILED if check and not current else EXIT_OK

@@ -71,18 +71,18 @@ def _row(engine: type[Engine], yes: bool, as_json: bool) -> dict[str, Any]:
     if not row["problem"] and not commands:
         row["problem"] = f"{engine.NAME} does not say how it is installed"
     for command in commands:
-        one: dict[str, Any] = {"words": shlex.join(command), "ran": False, "code": None}
-        row["commands"].append(one)
-        _tell(as_json, f"{engine.NAME}: {one['words']}")
+        entry: dict[str, Any] = {"words": shlex.join(command), "ran": False, "code": None}
+        row["commands"].append(entry)
+        _tell(as_json, f"{engine.NAME}: {entry['words']}")
         if not yes or row["problem"]:
             continue
         if (why := _forbidden(command)) is not None:
             row["problem"] = f"not run: {why}"
             continue
-        one["code"], why = _run(command)
-        one["ran"] = one["code"] is not None
+        entry["code"], why = _run(command)
+        entry["ran"] = entry["code"] is not None
         if why is not None:
-            row["problem"] = f"{one['words']}: {why}"
+            row["problem"] = f"{entry['words']}: {why}"
     if row["problem"]:
         _tell(as_json, f"{engine.NAME}: {row['problem']}")
     return row
@@ -105,8 +105,8 @@ def _version_row(label: EngineId, yes: bool, as_json: bool) -> dict[str, Any]:
         found = _instance(label, place)
     if row["problem"] is None and (found is None or found.problem is not None):
         row["commands"] = [{"words": shlex.join(command), "ran": False, "code": None} for command in commands]
-        for one in row["commands"]:
-            _tell(as_json, f"{label.label}: {one['words']}")
+        for entry in row["commands"]:
+            _tell(as_json, f"{label.label}: {entry['words']}")
         row["problem"] = _make(place, commands, row["commands"]) if yes else None
         whole = yes and row["problem"] is None
         found = _instance(label, place) if whole else None
@@ -132,8 +132,8 @@ def installed_version(label: EngineId, yes: bool) -> str:
     if not yes:
         way = f"simspec engines install {label.label} --yes, or --yes here"
         raise EngineError(label.label, f"is not installed: {way}")
-    told: list[dict[str, Any]] = [{"words": shlex.join(command)} for command in commands]
-    why = _make(place, commands, told, quiet=True) or _instance(label, place).problem
+    given: list[dict[str, Any]] = [{"words": shlex.join(command)} for command in commands]
+    why = _make(place, commands, given, quiet=True) or _instance(label, place).problem
     if why is not None:
         raise EngineError(label.label, f"cannot be installed: {why}")
     return str(python_of(place))
@@ -141,23 +141,23 @@ def installed_version(label: EngineId, yes: bool) -> str:
 
 def _instance(label: EngineId, place: Path) -> Instance:
     """What the interpreter of an environment says of a label."""
-    asked = instances({label.label: str(python_of(place))})
-    return next(one for one in asked if one.label == label.label)
+    requested = instances({label.label: str(python_of(place))})
+    return next(instance for instance in requested if instance.label == label.label)
 
 
 def _make(
-    place: Path, commands: Sequence[Sequence[str]], told: Sequence[dict[str, Any]], quiet: bool = False
+    place: Path, commands: Sequence[Sequence[str]], given: Sequence[dict[str, Any]], quiet: bool = False
 ) -> str | None:
     """Make an environment anew by its commands; why it is not whole, None where it is."""
     try:
         mark_begun(place)
     except OSError as error:
         return f"{place}: {error.strerror}" if error.strerror else str(error)
-    for command, one in zip(commands, told, strict=True):
-        one["code"], why = _run(command, quiet)
-        one["ran"] = one["code"] is not None
+    for command, entry in zip(commands, given, strict=True):
+        entry["code"], why = _run(command, quiet)
+        entry["ran"] = entry["code"] is not None
         if why is not None:
-            return f"{one['words']}: {why}"
+            return f"{entry['words']}: {why}"
     mark_complete(place)
     return None
 

@@ -170,7 +170,9 @@ def command(name: str, body: str, takes: str) -> Callable[[type[Kind]], type[Kin
 def function_of(kind: type[Options]) -> Callable[..., int]:
     """The function of a command with one parameter for each option, as Typer takes it."""
     hints = get_type_hints(kind, include_extras=True)
-    defaults = {one.name: inspect.Parameter.empty if one.default is MISSING else one.default for one in fields(kind)}
+    defaults = {
+        entry.name: inspect.Parameter.empty if entry.default is MISSING else entry.default for entry in fields(kind)
+    }
 
     def called(**given: Any) -> int:
         if getattr(given.get("context"), "invoked_subcommand", None) is not None:

@@ -29,7 +29,7 @@ def pages(options: PagesOptions) -> int:
     check, older = options.check, options.older
     texts = {path: _text(path) for path in options.pages}
     found = {path: marks(text, str(path)) for path, text in texts.items()}
-    folders = {path.parent / STUDIES / mark.study for path, own in found.items() for mark in own}
+    folders = {path.parent / STUDIES / mark.study for path, local in found.items() for mark in local}
     absent = _absent(found, older)
     kept = {folder: None if folder in absent else _published(folder) for folder in sorted(folders)}
     pythons = options.interpreters(starts=False)
@@ -37,22 +37,22 @@ def pages(options: PagesOptions) -> int:
     problems: list[str] = []
     written: list[Path] = []
     for path, text in texts.items():
-        beside = path.parent / STUDIES
-        stale = {(mark.study, mark.sweep or "") for mark in found[path] if mark.sweep in why[beside / mark.study]}
+        alongside = path.parent / STUDIES
+        stale = {(mark.study, mark.sweep or "") for mark in found[path] if mark.sweep in why[alongside / mark.study]}
         said = {(mark.study, mark.sweep or "") for mark in found[path] if mark.says_older}
-        told = stale if older else stale & said
-        for study, sweep in sorted(stale - told):
+        given = stale if older else stale & said
+        for study, sweep in sorted(stale - given):
             problems.append(
-                f"{path}: figures of {study}, sweep {sweep}, are older than the code: {why[beside / study][sweep]}"
+                f"{path}: figures of {study}, sweep {sweep}, are older than the code: {why[alongside / study][sweep]}"
             )
-        wanted = filled(text, str(path), _tables_in(beside, kept), told)
+        wanted = filled(text, str(path), _tables_in(alongside, kept), given)
         if wanted != text and check:
             problems.append(f"{path} is not what the study's results give; simspec pages {path} writes it")
         elif wanted != text:
             write_file(path, wanted, text.encode().__eq__)
             written.append(path)
     if options.as_json:
-        plain = {folder.as_posix(): own for folder, own in why.items()}
+        plain = {folder.as_posix(): local for folder, local in why.items()}
         print_json({"pages": list(texts), "written": written, "problems": problems, "older": plain})
         return EXIT_FAILED if problems else EXIT_OK
     for line in problems:
@@ -67,15 +67,15 @@ def pages(options: PagesOptions) -> int:
     return EXIT_FAILED if problems else EXIT_OK
 
 
-def _tables_in(beside: Path, kept: dict[Path, StudyTables | None]) -> Callable[[str], StudyTables | None]:
-    return lambda study: kept[beside / study]
+def _tables_in(path: Path, kept: dict[Path, StudyTables | None]) -> Callable[[str], StudyTables | None]:
+    return lambda study: kept[path / study]
 
 
 def _absent(found: Mapping[Path, Sequence[Mark]], older: bool) -> set[Path]:
     """The folders of studies that are not there, where all pages that name them say so, or are to say so."""
     said: dict[Path, bool] = {}
-    for path, own in found.items():
-        for mark in own:
+    for path, local in found.items():
+        for mark in local:
             folder = path.parent / STUDIES / mark.study
             if not folder.exists():
                 said[folder] = said.get(folder, True) and (older or mark.says_unmeasured)
@@ -112,11 +112,11 @@ def _older(options: PagesOptions, folder: Path, pythons: Interpreters) -> dict[s
         find_study(kept.source), allow_outside=options.allow_outside, options=options.robot_files.options()
     )
     sweeps = source.sweeps(kept.small)
-    measured = {model.engine: model.version for own in kept.sweeps.values() for model in own.models}
+    measured = {model.engine: model.version for sweep in kept.sweeps.values() for model in sweep.models}
     absent = dict.fromkeys(absent_engines(sweeps, pythons), "not installed")
     absent |= {label: why for label, why in pythons.not_queried.items() if label in measured}
     for label, reason in absent.items():
         say(f"{folder}: {label}: {reason}: its version is taken to be that of the figures", error=True)
     assumed = {label: {"engine_version": measured.get(label, "")} for label in absent}
-    now = {one.name: sweep_models(source, one, plan_of(one, pythons, assumed=assumed)) for one in sweeps}
+    now = {sweep.name: sweep_models(source, sweep, plan_of(sweep, pythons, assumed=assumed)) for sweep in sweeps}
     return older_sweeps(kept, now)

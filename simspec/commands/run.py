@@ -182,7 +182,7 @@ class Results(Arrivals):
             return data
         kept = {name for name, facts in data["other_runs"].items() if facts["same_world"]} & old.runs.keys()
         for part, earlier in (("runs", old.runs), ("floors", old.floors)):
-            data[part] = {name: one for name, one in earlier.items() if name in kept} | data[part]
+            data[part] = {name: entry for name, entry in earlier.items() if name in kept} | data[part]
         data["diffs"] = [
             diff for diff in old.diffs if {_engine(diff, "first"), _engine(diff, "second")} <= kept
         ] + data["diffs"]

@@ -67,7 +67,7 @@ def study(options: StudyOptions) -> int:
     if publish is not None and absent:
         problem = Problem(f"engines of the study are missing: {', '.join(absent)}", hint="simspec engines install")
         raise SpecError([problem])
-    planned = [(one, plan_of(one, pythons, tuple(absent))) for one in sweeps]
+    planned = [(entry, plan_of(entry, pythons, tuple(absent))) for entry in sweeps]
     folder = RUNS / (f"{source.name}-small" if options.small else source.name)
     place = options.store or folder / SWEEP_FOLDER
     demand([folder_problem(place, STORE, source.files()), folder_problem(folder, STUDY, source.files())])
@@ -80,10 +80,10 @@ def study(options: StudyOptions) -> int:
     if any(plan.measure == "speed" for _, plan in planned):
         warn_of_disturbances()
     done = []
-    for one, plan in planned:
-        say(f"{source.name}: {one.name}, {len(plan):,} runs", error=True)
+    for entry, plan in planned:
+        say(f"{source.name}: {entry.name}, {len(plan):,} runs", error=True)
 
-        def run_plan(plan: Plan, one: SweepOfStudy = one) -> Outcome:
+        def run_plan(plan: Plan, item: SweepOfStudy = entry) -> Outcome:
             with progress(not options.as_json) as tell:
                 return run_sweep(
                     plan,
@@ -92,24 +92,24 @@ def study(options: StudyOptions) -> int:
                     verify=not options.no_verify,
                     pythons=pythons,
                     deadline=options.deadline,
-                    source={"file": Path(one.words.spec).name, "study": source.name, "sweep": one.name}
-                    | {"show": list(one.spec.data.record.show)},
+                    source={"file": Path(item.words.spec).name, "study": source.name, "sweep": item.name}
+                    | {"show": list(item.spec.data.record.show)},
                     progress=tell,
                     wait=options.wait,
                 )
 
         outcome = run_plan(plan)
         moved = []
-        for second in second_passes(outcome, opened, one.words.gap_seeds) if one.words.gap_seeds else ():
+        for second in second_passes(outcome, opened, entry.words.gap_seeds) if entry.words.gap_seeds else ():
             amount, count = f"{second.amount:g}", f"{len(second.plan):,}"
-            say(f"{source.name}: {one.name}, moved by {amount} (the first gap), {count} runs", error=True)
+            say(f"{source.name}: {entry.name}, moved by {amount} (the first gap), {count} runs", error=True)
             moved.append((second, run_plan(second.plan)))
-        figures = [figure for figure in source.figures if figure.sweep == one.name]
+        figures = [figure for figure in source.figures if figure.sweep == entry.name]
         found: list[Explained] = []
-        if "attribution" in one.words.show:
+        if "attribution" in entry.words.show:
             with progress(not options.as_json) as tell:
                 found = explained(outcome, opened, pythons, options.deadline, tell)
-        done.append(Done(one, outcome, opened, figures, moved, found))
+        done.append(Done(entry, outcome, opened, figures, moved, found))
     return _show(options, source, done, folder, absent)
 
 
@@ -122,20 +122,20 @@ def find_study(name: str) -> Path:
     return shipped if shipped.is_file() else path
 
 
-def _named(one: SweepOfStudy) -> list[str] | None:
+def _named(entry: SweepOfStudy) -> list[str] | None:
     """The engines that a sweep names."""
-    named = one.spec.data.sweep.engines if one.spec.data.sweep is not None else None
+    named = entry.spec.data.sweep.engines if entry.spec.data.sweep is not None else None
     return list(named) if named else None
 
 
 def absent_engines(sweeps: Sequence[SweepOfStudy], pythons: Mapping[str, str]) -> dict[str, str]:
     """The engines that sweeps name and that are not here, each with the reason; a study goes on without them."""
-    labels = [label for one in sweeps for label in _named(one) or ()]
+    labels = [label for entry in sweeps for label in _named(entry) or ()]
     return missing_engines(list(dict.fromkeys(labels)), pythons)
 
 
 def plan_of(
-    one: SweepOfStudy,
+    entry: SweepOfStudy,
     pythons: Mapping[str, str],
     absent: Collection[str] = (),
     assumed: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
@@ -143,25 +143,25 @@ def plan_of(
     """The plan of a sweep of a study, for the engines that it names, but those that are ``absent``, else all that support
     it; ``assumed``: the versions of engines that are not here, of a plan that nobody runs. Raises SpecError where no engine
     is left."""
-    named = _named(one)
+    named = _named(entry)
     if named is not None and not (named := [label for label in named if label not in absent]):
-        raise SpecError([Problem(f"{one.name}: none of the engines of this sweep is installed")])
+        raise SpecError([Problem(f"{entry.name}: none of the engines of this sweep is installed")])
     selection = engines_at_work(named, pythons, demand=not assumed)
     if not named:
-        selection = selection.for_world(one.spec.resolve(), one.spec.locate)
+        selection = selection.for_world(entry.spec.resolve(), entry.spec.locate)
     labels = list(selection.engines)
     here = versions_of([label for label in labels if label not in assumed], pythons)
-    return plan_sweep(one.spec, engines=labels, versions={**assumed, **here})
+    return plan_sweep(entry.spec, engines=labels, versions={**assumed, **here})
 
 
 def _show(
     options: StudyOptions, source: StudySource, done: Sequence[Done], folder: Path, absent: Mapping[str, str]
 ) -> int:
     """Write, publish and print the results; the exit code."""
-    parts = [(one, shown_of(one)) for one in done]
-    made = {one.sweep.name: {shown.name: shown for shown in own} for one, own in parts}
-    code = max((_code(one) or EXIT_FAILED * bool(unfailed(one)) for one in done), default=EXIT_OK)
-    code = max([code, *(exit_code(second, one.sweep.words.show) for one in done for _, second in one.moved)])
+    parts = [(entry, shown_of(entry)) for entry in done]
+    made = {entry.sweep.name: {shown.name: shown for shown in tables} for entry, tables in parts}
+    code = max((_code(entry) or EXIT_FAILED * bool(unfailed(entry)) for entry in done), default=EXIT_OK)
+    code = max([code, *(exit_code(second, entry.sweep.words.show) for entry in done for _, second in entry.moved)])
     command = f"simspec study {options.study}{' --small' if options.small else ''}"
     data = study_data(source, done, parts, options.small, command, absent)
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -175,11 +175,11 @@ def _show(
     if options.as_json:
         print_json({**data, "folder": folder, "exit_code": code})
         return code
-    for one, own in parts:
-        for shown in own:
+    for item, local in parts:
+        for shown in local:
             console().print(shown)
-        if one.outcome.invalid:
-            show_error(SpecError(one.outcome.invalid))
+        if item.outcome.invalid:
+            show_error(SpecError(item.outcome.invalid))
     for line in data["said"]:
         say(line, error=True)
     console().print(f"written: {folder / PAGE_FILE}, {folder / TABLES_FILE}", soft_wrap=True)
@@ -193,8 +193,8 @@ def exit_code(outcome: Outcome, show: Collection[str]) -> int:
         return EXIT_WRONG
     if outcome.stopped:
         return EXIT_ENGINE
-    told = outcome.by_contact if CONTACT_SHOWN.intersection(show) else set()
-    return EXIT_FAILED if outcome.unproven.keys() - told else EXIT_OK
+    by_contact = outcome.by_contact if CONTACT_SHOWN.intersection(show) else set()
+    return EXIT_FAILED if outcome.unproven.keys() - by_contact else EXIT_OK
 
 
 def study_data(
@@ -209,32 +209,34 @@ def study_data(
     and went without, each with the reason."""
     said = [f"without {label}: {why}" for label, why in absent.items()]
     bad: list[int] = []
-    for one in done:
-        outcome = one.outcome
-        if _code(one) != EXIT_OK:
+    for entry in done:
+        outcome = entry.outcome
+        if _code(entry) != EXIT_OK:
             bad.append(len(said))
-        held = unfailed(one)
+        actual = unfailed(entry)
         missing = sum(row is None for _, row in outcome.rows())
         proof = "proof not asked for" if not outcome.verified else "every model proven"
-        proof = _failed(one) if outcome.unproven else proof
+        proof = _failed(entry) if outcome.unproven else proof
         said.append(
-            f"{one.sweep.name}: {len(outcome.plan):,} runs, {outcome.ran:,} of them now"
+            f"{entry.sweep.name}: {len(outcome.plan):,} runs, {outcome.ran:,} of them now"
             + (f", {missing:,} not done" if missing else "")
             + f"; {proof}"
         )
-        for second, of_second in one.moved:
-            if exit_code(of_second, one.sweep.words.show) != EXIT_OK:
+        for second, of_second in entry.moved:
+            if exit_code(of_second, entry.sweep.words.show) != EXIT_OK:
                 bad.append(len(said))
-            line = f"{one.sweep.name}: {len(of_second.plan):,} runs moved by {second.amount:g}, the engines' first gap"
+            line = (
+                f"{entry.sweep.name}: {len(of_second.plan):,} runs moved by {second.amount:g}, the engines' first gap"
+            )
             said.append(
                 f"{line}, {of_second.ran:,} of them now" + "".join(f"; {why}" for why in of_second.stopped.values())
             )
-        said += [f"{one.sweep.name}: {line}" for line in rounding_lines(outcome.plan)]
-        said += [f"{one.sweep.name}: not proven: {why}" for why in list(outcome.unproven.values())[:8]]
-        said += [f"{one.sweep.name}: {engine} was stopped: {why}" for engine, why in outcome.stopped.items()]
-        bad += range(len(said), len(said) + len(held))
-        said += [f"{one.sweep.name}: {line}" for line in held]
-        said += [f"{one.sweep.name}: {note}" for note in outcome.notes]
+        said += [f"{entry.sweep.name}: {line}" for line in rounding_lines(outcome.plan)]
+        said += [f"{entry.sweep.name}: not proven: {why}" for why in list(outcome.unproven.values())[:8]]
+        said += [f"{entry.sweep.name}: {engine} was stopped: {why}" for engine, why in outcome.stopped.items()]
+        bad += range(len(said), len(said) + len(actual))
+        said += [f"{entry.sweep.name}: {line}" for line in actual]
+        said += [f"{entry.sweep.name}: {note}" for note in outcome.notes]
     return {
         "schema": SCHEMA,
         "study": source.name,
@@ -243,7 +245,7 @@ def study_data(
         "figures": source.figures_source,
         "said": said,
         "bad": bad,
-        "sweeps": {one.sweep.name: [_plain(shown) for shown in own] for one, own in parts},
+        "sweeps": {entry.sweep.name: [_plain(shown) for shown in tables] for entry, tables in parts},
         "measured": measured(done, command),
     }
 
@@ -257,8 +259,8 @@ def _failed(done: Done) -> str:
     count, by_contact = len(done.outcome.unproven), len(done.outcome.by_contact)
     if not by_contact or CONTACT_SHOWN.isdisjoint(done.sweep.words.show):
         return f"proof FAILED for {counted(count, 'model')}"
-    told = f"contact beyond the tolerances of L5 for {counted(by_contact, 'model')}, all else of them proven"
-    return told if by_contact == count else f"proof FAILED for {counted(count - by_contact, 'model')}; {told}"
+    text = f"contact beyond the tolerances of L5 for {counted(by_contact, 'model')}, all else of them proven"
+    return text if by_contact == count else f"proof FAILED for {counted(count - by_contact, 'model')}; {text}"
 
 
 def _plain(shown: StudyTable) -> dict[str, Any]:
@@ -277,10 +279,10 @@ def page(source: StudySource, made: Mapping[str, Mapping[str, Table]], data: Map
         parts += ["The small study: fewer timesteps, seeds and repetitions.", ""]
     if source.figures_source:
         parts += [f"Figures from elsewhere: {source.figures_source}.", ""]
-    lines = [f"- {one['what']}: {one['value']}" for one in data["measured"]]
+    lines = [f"- {entry['what']}: {entry['value']}" for entry in data["measured"]]
     lines += [f"- {line}" for line in data["said"]]
-    for name, own in made.items():
-        parts += [f"## {name}", "", *(markdown(one) for one in own.values())]
+    for name, tables in made.items():
+        parts += [f"## {name}", "", *(markdown(table) for table in tables.values())]
     return "\n".join([*parts, "## How it was done", "", *lines]) + "\n"
 
 
@@ -297,13 +299,13 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
         "time, one after the other",
         right=range(2, 6),
     )
-    told, known, total = [], True, 0.0
-    asked: set[str] = set()
-    for one, plan in planned:
+    given, known, total = [], True, 0.0
+    requested: set[str] = set()
+    for entry, plan in planned:
         cells = list(plan)
         proofs.append(proofs_left(cells, index, took))
-        left = [cell for cell in cells if index.done(cell.key) is None and cell.key not in asked]
-        asked.update(cell.key for cell in cells)
+        left = [cell for cell in cells if index.done(cell.key) is None and cell.key not in requested]
+        requested.update(cell.key for cell in cells)
         cost = estimate(plan, left, costs(index.rows.values(), plan.spec.name))
         for engine in plan.engines:
             seconds = cost.seconds[engine]
@@ -312,27 +314,27 @@ def _dry_run(source: StudySource, planned: Sequence[Planned], place: Path, as_js
             total += (seconds or 0.0) if cost.runs[engine] else 0.0
             time = "not measured yet" if seconds is None else f"about {duration(seconds)}"
             time = time if cost.runs[engine] else "–"
-            shown.add(one.name, engine, f"{cost.runs[engine]:,}", f"{runs:,}", f"{cost.steps[engine]:,}", time)
-            told.append(
-                {"sweep": one.name, "engine": engine, "to_do": cost.runs[engine], "runs": runs}
+            shown.add(entry.name, engine, f"{cost.runs[engine]:,}", f"{runs:,}", f"{cost.steps[engine]:,}", time)
+            given.append(
+                {"sweep": entry.name, "engine": engine, "to_do": cost.runs[engine], "runs": runs}
                 | {"steps": cost.steps[engine], "seconds": seconds}
             )
     if as_json:
         print_json(
-            {"study": source.name, "store": place, "sweeps": told, "seconds": total if known else None}
-            | {"proofs": [{"models": one.models, "seconds": one.total} for one in proofs]}
+            {"study": source.name, "store": place, "sweeps": given, "seconds": total if known else None}
+            | {"proofs": [{"models": proof.models, "seconds": proof.total} for proof in proofs]}
         )
         return EXIT_OK
     console().print(shown)
-    for one, plan in planned:
+    for entry, plan in planned:
         for line in rounding_lines(plan):
-            console().print(f"{one.name}: {line}", soft_wrap=True)
+            console().print(f"{entry.name}: {line}", soft_wrap=True)
     end = (
         f"about {duration(total)}, from what such runs took in this store" if known else "the time of some is not known"
     )
     console().print(f"runs: {end}", soft_wrap=True)
-    for (one, _), own in zip(planned, proofs, strict=True):
-        console().print(f"{one.name}: {proof_words(own)}", soft_wrap=True)
+    for (entry, _), local in zip(planned, proofs, strict=True):
+        console().print(f"{entry.name}: {proof_words(local)}", soft_wrap=True)
     return EXIT_OK
 
 
@@ -364,13 +366,13 @@ def explained(
         progress(f"asking where {engine} differs from {first}")
         runs = [store.load(keys[name][1]) for name in (first, engine)]
         try:
-            told = explain(
+            explanation = explain(
                 *runs, windows=WINDOWS, names=(first, engine), pythons=pythons, deadline=deadline, progress=progress
             )
         except SimspecError as error:
             found.append(Explained(engine, first, None, str(error).splitlines()[0]))
         else:
-            found.append(Explained(engine, first, told))
+            found.append(Explained(engine, first, explanation))
     return found
 
 
@@ -393,18 +395,18 @@ def publish(source: StudySource, options: StudyOptions, done: Sequence[Done], fi
     Raises SpecError where a run in the store is not of the model that the code makes of it today, or where there is none.
     """
     problems = []
-    for one in done:
-        outcome = one.outcome
+    for entry in done:
+        outcome = entry.outcome
         if outcome.invalid_count:
-            problems.append(Problem(f"{one.sweep.name}: values make the scenario invalid: nothing is published"))
+            problems.append(Problem(f"{entry.sweep.name}: values make the scenario invalid: nothing is published"))
         if len(outcome.plan) > MOST_MODELS:
             problems.append(
-                Problem(f"{one.sweep.name}: {len(outcome.plan):,} runs; a published sweep has {MOST_MODELS:,}")
+                Problem(f"{entry.sweep.name}: {len(outcome.plan):,} runs; a published sweep has {MOST_MODELS:,}")
             )
-        old = list(itertools.islice(strangers(outcome, one.store), MOST_NAMED + 1))
+        old = list(itertools.islice(strangers(outcome, entry.store), MOST_NAMED + 1))
         if old:
             named = ", ".join(old[:MOST_NAMED]) + (", …" if len(old) > MOST_NAMED else "")
-            message = f"{one.sweep.name}: the store has runs of models that this code no longer makes: {named}"
+            message = f"{entry.sweep.name}: the store has runs of models that this code no longer makes: {named}"
             problems.append(Problem(message, hint="use a new --store"))
     if problems:
         raise SpecError(problems)
@@ -413,7 +415,7 @@ def publish(source: StudySource, options: StudyOptions, done: Sequence[Done], fi
         "source": options.study,
         "small": options.small,
         "study_sha256": hashlib.sha256(files["study.json"].encode()).hexdigest(),
-        "sweeps": {one.sweep.name: sweep_models(source, one.sweep, one.outcome.plan) for one in done},
+        "sweeps": {entry.sweep.name: sweep_models(source, entry.sweep, entry.outcome.plan) for entry in done},
     }
     text = json.dumps(models, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     if options.publish is not None:

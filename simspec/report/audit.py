@@ -69,18 +69,18 @@ def audit_tables(audit: FileAudit, details: bool = False) -> list[Table]:
 
 def _shown(audit: FileAudit, details: bool) -> list[Group]:
     """The groups of findings that a table has; what files leave open is told in lines, unless all is asked for."""
-    groups = [group for one in audit.engines for group in grouped(one.findings)]
+    groups = [group for engine in audit.engines for group in grouped(engine.findings)]
     return [group for group in groups if details or group.severity is not Severity.DEFAULT]
 
 
 def choices(audit: FileAudit) -> list[str]:
     """What each engine chooses where the file leaves it open, a line each."""
     lines = []
-    for one in audit.engines:
-        undecided = [finding for finding in one.findings if finding.severity is Severity.DEFAULT]
-        told = [f"{_chosen(finding)} {finding.engine_value}" for finding in undecided]
-        if told:
-            lines.append(f"{one.engine} chooses what the file leaves open: {', '.join(told)}")
+    for engine in audit.engines:
+        undecided = [finding for finding in engine.findings if finding.severity is Severity.DEFAULT]
+        texts = [f"{_chosen(finding)} {finding.engine_value}" for finding in undecided]
+        if texts:
+            lines.append(f"{engine.engine} chooses what the file leaves open: {', '.join(texts)}")
     return lines
 
 
@@ -90,7 +90,7 @@ def _chosen(finding: Finding) -> str:
 
 
 def _engines(audit: FileAudit) -> Table:
-    compiled = {one.engine: one for one in audit.compiled}
+    compiled = {compiled.engine: compiled for compiled in audit.compiled}
     right = (2, 3, 4, 5)
     shown = Table(
         "Engines",
@@ -103,16 +103,16 @@ def _engines(audit: FileAudit) -> Table:
         "compiled by simspec",
         right=right,
     )
-    for one in audit.engines:
-        proof = compiled.get(one.engine)
-        silent = len(one.silent) if one.loaded else 0
+    for engine in audit.engines:
+        proof = compiled.get(engine.engine)
+        silent = len(engine.silent) if engine.loaded else 0
         shown.add(
-            f"{one.engine} {one.version}".strip(),
-            TableCell("yes", GOOD) if one.loaded else TableCell("dies" if one.died else "refuses", BAD),
-            TableCell(str(silent), BAD if silent else GOOD) if one.loaded else "–",
-            str(len(one.findings) - silent) if one.loaded else "–",
-            str(one.compared) if one.loaded else "–",
-            f"{one.seconds:.1f}",
+            f"{engine.engine} {engine.version}".strip(),
+            TableCell("yes", GOOD) if engine.loaded else TableCell("dies" if engine.died else "refuses", BAD),
+            TableCell(str(silent), BAD if silent else GOOD) if engine.loaded else "–",
+            str(len(engine.findings) - silent) if engine.loaded else "–",
+            str(engine.compared) if engine.loaded else "–",
+            f"{engine.seconds:.1f}",
             _proof_cell(proof.valid if proof else None, proof.why if proof else "not compiled"),
         )
     return shown
@@ -168,26 +168,26 @@ def _how_much(finding: Finding) -> str:
 
 def verdict(audit: FileAudit) -> list[Sentence]:
     """What an audit found, in sentences: one in short first."""
-    silent = [one for one in audit.engines if one.loaded and one.silent]
-    refused = [one.engine for one in audit.engines if not one.loaded and not one.died]
-    died = [one.engine for one in audit.engines if one.died]
-    asked = len(audit.engines)
-    if not asked:
+    silent = [engine for engine in audit.engines if engine.loaded and engine.silent]
+    refused = [engine.engine for engine in audit.engines if not engine.loaded and not engine.died]
+    died = [engine.engine for engine in audit.engines if engine.died]
+    count = len(audit.engines)
+    if not count:
         return [Sentence(WARNING, "no engine that is asked reads this language")]
     parts = []
     if silent:
-        told = ", ".join(f"{one.engine} {len(one.silent)}" for one in silent)
-        parts.append(f"{len(silent)} of {asked} engines change the model in silence ({told} values)")
+        text = ", ".join(f"{audit.engine} {len(audit.silent)}" for audit in silent)
+        parts.append(f"{len(silent)} of {count} engines change the model in silence ({text} values)")
     if refused:
         parts.append(f"{', '.join(refused)} refuse{'s' if len(refused) == 1 else ''} it")
     if died:
         parts.append(f"{', '.join(died)} die{'s' if len(died) == 1 else ''} of it")
-    failed = [one.engine for one in audit.compiled if one.valid is False]
-    good = [one.engine for one in audit.compiled if one.valid]
+    failed = [compiled.engine for compiled in audit.compiled if compiled.valid is False]
+    good = [entry.engine for entry in audit.compiled if entry.valid]
     if failed:
         parts.append(f"compiled by simspec, the proof fails in {', '.join(failed)}")
-    told = "; ".join(parts) or f"all {asked} engines hold what the file says"
-    sentences = [Sentence(BAD if parts else GOOD, told)]
+    text = "; ".join(parts) or f"all {count} engines hold what the file says"
+    sentences = [Sentence(BAD if parts else GOOD, text)]
     if good:
         sentences.append(Sentence(GOOD, f"compiled by simspec, {', '.join(good)} hold the same model (L0-L4, L6)"))
     sentences += [Sentence(WARNING, f"simspec refuses the file: {defect.splitlines()[0]}") for defect in audit.defects]
@@ -202,35 +202,35 @@ def audit_suites(audits: Sequence[FileAudit]) -> list[Suite]:
     """One suite for each file and engine: an entry for each kind of finding, and one for the compiled model."""
     suites = []
     for audit in audits:
-        compiled = {one.engine: one for one in audit.compiled}
-        for one in audit.engines:
-            entries = list(_entries(one))
-            proof = compiled.get(one.engine)
+        compiled = {compiled.engine: compiled for compiled in audit.compiled}
+        for engine in audit.engines:
+            entries = list(_entries(engine))
+            proof = compiled.get(engine.engine)
             if proof is not None:
                 status = Status.PASSED if proof.valid else Status.SKIPPED if proof.valid is None else Status.FAILED
                 entries.append(Entry("compiled by simspec", status, proof.why))
-            suites.append(Suite(audit.file, one.engine, tuple(entries)))
+            suites.append(Suite(audit.file, engine.engine, tuple(entries)))
         for name, why in audit.skipped.items():
             suites.append(Suite(audit.file, name, (Entry("loads the file", Status.SKIPPED, why),)))
     return suites
 
 
-def _entries(one: EngineAudit) -> list[Entry]:
-    if not one.loaded:
-        finding = one.findings[0]
-        status = Status.ERROR if one.died else Status.FAILED
+def _entries(audit: EngineAudit) -> list[Entry]:
+    if not audit.loaded:
+        finding = audit.findings[0]
+        status = Status.ERROR if audit.died else Status.FAILED
         return [
-            Entry("loads the file", status, clipped(finding.why), finding.why, seconds=one.seconds, excess=math.inf)
+            Entry("loads the file", status, clipped(finding.why), finding.why, seconds=audit.seconds, excess=math.inf)
         ]
-    entries = [Entry("loads the file", Status.PASSED, seconds=one.seconds)]
-    for group in grouped(one.findings):
+    entries = [Entry("loads the file", Status.PASSED, seconds=audit.seconds)]
+    for group in grouped(audit.findings):
         worst = group.worst
         values = (worst.file_value or "nothing", worst.engine_value or "nothing")
-        told = f"{worst.element}: {values[0]} in the file, {values[1]} in {one.engine}"
+        text = f"{worst.element}: {values[0]} in the file, {values[1]} in {audit.engine}"
         status = Status.FAILED if worst.silent else Status.SKIPPED
         detail = "\n".join(f"{each.element}: {each.file_value} -> {each.engine_value}" for each in group.findings)
         name = f"{group.quantity} {group.what}"
-        entries.append(Entry(name, status, clipped(told), detail, worst.location, excess=worst.size or 1.0))
+        entries.append(Entry(name, status, clipped(text), detail, worst.location, excess=worst.size or 1.0))
     return entries
 
 
@@ -247,17 +247,17 @@ def audit_sections(audits: Sequence[FileAudit]) -> Any:
 
 
 def _section(audit: FileAudit) -> Section:
-    rows = [(one.engine, f"{one.version or '–'}, {one.how}") for one in audit.engines]
-    rows += [(f"{one.engine} warned", line) for one in audit.engines for line in one.log[:20]]
+    rows = [(engine.engine, f"{engine.version or '–'}, {engine.how}") for engine in audit.engines]
+    rows += [(f"{engine.engine} warned", line) for engine in audit.engines for line in engine.log[:20]]
     return Section(
         name=visible(audit.file),
         description="What physics engines make of a robot file that they load as it is, beside what the file means.",
-        verdict=tuple(Sentence(one.tone, visible(one.text)) for one in verdict(audit)),
+        verdict=tuple(Sentence(sentence.tone, visible(sentence.text)) for sentence in verdict(audit)),
         notes=tuple(map(visible, (*choices(audit), *plausibility_lines(audit.plausibility)))),
         certificate=(),
         certificate_notes=(),
         results=tuple(audit_tables(audit)),
-        details=(_findings(audit, True),) if any(one.findings for one in audit.engines) else (),
+        details=(_findings(audit, True),) if any(engine.findings for engine in audit.engines) else (),
         provenance=Table("How each engine loaded the file", "engine", "", rows=rows),
         scene=None,
         caption="",

@@ -92,9 +92,15 @@ class Baseline:
             "machine": self.machine.plain(),
         }
         rows = []
-        for one in self.figures.values():
-            row = {"key": one.key, "kind": one.kind, "unit": one.unit, "value": one.value, "interval": one.interval}
-            rows.append(json.dumps(row | {"not_compared": one.not_compared}, ensure_ascii=False, allow_nan=False))
+        for figure in self.figures.values():
+            row = {
+                "key": figure.key,
+                "kind": figure.kind,
+                "unit": figure.unit,
+                "value": figure.value,
+                "interval": figure.interval,
+            }
+            rows.append(json.dumps(row | {"not_compared": figure.not_compared}, ensure_ascii=False, allow_nan=False))
         lines = json.dumps(head, indent=1, ensure_ascii=False, allow_nan=False).removesuffix("\n}")
         return f'{lines},\n "figures": [\n  ' + ",\n  ".join(rows) + "\n ]\n}\n"
 
@@ -119,11 +125,13 @@ def read_baseline(path: Path) -> Baseline | None:
         raise SpecError([Problem(f"{path}: {why}", hint="--write-baseline FILE writes a new one")])
     stored = read_as(StoredBaseline, content, str(path))
     figures = {}
-    for one in stored.figures:
-        intervals = tuple((low, high) for low, high in one.interval)
-        if len(one.value) != len(intervals) or one.key in figures or any(low > high for low, high in intervals):
-            raise SpecError([Problem(f"{path} cannot be read: figure {one.key!r} is damaged, or is there twice")])
-        figures[one.key] = Figure(one.key, Kind(one.kind), one.unit, tuple(one.value), intervals, one.not_compared)
+    for figure in stored.figures:
+        intervals = tuple((low, high) for low, high in figure.interval)
+        if len(figure.value) != len(intervals) or figure.key in figures or any(low > high for low, high in intervals):
+            raise SpecError([Problem(f"{path} cannot be read: figure {figure.key!r} is damaged, or is there twice")])
+        figures[figure.key] = Figure(
+            figure.key, Kind(figure.kind), figure.unit, tuple(figure.value), intervals, figure.not_compared
+        )
     machine = Machine(**stored.machine.model_dump())
     return Baseline(stored.spec, stored.world_sha256, stored.simspec, stored.versions, machine, figures)
 
@@ -150,7 +158,7 @@ def baseline_of(study: Study, timed: Iterable[Run], tolerance: float, machine: M
             figures += _quantities(run, study.repeats.get(name, ()), floor, tolerance)
     figures += _speeds(list(timed))
     versions = {name: str(run.provenance.get("engine_version", "")) for name, run in study.runs.items()}
-    by_key = {one.key: one for one in figures}
+    by_key = {figure.key: figure for figure in figures}
     return Baseline(study.world.name, sha256(study.world), own_version(), versions, machine, by_key)
 
 
@@ -209,12 +217,12 @@ def _speeds(runs: Sequence[Run]) -> list[Figure]:
     """The speed of each engine: median, smallest and largest over processes."""
     figures = []
     for engine in dict.fromkeys(run.engine for run in runs):
-        own = [run for run in runs if run.engine == engine and run.failed is None]
-        busy = [why for run in own for why in disturbed(run)]
-        few = f"{len(own)} processes, of at least {LEAST_TIMED}" if len(own) < LEAST_TIMED else ""
+        local = [run for run in runs if run.engine == engine and run.failed is None]
+        busy = [why for run in local for why in disturbed(run)]
+        few = f"{len(local)} processes, of at least {LEAST_TIMED}" if len(local) < LEAST_TIMED else ""
         for name, values, why in (
-            ("speed by processor time", [run.cpu_factor for run in own], few),
-            ("speed by wall time", [run.real_time_factor for run in own], few or (busy[0] if busy else "")),
+            ("speed by processor time", [run.cpu_factor for run in local], few),
+            ("speed by wall time", [run.real_time_factor for run in local], few or (busy[0] if busy else "")),
         ):
             known = [value for value in values if value is not None]
             if known:
@@ -294,15 +302,15 @@ def compare(before: Baseline, now: Baseline) -> Comparison:
     ]
     if before.world_sha256 != now.world_sha256:
         notes.append("the spec, or a value set with --set, is not that of the baseline")
-    apart = before.machine.differences(now.machine)
+    differences = before.machine.differences(now.machine)
     rows = []
     for key, old in before.figures.items():
         engine = key.split("/", 1)[0]
         if engine not in now.versions:
             rows.append(Row(key, Change.NOT_COMPARED, old, None, f"{engine} was not run"))
         else:
-            rows.append(_row(key, old, now.figures.get(key), apart))
-    rows += [Row(key, Change.NEW, None, one) for key, one in now.figures.items() if key not in before.figures]
+            rows.append(_row(key, old, now.figures.get(key), differences))
+    rows += [Row(key, Change.NEW, None, figure) for key, figure in now.figures.items() if key not in before.figures]
     return Comparison(tuple(rows), tuple(notes))
 
 
@@ -362,12 +370,12 @@ def _shown(figure: Figure | None) -> str:
 
 def reasons(comparison: Comparison) -> dict[str, int]:
     """Why figures were not compared, each with how many."""
-    told: dict[str, int] = {}
+    given: dict[str, int] = {}
     for row in comparison.rows:
         if row.change is Change.NOT_COMPARED and row.before is not None:
             why = f"{row.before.kind}: {HIDDEN if HIDDEN in row.why else row.why}"
-            told[why] = told.get(why, 0) + 1
-    return told
+            given[why] = given.get(why, 0) + 1
+    return given
 
 
 def comparison_data(comparison: Comparison) -> dict[str, Any]:
@@ -422,9 +430,9 @@ def comparison_lines(comparison: Comparison) -> list[str]:
         lines += [*markdown_rows(("figure", "baseline", "now", ""), rows), ""]
     if (left := len(comparison.regressions) - SUMMARISED) > 0:
         lines += [f"{left:,} more figures regressed.", ""]
-    told = [f"- not compared: {number:,} figures: {words(why)}" for why, number in reasons(comparison).items()]
-    told += [f"- {words(note)}" for note in comparison.notes]
-    return [*lines, *told, ""] if told else lines
+    texts = [f"- not compared: {number:,} figures: {words(why)}" for why, number in reasons(comparison).items()]
+    texts += [f"- {words(note)}" for note in comparison.notes]
+    return [*lines, *texts, ""] if texts else lines
 
 
 def comparison_suite(spec: str, comparison: Comparison) -> Suite:

@@ -63,10 +63,10 @@ def _add(parent: ElementTree.Element, suite: Suite, entry: Entry) -> None:
         attributes |= {"file": visible(file_of(entry.location)), "line": str(entry.location.line)}
     element = ElementTree.SubElement(parent, "testcase", attributes)
     if entry.status in ELEMENTS:
-        told = {"message": visible(entry.message)}
+        given = {"message": visible(entry.message)}
         if entry.status is not Status.SKIPPED:
-            told["type"] = entry.status.value
-        child = ElementTree.SubElement(element, ELEMENTS[entry.status], told)
+            given["type"] = entry.status.value
+        child = ElementTree.SubElement(element, ELEMENTS[entry.status], given)
         if entry.detail:
             child.text = visible(entry.detail[:LONGEST_DETAIL], lines=True)
 
@@ -102,8 +102,8 @@ def _lines(kind: str, rows: Sequence[tuple[Location | None, str, str]]) -> Itera
 
 
 def _line(kind: str, properties: dict[str, str], text: str) -> str:
-    told = ",".join(f"{name}={_escaped(visible(value), IN_PROPERTY)}" for name, value in properties.items())
-    return f"::{kind} {told}::{_escaped(visible(text, lines=True), IN_TEXT)}"
+    given = ",".join(f"{name}={_escaped(visible(value), IN_PROPERTY)}" for name, value in properties.items())
+    return f"::{kind} {given}::{_escaped(visible(text, lines=True), IN_TEXT)}"
 
 
 def _escaped(text: str, table: dict[str, str]) -> str:
@@ -141,10 +141,10 @@ def summary(
     bad = wrong(suites)
     specs = ", ".join(dict.fromkeys(words(suite.spec) for suite in suites)) or "nothing"
     verdict = "failed" if bad else "passed" if total[Status.PASSED] else "nothing was tested"
-    told = ", ".join(f"{number} {status}" for status, number in total.items() if number)
-    lines = [f"## simspec: {specs}: {verdict}", "", told + "." if told else "No entries.", ""]
+    text = ", ".join(f"{number} {status}" for status, number in total.items() if number)
+    lines = [f"## simspec: {specs}: {verdict}", "", text + "." if text else "No entries.", ""]
     rows: Iterable[Sequence[str]] = [
-        [words(suite.name), *(str(suite.count(one)) for one in Status)] for suite in suites
+        [words(suite.name), *(str(suite.count(status)) for status in Status)] for suite in suites
     ]
     lines += [*markdown_rows(("", *Status), rows), ""]
     if study is not None:
@@ -184,7 +184,7 @@ def _largest(diff: Diff) -> str:
     sizes = [f"{diff.worst.position_largest:.3g} m"] if diff.worst is not None else []
     sizes += [f"{diff.worst_angle.angle_largest:.3g} rad"] if diff.worst_angle is not None else []
     for unit in ("rad", "m"):
-        sizes += [f"joint {one.largest:.3g} {unit}" for one in diff.joints if one.unit == unit][:1]
+        sizes += [f"joint {joint.largest:.3g} {unit}" for joint in diff.joints if joint.unit == unit][:1]
     return ", ".join(sizes)
 
 

@@ -95,7 +95,7 @@ def _largest(diff: Diff) -> Iterator[str]:
     if (turn := diff.worst_angle) is not None:
         yield f"{angle(turn.angle_largest)}: {turn.body} at {turn.time_of_largest_angle:.4g} s"
     for unit in ("rad", "m"):
-        joint = next((one for one in diff.joints if one.unit == unit), None)
+        joint = next((joint for joint in diff.joints if joint.unit == unit), None)
         if joint is not None:
             size = angle(joint.largest) if unit == "rad" else length(joint.largest)
             yield f"{size}: joint {joint.joint} at {joint.time:.4g} s"
@@ -184,8 +184,8 @@ def diff_tables(diff: Diff) -> list[Table]:
         gap = item.second - item.first if item.first is not None and item.second is not None else None
         scalars.add(item.name, *(number(value, item.unit) for value in (item.first, item.second, gap)))
     if diff.first_contact is not None:
-        one, other = (_pairs(pairs) for pairs in (diff.first_contact.first_only, diff.first_contact.second_only))
-        scalars.add("first contact that differs", one, other, number(diff.first_contact.time, "s"))
+        name, other = (_pairs(pairs) for pairs in (diff.first_contact.first_only, diff.first_contact.second_only))
+        scalars.add("first contact that differs", name, other, number(diff.first_contact.time, "s"))
     return [bodies, _joints(diff), scalars] if diff.joints and told(diff) else [bodies, scalars]
 
 
@@ -193,16 +193,16 @@ def _joints(diff: Diff) -> Table:
     """The joints whose coordinates differ most, in rad and in m."""
     joints = Table("Joint coordinates", "joint", "largest", "at", right=(1, 2))
     for unit in ("rad", "m"):
-        for one in [joint for joint in diff.joints if joint.unit == unit][:SHOWN_BODIES]:
-            size = angle(one.largest) if unit == "rad" else length(one.largest)
-            joints.add(one.joint, size, f"{one.time:.4g} s")
+        for entry in [joint for joint in diff.joints if joint.unit == unit][:SHOWN_BODIES]:
+            size = angle(entry.largest) if unit == "rad" else length(entry.largest)
+            joints.add(entry.joint, size, f"{entry.time:.4g} s")
     return joints
 
 
 def _pairs(pairs: Sequence[tuple[str, str]]) -> str:
     """What touches in one run only: the first pairs, and how many more."""
-    told = "\n".join(" and ".join(pair) for pair in pairs[:SHOWN_PAIRS])
-    return f"{told}\nand {len(pairs) - SHOWN_PAIRS} more" if len(pairs) > SHOWN_PAIRS else told or "–"
+    text = "\n".join(" and ".join(pair) for pair in pairs[:SHOWN_PAIRS])
+    return f"{text}\nand {len(pairs) - SHOWN_PAIRS} more" if len(pairs) > SHOWN_PAIRS else text or "–"
 
 
 def changes(changed: Sequence[Change]) -> Table:
@@ -250,7 +250,7 @@ def runs_table(study: Study) -> Table:
         outcomes, quantities = study.outcomes.get(label, ()), summary(run)
         rows.append(
             {"engine": label, "version": run.provenance.get("engine_version"), "failed": run.failed}
-            | {"passed": sum(one.passed for one in outcomes), "expected": len(outcomes)}
+            | {"passed": sum(outcome.passed for outcome in outcomes), "expected": len(outcomes)}
             | {name: getattr(run, name) for name in ("real_time_factor", "cpu_factor", "end_to_end_factor")}
             | {f"{name}, {unit}" if unit else name: quantities.get(name) for name, unit in QUANTITIES}
         )

@@ -50,9 +50,9 @@ def closeness(name: str, certificates: Mapping[str, Certificate]) -> Iterator[st
     """For each level of the certificates how much was compared, and which deviation is the largest share of its tolerance."""
     checks = [
         (scenario, check)
-        for scenario, one in certificates.items()
-        if name in one.engines
-        for check in one.engines[name].checks
+        for scenario, certificate in certificates.items()
+        if name in certificate.engines
+        for check in certificate.engines[name].checks
     ]
     if not checks:
         return
@@ -68,7 +68,7 @@ def closeness(name: str, certificates: Mapping[str, Certificate]) -> Iterator[st
 
 def _nearest(checks: Iterable[tuple[str, Check]]) -> str:
     """The check whose deviation is the largest share of its tolerance; one that failed comes first."""
-    scenario, check = max(checks, key=lambda one: strain(one[1]) if one[1].count else math.inf)
+    scenario, check = max(checks, key=lambda entry: strain(entry[1]) if entry[1].count else math.inf)
     if check.passed and not check.worst:
         return "equal"
     what = f"{check.name}, {scenario}"
@@ -96,8 +96,8 @@ def compared(name: str, study: Mapping[str, Mapping[str, list[dict[str, Any]]]])
         yield from (f"In the [study of every engine]({LINK}), at each scenario's smallest timestep:", "")
         yield from (HEAD, "|---|---:|---:|---|---|---:|", *rows, "")
         if gaps:
-            told = NOTE.format(first=gaps[0]["first"], length=1e3 * gaps[0]["length"], windows=gaps[0]["windows"])
-            yield from (told, "")
+            text = NOTE.format(first=gaps[0]["first"], length=1e3 * gaps[0]["length"], windows=gaps[0]["windows"])
+            yield from (text, "")
 
 
 def _rows(name: str, study: Mapping[str, Mapping[str, list[dict[str, Any]]]]) -> Iterator[str]:
@@ -205,8 +205,10 @@ def _index(certificates: Mapping[str, Certificate]) -> str:
             if bool(engine.FILES_ALONE) is not files_only:
                 continue
             counts = collections.Counter(_plain_word(entry) for entry in support(engine).values())
-            features = ", ".join(f"{counts[one]} {one}" for one in LEVELS if counts[one])
-            proofs = [proof for one in certificates.values() if (proof := one.engines.get(name)) is not None]
+            features = ", ".join(f"{counts[level]} {level}" for level in LEVELS if counts[level])
+            proofs = [
+                proof for certificate in certificates.values() if (proof := certificate.engines.get(name)) is not None
+            ]
             valid = f"{sum(proof.valid for proof in proofs)} of {len(proofs)}" if proofs else "–"
             lines.append(f"| [{engine.TITLE or name}](engines/{name}.md) | {engine.PRECISION} | {features} | {valid} |")
         lines.append("")
@@ -221,7 +223,11 @@ def _about(engine: type[Engine]) -> list[str]:
 
 
 def _facts(engine: type[Engine], certificates: Mapping[str, Certificate]) -> list[str]:
-    versions = {proof.version for one in certificates.values() if (proof := one.engines.get(engine.NAME)) is not None}
+    versions = {
+        proof.version
+        for certificate in certificates.values()
+        if (proof := certificate.engines.get(engine.NAME)) is not None
+    }
     needs = "; ".join(f"{name}: {what}" for name, what in engine.NEEDS.debian)
     lacks = "; ".join(f"{capability} ({reason})" for capability, reason in engine.LACKS.items())
     counts = collections.Counter(_plain_word(entry) for entry in support(engine).values())
@@ -235,7 +241,7 @@ def _facts(engine: type[Engine], certificates: Mapping[str, Certificate]) -> lis
         else "",
         "packages of Debian": needs,
         "reads": f"`{format_of(engine)}` (dialect `{engine.DIALECT}`)",
-        f"of {len(Feature)} features": ", ".join(f"{counts[one]} {one}" for one in LEVELS if counts[one]),
+        f"of {len(Feature)} features": ", ".join(f"{counts[level]} {level}" for level in LEVELS if counts[level]),
         "lacks": lacks,
     }
     return ["| | |", "|---|---|", *(f"| {name} | {_cell(text)} |" for name, text in rows.items() if text)]
@@ -298,7 +304,7 @@ def _deviations(engine: type[Engine]) -> Iterator[str]:
             "|---|---:|---|---:|",
         )
         for probe, deviations in probes.items():
-            widest = max(deviations, key=lambda one: one.size)
+            widest = max(deviations, key=lambda entry: entry.size)
             size = f"{100.0 * widest.size:.3g} %" if widest.relative else f"{widest.size:.3g}"
             yield f"| {probe} | {size} | {_cell(_where(widest))} | {len(deviations):,} |"
         yield ""
@@ -311,15 +317,15 @@ def _deviation_table(engine: type[Engine]) -> str:
     return f"[`{name}`](../../../simspec/engines/{folder.name}/{name})" if (folder / name).is_file() else f"`{name}`"
 
 
-def _where(one: Deviation) -> str:
+def _where(deviation: Deviation) -> str:
     parts = (
-        f"friction from {one.friction:g}" if one.friction else "",
-        f"restitution from {one.restitution:g}" if one.restitution else "",
-        f"timestep from {1e3 * one.timestep:.3g} ms" if one.timestep else "",
-        f"cone {one.friction_cone}" if one.friction_cone else "",
-        f"hardness {one.hardness}" if one.hardness else "",
-        f"`{one.setting[0]}: {str(one.setting[1]).lower()}`" if one.setting else "",
-        f"releases before {one.until}" if one.until else "",
+        f"friction from {deviation.friction:g}" if deviation.friction else "",
+        f"restitution from {deviation.restitution:g}" if deviation.restitution else "",
+        f"timestep from {1e3 * deviation.timestep:.3g} ms" if deviation.timestep else "",
+        f"cone {deviation.friction_cone}" if deviation.friction_cone else "",
+        f"hardness {deviation.hardness}" if deviation.hardness else "",
+        f"`{deviation.setting[0]}: {str(deviation.setting[1]).lower()}`" if deviation.setting else "",
+        f"releases before {deviation.until}" if deviation.until else "",
     )
     return ", ".join(part for part in parts if part) or "everywhere"
 
@@ -328,7 +334,11 @@ def _certified(engine: type[Engine], certificates: Mapping[str, Certificate], ro
     """In how many scenarios of the library each level was compared, and why others have no certificate of it."""
     if not certificates:
         return
-    proofs = {name: one.engines[engine.NAME] for name, one in certificates.items() if engine.NAME in one.engines}
+    proofs = {
+        name: certificate.engines[engine.NAME]
+        for name, certificate in certificates.items()
+        if engine.NAME in certificate.engines
+    }
     yield from ("## Certificates", "")
     valid = sum(proof.valid for proof in proofs.values())
     levels: collections.Counter[str] = collections.Counter()
@@ -336,11 +346,11 @@ def _certified(engine: type[Engine], certificates: Mapping[str, Certificate], ro
     for proof in proofs.values():
         levels.update({check.level for check in proof.checks})
         failed.update({check.level for check in proof.checks if not check.passed})
-    told = ", ".join(
+    text = ", ".join(
         f"{level} in {count}" + (f" ({failed[level]} failed)" if failed[level] else "")
         for level, count in sorted(levels.items())
     )
-    compared = f" Compared: {told}." if told else ""
+    compared = f" Compared: {text}." if text else ""
     yield f"{valid} of {len(proofs)} certificates are valid, of {len(certificates)} scenarios of the library.{compared}"
     if lacking := sorted(set(certificates) - set(proofs)):
         yield from ("", "Without it, each for the first reason that there is:", "")
@@ -362,7 +372,7 @@ def _refusal(engine: type[Engine], world: World) -> str:
     """Why an engine does not have a world: what it does not support, else what the world does not accept."""
     every = tuple(feature.value for feature in Feature)
     options = dataclasses.replace(world.options(engine.NAME), accept=every, outside=every)
-    others = tuple(one for one in world.engines if one.engine != engine.NAME)
+    others = tuple(options for options in world.engines if options.engine != engine.NAME)
     for tried in (dataclasses.replace(world, engines=(*others, options)), world):
         try:
             needed_decisions(tried, engine.NAME)

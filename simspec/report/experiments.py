@@ -107,10 +107,10 @@ def proof_words(proofs: ProofsLeft | None) -> str:
         return "without proof"
     if not proofs.count:
         return "proofs: all are there"
-    told = f"proofs: {proofs.count:,} at most"
+    text = f"proofs: {proofs.count:,} at most"
     if proofs.total is None:
-        return f"{told}, whose time is not known: none of some engine in this store"
-    return f"{told}, about {duration(proofs.total)}, from what proofs took in this store"
+        return f"{text}, whose time is not known: none of some engine in this store"
+    return f"{text}, about {duration(proofs.total)}, from what proofs took in this store"
 
 
 def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLeft | None) -> None:
@@ -122,8 +122,8 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLe
     shown = Table("To do", "engine", "runs", "steps", "time, one after the other", right=(1, 2, 3))
     for engine in plan.engines:
         seconds = left.seconds[engine]
-        told = "not measured yet" if seconds is None else f"about {duration(seconds)}"
-        shown.add(engine, f"{left.runs[engine]:,}", f"{left.steps[engine]:,}", told if left.runs[engine] else "–")
+        text = "not measured yet" if seconds is None else f"about {duration(seconds)}"
+        shown.add(engine, f"{left.runs[engine]:,}", f"{left.steps[engine]:,}", text if left.runs[engine] else "–")
     screen.print(shown)
     to_do = sum(left.runs.values())
     screen.print(f"done: {done:,}; to do: {to_do:,}{' at most' if to_do else ''}")
@@ -139,17 +139,17 @@ def show_plan(plan: Plan, done: int, left: Estimate, jobs: int, proofs: ProofsLe
 
 def axes(plan: Plan) -> list[str]:
     """What the plan goes through, a line each."""
-    told = plan.describe()
-    lines = [f"over {path}: {count} values" for path, count in told["over"].items()]
-    lines += [f"together {', '.join(entry)}: {next(iter(entry.values()))} rows" for entry in told["together"]]
+    describe = plan.describe()
+    lines = [f"over {path}: {count} values" for path, count in describe["over"].items()]
+    lines += [f"together {', '.join(entry)}: {next(iter(entry.values()))} rows" for entry in describe["together"]]
     if plan.sweep.cases:
-        lines.append(f"cases: {', '.join(name or '(none)' for name in told['cases'])}")
-    if told["samples"]:
-        lines.append(f"samples: {told['samples']}")
-    if told["perturbed"]:
-        lines.append(f"perturbed initial states: {told['perturbed']}")
-    if told["repeat"] > 1:
-        lines.append(f"repetitions: {told['repeat']}")
+        lines.append(f"cases: {', '.join(name or '(none)' for name in describe['cases'])}")
+    if describe["samples"]:
+        lines.append(f"samples: {describe['samples']}")
+    if describe["perturbed"]:
+        lines.append(f"perturbed initial states: {describe['perturbed']}")
+    if describe["repeat"] > 1:
+        lines.append(f"repetitions: {describe['repeat']}")
     return lines
 
 
@@ -200,7 +200,7 @@ def results_table(found: Sequence[Group]) -> Table:
     heads = short_names(paths)
     cased = any(group.case is not None for group in found)
     columns = (["case"] if cased else []) + [heads[path] for path in paths] + ["engine", "runs", "real time"]
-    shown = [one for one in SHOWN if any(group.quantity(one[0])[0] for group in found)]
+    shown = [entry for entry in SHOWN if any(group.quantity(entry[0])[0] for group in found)]
     columns += [head for _, head, _ in shown] + ["expected"]
     count = len(columns)
     made = Table("Sweep: medians, ± half of the range", *columns, right=range(count - 3 - len(shown), count))
@@ -215,12 +215,12 @@ def results_table(found: Sequence[Group]) -> Table:
         cells.append("–" if factor is None else f"{factor:,.0f} ×" if factor >= 100.0 else f"{factor:.3g} ×")
         for name, _, unit in shown:
             middle, spread = group.quantity(name)
-            told = length(middle) if unit == "m" else number(middle, unit)
+            text = length(middle) if unit == "m" else number(middle, unit)
             half = None if spread is None else spread / 2
-            cells.append(told if not half else f"{told} ± {length(half) if unit == 'm' else number(half)}")
+            cells.append(text if not half else f"{text} ± {length(half) if unit == 'm' else number(half)}")
         passed, expected = sum(row.passed for row in group.rows), sum(row.expected for row in group.rows)
-        told = f"{passed} of {expected}" if expected else "–"
-        cells.append(TableCell(told, BAD) if passed < expected else told)
+        text = f"{passed} of {expected}" if expected else "–"
+        cells.append(TableCell(text, BAD) if passed < expected else text)
         made.add(*cells)
     return made
 
@@ -258,19 +258,19 @@ def outcome_data(outcome: Outcome, found: Sequence[Group]) -> dict[str, Any]:
     """A sweep as plain data, its runs cell by cell."""
     runs = []
     for cell, row in outcome.rows():
-        one = {"index": cell.index, "engine": cell.engine, "case": cell.case, "values": dict(cell.overrides)}
+        entry = {"index": cell.index, "engine": cell.engine, "case": cell.case, "values": dict(cell.overrides)}
         if rounded := roundings(outcome.plan, cell):
-            one["rounded"] = rounded_data(rounded)
-        one |= {"sample": cell.sample, "repeat": cell.repeat, "perturb": cell.perturb, "seed": cell.seed}
+            entry["rounded"] = rounded_data(rounded)
+        entry |= {"sample": cell.sample, "repeat": cell.repeat, "perturb": cell.perturb, "seed": cell.seed}
         if row is not None:
-            one |= {
+            entry |= {
                 "key": row.key,
                 "failed": row.failed,
                 "quantities": row.quantities,
                 "step_seconds": row.step_seconds,
             }
-            one |= {"cpu_seconds": row.cpu_seconds, "passed": row.passed, "expected": row.expected}
-        runs.append(one)
+            entry |= {"cpu_seconds": row.cpu_seconds, "passed": row.passed, "expected": row.expected}
+        runs.append(entry)
     return {
         "plan": outcome.plan.describe(),
         "ran": outcome.ran,
@@ -312,7 +312,7 @@ def bisect_lines(engine: str, done: Bisection, models: Sequence[str], more: str)
         yield from _values(done.before, done.after)
         yield f"  change {_shown(done.after.value - done.before.value, done.after.unit)}{_share(done.before, done.after)}"
     yield from (f"  {line}" for line in models)
-    kept = sum(one.stored for one in done.readings.values())
+    kept = sum(reading.stored for reading in done.readings.values())
     stored = f", {kept} of them from stored runs" if kept else ""
     counted = f"{len(done.readings)} of {len(done.versions)} versions from {first.version} to {last.version}"
     yield f"measured {counted}, each once{stored}"
@@ -328,9 +328,9 @@ def bisect_lines(engine: str, done: Bisection, models: Sequence[str], more: str)
 
 
 def _values(*readings: Reading) -> Iterator[str]:
-    width = max(len(one.version) for one in readings)
-    for one in readings:
-        yield f"  {one.version:<{width}}  {_shown(one.value, one.unit)}, noise {_shown(one.noise, one.unit, 2)}"
+    width = max(len(reading.version) for reading in readings)
+    for entry in readings:
+        yield f"  {entry.version:<{width}}  {_shown(entry.value, entry.unit)}, noise {_shown(entry.noise, entry.unit, 2)}"
 
 
 def _share(before: Reading, after: Reading) -> str:
@@ -366,14 +366,14 @@ def bisect_data(engine: str, done: Bisection, models: Sequence[str], more: str) 
     }
 
 
-def _plain(one: Reading | None) -> dict[str, Any] | None:
-    if one is None:
+def _plain(reading: Reading | None) -> dict[str, Any] | None:
+    if reading is None:
         return None
     return {
-        "version": one.version,
-        "value": one.value,
-        "unit": one.unit,
-        "noise": one.noise,
-        "half_width": one.half,
-        "stored": one.stored,
+        "version": reading.version,
+        "value": reading.value,
+        "unit": reading.unit,
+        "noise": reading.noise,
+        "half_width": reading.half,
+        "stored": reading.stored,
     }

@@ -97,12 +97,12 @@ def explained(world: World, compiled: Compiled) -> Explained:
     plan = contact_plan(world, engine.RULES, engine.LAYERS)
     layers = 1 + max(plan.layer_of.values(), default=0)
     listed = _listed(world, compiled)
-    own = pair_settings(engine, world)
+    local = pair_settings(engine, world)
     pairs = []
     for pair, law in meeting_laws(world).items():
         layer, by_numbers = plan.layer_of.get(pair, 0), pair not in plan.missed
         how = _how(law, engine.RULES, plan, listed[pair], layer, layers)
-        pairs.append(PairExplained(*pair, _law(law), how, by_numbers, listed[pair], layer, layers, own.get(pair, {})))
+        pairs.append(PairExplained(*pair, _law(law), how, by_numbers, listed[pair], layer, layers, local.get(pair, {})))
     used = {shape.material for body in world.bodies for shape in solid_shapes(body)}
     for law in world.contact.pairs:
         if not law.collide and {law.first, law.second} <= used:
@@ -160,11 +160,11 @@ def _how(law: PairContact, rules: Rules, plan: ContactPlan, listed: int, layer: 
     if pair in plan.missed:
         return f"{explicit}: not representable by material parameters"
     first, second = (plan.numbers[name, layer] for name in pair)
-    told = [_numbers(name, rules, first, second) for name in COMBINED_QUANTITIES if getattr(law, name)] or [
+    numbers = [_numbers(name, rules, first, second) for name in COMBINED_QUANTITIES if getattr(law, name)] or [
         "no parameters needed"
     ]
     where = f"; in layer {layer + 1} of {layers}" if layers > 1 else ""
-    return ", ".join(told) + where + (f"; and {explicit}, which override the material parameters" if listed else "")
+    return ", ".join(numbers) + where + (f"; and {explicit}, which override the material parameters" if listed else "")
 
 
 def _numbers(quantity: str, rules: Rules, first: Surface, second: Surface) -> str:
@@ -318,13 +318,13 @@ def steps(explanation: Explanation) -> Iterator[str]:
     if contact is None:
         yield "first contact: none in A's run" if not _touches(explanation) else "first contact: not comparable"
         return
-    told = f"first contact: {' and '.join(contact.bodies)}, both from A's state before it"
-    yield f"{told}: {contact.differs or 'nothing'} differs first"
+    text = f"first contact: {' and '.join(contact.bodies)}, both from A's state before it"
+    yield f"{text}: {contact.differs or 'nothing'} differs first"
     units = {"depth": (1e6, " µm"), "normal force": (1.0, " N"), "points": (1.0, "")}
     for name, values in contact.quantities.items():
         factor, unit = units[name]
-        one, other = ("no contact" if value is None else f"{value * factor:.5g}{unit}" for value in values)
-        yield f"  {name}: {one} in A, {other} in B"
+        entry, other = ("no contact" if value is None else f"{value * factor:.5g}{unit}" for value in values)
+        yield f"  {name}: {entry} in A, {other} in B"
 
 
 def _touches(explanation: Explanation) -> bool:
@@ -345,10 +345,10 @@ def swaps_table(explanation: Explanation) -> Table:
     title = "swaps: one thing changed, and the share of the gap that it closes"
     right = range(3, 3 + len(classes))
     shown = Table(title, "what is changed", "from", "to", *(CLASS_WORDS[name] for name in classes), right=list(right))
-    for one in explanation.declared:
-        if one.predicted:
-            cells = ["" if name not in one.share else percent(one.share[name]) for name in classes]
-            shown.add(f"{one.acts}, as declared", one.engine, "predicted", *cells)
+    for declared in explanation.declared:
+        if declared.predicted:
+            cells = ["" if name not in declared.share else percent(declared.share[name]) for name in classes]
+            shown.add(f"{declared.acts}, as declared", declared.engine, "predicted", *cells)
     swaps = [*_ranked(explanation.causes), *_ranked(explanation.probes)]
     if any(share < 0.0 for swap in swaps[:MOST_ROWS] for share in swap.share.values()):
         shown.note = "negative: the gap grows by this share with the change"
@@ -386,32 +386,32 @@ def attribution_tables(done: Done) -> list[StudyTable]:
     classes = [
         name
         for name in (*CLASSES, RUN)
-        if any(one.found is not None and name in one.found.gap for one in done.explained)
+        if any(entry.found is not None and name in entry.found.gap for entry in done.explained)
     ]
     heads = [f"gap, {CLASS_WORDS[name]}" for name in classes]
     right = range(1, 1 + len(heads))
     gaps = StudyTable(done, "attribution", TITLE, "engine", *heads, "unexplained", right=right)
     causes = StudyTable(done, "attribution.causes", CAUSES, "engine", "what", "from", "to", "closes")
-    for one in done.explained:
-        found = one.found
+    for entry in done.explained:
+        found = entry.found
         if found is None:
-            record: dict[str, Any] = {"engine": one.engine, "first": one.first, "refused": one.refused}
-            gaps.add(one.engine, *(["–"] * len(heads)), TableCell(one.refused, DIM), record=record)
+            record: dict[str, Any] = {"engine": entry.engine, "first": entry.first, "refused": entry.refused}
+            gaps.add(entry.engine, *(["–"] * len(heads)), TableCell(entry.refused, DIM), record=record)
             continue
         telling = found.telling
         cells = [_length(found.gap.get(name), name in telling) for name in classes]
         left = {name: share for name, share in found.unexplained.items() if name in (*CLASSES, RUN)}
         unexplained = ", ".join(f"{percent(max(share, 0.0))} {CLASS_WORDS[name]}" for name, share in left.items())
-        record = {"engine": one.engine, "first": one.first, "windows": found.looked_at, "length": found.length}
+        record = {"engine": entry.engine, "first": entry.first, "windows": found.looked_at, "length": found.length}
         record |= {f"gap.{name}": finite(value) for name, value in found.gap.items()}
         record |= {f"unexplained.{name}": finite(value) for name, value in left.items()}
-        gaps.add(one.engine, *cells, unexplained or "nothing to explain", record=record)
+        gaps.add(entry.engine, *cells, unexplained or "nothing to explain", record=record)
         for swap in _ranked_swaps(found.causes, found.probes):
             before, after = swap.values
-            record = {"engine": one.engine, "first": one.first, "what": swap.name, "from": before, "to": after}
+            record = {"engine": entry.engine, "first": entry.first, "what": swap.name, "from": before, "to": after}
             record |= {"kind": swap.kind} | {f"share.{name}": finite(share) for name, share in swap.share.items()}
-            causes.add(one.engine, swap.name, before, after, _shares(swap), record=record)
-        gaps.said += tuple(f"{one.engine} beside {one.first}: {line}" for line in verdict(found)[:MOST])
+            causes.add(entry.engine, swap.name, before, after, _shares(swap), record=record)
+        gaps.said += tuple(f"{entry.engine} beside {entry.first}: {line}" for line in verdict(found)[:MOST])
     gaps.note = NOTE
     return [gaps, causes]
 

@@ -142,11 +142,13 @@ def deviation_over_timestep(
     plot = pyplot()
     with plot.rc_context(STYLE):
         chart, axis = plot.subplots(figsize=WIDE)
-        for index, engine in enumerate(dict.fromkeys(one["engine"] for one in records)):
-            own = sorted((one for one in records if one["engine"] == engine), key=lambda one: one["timestep"])
-            times = 1e3 * np.array([one["timestep"] for one in own])
-            far = np.array([np.inf if one["deviation"] is None else factor * one["deviation"] for one in own])
-            valid = np.array([one["valid"] == one["runs"] for one in own])
+        for index, engine in enumerate(dict.fromkeys(record["engine"] for record in records)):
+            local = sorted(
+                (record for record in records if record["engine"] == engine), key=lambda item: item["timestep"]
+            )
+            times = 1e3 * np.array([entry["timestep"] for entry in local])
+            far = np.array([np.inf if entry["deviation"] is None else factor * entry["deviation"] for entry in local])
+            valid = np.array([entry["valid"] == entry["runs"] for entry in local])
             look = _look(index)
             axis.plot(times, np.where(valid, far, np.nan), linewidth=0.8, **look)
             marked = {"marker": MARKERS[index % len(MARKERS)], "markersize": 4, "linestyle": "none"}
@@ -154,7 +156,7 @@ def deviation_over_timestep(
             axis.plot(times[~valid], np.minimum(far, top)[~valid], color=look["color"], fillstyle="none", **marked)
         axis.axhline(factor * tolerance, color="0.4", linewidth=0.8, linestyle="--")
         axis.set(xscale="log", yscale="log", xlabel="timestep, ms", ylabel=f"largest deviation, {unit}")
-        tried = sorted({1e3 * one["timestep"] for one in records})
+        tried = sorted({1e3 * record["timestep"] for record in records})
         axis.set_xticks([step for step in tried if step in LIMIT_TICKS] or tried[:MOST_TICKS])
         axis.set_xticks([], minor=True)
         axis.xaxis.set_major_formatter(_plain)
@@ -232,8 +234,8 @@ def _divergences(runs: Sequence[Run], floors: Sequence[Floor]) -> list[tuple[str
         chosen = _rows(common.rows)
         columns = [np.array([run.index[name] for name in names], dtype=np.int64) for run in (a, b)]
         poses = [
-            run.arrays["pose"][np.ix_(rows[chosen], own)]
-            for run, rows, own in ((a, common.rows_a, columns[0]), (b, common.rows_b, columns[1]))
+            run.arrays["pose"][np.ix_(rows[chosen], values)]
+            for run, rows, values in ((a, common.rows_a, columns[0]), (b, common.rows_b, columns[1]))
         ]
         position, _ = deviations(*poses)
         noise, _ = common.noise(chosen[:, None])

@@ -40,9 +40,15 @@ def absent(engine: type[Engine]) -> list[tuple[str, str, str]]:
     """By effect: its name, under which law and settings it is absent from the least friction, restitution and timestep on,
     and why."""
     found: dict[tuple[str, str], list[Deviation]] = {}
-    for one in engine.CONTACT_DEVIATIONS:
-        if any(_shows_nothing(figure, law, one) for law in _laws(one) for figure in _figures(law, one.probe)):
-            found.setdefault((EFFECTS.get(one.probe, one.probe), one.why), []).append(one)
+    for contact_deviation in engine.CONTACT_DEVIATIONS:
+        if any(
+            _shows_nothing(figure, law, contact_deviation)
+            for law in _laws(contact_deviation)
+            for figure in _figures(law, contact_deviation.probe)
+        ):
+            found.setdefault(
+                (EFFECTS.get(contact_deviation.probe, contact_deviation.probe), contact_deviation.why), []
+            ).append(contact_deviation)
     return [(effect, "; ".join(_where(some)), why) for (effect, why), some in found.items()]
 
 
@@ -54,20 +60,20 @@ def _shows_nothing(figure: Figure, law: Law, deviation: Deviation) -> bool:
     return widened(figure, law, (deviation,), settings).absent
 
 
-def _laws(one: Deviation) -> Iterator[Law]:
-    bounces = sorted({one.restitution, _usual(RESTITUTION, one.restitution, one.below[1])})
+def _laws(deviation: Deviation) -> Iterator[Law]:
+    bounces = sorted({deviation.restitution, _usual(RESTITUTION, deviation.restitution, deviation.below[1])})
     for restitution, threshold in itertools.product(bounces, (0.0, 0.1)):
         pair = PairContact(
             "a",
             "b",
-            _usual(FRICTION, one.friction, one.below[0]),
+            _usual(FRICTION, deviation.friction, deviation.below[0]),
             restitution,
             restitution_threshold=threshold,
             torsional_friction=0.01,
             rolling_friction=0.001,
-            hardness=_hardness(one.hardness or "common"),
+            hardness=_hardness(deviation.hardness or "common"),
         )
-        yield Law(pair, one.friction_cone or "elliptic", _usual(TIMESTEP, one.timestep, one.below[2]))
+        yield Law(pair, deviation.friction_cone or "elliptic", _usual(TIMESTEP, deviation.timestep, deviation.below[2]))
 
 
 def _usual(usual: float, least: float, below: float) -> float:
@@ -92,17 +98,21 @@ def _wanted(law: Law) -> tuple[Figure, ...]:
 
 def _where(some: list[Deviation]) -> Iterator[str]:
     """The conditions of declarations, each once, in words."""
-    told: dict[str, list[float]] = {}
-    for one in some:
+    given: dict[str, list[float]] = {}
+    for deviation in some:
         parts = [
-            f"{one.setting[0]}: {one.setting[1]}" if one.setting else "",
-            f"cone {one.friction_cone}" if one.friction_cone else "",
-            f"hardness {one.hardness}" if one.hardness else "",
+            f"{deviation.setting[0]}: {deviation.setting[1]}" if deviation.setting else "",
+            f"cone {deviation.friction_cone}" if deviation.friction_cone else "",
+            f"hardness {deviation.hardness}" if deviation.hardness else "",
         ]
         key = ", ".join(filter(None, parts))
-        low = told.setdefault(key, [one.friction, one.restitution, one.timestep])
-        told[key] = [min(low[0], one.friction), min(low[1], one.restitution), min(low[2], one.timestep)]
-    for key, (friction, restitution, timestep) in told.items():
+        low = given.setdefault(key, [deviation.friction, deviation.restitution, deviation.timestep])
+        given[key] = [
+            min(low[0], deviation.friction),
+            min(low[1], deviation.restitution),
+            min(low[2], deviation.timestep),
+        ]
+    for key, (friction, restitution, timestep) in given.items():
         least = [
             f"μ ≥ {friction:g}" if friction > 1e-6 else "",
             f"e ≥ {restitution:g}" if restitution else "",
@@ -351,7 +361,7 @@ def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any], width:
         "Supported features  (details: simspec engines --json)",
         "feature",
         [feature.value for feature in Feature],
-        {name: [TableCell(WORDS[level], TONES[level]) for level in own] for name, own in levels.items()},
+        {name: [TableCell(WORDS[level], TONES[level]) for level in local] for name, local in levels.items()},
         width,
     )
     has = {name: [facts["capabilities"][capability.value] for capability in Capability] for name, facts in data.items()}
@@ -359,7 +369,10 @@ def engine_tables(instances: Sequence[Instance], data: Mapping[str, Any], width:
         "Capabilities",
         "capability",
         [capability.value for capability in Capability],
-        {name: [TableCell("yes", GOOD) if one else TableCell("no", BAD) for one in own] for name, own in has.items()},
+        {
+            name: [TableCell("yes", GOOD) if entry else TableCell("no", BAD) for entry in local]
+            for name, local in has.items()
+        },
         width,
     )
     reasons = Table("Lacking capabilities", "engine", "capability", "reason")

@@ -78,10 +78,10 @@ def show_not_taken(selection: Selection, screen: Console) -> None:
     """The engines that are left out since nobody named them, one row each; nothing where all are taken."""
     if not selection.not_taken:
         return
-    places = {name: f"\n{one.location}" if one.location else "" for name, one in selection.not_taken.items()}
-    screen.print(not_run_table({name: one.reason for name, one in selection.not_taken.items()}, places))
-    if asked := [name for name, refusal in selection.not_taken.items() if refusal.acceptable]:
-        screen.print(f"to accept by name what differs: simspec accept SPEC  ({', '.join(asked)})", soft_wrap=True)
+    places = {name: f"\n{taken.location}" if taken.location else "" for name, taken in selection.not_taken.items()}
+    screen.print(not_run_table({name: taken.reason for name, taken in selection.not_taken.items()}, places))
+    if requested := [name for name, refusal in selection.not_taken.items() if refusal.acceptable]:
+        screen.print(f"to accept by name what differs: simspec accept SPEC  ({', '.join(requested)})", soft_wrap=True)
 
 
 # Refusals of engines: a line for each feature, and two with the ways out.
@@ -155,21 +155,23 @@ def ways_out(
     unsupported: dict[str, list[str]] = {}
     labels = {engine_name(label): label for label in engines}
     for engine, refusals in by_engine.items():
-        lacking = [_subject(one) for one in refusals if not one.option]
+        lacking = [_subject(refusal) for refusal in refusals if not refusal.option]
         if not lacking and world is not None and not acceptable(world, labels.get(engine, engine), pythons):
             lacking = ["its files, whatever is accepted"]
         if lacking:
             unsupported[engine] = list(dict.fromkeys(lacking))
             continue
-        for one in refusals:
-            features = accepted.setdefault(engine, {}).setdefault(one.option, [])
-            features += [one.feature] if one.feature not in features else []
+        for entry in refusals:
+            features = accepted.setdefault(engine, {}).setdefault(entry.option, [])
+            features += [entry.feature] if entry.feature not in features else []
     names = list(dict.fromkeys(map(engine_name, engines))) or list(by_engine)
     lacked = dict.fromkeys(feature for of_engine in unsupported.values() for feature in of_engine)
     by_none = [feature for feature in lacked if all(feature in unsupported.get(name, ()) for name in names)]
     command = ""
     if accepted and writable:
-        command = " ".join(["simspec accept", shlex.quote(spec), *(f"-e {labels.get(one, one)}" for one in accepted)])
+        command = " ".join(
+            ["simspec accept", shlex.quote(spec), *(f"-e {labels.get(name, name)}" for name in accepted)]
+        )
     words = dict.fromkeys(word for options in accepted.values() for named in options.values() for word in named)
     few = [f"--accept {word}" for word in words] if len(words) <= MOST_WORDS else [f"--accept {EVERY}"]
     return WaysOut(accepted, unsupported, by_none, command, " ".join(few) if words else "")
@@ -197,11 +199,11 @@ def brief(problems: Iterable[Problem]) -> list[str]:
     lines = []
     for what, refusals in groups.items():
         levels: dict[Level, dict[str, None]] = {}
-        for one in refusals:
-            levels.setdefault(_LEVELS.get(one.option, Level.UNSUPPORTED), {})[one.engine] = None
+        for refusal in refusals:
+            levels.setdefault(_LEVELS.get(refusal.option, Level.UNSUPPORTED), {})[refusal.engine] = None
         place = f"{refusals[0].location}: " if refusals[0].location else ""
-        told = "; ".join(f"{_WORDS[level]} {', '.join(levels[level])}" for level in _WORDS if level in levels)
-        lines.append(f"{place}{what}" if what.startswith(f"{refusals[0].engine}: ") else f"{place}{what}: {told}")
+        text = "; ".join(f"{_WORDS[level]} {', '.join(levels[level])}" for level in _WORDS if level in levels)
+        lines.append(f"{place}{what}" if what.startswith(f"{refusals[0].engine}: ") else f"{place}{what}: {text}")
     return lines
 
 

@@ -71,10 +71,10 @@ class Told:
         text = visible(self._text)
         if self._share <= 0.0:
             return f"{text}, for {duration(passed)}" if passed >= 1.0 else text
-        told = f"{text}: {self._share:.0%}"
+        given = f"{text}: {self._share:.0%}"
         if self._share < FROM_SHARE:
-            return told
-        return f"{told}, about {duration(passed * (1.0 - self._share) / self._share)} left"
+            return given
+        return f"{given}, about {duration(passed * (1.0 - self._share) / self._share)} left"
 
 
 def duration(seconds: float) -> str:
@@ -90,30 +90,30 @@ def progress(enabled: bool = True) -> Iterator[Progress]:
     """A function to say what is being done, and how far it is: shown on standard error, beside a spinner on a terminal,
     elsewhere as a line every ``EVERY`` seconds. Nothing at all where not ``enabled``."""
     screen = console(error=True)
-    told = Told()
+    given = Told()
     if not enabled:
-        yield told
+        yield given
     elif screen.is_terminal:
         from rich.text import Text
 
         with screen.status("") as status:
 
             def show(text: str, share: float | None = None, /) -> None:
-                told(text, share)
-                status.update(Text(told.line()))
+                given(text, share)
+                status.update(Text(given.line()))
 
             yield show
     else:
         ended = threading.Event()
-        teller = threading.Thread(target=_tell, args=(told, ended), daemon=True, name="simspec-progress")
+        teller = threading.Thread(target=_tell, args=(given, ended), daemon=True, name="simspec-progress")
         teller.start()
         try:
-            yield told
+            yield given
         finally:
             ended.set()
             teller.join()
 
 
-def _tell(told: Told, ended: threading.Event) -> None:
+def _tell(given: Told, ended: threading.Event) -> None:
     while not ended.wait(EVERY):
-        say(told.line(), error=True)
+        say(given.line(), error=True)

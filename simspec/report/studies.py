@@ -197,7 +197,9 @@ def show_study(study: Study, screen: Console, show: Sequence[str] = ()) -> None:
     ):
         if shown is not None:
             screen.print(shown)
-    for hint in dict.fromkeys(one.hint for own in study.outcomes.values() for one in own if one.hint):
+    for hint in dict.fromkeys(
+        outcome.hint for outcomes in study.outcomes.values() for outcome in outcomes if outcome.hint
+    ):
         screen.print(hint, soft_wrap=True)
     for note in dict.fromkeys(note for diff in study.diffs for note in diff.notes):
         screen.print(f"note: {note}", soft_wrap=True)
@@ -261,12 +263,12 @@ def load_study(folder: Path) -> StoredStudy:
     wanted = report.world_sha256 if report is not None else _only_world(folder, hashes)
     notes = [
         f"{folder / name} is of another world (an earlier spec, or another --set): it is not in this report"
-        for name, own in hashes.items()
-        if own is not None and own != wanted
+        for name, digest in hashes.items()
+        if digest is not None and digest != wanted
     ]
     # a run whose provenance cannot be read is loaded too: that raises the error which names the file
     runs: dict[str, Run] = {}
-    for name in (name for name, own in hashes.items() if own in (None, wanted)):
+    for name in (name for name, digest in hashes.items() if digest in (None, wanted)):
         run = load_run(folder / name)
         if run.engine in runs:
             message = f"{folder} contains two runs in {run.engine} of one world: {folder / name} is the second"
@@ -275,7 +277,7 @@ def load_study(folder: Path) -> StoredStudy:
     if not runs:
         message = f"{folder}: no run is of the world in {REPORT_FILE}"
         raise SpecError([Problem(message, hint="run it again: simspec run")])
-    floors = _by_engine([load_floor(folder / name) for name, own in hashes.items() if own in (None, wanted)])
+    floors = _by_engine([load_floor(folder / name) for name, digest in hashes.items() if digest in (None, wanted)])
     certificate, why_none = _certificate(folder, wanted)
     notes += [why_none] if why_none else []
     left_out = {} if report is None else {name: why for name, why in report.left_out.items() if name not in runs}
@@ -317,7 +319,7 @@ def _report(folder: Path) -> Report | None:
 
 def _only_world(folder: Path, hashes: Mapping[str, str | None]) -> str:
     """The hash of the one world that all readable runs are of. Raises SpecError where there are several, or none."""
-    worlds = {own for own in hashes.values() if own is not None}
+    worlds = {digest for digest in hashes.values() if digest is not None}
     if not worlds:
         load_run(folder / next(iter(hashes)))  # raises the error that names the damaged file
     if len(worlds) != 1:

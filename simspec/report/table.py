@@ -103,7 +103,7 @@ def as_table(table: Table | Columns) -> Table:
 
 def records_table(title: str, records: Sequence[Mapping[str, Any]]) -> Table:
     """A row for each of some records with the same names."""
-    made = Table(title, *(records[0] if records else ()), rows=[tuple(one.values()) for one in records])
+    made = Table(title, *(records[0] if records else ()), rows=[tuple(record.values()) for record in records])
     _align(made)
     return made
 

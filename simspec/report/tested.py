@@ -101,8 +101,8 @@ def certificate_suites(certificate: Certificate, world: World, locate: Locate) -
 
 def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[Entry]:
     names = {check.level for check in proof.checks}
-    apart = {name: why for name, why in (proof.not_compared | proof.unchecked).items() if " " not in name}
-    for number, level in enumerate(sorted(names | apart.keys())):
+    separate = {name: why for name, why in (proof.not_compared | proof.unchecked).items() if " " not in name}
+    for number, level in enumerate(sorted(names | separate.keys())):
         checks = proof.level(level)
         title = f"proof {level_title(level, checks)}"
         seconds = proof.seconds if number == 0 else 0.0  # the levels share one process
@@ -119,7 +119,7 @@ def _levels(proof: EngineProof, world: World, locate: Locate) -> Iterable[Entry]
         elif checks:
             yield Entry(title, Status.PASSED, seconds=seconds)
         else:
-            yield Entry(title, Status.SKIPPED, apart[level], seconds=seconds)
+            yield Entry(title, Status.SKIPPED, separate[level], seconds=seconds)
 
 
 def _deviation(check: Check) -> str:
@@ -155,7 +155,11 @@ def study_suites(study: Study, locate: Locate, demand_diff: bool) -> list[Suite]
         ]
         suites.append(Suite(world.name, name, tuple(entries)))
     if study.certificate is not None:  # a run that ended the study early leaves proofs of engines that were not run
-        left = [one for one in certificate_suites(study.certificate, world, locate) if one.engine not in study.runs]
+        left = [
+            certificate_suite
+            for certificate_suite in certificate_suites(study.certificate, world, locate)
+            if certificate_suite.engine not in study.runs
+        ]
         suites += left
     return suites + [_comparison(world, diff, locate, demand_diff) for diff in study.diffs]
 
@@ -272,15 +276,15 @@ def sweep_suites(outcome: SweepOutcome, rows: Iterable[tuple[Cell, Row | None]],
     left: dict[tuple[str, Status], int] = {}
     for cell, row in rows:
         entry = _entry(cell, row, outcome, locate)
-        own = entries.setdefault(cell.engine, [])
-        if len(own) < MOST_ENTRIES or entry.status is Status.ERROR:
-            own.append(entry)
+        local = entries.setdefault(cell.engine, [])
+        if len(local) < MOST_ENTRIES or entry.status is Status.ERROR:
+            local.append(entry)
         else:
             left[cell.engine, entry.status] = left.get((cell.engine, entry.status), 0) + 1
     for (engine, status), number in left.items():
         why = "" if status is Status.PASSED else "more than are listed"
         entries[engine].append(Entry(f"{number:,} more runs", status, why))
-    suites = [Suite(spec, engine, tuple(own)) for engine, own in entries.items()]
+    suites = [Suite(spec, engine, tuple(local)) for engine, local in entries.items()]
     if outcome.unproven:
         place = locate("name")
         failed = [Entry("proof", Status.FAILED, why, "", place, excess=math.inf) for why in outcome.unproven.values()]

@@ -13,6 +13,7 @@ commanded in the axes that the link had in the server's components *before* the 
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -289,7 +290,7 @@ class Simulation(WorldSimulation[WorldSidecar]):
         """(q, v), poses and velocities of the static server at the present coordinates."""
         aside = self._aside()
         # each by another length, so that no two of them bring a link back to where it was
-        aside[self._q_axes] += ASIDE * (1.0 + np.arange(len(self.axes)) / np.e)
+        aside[self._q_axes] += ASIDE * (1.0 + np.arange(len(self.axes)) / math.e)
         server, found = self._static, []
 
         def before(info: Any, components: Any, step: int) -> None:

@@ -177,9 +177,9 @@ def _differences(study: Study) -> Iterator[Sentence]:
         text = f"Motion: within {tolerances(same[0])} of each other {until}: {_pairs(same)}."
         yield Sentence(GOOD, f"{text} Largest difference: {length(largest)}, {angle(turned)}.")
     nothing = [diff for diff in study.diffs if diff.verdict == INCONCLUSIVE and diff.not_compared]
-    for told in dict.fromkeys(map(not_compared_words, nothing)):
-        same = [diff for diff in nothing if not_compared_words(diff) == told]
-        yield Sentence(WARNING, f"Motion: {_pairs(same)}: {told}.")
+    for given in dict.fromkeys(map(not_compared_words, nothing)):
+        same = [diff for diff in nothing if not_compared_words(diff) == given]
+        yield Sentence(WARNING, f"Motion: {_pairs(same)}: {given}.")
     for diff in study.diffs:
         if diff.verdict == INCONCLUSIVE and not diff.not_compared and (note := inconclusive_note(diff)) is not None:
             yield Sentence(WARNING, f"Motion: {note}.")
@@ -211,7 +211,7 @@ def _pair(diff: Diff) -> str:
 
 
 def _expectations(study: Study) -> Iterator[Sentence]:
-    outcomes = [(name, outcome) for name, own in study.outcomes.items() for outcome in own]
+    outcomes = [(name, outcome) for name, outcomes in study.outcomes.items() for outcome in outcomes]
     if not outcomes:
         return
     failed = [(name, outcome) for name, outcome in outcomes if not outcome.passed]
@@ -352,8 +352,8 @@ def _caption(frames: Frames, runs: list[Run], scene: dict[str, Any]) -> str:
         parts.append("Bodies that leave the scene are drawn at its edge.")
     forces = [(run["forces"], run["engine"]) for run in scene["runs"] if run["forces"] is not None]
     if forces:
-        largest = max(own["largest"] for own, _ in forces)
-        seldom = max(own["every"] for own, _ in forces)
+        largest = max(local["largest"] for local, _ in forces)
+        seldom = max(local["every"] for local, _ in forces)
         when = "" if seldom == 1 else f", drawn for every {seldom}th frame or more"
         parts.append(f"Bars are contact forces, as long as their square roots (longest: {largest:.3g} N){when}.")
     if scene["ghost"] is not None:
@@ -373,7 +373,9 @@ def _provenance(stored: StoredStudy) -> Table:
         if any(value is not None for value in values):
             rows.add(fact.replace("_", " "), *("–" if value is None else str(value) for value in values))
     settings = [run.provenance.get("settings") or {} for run in study.runs.values()]
-    rows.add("settings", *("\n".join(f"{name}: {value}" for name, value in own.items()) or "–" for own in settings))
+    rows.add(
+        "settings", *("\n".join(f"{name}: {value}" for name, value in setting.items()) or "–" for setting in settings)
+    )
     rows.add("steps", *(str(run.provenance.get("steps", "–")) for run in study.runs.values()))
     rows.add("timestep", *(f"{run.world.physics.timestep:g} s" for run in study.runs.values()))
     rows.add("world sha256", *(world_hash(study) for _ in study.runs))

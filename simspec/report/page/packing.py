@@ -135,8 +135,8 @@ def choose_frames(world: World, runs: Sequence[Run]) -> Frames:
     rows = np.arange(0, count, every)
     if rows[-1] != count - 1:
         rows = np.append(rows, count - 1)
-    shown = tuple(int(np.searchsorted(rows, own)) for own in usable)
-    everywhere = [run.arrays["pose"][rows[:own], :, :3] for run, own in zip(runs, shown, strict=True)]
+    shown = tuple(int(np.searchsorted(rows, number)) for number in usable)
+    everywhere = [run.arrays["pose"][rows[:number], :, :3] for run, number in zip(runs, shown, strict=True)]
     low, high, centre, radius, beyond = _box(world, everywhere, moving)
     time = np.asarray(runs[longest].time[rows], dtype=np.float64)
     return Frames(rows, shown, time, low, high, centre, radius, every, beyond)

@@ -50,12 +50,12 @@ def target_poses(world: World, run: Run, rows: Rows, bodies: list[int]) -> Numbe
     for k in bodies:
         body = world.bodies[k]
         joint = body.joint
-        own = targets[:, column[joint.name], None] if joint.name in column else q[:, slots[k]]
+        values = targets[:, column[joint.name], None] if joint.name in column else q[:, slots[k]]
         if joint.parent is None:
             start = np.broadcast_to(_row(body), (len(rows), 7))
         else:
             start = _after(poses[:, index[joint.parent]], _row(body))
-        poses[:, k] = _after(start, _displacement(body, own))
+        poses[:, k] = _after(start, _displacement(body, values))
     return poses
 
 
@@ -116,11 +116,11 @@ def scene_data(world: World, runs: Sequence[Run], frames: Frames, packed: Packed
                 "engine": visible(run.engine),
                 "label": visible(run.label),
                 "colour": index,
-                "frames": len(own),
-                "motion": _motion(own, moving, turning, frames, packed),
-                "forces": _forces(run, frames, len(own), packed),
+                "frames": len(values),
+                "motion": _motion(values, moving, turning, frames, packed),
+                "forces": _forces(run, frames, len(values), packed),
             }
-            for index, (run, own) in enumerate(zip(runs, poses, strict=True))
+            for index, (run, values) in enumerate(zip(runs, poses, strict=True))
         ],
         "ghost": ghost,
         "view": {"centre": np.round(frames.centre, DIGITS).tolist(), "radius": round(frames.radius, DIGITS)},
@@ -178,12 +178,12 @@ def _movers(world: World, poses: Sequence[Numbers], frames: Frames) -> tuple[Row
     """The bodies that are seen to move, and those of them that are seen to turn, in any of the runs."""
     changed = np.zeros(len(world.bodies), dtype=bool)
     turned = np.zeros(len(world.bodies), dtype=bool)
-    for own in poses:
-        changed |= np.ptp(own[..., :3], axis=0).max(axis=-1) > 0.5 * frames.step
-        turned |= np.ptp(own[..., 3:], axis=0).max(axis=-1) > LEAST_TURN
-    apart = np.ptp(np.stack([own[0] for own in poses]), axis=0).max(axis=-1) > 0.5 * frames.step
+    for values in poses:
+        changed |= np.ptp(values[..., :3], axis=0).max(axis=-1) > 0.5 * frames.step
+        turned |= np.ptp(values[..., 3:], axis=0).max(axis=-1) > LEAST_TURN
+    separate = np.ptp(np.stack([pose[0] for pose in poses]), axis=0).max(axis=-1) > 0.5 * frames.step
     unseen = np.array([turns_unseen(world, body) for body in range(len(world.bodies))], dtype=bool)
-    moving = changed | turned | apart
+    moving = changed | turned | separate
     return np.flatnonzero(moving), np.flatnonzero(moving & ~unseen)
 
 
@@ -348,10 +348,10 @@ def _noise(study: Study, moving: Rows, rows: Rows) -> Curve | None:
         return None
     worst = np.zeros(len(rows))
     for floor in study.floors.values():
-        own = np.full(len(rows), np.inf)
+        full = np.full(len(rows), np.inf)
         inside = rows < len(floor.position)
-        own[inside] = floor.position[rows[inside]][:, moving].max(axis=1)
-        worst = np.maximum(worst, own)
+        full[inside] = floor.position[rows[inside]][:, moving].max(axis=1)
+        worst = np.maximum(worst, full)
     return Curve(f"{FLOOR_FACTOR:g} × the engines' noise", np.maximum(FLOOR_FACTOR * worst, LEAST), kind="band")
 
 

@@ -39,15 +39,15 @@ class Colours:
 def charts(tables: StudyTables) -> list[dict[str, Any]]:
     """The plots of all sweeps, as ``page/src/data.ts`` declares them (``Chart``)."""
     colours = Colours()
-    for own in tables.sweeps.values():  # engines of the study first, so that they have the colours of its playback
-        for shown in own:
+    for showns in tables.sweeps.values():  # engines of the study first, so that they have the colours of its playback
+        for shown in showns:
             for record in shown.records:
                 if not record.get("elsewhere") and isinstance(record.get("engine"), str):
                     colours.of(record["engine"])
     made = []
-    for sweep, own in tables.sweeps.items():
-        for shown in own:
-            maker = next((one for word, one in _CHARTS.items() if f"{shown.name}.".startswith(f"{word}.")), None)
+    for sweep, showns in tables.sweeps.items():
+        for shown in showns:
+            maker = next((chart for word, chart in _CHARTS.items() if f"{shown.name}.".startswith(f"{word}.")), None)
             try:
                 made += (
                     [{**chart, "title": visible(chart["title"])} for chart in maker(sweep, shown, colours)]
@@ -66,7 +66,7 @@ def _chart(
     title: str, unit: str, x: Mapping[str, Any], series: Iterable[Mapping[str, Any]], **more: Any
 ) -> dict[str, Any]:
     chart = {"title": title, "unit": unit, "group": x["label"], "x": dict(x), "logarithmic": False, "limits": []}
-    return chart | {"series": [dict(one) for one in series]} | more
+    return chart | {"series": [dict(entry) for entry in series]} | more
 
 
 def _series(
@@ -77,10 +77,10 @@ def _series(
 
 def _mark(x: float, value: float, low: Any = None, high: Any = None, values: Sequence[float] = ()) -> dict[str, Any]:
     whole = low is not None and high is not None
-    told: dict[str, Any] = {"x": float(x), "value": float(value), "low": None, "high": None}
+    given: dict[str, Any] = {"x": float(x), "value": float(value), "low": None, "high": None}
     if whole:
-        told |= {"low": float(low), "high": float(high)}
-    return {**told, "values": [float(one) for one in values]}
+        given |= {"low": float(low), "high": float(high)}
+    return {**given, "values": [float(value) for value in values]}
 
 
 def _engines(records: Iterable[Record]) -> dict[str, list[Record]]:
@@ -106,52 +106,56 @@ def _over_timestep(sweep: str, shown: StoredTableShown, colours: Colours) -> Ite
     """Medians with the interval of the mean and the single values, beside figures from elsewhere."""
     for quantity, title in QUANTITIES.items():
         series = []
-        for index, (engine, own) in enumerate(_engines(shown.records).items()):
+        for index, (engine, local) in enumerate(_engines(shown.records).items()):
             marks = [
-                _mark(MILLI * one["timestep"], one["median"], one["lower"], one["upper"], one["values"])
-                for one in own
-                if one["quantity"] == quantity
+                _mark(MILLI * entry["timestep"], entry["median"], entry["lower"], entry["upper"], entry["values"])
+                for entry in local
+                if entry["quantity"] == quantity
             ]
             series.append(_series(engine, colours.of(engine), marks, dash=index))
-        for label, own in _elsewhere(shown.records, quantity).items():
-            marks = [_mark(MILLI * one["timestep"], one["value"]) for one in own if one["timestep"] is not None]
-            series.append(_series(label, colours.of(str(own[0]["engine"])), marks, "elsewhere"))
-        if any(one["marks"] for one in series if one["kind"] == "measured"):
+        for label, local in _elsewhere(shown.records, quantity).items():
+            marks = [
+                _mark(MILLI * entry["timestep"], entry["value"]) for entry in local if entry["timestep"] is not None
+            ]
+            series.append(_series(label, colours.of(str(local[0]["engine"])), marks, "elsewhere"))
+        if any(entry["marks"] for entry in series if entry["kind"] == "measured"):
             yield _chart(f"{sweep}: {title}", "", TIMESTEP, series, logarithmic=quantity in LOGARITHMIC)
 
 
 def _validity(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator[dict[str, Any]]:
     """The share of valid runs with its interval; the limits of figures from elsewhere as vertical lines."""
     series = []
-    for index, (engine, own) in enumerate(_engines(shown.records).items()):
-        shares = [one for one in own if "share" in one]
-        marks = [_mark(MILLI * one["timestep"], one["share"], one["lower"], one["upper"]) for one in shares]
+    for index, (engine, values) in enumerate(_engines(shown.records).items()):
+        shares = [entry for entry in values if "share" in entry]
+        marks = [_mark(MILLI * share["timestep"], share["share"], share["lower"], share["upper"]) for share in shares]
         series.append(_series(engine, colours.of(engine), marks, dash=index))
     limits = [
         {
-            "label": visible(f"{label}: {MILLI * one['value']:g} ms"),
-            "x": MILLI * one["value"],
-            "colour": colours.of(str(one["engine"])),
+            "label": visible(f"{label}: {MILLI * entry['value']:g} ms"),
+            "x": MILLI * entry["value"],
+            "colour": colours.of(str(entry["engine"])),
             "elsewhere": True,
         }
-        for label, own in _elsewhere(shown.records, "largest_valid_timestep").items()
-        for one in own
+        for label, local in _elsewhere(shown.records, "largest_valid_timestep").items()
+        for entry in local
     ]
     yield _chart(f"{sweep}: Share of runs that do all that is expected", "", TIMESTEP, series, limits=limits)
 
 
 def _over_time(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator[dict[str, Any]]:
     """Speed and contacts of each interval of simulated time, as steps."""
-    timesteps = sorted({one["timestep"] for one in shown.records})
+    timesteps = sorted({record["timestep"] for record in shown.records})
     about = f", timestep {MILLI * timesteps[0]:g} ms" if len(timesteps) == 1 else ""
     for quantity, title, logarithmic in (
         ("cpu_factor", "Simulated time over processor time of the steps", True),
         ("contacts", "Points of contact, mean", False),
     ):
         series = []
-        for index, (engine, own) in enumerate(_engines(shown.records).items()):
-            known = [one for one in own if one[quantity] is not None and (one[quantity] > 0.0 or not logarithmic)]
-            marks = [_mark(one["begin"], one[quantity]) for one in known]
+        for index, (engine, local) in enumerate(_engines(shown.records).items()):
+            known = [
+                entry for entry in local if entry[quantity] is not None and (entry[quantity] > 0.0 or not logarithmic)
+            ]
+            marks = [_mark(entry["begin"], entry[quantity]) for entry in known]
             marks += [_mark(known[-1]["end"], known[-1][quantity])] if known else []
             series.append(_series(engine, colours.of(engine), marks, "steps", index))
         yield _chart(f"{sweep}: {title}{about}", "", TIME, series, logarithmic=logarithmic)
@@ -163,8 +167,12 @@ def _unequal(sweep: str, shown: StoredTableShown, colours: Colours) -> Iterator[
         "equal models" if shown.name == "unequal.equal" else f"NOT EQUAL: {shown.name.removeprefix('unequal.models.')}"
     )
     series = []
-    for index, (engine, own) in enumerate(_engines(shown.records).items()):
-        marks = [_mark(MILLI * one["timestep"], one["cpu_factor"]) for one in own if one.get("cpu_factor") is not None]
+    for index, (engine, local) in enumerate(_engines(shown.records).items()):
+        marks = [
+            _mark(MILLI * entry["timestep"], entry["cpu_factor"])
+            for entry in local
+            if entry.get("cpu_factor") is not None
+        ]
         series.append(_series(engine, colours.of(engine), marks, dash=index))
     title = f"{sweep}: Simulated time over processor time of the steps, {which}"
     yield _chart(title, "", TIMESTEP, series, logarithmic=True)

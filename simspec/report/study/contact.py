@@ -87,14 +87,14 @@ def contact_tables(done: Done) -> list[StudyTable]:
     steps = timesteps_of(made)
     rows: dict[tuple[str, str, str], dict[int, dict[float, Sequence[Figure]]]] = {}
     unmeasured: list[str] = []
-    for index, one in enumerate(made):
-        for step, runs in one.runs.items():
+    for index, variant in enumerate(made):
+        for step, runs in variant.runs.items():
             measured = _measured(done, runs[0][0])
-            if measured is None and not one.refusals():
-                unmeasured.append(f"{one.engine} at {milliseconds(step)} ({one.label})")
+            if measured is None and not variant.refusals():
+                unmeasured.append(f"{variant.engine} at {milliseconds(step)} ({variant.label})")
             for (law, probe), figures in (measured or {}).items():
-                for case, own in _by_case(probe, figures).items():
-                    rows.setdefault((probe, law, case), {}).setdefault(index, {})[step] = own
+                for case, local in _by_case(probe, figures).items():
+                    rows.setdefault((probe, law, case), {}).setdefault(index, {})[step] = local
     note = "; ".join([NOTE, *([f"not verified: {', '.join(unmeasured)}"] if unmeasured else [])])
     probes = dict.fromkeys(probe for probe, _, _ in rows)
     ordered = {key: rows[key] for key in sorted(rows, key=lambda key: _numbers(key[1]))}
@@ -125,8 +125,8 @@ def _shown(
         *map(milliseconds, steps),
         right=right,
     )
-    for (name, law, case), own in rows.items():
-        for index, figures in own.items() if name == probe else ():
+    for (name, law, case), row in rows.items():
+        for index, figures in row.items() if name == probe else ():
             shown.records += [_record(form, law, case, made[index], step, of_step) for step, of_step in figures.items()]
             cells = [_cell(form, figures.get(step)) for step in steps]
             shown.add(law, *([case] if by_case else []), made[index].label, made[index].engine, *cells)
@@ -134,9 +134,9 @@ def _shown(
     return shown
 
 
-def _record(form: Form, law: str, case: str, one: Variant, step: float, figures: Sequence[Figure]) -> Record:
+def _record(form: Form, law: str, case: str, variant: Variant, step: float, figures: Sequence[Figure]) -> Record:
     """The worst of some figures as data: its deviation in the unit of the table."""
-    return {"law": law, "case": case, "settings": one.label, "engine": one.engine, "timestep": step} | {
+    return {"law": law, "case": case, "settings": variant.label, "engine": variant.engine, "timestep": step} | {
         "deviation": finite(_worst(form, figures)),
         "passed": all(figure.passed for figure in figures),
         "declared": any(bool(figure.deviation) for figure in figures),
@@ -146,7 +146,7 @@ def _record(form: Form, law: str, case: str, one: Variant, step: float, figures:
 def _worst(form: Form, figures: Sequence[Figure]) -> float:
     """The largest deviation; infinite where one is no number."""
     deviations = [_deviation(form, figure) for figure in figures]
-    return max(math.inf if math.isnan(one) else one for one in deviations)
+    return max(math.inf if math.isnan(deviation) else deviation for deviation in deviations)
 
 
 def _measured(done: Done, cell: Cell) -> Measured | None:
@@ -167,24 +167,24 @@ def _measured(done: Done, cell: Cell) -> Measured | None:
 
 def law_words(pair: PairContact) -> str:
     """A law in words: its friction, and what else it has."""
-    told = [f"μ {pair.friction:g}"]
-    told += [f"e {pair.restitution:g}"] if pair.restitution else []
-    told += [f"torsional {length(pair.torsional_friction)}"] if pair.torsional_friction else []
-    told += [f"rolling {length(pair.rolling_friction)}"] if pair.rolling_friction else []
-    told += [f"threshold {pair.restitution_threshold:g} m/s"] if pair.restitution_threshold else []
+    given = [f"μ {pair.friction:g}"]
+    given += [f"e {pair.restitution:g}"] if pair.restitution else []
+    given += [f"torsional {length(pair.torsional_friction)}"] if pair.torsional_friction else []
+    given += [f"rolling {length(pair.rolling_friction)}"] if pair.rolling_friction else []
+    given += [f"threshold {pair.restitution_threshold:g} m/s"] if pair.restitution_threshold else []
     hardness = pair.hardness
     if hardness.kind == "time-constant":
-        told.append(f"T {1e3 * hardness.time_constant:g} ms, ζ {hardness.damping_ratio:g}")
+        given.append(f"T {1e3 * hardness.time_constant:g} ms, ζ {hardness.damping_ratio:g}")
     elif hardness.kind == "stiffness":
-        told.append(f"k {hardness.stiffness:g} N/m, c {hardness.damping:g} N s/m")
+        given.append(f"k {hardness.stiffness:g} N/m, c {hardness.damping:g} N s/m")
     elif hardness.kind != "common":
-        told.append(f"{hardness.kind} hardness")
-    return ", ".join(told)
+        given.append(f"{hardness.kind} hardness")
+    return ", ".join(given)
 
 
 def _numbers(words: str) -> list[float]:
     """What laws in words are sorted by."""
-    return [float(one) for one in re.findall(r"\d+(?:\.\d+)?", words)]
+    return [float(element) for element in re.findall(r"\d+(?:\.\d+)?", words)]
 
 
 def _by_case(probe: str, figures: Sequence[Figure]) -> dict[str, list[Figure]]:
@@ -225,18 +225,22 @@ def quantities_tables(done: Done) -> list[StudyTable]:
     """``quantities``."""
     made = variants(done)
     rows = [
-        (one, timestep, {name: _medians(row.quantities.get(name) for _, row in runs) for name, _ in QUANTITIES})
-        for one in made
-        for timestep, runs in one.runs.items()
+        (variant, timestep, {name: _medians(row.quantities.get(name) for _, row in runs) for name, _ in QUANTITIES})
+        for variant in made
+        for timestep, runs in variant.runs.items()
     ]
-    shown = [(name, unit) for name, unit in QUANTITIES if any(told[name] is not None for _, _, told in rows)]
+    shown = [(name, unit) for name, unit in QUANTITIES if any(given[name] is not None for _, _, given in rows)]
     heads = [f"{name}, {unit}" if unit else name for name, unit in shown]
     columns = ("settings", "engine", "timestep", *heads)
     built = StudyTable(done, "quantities", "What runs come to", *columns, right=range(2, len(columns)))
-    for one, timestep, told in rows:
-        record = {"settings": one.label, "case": one.case, "engine": one.engine, "timestep": timestep} | told
+    for entry, timestep, given in rows:
+        record = {"settings": entry.label, "case": entry.case, "engine": entry.engine, "timestep": timestep} | given
         built.add(
-            one.label, one.engine, milliseconds(timestep), *(number(told[name]) for name, _ in shown), record=record
+            entry.label,
+            entry.engine,
+            milliseconds(timestep),
+            *(number(given[name]) for name, _ in shown),
+            record=record,
         )
     built.note = "Medians over the runs. What a run lacks, or what was not finite, is left out"
     return [built]

@@ -283,7 +283,7 @@ def penetration_tables(done: Done) -> list[StudyTable]:
             made.add(world.name, engine, counted, why, record=record | {"reason": why})
             continue
         deepest = max(depths, key=_deepest)
-        mean, share = median(one.mean for one in depths), median(one.share_deeper(DEEP) for one in depths)
+        mean, share = median(depth.mean for depth in depths), median(depth.share_deeper(DEEP) for depth in depths)
         pair = max(deepest.pairs, key=lambda name: deepest.pairs[name]) if deepest.pairs else ()
         at = f"{deepest.deepest.time:.4g} s" if pair else "–"
         cells = (length(_deepest(deepest)), " and ".join(pair) or "–", at, length(mean), f"{share:.1%}")
@@ -307,10 +307,10 @@ def displacement_tables(done: Done) -> list[StudyTable]:
     steps = timesteps_of(made)
     title = "How far free bodies are moved: sideways at most / down at the end (mm)"
     shown = StudyTable(done, "displacement", title, "settings", "engine", *map(milliseconds, steps))
-    for one in made:
-        if one.supported:
-            cells = [_moved_cell(done, one, step) for step in steps]
-            shown.add(one.label, one.engine, *(cell for cell, _ in cells))
+    for variant in made:
+        if variant.supported:
+            cells = [_moved_cell(done, variant, step) for step in steps]
+            shown.add(variant.label, variant.engine, *(cell for cell, _ in cells))
             shown.records += [record for _, record in cells if record is not None]
     shown.note = (
         "the furthest of all bodies and runs; a body has left its place when it is moved sideways by more than its size (the "
@@ -319,12 +319,12 @@ def displacement_tables(done: Done) -> list[StudyTable]:
     return [shown, unsupported_table(done, "displacement", made)]
 
 
-def _moved_cell(done: Done, one: Variant, step: float) -> tuple[TableCell, Record | None]:
+def _moved_cell(done: Done, variant: Variant, step: float) -> tuple[TableCell, Record | None]:
     """The worst of the runs of a timestep, as a cell and as data."""
-    runs = one.runs.get(step, [])
-    if not runs or any(one.refused(row) for _, row in runs):
+    runs = variant.runs.get(step, [])
+    if not runs or any(variant.refused(row) for _, row in runs):
         return TableCell(PLAIN, DIM), None
-    record: dict[str, Any] = {"settings": one.label, "engine": one.engine, "timestep": step, "runs": len(runs)}
+    record: dict[str, Any] = {"settings": variant.label, "engine": variant.engine, "timestep": step, "runs": len(runs)}
     failed = next((row.failed for _, row in runs if row.failed is not None), None)
     if failed is not None:
         return TableCell("failed", BAD), record | {"failed": failed}
@@ -401,22 +401,22 @@ def _tested(
     record: dict[str, Any] = {"engines": list(engines), "pairs": len(seeds), "seeds_in_one_only": alone}
     if not seeds:
         return {**record, "reason": "no seed with whole runs in both"}, ["0", "nothing to compare"]
-    one, other = (np.array([by_seed[seed] for seed in seeds]) for by_seed in summaries)
+    values, other = (np.array([by_seed[seed] for seed in seeds]) for by_seed in summaries)
     try:
         scales = summary_scales(run_of(done, world.moved(engines[0])[seeds[0]]))
     except SpecError as error:
         why = error.problems[0].message
         return {**record, "reason": why}, [str(len(seeds)), why]
     scales = np.append(scales, scales[0])
-    known = np.isfinite(one).all(axis=0) & np.isfinite(other).all(axis=0)
+    known = np.isfinite(values).all(axis=0) & np.isfinite(other).all(axis=0)
     if not known.any():
         return {**record, "reason": "no figure is finite in all runs"}, [str(len(seeds)), "nothing to compare"]
     left_out = [name for name, finite in zip(names, known, strict=True) if not finite]
-    one, other = one[:, known] / scales[known], other[:, known] / scales[known]
-    difference = (one - other).mean(axis=0)
+    values, other = values[:, known] / scales[known], other[:, known] / scales[known]
+    difference = (values - other).mean(axis=0)
     largest = int(np.abs(difference).argmax())
     quantity = [name for name in names if name not in left_out][largest]
-    flipped, permuted = sign_flip_test(one - other), permutation_test(one, other)
+    flipped, permuted = sign_flip_test(values - other), permutation_test(values, other)
     record |= {"largest": float(difference[largest]), "quantity": quantity, "left_out": left_out}
     record |= {"paired": _test_data(flipped), "unpaired": _test_data(permuted)}
     pairs = f"{len(seeds)}" + (f", {len(alone)} seeds in one only" if alone else "")

@@ -116,7 +116,9 @@ def filled(text: str, page: str, study: Callable[[str], StudyTables | None], old
         try:
             parts.append(_content(mark, study(mark.study), (mark.study, mark.sweep) in older))
         except SpecError as error:
-            problems += [Problem(f"{page}:{mark.line}: {one.message}", allowed=one.allowed) for one in error.problems]
+            problems += [
+                Problem(f"{page}:{mark.line}: {problem.message}", allowed=problem.allowed) for problem in error.problems
+            ]
     if problems:
         raise SpecError(problems)
     return "".join([*parts, text[position:]])
@@ -126,7 +128,7 @@ def _content(mark: Mark, tables: StudyTables | None, older: bool) -> str:
     if tables is None:
         return NOT_MEASURED if len(mark.words) == 4 else _block(NOT_MEASURED)
     if mark.sweep is None:
-        lines = [f"- {escaped(one.what)}: {escaped(one.value)}" for one in tables.measured]
+        lines = [f"- {escaped(measured.what)}: {escaped(measured.value)}" for measured in tables.measured]
         lines += [f"- {escaped(line)}" for number, line in enumerate(tables.said) if number in tables.bad]
         return _block(
             "\n".join([*lines, f"- sweep by sweep: [study.md](studies/{mark.study}/study.md#how-it-was-done)"])
@@ -148,11 +150,11 @@ def _block(text: str) -> str:
 
 
 def _table(mark: Mark, tables: StudyTables) -> StoredTableShown:
-    own = tables.sweeps[mark.words[0]]
-    shown = next((one for one in own if one.name == mark.words[1]), None)
+    sweep = tables.sweeps[mark.words[0]]
+    shown = next((shown for shown in sweep if shown.name == mark.words[1]), None)
     if shown is None:
         message = f"the sweep {mark.words[0]} of {mark.study} has no table {mark.words[1]!r}"
-        raise SpecError([Problem(message, allowed=", ".join(one.name for one in own))])
+        raise SpecError([Problem(message, allowed=", ".join(shown.name for shown in sweep))])
     return shown
 
 
@@ -163,8 +165,8 @@ def _markdown(shown: StoredTableShown) -> str:
 def _cell(mark: Mark, shown: StoredTableShown) -> str:
     """One cell, by the first cells of its row and the head of its column."""
     row_words, column = mark.words[2].split(BETWEEN), mark.words[3]
-    heads = [one.text for one in shown.head]
-    rows = [row for row in shown.rows if [one.text for one in row[: len(row_words)]] == row_words]
+    heads = [cell.text for cell in shown.head]
+    rows = [row for row in shown.rows if [cell.text for cell in row[: len(row_words)]] == row_words]
     if heads.count(column) != 1 or len(rows) != 1:
         firsts = "; ".join(row[0].text for row in shown.rows)
         message = f"the table {shown.name} has not one cell for row {mark.words[2]!r}, column {column!r}"
@@ -175,7 +177,7 @@ def _cell(mark: Mark, shown: StoredTableShown) -> str:
 def stored_table(stored: StoredTableShown, said: bool = False) -> Table:
     """A stored table; ``said``: with its sentences."""
     table = Table(
-        visible(stored.title), *(visible(one.text, lines=True) for one in stored.head), note=visible(stored.note)
+        visible(stored.title), *(visible(cell.text, lines=True) for cell in stored.head), note=visible(stored.note)
     )
     for column, head in zip(table.columns, stored.head, strict=True):
         column.right = "right" in head.classes.split()
@@ -215,8 +217,8 @@ def playbacks(tables: StudyTables, store: Store, packed: Packed) -> list[Section
     Raises SpecError, which names the file, where a run is damaged; a run that is not in the store is left out, and named.
     """
     made = []
-    for sweep, own in tables.sweeps.items():
-        for shown in own:
+    for sweep, showns in tables.sweeps.items():
+        for shown in showns:
             if (
                 shown.name == PLAYBACK
                 and (part := _part(tables.study, sweep, shown.records, store, packed)) is not None
@@ -249,7 +251,7 @@ def _part(study: str, sweep: str, records: Sequence[Record], store: Store, packe
         runs = {engine: run for engine, run in runs.items() if engine not in others}
     certificate = None
     if certificates:
-        engines = {name: proof for one in certificates for name, proof in one.engines.items()}
+        engines = {name: proof for certificate in certificates for name, proof in certificate.engines.items()}
         certificate = dataclasses.replace(certificates[0], engines=engines)
     stored = StoredStudy(study_of(runs, {}, certificate, TOLERANCE), Path(), tuple(notes))
     made = section(stored, packed)
@@ -299,7 +301,7 @@ def study_section(tables: StudyTables) -> Section:
         notes=tuple(visible(note) for note in notes if note),
         certificate=(),
         certificate_notes=(),
-        results=tuple(stored_table(one, said=True) for own in tables.sweeps.values() for one in own),
+        results=tuple(stored_table(shown, said=True) for sweep in tables.sweeps.values() for shown in sweep),
         details=(),
         provenance=_provenance(tables),
         scene=None,
@@ -318,5 +320,7 @@ def study_parts(tables: StudyTables, store: Store | None) -> Callable[[Packed], 
 
 
 def _provenance(tables: StudyTables) -> Table:
-    rows = [(one.what, one.value) for one in tables.measured] + [("how it was done", line) for line in tables.said]
+    rows = [(measured.what, measured.value) for measured in tables.measured] + [
+        ("how it was done", line) for line in tables.said
+    ]
     return Table("Provenance", "", "", rows=rows, note="Each run is in the study's store, with where it came from.")

@@ -94,8 +94,8 @@ def speeds_of(done: Done, case: str | None = None) -> dict[float, dict[str, Spee
     for cell, row in done.runs(case, whole=True):
         runs.setdefault((row.timestep, cell.engine), []).append(done.store.load(row.key, tables=False))
     speeds: dict[float, dict[str, Speed]] = {}
-    for (timestep, engine), own in sorted(runs.items(), key=lambda item: item[0]):
-        speeds.setdefault(timestep, {})[engine] = speed(own)
+    for (timestep, engine), local in sorted(runs.items(), key=lambda item: item[0]):
+        speeds.setdefault(timestep, {})[engine] = speed(local)
     return speeds
 
 
@@ -116,10 +116,16 @@ def milliseconds(timestep: float) -> str:
 def figure_records(figures: Iterable[Figure]) -> list[Record]:
     """Figures from elsewhere as data, a record for each value; ``elsewhere`` tells them from those of runs."""
     return [
-        {"elsewhere": True, "engine": one.engine, "models": one.models, "quantity": one.quantity, "unit": one.unit}
-        | {"source": one.source, "timestep": timestep, "value": value}
-        for one in figures
-        for timestep, value in zip(one.timesteps or (None,), one.values, strict=True)
+        {
+            "elsewhere": True,
+            "engine": figure.engine,
+            "models": figure.models,
+            "quantity": figure.quantity,
+            "unit": figure.unit,
+        }
+        | {"source": figure.source, "timestep": timestep, "value": value}
+        for figure in figures
+        for timestep, value in zip(figure.timesteps or (None,), figure.values, strict=True)
     ]
 
 
@@ -163,8 +169,8 @@ def worlds_of(done: Done) -> list[Runs]:
             values = ", ".join(f"{path}: {value}" for path, value in cell.overrides if path != TIMESTEP)
             if cell.sample is not None:
                 values = f"sample {cell.sample}"
-            own = worlds.setdefault((row.timestep, values, cell.sample), Runs(row.timestep, values))
-            own.of.setdefault(cell.engine, []).append((cell, row))
+            runs = worlds.setdefault((row.timestep, values, cell.sample), Runs(row.timestep, values))
+            runs.of.setdefault(cell.engine, []).append((cell, row))
     return [worlds[key] for key in sorted(worlds, key=lambda key: key[:2])]
 
 
@@ -194,14 +200,14 @@ class Variant:
     @property
     def label(self) -> str:
         """The case and the values in words."""
-        told = self.told_values
-        return ", ".join([*([self.case] if self.case is not None else []), *([told] if told != PLAIN else [])]) or PLAIN
+        text = self.told_values
+        return ", ".join([*([self.case] if self.case is not None else []), *([text] if text != PLAIN else [])]) or PLAIN
 
     @property
     def told_values(self) -> str:
         """The values in words."""
-        told = [f"{path.rpartition('.')[2]} {clipped(str(value), LONGEST)}" for path, value in self.values]
-        return ", ".join(told) or PLAIN
+        texts = [f"{path.rpartition('.')[2]} {clipped(str(value), LONGEST)}" for path, value in self.values]
+        return ", ".join(texts) or PLAIN
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -225,8 +231,8 @@ class Variant:
 
     def refusals(self) -> list[str]:
         """Why the engine does not support the scenario with these values, each reason once."""
-        told = [row.failed for _, row in self.all_runs() if row.failed is not None and self.refused(row)]
-        return list(dict.fromkeys(why.removeprefix(REFUSED).removeprefix(": ") for why in told))
+        failed = [row.failed for _, row in self.all_runs() if row.failed is not None and self.refused(row)]
+        return list(dict.fromkeys(why.removeprefix(REFUSED).removeprefix(": ") for why in failed))
 
 
 def variants(done: Done) -> list[Variant]:
@@ -326,13 +332,15 @@ def _judge(done: Done, cell: Cell, row: Row) -> Judged:
 def _deviation(run: Run, outcomes: list[ExpectationsOutcome]) -> Deviation | None:
     pairs = zip(run.world.expectations, outcomes, strict=True)
     measured = [
-        Deviation(one.measured, one.bound, one.unit)
-        for asked, one in pairs
-        if one.measured is not None and "tolerance" in dict(asked.parameters)
+        Deviation(outcome.measured, outcome.bound, outcome.unit)
+        for expectation, outcome in pairs
+        if outcome.measured is not None and "tolerance" in dict(expectation.parameters)
     ]
-    return max(measured, key=lambda one: one.share, default=None)
+    return max(measured, key=lambda deviation: deviation.share, default=None)
 
 
 def worst(runs: list[Judged]) -> Deviation | None:
     """The deviation of several runs that is the largest share of its tolerance."""
-    return max((one.deviation for one in runs if one.deviation is not None), key=lambda one: one.share, default=None)
+    return max(
+        (run.deviation for run in runs if run.deviation is not None), key=lambda entry: entry.share, default=None
+    )

@@ -18,25 +18,25 @@ AS_PUBLISHED = "as-published"
 
 def said_of(name: str, records: Iterable[Record]) -> tuple[str, ...]:
     """The sentences of a table of this name."""
-    maker = next((one for word, one in _SAID.items() if f"{name}.".startswith(f"{word}.")), None)
+    maker = next((entry for word, entry in _SAID.items() if f"{name}.".startswith(f"{word}.")), None)
     return tuple(maker(name, list(records))) if maker is not None else ()
 
 
 def by_timestep(records: Iterable[Record], value: str) -> dict[float, dict[str, float]]:
     """A figure by timestep and engine."""
     found: dict[float, dict[str, float]] = {}
-    for one in records:
-        if one.get(value) is not None and one.get("timestep") is not None:
-            found.setdefault(one["timestep"], {})[str(one["engine"])] = one[value]
+    for record in records:
+        if record.get(value) is not None and record.get("timestep") is not None:
+            found.setdefault(record["timestep"], {})[str(record["engine"])] = record[value]
     return found
 
 
 def intervals_of(records: Iterable[Record]) -> dict[float, dict[str, tuple[float, float]]]:
     """The intervals of figures by timestep and engine, where there are any."""
     found: dict[float, dict[str, tuple[float, float]]] = {}
-    for one in records:
-        if one.get("lower") is not None and one.get("upper") is not None and one.get("timestep") is not None:
-            found.setdefault(one["timestep"], {})[str(one["engine"])] = (one["lower"], one["upper"])
+    for record in records:
+        if record.get("lower") is not None and record.get("upper") is not None and record.get("timestep") is not None:
+            found.setdefault(record["timestep"], {})[str(record["engine"])] = (record["lower"], record["upper"])
     return found
 
 
@@ -46,21 +46,21 @@ def _order(
     intervals: Mapping[float, Mapping[str, tuple[float, float]]] | None = None,
 ) -> Iterator[tuple[float, str]]:
     """The order of the engines at the smallest and the largest timestep that has a figure of all of them."""
-    engines = max((len(own) for own in figures.values()), default=0)
+    engines = max((len(figure) for figure in figures.values()), default=0)
     whole = [timestep for timestep in sorted(figures) if len(figures[timestep]) == engines]
     for timestep in dict.fromkeys([whole[0], whole[-1]][:most] if whole else []):
-        own = figures[timestep]
-        fastest = max(own, key=lambda engine: own[engine])
-        told = ranking(own, (intervals or {}).get(timestep))
-        yield timestep, f"{told} (fastest: {number(own[fastest])} × real time)"
+        figure = figures[timestep]
+        fastest = max(figure, key=lambda engine: figure[engine])
+        text = ranking(figure, (intervals or {}).get(timestep))
+        yield timestep, f"{text} (fastest: {number(figure[fastest])} × real time)"
 
 
 def _speed(name: str, records: list[Record]) -> Iterator[str]:
     """The order of the engines, and that of figures from elsewhere at the same timesteps."""
     quantity = name.rpartition(".")[2]
     over = {"cpu_factor": "by processor time", "real_time_factor": "by wall time"}[quantity]
-    known = [one for one in records if not one.get("elsewhere")]
-    others = [one for one in records if one.get("elsewhere") and one.get("models") == AS_PUBLISHED]
+    known = [record for record in records if not record.get("elsewhere")]
+    others = [record for record in records if record.get("elsewhere") and record.get("models") == AS_PUBLISHED]
     elsewhere = by_timestep(others, "value")
     for timestep, order in _order(by_timestep(known, "median"), intervals=intervals_of(known)):
         text = f"At {milliseconds(timestep)}, {over}: {order}."
@@ -70,24 +70,24 @@ def _speed(name: str, records: list[Record]) -> Iterator[str]:
 
 
 def _validity(name: str, records: list[Record]) -> Iterator[str]:
-    for engines, told in limits(records):
-        yield f"{engines}: {told}."
+    for engines, text in limits(records):
+        yield f"{engines}: {text}."
 
 
 def limits(records: Iterable[Record]) -> list[tuple[str, str]]:
     """Up to which timestep engines hold, in words; those with the same limit stand together."""
-    own = list(records)
+    local = list(records)
     groups: dict[tuple[object, ...], list[Record]] = {}
-    shares = {(one["engine"], one["timestep"]): one for one in own if "share" in one}
-    for one in own:
-        if "limit" not in one:
+    shares = {(entry["engine"], entry["timestep"]): entry for entry in local if "share" in entry}
+    for item in local:
+        if "limit" not in item:
             continue
-        runs = [shares.get((one["engine"], one[name])) for name in ("limit", "first_invalid")]
+        runs = [shares.get((item["engine"], item[name])) for name in ("limit", "first_invalid")]
         counts = tuple((share["share"], share["runs"]) if share is not None else None for share in runs)
-        what = one["missed"] if one.get("missed") is not None else one["failure"]
-        key = (one["limit"], one["first_invalid"], what, one.get("bound"), one.get("unit"), counts)
-        groups.setdefault(key, []).append(one)
-    return [(listed([str(one["engine"]) for one in same]), _limit(same, shares)) for same in groups.values()]
+        what = item["missed"] if item.get("missed") is not None else item["failure"]
+        key = (item["limit"], item["first_invalid"], what, item.get("bound"), item.get("unit"), counts)
+        groups.setdefault(key, []).append(item)
+    return [(listed([str(entry["engine"]) for entry in same]), _limit(same, shares)) for same in groups.values()]
 
 
 def _limit(same: Sequence[Record], shares: Mapping[tuple[object, object], Record]) -> str:
@@ -99,8 +99,8 @@ def _limit(same: Sequence[Record], shares: Mapping[tuple[object, object], Record
         return f"not valid at any timestep; {failure}"
     runs = shares[first["engine"], first["limit"]]["runs"]
     at_least = "at least " if first["first_invalid"] is None else ""
-    told = f"all that is expected holds up to {at_least}{milliseconds(first['limit'])} ({runs} of {runs} runs{each})"
-    return f"{told}; {failure}" if failure else told
+    text = f"all that is expected holds up to {at_least}{milliseconds(first['limit'])} ({runs} of {runs} runs{each})"
+    return f"{text}; {failure}" if failure else text
 
 
 def _failure(same: Sequence[Record], share: Record | None, each: str) -> str:
@@ -109,8 +109,8 @@ def _failure(same: Sequence[Record], share: Record | None, each: str) -> str:
     if first.get("missed") is None or share is None:
         return str(first["failure"])
     unit = str(first["unit"])
-    figures = sorted(float(one["measured"]) for one in same)
-    ends = list(dict.fromkeys(measure_words(one, unit) for one in (figures[0], figures[-1])))
+    figures = sorted(float(entry["measured"]) for entry in same)
+    ends = list(dict.fromkeys(measure_words(value, unit) for value in (figures[0], figures[-1])))
     failed = round((1.0 - share["share"]) * share["runs"])
     name, bound = measured_name(first["missed"]), measure_words(first["bound"], unit)
     return (
@@ -121,17 +121,17 @@ def _failure(same: Sequence[Record], share: Record | None, each: str) -> str:
 
 def _over_time(name: str, records: list[Record]) -> Iterator[str]:
     engines: dict[str, list[Record]] = {}
-    for one in records:
-        if one.get("cpu_factor") is not None:
-            engines.setdefault(str(one["engine"]), []).append(one)
-    for engine, own in engines.items():
-        ends = [min(own, key=lambda one: one["cpu_factor"]), max(own, key=lambda one: one["cpu_factor"])]
-        told = [
-            f"{number(one['cpu_factor'])} × real time at {one['begin']:g} to {one['end']:g} s"
-            + (f", with {one['contacts']:.0f} points of contact" if one.get("contacts") is not None else "")
-            for one in ends
+    for record in records:
+        if record.get("cpu_factor") is not None:
+            engines.setdefault(str(record["engine"]), []).append(record)
+    for engine, local in engines.items():
+        ends = [min(local, key=lambda entry: entry["cpu_factor"]), max(local, key=lambda item: item["cpu_factor"])]
+        given = [
+            f"{number(end['cpu_factor'])} × real time at {end['begin']:g} to {end['end']:g} s"
+            + (f", with {end['contacts']:.0f} points of contact" if end.get("contacts") is not None else "")
+            for end in ends
         ]
-        yield f"{engine}: slowest {told[0]}; fastest {told[1]}."
+        yield f"{engine}: slowest {given[0]}; fastest {given[1]}."
 
 
 def _unequal(name: str, records: list[Record]) -> Iterator[str]:
@@ -168,25 +168,25 @@ def verdict(tables: StudyTables) -> list[Sentence]:
     count = f"{len(tables.sweeps)} sweep{'' if len(tables.sweeps) == 1 else 's'}"
     sentences = [Sentence(BAD if bad else GOOD, f"{count}, and something is wrong." if bad else f"{count}, all done.")]
     sentences += [Sentence(BAD, line) for line in bad]
-    sweeps = {name: _records(own) for name, own in tables.sweeps.items()}
+    sweeps = {name: _records(sweep) for name, sweep in tables.sweeps.items()}
     for part in (_speed_verdict, _unequal_verdict, _limits):
-        for name, own in sweeps.items():
+        for name, local in sweeps.items():
             try:
-                sentences += part(name, own)
+                sentences += part(name, local)
             except (KeyError, TypeError, ValueError) as error:
                 raise SpecError(
                     [Problem(f"the figures of {visible(name)} are damaged: {type(error).__name__}: {error}")]
                 ) from None
-    return [Sentence(one.tone, visible(one.text)) for one in sentences]
+    return [Sentence(sentence.tone, visible(sentence.text)) for sentence in sentences]
 
 
-def _records(own: Sequence[StoredTableShown]) -> Tables:
-    return {shown.name: [one for one in shown.records if not one.get("elsewhere")] for shown in own}
+def _records(shown_tables: Sequence[StoredTableShown]) -> Tables:
+    return {shown.name: [record for record in shown.records if not record.get("elsewhere")] for shown in shown_tables}
 
 
 def _ends(figures: Mapping[float, Mapping[str, float]]) -> list[float]:
     """The smallest and the largest timestep that has figures of all engines."""
-    engines = max((len(own) for own in figures.values()), default=0)
+    engines = max((len(figure) for figure in figures.values()), default=0)
     whole = [timestep for timestep in sorted(figures) if len(figures[timestep]) == engines > 1]
     return list(dict.fromkeys((whole[0], whole[-1]))) if whole else []
 
@@ -195,9 +195,9 @@ def _order_verdict(factors: Mapping[str, float]) -> list[str]:
     return sorted(factors, key=lambda engine: -factors[engine])
 
 
-def _speed_verdict(name: str, own: Tables) -> Iterator[Sentence]:
+def _speed_verdict(name: str, tables: Tables) -> Iterator[Sentence]:
     """The order of the engines. Where processor time gives the same as wall time, that is said once."""
-    by_clock = {word: by_timestep(own[table], "median") for word, table in CLOCKS.items() if table in own}
+    by_clock = {word: by_timestep(tables[table], "median") for word, table in CLOCKS.items() if table in tables}
     for word, figures in by_clock.items():
         others = [other for earlier, other in by_clock.items() if earlier != word]
         ends = _ends(figures)
@@ -205,10 +205,10 @@ def _speed_verdict(name: str, own: Tables) -> Iterator[Sentence]:
         if not ends or (same and word != next(iter(by_clock))):
             continue
         clock = "by wall time and by processor time" if others and same else word
-        known = intervals_of(own[CLOCKS[word]])
+        known = intervals_of(tables[CLOCKS[word]])
         orders = [(timestep, ranking(figures[timestep], known.get(timestep))) for timestep in ends]
-        told = "; ".join(f"at {milliseconds(timestep)} {order}" for timestep, order in orders)
-        yield Sentence(PLAIN, f"{name}, equal models, {clock}: {told}.")
+        text = "; ".join(f"at {milliseconds(timestep)} {order}" for timestep, order in orders)
+        yield Sentence(PLAIN, f"{name}, equal models, {clock}: {text}.")
 
 
 def _same_order(
@@ -219,44 +219,44 @@ def _same_order(
     )
 
 
-def _unequal_verdict(name: str, own: Tables) -> Iterator[Sentence]:
+def _unequal_verdict(name: str, tables: Tables) -> Iterator[Sentence]:
     """What models that are not equal change: which comparisons change the order, and which leave it as it is."""
-    equal = by_timestep(own.get("unequal.equal", ()), "cpu_factor")
+    equal = by_timestep(tables.get("unequal.equal", ()), "cpu_factor")
     ends = _ends(equal)
     if not ends:
         return
     timestep = ends[0]
     turned: list[str] = []
     kept: list[str] = []
-    for table, records in own.items():
+    for table, records in tables.items():
         factors = by_timestep(records, "cpu_factor").get(timestep, {}) if table.startswith(UNEQUAL) else {}
         if len(factors) == len(equal[timestep]):
-            told = f"{table.removeprefix(UNEQUAL)} ({ranking(factors)})"
-            (kept if _order_verdict(factors) == _order_verdict(equal[timestep]) else turned).append(told)
-    beside = f"{name}, at {milliseconds(timestep)}: with equal models {ranking(equal[timestep])}"
+            given = f"{table.removeprefix(UNEQUAL)} ({ranking(factors)})"
+            (kept if _order_verdict(factors) == _order_verdict(equal[timestep]) else turned).append(given)
+    alongside = f"{name}, at {milliseconds(timestep)}: with equal models {ranking(equal[timestep])}"
     if turned:
         more = f" The order stays with {listed(kept)}." if kept else ""
-        text = f"{beside}. Models that are NOT EQUAL change the order: {listed(turned)}.{more}"
+        text = f"{alongside}. Models that are NOT EQUAL change the order: {listed(turned)}.{more}"
         yield Sentence(WARNING, text)
     elif kept:
-        yield Sentence(WARNING, f"{beside}. Models that are NOT EQUAL leave the order as it is: {listed(kept)}.")
+        yield Sentence(WARNING, f"{alongside}. Models that are NOT EQUAL leave the order as it is: {listed(kept)}.")
 
 
-def _limits(name: str, own: Tables) -> Iterator[Sentence]:
+def _limits(name: str, tables: Tables) -> Iterator[Sentence]:
     """Up to which timestep a scenario holds and its models are proven."""
-    held = [f"{engines}: {told}" for engines, told in limits(own.get("validity", ()))]
-    if not held:
+    texts = [f"{engines}: {text}" for engines, text in limits(tables.get("validity", ()))]
+    if not texts:
         return
     limit_of: dict[str, list[str]] = {}
-    for one in own.get("certified", ()):
-        limit_of.setdefault(_certified(one, own.get("certified.checks", ())), []).append(str(one["engine"]))
+    for entry in tables.get("certified", ()):
+        limit_of.setdefault(_certified(entry, tables.get("certified.checks", ())), []).append(str(entry["engine"]))
     certified = "; ".join(f"{listed(engines)} {limit}" for limit, engines in limit_of.items())
-    yield Sentence(PLAIN, f"{name}: {'; '.join(held)}." + (f" Certified: {certified}." if certified else ""))
+    yield Sentence(PLAIN, f"{name}: {'; '.join(texts)}." + (f" Certified: {certified}." if certified else ""))
 
 
-def _certified(one: Record, checks: Sequence[Record]) -> str:
+def _certified(record: Record, checks: Sequence[Record]) -> str:
     """Up to which timestep an engine's models are proven."""
-    if one["limit"] is not None:
-        return f"up to {'at least ' if one['first_invalid'] is None else ''}{milliseconds(one['limit'])}"
-    verified = any(check["proven"] is not None for check in checks if check["engine"] == one["engine"])
+    if record["limit"] is not None:
+        return f"up to {'at least ' if record['first_invalid'] is None else ''}{milliseconds(record['limit'])}"
+    verified = any(check["proven"] is not None for check in checks if check["engine"] == record["engine"])
     return "at no timestep" if verified else "not verified"

@@ -31,12 +31,12 @@ def over_time_tables(done: Done) -> list[StudyTable]:
     runs: dict[tuple[float, float], dict[str, list[Paced]]] = {}
     for cell, row in done.runs(whole=True):
         about = (row.timestep, row.steps * row.timestep)
-        own = runs.setdefault(about, {}).setdefault(cell.engine, [])
-        own.append(paced(done.store.load(row.key)))
+        local = runs.setdefault(about, {}).setdefault(cell.engine, [])
+        local.append(paced(done.store.load(row.key)))
     several = len(runs) > 1
     return [
-        _shown(done, about[0], own, f"over_time.{1e3 * about[0]:g}ms.{about[1]:g}s" if several else "over_time")
-        for about, own in sorted(runs.items(), key=lambda item: item[0])
+        _shown(done, about[0], local, f"over_time.{1e3 * about[0]:g}ms.{about[1]:g}s" if several else "over_time")
+        for about, local in sorted(runs.items(), key=lambda item: item[0])
     ]
 
 
@@ -56,7 +56,7 @@ def _shown(done: Done, timestep: float, runs: Mapping[str, Sequence[Paced]], nam
                 | {f"{kind}_seconds": values[index] for kind, values in pace.seconds.items()}
             )
         made.add(f"{begin:g} to {end:g} s", *cells)
-    counts = sorted({len(own) for own in runs.values()})
+    counts = sorted({len(run) for run in runs.values()})
     made.note = (
         f"Simulated time over processor time of the steps, median of {', '.join(map(str, counts))} runs; – where it was not "
         "measured. Contacts: points, the mean of the records"
@@ -79,7 +79,7 @@ def cost_tables(done: Done) -> list[StudyTable]:
         if cost is None:
             made.add(milliseconds(timestep), engine, *["–"] * len(heads))
             continue
-        factors = [number(timestep / one["step"] if one["step"] else None) for one in (cost.quiet, cost.median)]
+        factors = [number(timestep / entry["step"] if entry["step"] else None) for entry in (cost.quiet, cost.median)]
         parts = [f"{1e6 * cost.quiet[name]:.1f} µs" for name in PARTS]
         made.add(milliseconds(timestep), engine, *factors, *parts, str(cost.repeats))
         made.records += [
@@ -101,8 +101,8 @@ def _costs(done: Done) -> dict[tuple[float, str], StepCost | None]:
             key = (row.timestep, done.engines.index(cell.engine), repr(cell.overrides))
             repeats.setdefault(key, []).append((paced(done.store.load(row.key)), row.steps))
     return {
-        (timestep, done.engines[index]): step_cost([one for one, _ in own], own[0][1])
-        for (timestep, index, _), own in sorted(repeats.items(), key=lambda item: item[0])
+        (timestep, done.engines[index]): step_cost([entry for entry, _ in local], local[0][1])
+        for (timestep, index, _), local in sorted(repeats.items(), key=lambda item: item[0])
     }
 
 
@@ -119,41 +119,51 @@ def case_cost_tables(done: Done) -> list[StudyTable]:
     made = variants(done)
     columns = ("values", "case", "engine", "timestep", "a step", "ratio", "runs", "said by the engine")
     shown = StudyTable(done, "case_cost", "What a step costs, by case", *columns, right=(3, 4, 5, 6))
-    costs = {(one.engine, one.case, repr(one.values), step): _cost(one, step) for one in made for step in one.runs}
-    for one in made:
-        if not one.supported:
+    costs = {
+        (variant.engine, variant.case, repr(variant.values), step): _cost(variant, step)
+        for variant in made
+        for step in variant.runs
+    }
+    for variant in made:
+        if not variant.supported:
             continue
-        for step in one.runs:
-            cost = costs[one.engine, one.case, repr(one.values), step]
-            plain = costs.get((one.engine, None, repr(one.values), step))
+        for step in variant.runs:
+            cost = costs[variant.engine, variant.case, repr(variant.values), step]
+            plain = costs.get((variant.engine, None, repr(variant.values), step))
             ratio = cost / plain if cost is not None and plain else None
-            runs = len([row for _, row in one.runs[step] if row.failed is None])
-            said = _said(done, one, step)
-            record = {"settings": one.label, "engine": one.engine, "timestep": step, "case": one.case, "runs": runs}
+            runs = len([row for _, row in variant.runs[step] if row.failed is None])
+            said = _said(done, variant, step)
+            record = {
+                "settings": variant.label,
+                "engine": variant.engine,
+                "timestep": step,
+                "case": variant.case,
+                "runs": runs,
+            }
             record |= {"seconds_per_step": cost, "ratio": ratio, "said": said}
-            names = (one.told_values, one.case or "–", one.engine, milliseconds(step))
-            compared = two_digits(ratio) if ratio is not None and one.case is not None else "–"
+            names = (variant.told_values, variant.case or "–", variant.engine, milliseconds(step))
+            compared = two_digits(ratio) if ratio is not None and variant.case is not None else "–"
             cells = (f"{1e6 * cost:.3g} µs" if cost is not None else "–", compared, number(runs), said or "–")
             shown.add(*names, *cells, record=record)
     shown.note = NOTE
     return [shown, unsupported_table(done, "case_cost", made)]
 
 
-def _cost(one: Variant, step: float) -> float | None:
+def _cost(variant: Variant, step: float) -> float | None:
     """Seconds a step."""
-    runs = [row for _, row in one.runs[step] if row.failed is None and row.steps and row.cpu_seconds is not None]
+    runs = [row for _, row in variant.runs[step] if row.failed is None and row.steps and row.cpu_seconds is not None]
     return min((row.cpu_seconds / row.steps for row in runs if row.cpu_seconds is not None), default=None)
 
 
-def _said(done: Done, one: Variant, step: float) -> str:
+def _said(done: Done, variant: Variant, step: float) -> str:
     """What engines said of the runs, and why runs failed, each once."""
-    told: dict[str, None] = {}
-    for _, row in one.runs[step]:
+    given: dict[str, None] = {}
+    for _, row in variant.runs[step]:
         if row.failed is not None:
-            told[f"failed: {row.failed}"] = None
+            given[f"failed: {row.failed}"] = None
         else:
-            told |= dict.fromkeys(map(str, done.store.load(row.key, tables=False).provenance.get("warnings", ())))
-    return "; ".join(told)
+            given |= dict.fromkeys(map(str, done.store.load(row.key, tables=False).provenance.get("warnings", ())))
+    return "; ".join(given)
 
 
 # Unequal models: speed, spread and order of the engines.
@@ -170,15 +180,15 @@ def unequal_tables(done: Done) -> list[StudyTable]:
         _comparison(done, f"unequal.models.{name}", f"{name}: these models are NOT EQUAL", cases)
         for name, cases in done.sweep.words.unequal.items()
     ]
-    elsewhere = [one for one in done.figures if one.timesteps is not None]
+    elsewhere = [figure for figure in done.figures if figure.timesteps is not None]
     if elsewhere:
         heads = ("engine", "models", "quantity", "timestep", "value")
         shown = StudyTable(done, "unequal.elsewhere", "Figures from elsewhere", *heads, right=(3, 4))
-        for one in elsewhere:
-            for timestep, value in zip(one.timesteps or (), one.values, strict=True):
-                told = number(value, "" if one.unit == "1" else one.unit)
-                shown.add(one.engine, one.models, one.quantity.replace("_", " "), milliseconds(timestep), told)
-        shown.note = "; ".join(dict.fromkeys(one.source for one in elsewhere))
+        for entry in elsewhere:
+            for timestep, value in zip(entry.timesteps or (), entry.values, strict=True):
+                text = number(value, "" if entry.unit == "1" else entry.unit)
+                shown.add(entry.engine, entry.models, entry.quantity.replace("_", " "), milliseconds(timestep), text)
+        shown.note = "; ".join(dict.fromkeys(figure.source for figure in elsewhere))
         shown.records = figure_records(elsewhere)
         made.append(shown)
     return made
@@ -256,9 +266,10 @@ def _by_timestep(done: Done, speeds: Mapping[float, Mapping[str, Speed]], name: 
     heads = [*done.engines, *(elsewhere(figure) for figure in figures)]
     made = StudyTable(done, f"speed.{name}", title, "timestep", *heads, right=range(1 + len(heads)))
     made.records = _records(done, speeds, [name])
-    for timestep, own in speeds.items():
+    for timestep, speed in speeds.items():
         cells = [
-            str(own[engine][name]) if engine in own and name in own[engine].figures else "–" for engine in done.engines
+            str(speed[engine][name]) if engine in speed and name in speed[engine].figures else "–"
+            for engine in done.engines
         ]
         made.add(milliseconds(timestep), *cells, *(number(figure_at(figure, timestep)) for figure in figures))
     made.note = "Median, interval of the mean (95 %), and over how many processes"
@@ -272,11 +283,11 @@ def load_tables(done: Done) -> list[StudyTable]:
     speeds = speeds_of(done)
     made.records = _records(done, speeds, LOADS)
     for timestep, engines in speeds.items():
-        for engine, own in engines.items():
+        for engine, speed in engines.items():
             loads = [
-                f"{own[name].median:.0%}" if name in own.figures else "–" for name in ("step_load", "process_load")
+                f"{speed[name].median:.0%}" if name in speed.figures else "–" for name in ("step_load", "process_load")
             ]
-            memory = f"{own['peak_memory'].median / 2**20:.0f} MiB" if "peak_memory" in own.figures else "–"
+            memory = f"{speed['peak_memory'].median / 2**20:.0f} MiB" if "peak_memory" in speed.figures else "–"
             made.add(milliseconds(timestep), engine, *loads, memory)
     made.note = (
         "Processor time over wall time: 100 % is one processor that was never taken away. Medians over processes"
@@ -289,12 +300,12 @@ def _records(done: Done, speeds: Mapping[float, Mapping[str, Speed]], names: Ite
     elsewhere."""
     records: list[Record] = []
     for timestep, engines in speeds.items():
-        for engine, own in engines.items():
-            for name in (name for name in names if name in own.figures):
-                interval = own[name].mean
+        for engine, speed in engines.items():
+            for name in (name for name in names if name in speed.figures):
+                interval = speed[name].mean
                 records.append(
-                    {"timestep": timestep, "engine": engine, "quantity": name, "median": own[name].median}
+                    {"timestep": timestep, "engine": engine, "quantity": name, "median": speed[name].median}
                     | {"lower": interval.lower if interval else None, "upper": interval.upper if interval else None}
-                    | {"values": list(own[name].values)}
+                    | {"values": list(speed[name].values)}
                 )
     return records + figure_records(figure for figure in done.figures if figure.quantity in names)

@@ -79,12 +79,12 @@ def measured(done: Sequence[Done], command: str) -> list[dict[str, str]]:
     machines: dict[str, None] = {}
     versions: dict[str, dict[str, None]] = {}
     seen: set[str] = set()
-    for one in done:
-        for _, row in one.outcome.rows():
+    for entry in done:
+        for _, row in entry.outcome.rows():
             if row is None or row.key in seen:
                 continue
             seen.add(row.key)
-            facts = one.store.facts(row.key)
+            facts = entry.store.facts(row.key)
             circumstances, provenance = facts.circumstances, facts.result.provenance
             began |= {str(circumstances["started"])} if "started" in circumstances else set()
             timed = circumstances.get("timed")
@@ -97,7 +97,7 @@ def measured(done: Sequence[Done], command: str) -> list[dict[str, str]]:
     lines = {
         "command": command,
         "measured": _dates(began),
-        "versions": ", ".join(f"{label} {' and '.join(own)}" for label, own in sorted(versions.items())),
+        "versions": ", ".join(f"{label} {' and '.join(local)}" for label, local in sorted(versions.items())),
         "machine, where speed was measured": "; ".join(machines),
         "runs": f"{len(seen):,}",
         "models": _models(done),
@@ -107,17 +107,17 @@ def measured(done: Sequence[Done], command: str) -> list[dict[str, str]]:
 
 def _models(done: Sequence[Done]) -> str:
     """How many models are proven, and how many are not, each counted once in the study; "" where nothing was verified."""
-    outcomes = [outcome for one in done for outcome in (one.outcome, *(second for _, second in one.moved))]
+    outcomes = [outcome for entry in done for outcome in (entry.outcome, *(second for _, second in entry.moved))]
     verified = [outcome for outcome in outcomes if outcome.verified]
     keys = {outcome.index.certificates.get(cell.key) for outcome in verified for cell, row in outcome.rows() if row}
     unproven = {key for outcome in verified for key in outcome.unproven}
     by_contact = {key for outcome in verified for key in outcome.by_contact}
     if not verified:
         return ""
-    told = [f"{len(keys - unproven - {None}):,} proven"]
-    told += [f"proof FAILED for {len(unproven - by_contact):,}"] if unproven - by_contact else []
-    told += [f"contact beyond the tolerances of L5 for {len(by_contact):,} (tables: certified)"] if by_contact else []
-    return "; ".join(told)
+    given = [f"{len(keys - unproven - {None}):,} proven"]
+    given += [f"proof FAILED for {len(unproven - by_contact):,}"] if unproven - by_contact else []
+    given += [f"contact beyond the tolerances of L5 for {len(by_contact):,} (tables: certified)"] if by_contact else []
+    return "; ".join(given)
 
 
 def counted(count: int, what: str) -> str:

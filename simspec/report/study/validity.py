@@ -39,18 +39,18 @@ def validity_tables(done: Done) -> list[StudyTable]:
     made = StudyTable(done, "validity", title, "engine", "limit", "runs")
     runs = judged(done)
     for engine in done.engines:
-        trials = [one.trial for one in runs if one.cell.engine == engine]
+        trials = [run.trial for run in runs if run.cell.engine == engine]
         if not trials:
             made.add(engine, "no runs", "0")
             continue
         whole = limit(trials)
         made.add(engine, str(whole), str(len(trials)))
-        told: Record = (
+        record: Record = (
             {"engine": engine, "limit": whole.timestep, "first_invalid": whole.first_invalid, "runs": len(trials)}
             | {"failure": whole.first_failure, "later_valid": list(whole.later_valid)}
             | {"fewer_seeds": list(whole.fewer_seeds)}
         )
-        made.records.append({**told, **_missed(whole.first_missed)})
+        made.records.append({**record, **_missed(whole.first_missed)})
         made.records += [
             {"engine": engine, "timestep": timestep, "share": share.value, "runs": share.trials}
             | {"lower": share.lower, "upper": share.upper}
@@ -73,23 +73,23 @@ def _missed(outcome: Outcome | None) -> Record:
 
 def _deviations(done: Done, runs: list[Judged]) -> list[StudyTable]:
     """The largest deviation by timestep and engine; none where nothing that is expected has a tolerance."""
-    units = {one.deviation.unit for one in runs if one.deviation is not None}
+    units = {run.deviation.unit for run in runs if run.deviation is not None}
     if not units:
         return []
     title, right = "Largest deviation from what is expected", range(1 + len(done.engines))
     made = StudyTable(done, "validity.deviations", title, "timestep", *done.engines, right=right)
     by_step: dict[float, dict[str, list[Judged]]] = {}
-    for one in runs:
-        by_step.setdefault(one.trial.timestep, {}).setdefault(one.cell.engine, []).append(one)
+    for run in runs:
+        by_step.setdefault(run.trial.timestep, {}).setdefault(run.cell.engine, []).append(run)
     for timestep, engines in sorted(by_step.items()):
         made.add(milliseconds(timestep), *(cell(engines.get(engine, []), units) for engine in done.engines))
-        for engine, own in engines.items():
-            largest = worst(own)
+        for engine, group in engines.items():
+            largest = worst(group)
             made.records.append(
-                {"timestep": timestep, "engine": engine, "runs": len(own), "valid": valid_of(own)}
+                {"timestep": timestep, "engine": engine, "runs": len(group), "valid": valid_of(group)}
                 | {"deviation": finite(largest.value if largest else None), "unit": largest.unit if largest else None}
             )
-    tolerances = sorted({(one.deviation.tolerance, one.deviation.unit) for one in runs if one.deviation is not None})
+    tolerances = sorted({(run.deviation.tolerance, run.deviation.unit) for run in runs if run.deviation is not None})
     bounds = ", ".join(str(Deviation(value, value, unit)) for value, unit in tolerances)
     made.note = f"Of all runs of a timestep; tolerance {bounds}. Where runs fail: how many, and their largest deviation"
     return [made]
@@ -97,7 +97,7 @@ def _deviations(done: Done, runs: list[Judged]) -> list[StudyTable]:
 
 def valid_of(runs: list[Judged]) -> int:
     """How many runs do all that is expected."""
-    return sum(one.trial.valid for one in runs)
+    return sum(run.trial.valid for run in runs)
 
 
 def cell(runs: list[Judged], units: set[str]) -> str | TableCell:
@@ -105,9 +105,9 @@ def cell(runs: list[Judged], units: set[str]) -> str | TableCell:
     if not runs:
         return "–"
     largest = worst(runs)
-    told = "–" if largest is None else str(largest) if len(units) == 1 else f"{number(100.0 * largest.share)} %"
+    text = "–" if largest is None else str(largest) if len(units) == 1 else f"{number(100.0 * largest.share)} %"
     failed = len(runs) - valid_of(runs)
-    return TableCell(f"fails ({failed} of {len(runs)}): {told}", BAD) if failed else told
+    return TableCell(f"fails ({failed} of {len(runs)}): {text}", BAD) if failed else text
 
 
 # First events in runs that fail.
@@ -119,17 +119,17 @@ def failures_tables(done: Done) -> list[StudyTable]:
     made = StudyTable(done, "failures", "What happened first in the runs that fail", *columns, right=(0, 2))
     runs = judged(done)
     groups: dict[tuple[float, int], list[Judged]] = {}
-    for one in runs:
-        groups.setdefault((one.trial.timestep, done.engines.index(one.cell.engine)), []).append(one)
-    for (timestep, index), own in sorted(groups.items()):
-        failed = [one for one in own if one.failure is not None]
+    for run in runs:
+        groups.setdefault((run.trial.timestep, done.engines.index(run.cell.engine)), []).append(run)
+    for (timestep, index), local in sorted(groups.items()):
+        failed = [judged for judged in local if judged.failure is not None]
         if not failed:
             continue
-        kinds = Counter(one.failure.kind for one in failed if one.failure is not None)
+        kinds = Counter(judged.failure.kind for judged in failed if judged.failure is not None)
         said = ", ".join(f"{count} × {KINDS[kind]}" for kind, count in kinds.most_common())
-        shown = (milliseconds(timestep), done.engines[index], f"{len(failed)} of {len(own)}")
+        shown = (milliseconds(timestep), done.engines[index], f"{len(failed)} of {len(local)}")
         made.add(*shown, said, example(failed))
-        made.records += [_record(one) for one in failed]
+        made.records += [_record(judged) for judged in failed]
     if not made.records:
         made.add("–", "–", f"0 of {len(runs)}", "no run failed", "–")
     made.note = "From the recorded motion: an event between two records has the time of the later one"
@@ -138,18 +138,18 @@ def failures_tables(done: Done) -> list[StudyTable]:
 
 def example(failed: list[Judged]) -> str:
     """The first of some failures in words; the run without a seed comes first."""
-    first = min(failed, key=lambda one: -1 if one.cell.seed is None else one.cell.seed)
+    first = min(failed, key=lambda judged: -1 if judged.cell.seed is None else judged.cell.seed)
     seed = "" if first.cell.seed is None else f"seed {first.cell.seed}: "
     return f"{seed}{first.failure}"
 
 
-def _record(one: Judged) -> Record:
-    failure = one.failure
+def _record(judged: Judged) -> Record:
+    failure = judged.failure
     assert failure is not None, "only failed runs are recorded"
     return {
-        "timestep": one.trial.timestep,
-        "engine": one.cell.engine,
-        "seed": one.cell.seed,
+        "timestep": judged.trial.timestep,
+        "engine": judged.cell.engine,
+        "seed": judged.cell.seed,
         "kind": failure.kind,
         "time": failure.time,
         "what": failure.what,
@@ -167,21 +167,21 @@ def cases_tables(done: Done) -> list[StudyTable]:
     columns = ("timestep", "engine", "case", "valid", "largest deviation", "step", "what happened first")
     made = StudyTable(done, "cases", "The scenario and its cases", *columns, right=(0, 3, 4, 5))
     groups = _groups(done)
-    units = {one.deviation.unit for own in groups.values() for one in own if one.deviation is not None}
-    for (timestep, engine, case), own in groups.items():
-        valid, cost = valid_of(own), _step_cost(own)
-        failed = [one for one in own if one.failure is not None]
+    units = {judged.deviation.unit for group in groups.values() for judged in group if judged.deviation is not None}
+    for (timestep, engine, case), local in groups.items():
+        valid, cost = valid_of(local), _step_cost(local)
+        failed = [judged for judged in local if judged.failure is not None]
         name = PLAIN if case is None else case
         if case in done.sweep.words.fails:
             name += " (expected to fail)"
-        told: str | TableCell = example(failed) if failed else "–"
+        given: str | TableCell = example(failed) if failed else "–"
         if valid and case in done.sweep.words.fails:
-            told = TableCell("does NOT fail, as is expected of it", BAD)
-        shown = (milliseconds(timestep), engine, name, f"{valid} of {len(own)}", cell(own, units))
-        made.add(*shown, "–" if cost is None else f"{1e6 * cost:.1f} µs", told)
-        largest = worst(own)
+            given = TableCell("does NOT fail, as is expected of it", BAD)
+        shown = (milliseconds(timestep), engine, name, f"{valid} of {len(local)}", cell(local, units))
+        made.add(*shown, "–" if cost is None else f"{1e6 * cost:.1f} µs", given)
+        largest = worst(local)
         made.records.append(
-            {"timestep": timestep, "engine": engine, "case": case, "runs": len(own), "valid": valid}
+            {"timestep": timestep, "engine": engine, "case": case, "runs": len(local), "valid": valid}
             | {"deviation": finite(largest.value if largest else None), "unit": largest.unit if largest else None}
             | {"step_seconds": cost, "fails": case in done.sweep.words.fails}
         )
@@ -192,17 +192,17 @@ def cases_tables(done: Done) -> list[StudyTable]:
 def unfailed(done: Done) -> list[str]:
     """In words: which cases were expected to fail and do what is expected of the scenario, or gave no result, which shows
     nothing."""
-    told = []
-    for (timestep, engine, case), own in _groups(done).items() if done.sweep.words.fails else ():
+    given = []
+    for (timestep, engine, case), group in _groups(done).items() if done.sweep.words.fails else ():
         if case not in done.sweep.words.fails:
             continue
-        valid, lost = valid_of(own), sum(one.row.failed is not None for one in own)
+        valid, lost = valid_of(group), sum(entry.row.failed is not None for entry in group)
         where = f"in {engine} at {milliseconds(timestep)}"
         if valid:
-            told.append(f"{case} was expected to fail, and {valid} of {len(own)} runs hold {where}")
+            given.append(f"{case} was expected to fail, and {valid} of {len(group)} runs hold {where}")
         if lost:
-            told.append(f"{case} was expected to fail, and {lost} of {len(own)} runs gave no result {where}")
-    return told
+            given.append(f"{case} was expected to fail, and {lost} of {len(group)} runs gave no result {where}")
+    return given
 
 
 def _groups(done: Done) -> dict[tuple[float, str, str | None], list[Judged]]:
@@ -211,15 +211,17 @@ def _groups(done: Done) -> dict[tuple[float, str, str | None], list[Judged]]:
     cases = [*([] if sweep.only_cases else [None]), *sweep.cases]
     groups: dict[tuple[float, int, int], list[Judged]] = {}
     for index, case in enumerate(cases):
-        for one in judged(done, case):
-            key = (one.trial.timestep, done.engines.index(one.cell.engine), index)
-            groups.setdefault(key, []).append(one)
-    return {(step, done.engines[engine], cases[case]): own for (step, engine, case), own in sorted(groups.items())}
+        for entry in judged(done, case):
+            key = (entry.trial.timestep, done.engines.index(entry.cell.engine), index)
+            groups.setdefault(key, []).append(entry)
+    return {
+        (step, done.engines[engine], cases[case]): judged for (step, engine, case), judged in sorted(groups.items())
+    }
 
 
 def _step_cost(runs: list[Judged]) -> float | None:
     """Processor time (s) of a step: the median over runs; None where none was measured."""
-    costs = [one.row.cpu_seconds / one.row.steps for one in runs if one.row.cpu_seconds is not None and one.row.steps]
+    costs = [run.row.cpu_seconds / run.row.steps for run in runs if run.row.cpu_seconds is not None and run.row.steps]
     return median(costs) if costs else None
 
 
@@ -248,18 +250,18 @@ def certified_tables(done: Done) -> list[StudyTable]:
         done, "certified.checks", "Checks of the proof that fail", "timestep", "engine", "checks", right=(0,)
     )
     for engine in done.engines:
-        own = dict(sorted(proofs.get(engine, {}).items()))
-        largest, first, again = _limit(own)
-        nothing = "nothing was verified" if own else "no runs"
+        local = dict(sorted(proofs.get(engine, {}).items()))
+        largest, first, again = _limit(local)
+        nothing = "nothing was verified" if local else "no runs"
         record = {"engine": engine, "limit": largest, "first_invalid": first, "later_valid": list(again)}
-        unverified = all(proof.proven is None for proof in own.values())
+        unverified = all(proof.proven is None for proof in local.values())
         limit_words = nothing if unverified else _step(largest, "no timestep")
         limits.add(engine, limit_words, _step(first, "–"), ", ".join(map(milliseconds, again)) or "–", record=record)
     for engine in done.engines:
         for timestep, proof in sorted(proofs.get(engine, {}).items()):
             if proof.proven is not True:
-                told = proof.why if proof.proven is None else words(proof.failed)
-                checks.add(milliseconds(timestep), engine, told)
+                why = proof.why if proof.proven is None else words(proof.failed)
+                checks.add(milliseconds(timestep), engine, why)
             checks.records += _records(timestep, engine, proof)
     if not checks.rows:
         checks.add("–", "–", "none")
@@ -281,7 +283,9 @@ def _proofs(done: Done) -> dict[str, dict[float, Proof]]:
         name = key or "not verified"
         if name not in models:
             models[name] = _proof(done, key)
-    return {engine: {step: _all(list(own.values())) for step, own in steps.items()} for engine, steps in found.items()}
+    return {
+        engine: {step: _all(list(proofs.values())) for step, proofs in steps.items()} for engine, steps in found.items()
+    }
 
 
 def _proof(done: Done, key: str | None) -> Proof:
@@ -314,9 +318,9 @@ def words(failed: Sequence[Check]) -> str:
     if not failed:
         return "nothing was compared"
     ordered = sorted(failed, key=lambda check: -strain(check))
-    told = [_figure(check) for check in ordered[:MOST_SHOWN]]
+    figures = [_figure(check) for check in ordered[:MOST_SHOWN]]
     more = len(ordered) - MOST_SHOWN
-    return "; ".join([*told, *([f"and {more} more"] if more > 0 else [])])
+    return "; ".join([*figures, *([f"and {more} more"] if more > 0 else [])])
 
 
 def _figure(check: Check) -> str:
@@ -336,9 +340,9 @@ def _records(timestep: float, engine: str, proof: Proof) -> list[Record]:
     if not proof.failed:
         return [about]
     return [
-        {**about, "level": one.level, "check": one.name, "worst": one.worst, "tolerance": one.tolerance}
-        | {"where": one.where}
-        for one in proof.failed
+        {**about, "level": check.level, "check": check.name, "worst": check.worst, "tolerance": check.tolerance}
+        | {"where": check.where}
+        for check in proof.failed
     ]
 
 
