@@ -240,12 +240,7 @@ class Element:
     # --- setting aside ----------------------------------------------------------------------------------------
 
     def set_aside(
-        self,
-        name: str | None,
-        fate: Fate,
-        reason: str,
-        severity: Severity = Severity.PHYSICS,
-        hint: str = "",
+        self, name: str | None, fate: Fate, reason: str, severity: Severity = Severity.PHYSICS, hint: str = ""
     ) -> None:
         """Say what becomes of an attribute, or (None) of this element with all that is in it and was not taken."""
         said = _Set(fate, severity, reason, hint)

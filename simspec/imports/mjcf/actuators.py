@@ -100,10 +100,7 @@ MOST_STATES: Final = 1000
 
 
 def add_states(
-    bodies: MjcfBodies,
-    constraints: Mapping[str, Any],
-    actuators: Mapping[str, Mapping[str, Any]],
-    starts: list[Start],
+    bodies: MjcfBodies, constraints: Mapping[str, Any], actuators: Mapping[str, Mapping[str, Any]], starts: list[Start]
 ) -> dict[str, dict[str, Any]]:
     """The states of a model of one root, by their names; ``actuators``: those of the spec, by theirs. Joints that a key puts
     beyond their limits are at the nearest limit, and are added to ``starts``. A joint that follows another begins where that

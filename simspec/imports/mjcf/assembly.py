@@ -36,10 +36,7 @@ LEFT_OUT: Final = frozenset(
 """Elements that no body follows from; they are accounted for, and not compiled."""
 FOLDERS: Final = {"mesh": "meshdir", "hfield": "meshdir"}
 """Which folder of ``compiler`` the files of an element are in; none: that of the main file."""
-REFUSED: Final = {
-    "flexcomp": "deformable bodies are not supported",
-    "flex": "deformable bodies are not supported",
-}
+REFUSED: Final = {"flexcomp": "deformable bodies are not supported", "flex": "deformable bodies are not supported"}
 """Elements that make bodies which the spec's language does not have."""
 
 

@@ -47,11 +47,7 @@ class MjcfFeature(NamedTuple):
 
 
 FEATURES: Final = {
-    "body.mocap": MjcfFeature(
-        "body/mocap",
-        _INFORMATION,
-        "a body that a program moves: here it stands where it is",
-    ),
+    "body.mocap": MjcfFeature("body/mocap", _INFORMATION, "a body that a program moves: here it stands where it is"),
     "body.mocap_start": MjcfFeature(
         "body/pos body/quat",
         _INFORMATION,

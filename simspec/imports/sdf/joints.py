@@ -222,9 +222,7 @@ KINDS: Final[Mapping[str, str]] = {
     "revolute2": "universal",
 }
 """Kinds of joints; a universal one is two hinges in a row, about the same point."""
-REFUSED: Final[Mapping[str, str]] = {
-    "screw": "a turn that is coupled to a displacement",
-}
+REFUSED: Final[Mapping[str, str]] = {"screw": "a turn that is coupled to a displacement"}
 FIRST_AXIS: Final = "axis"
 SECOND_AXIS: Final = "axis2"
 UNLIMITED: Final = 1e16

@@ -128,9 +128,7 @@ def _older(files: Files, place: str, uri: Element, folder: Path) -> Path:
 # --- meshes ---
 
 MISSING: Final = "missing-meshes"
-RULES: Final[Mapping[str, str]] = {
-    MISSING: "collision meshes that are not there, or cannot be read, are left out",
-}
+RULES: Final[Mapping[str, str]] = {MISSING: "collision meshes that are not there, or cannot be read, are left out"}
 NO_PART: Final = "a part of a file is not supported: all that is in it is one mesh"
 DECOMPOSED: Final = "convex_decomposition"
 OPTIMIZATIONS: Final = ("", "convex_hull", DECOMPOSED)

@@ -340,21 +340,15 @@ IN_VISUAL: Final[Mapping[str, Said]] = {
     "meta": (Fate.LOST, Severity.INFORMATION, "simspec has no layers"),
     "plugin": (Fate.LOST, Severity.APPEARANCE, "a plugin is a program of another simulator"),
 }
-IN_SURFACE: Final[Mapping[str, Said]] = {
-    "soft_contact": (Fate.LOST, Severity.PHYSICS, "simspec has no soft bodies"),
-}
+IN_SURFACE: Final[Mapping[str, Said]] = {"soft_contact": (Fate.LOST, Severity.PHYSICS, "simspec has no soft bodies")}
 IN_FRICTION: Final[Mapping[str, Said]] = {
     "fdir1": (Fate.LOST, Severity.PHYSICS, "friction is the same in every direction"),
     "slip1": (Fate.LOST, Severity.PHYSICS, "friction does not depend on the force"),
     "slip2": (Fate.LOST, Severity.PHYSICS, "friction does not depend on the force"),
 }
-IN_JOINT: Final[Mapping[str, Said]] = {
-    "sensor": _NO_SENSOR,
-    "plugin": _PLUGIN,
-}
+IN_JOINT: Final[Mapping[str, Said]] = {"sensor": _NO_SENSOR, "plugin": _PLUGIN}
 IN_CONTACT: Final[Mapping[str, Said]] = dict.fromkeys(
-    ("poissons_ratio", "elastic_modulus"),
-    (Fate.LOST, Severity.INFORMATION, HOW_HARD),
+    ("poissons_ratio", "elastic_modulus"), (Fate.LOST, Severity.INFORMATION, HOW_HARD)
 )
 IN_CONTACT_OF_LINK: Final[Mapping[str, Said]] = dict.fromkeys(
     ("stiffness", "damping", "contact_cfm", "contact_erp"), (Fate.LOST, Severity.INFORMATION, HOW_HARD)

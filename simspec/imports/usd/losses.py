@@ -283,10 +283,7 @@ _CARRIED: Final = (
     ("PhysicsRigidBodyAPI/@physics:rigidBodyEnabled", "shapes of the world where it is false"),
     ("PhysicsRigidBodyAPI/@physics:velocity", "`velocity.linear` of a free root"),
     ("PhysicsRigidBodyAPI/@physics:angularVelocity", "`velocity.angular` of a free root"),
-    (
-        "PhysicsRigidBodyAPI/@physxRigidBody:disableGravity",
-        "`gravity_scale: 0`, where it is true",
-    ),
+    ("PhysicsRigidBodyAPI/@physxRigidBody:disableGravity", "`gravity_scale: 0`, where it is true"),
     ("PhysicsMassAPI/@physics:mass", "`mass`"),
     ("PhysicsMassAPI/@physics:density", "`shapes.N.density`"),
     ("PhysicsMassAPI/@physics:centerOfMass", "`centre_of_mass`"),

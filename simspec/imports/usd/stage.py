@@ -265,11 +265,7 @@ def read_stage(files: Files, forgive: bool) -> StageRead:
     """The stage of a file. ``forgive``: files that are not there are left out. Raises SpecError where it cannot be read."""
     content = files.content()
     here = Location(files.shown, 1, 1)
-    asked = {
-        "path": str(files.path.resolve()),
-        "roots": [str(root) for root in files.roots],
-        "forgive": forgive,
-    }
+    asked = {"path": str(files.path.resolve()), "roots": [str(root) for root in files.roots], "forgive": forgive}
     try:
         limits = (str(SECONDS), str(MEMORY))
         answer = parse_json(run(PROGRAM, limits, json.dumps(asked).encode(), PATIENCE, policy_of(files)))
