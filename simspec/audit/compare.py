@@ -42,7 +42,7 @@ def compare_shapes(comparison: Comparison, body: Body, said: Sequence[Shape], he
             continue
         left.remove(near)
         apart = _apart(shape, near)
-        if apart > _tolerance(shape):
+        if apart > (max(SAME_SHAPE, MESH_SHARE * _extent(shape)) if shape.kind == MESH else SAME_SHAPE):
             size = None if math.isinf(apart) else apart
             comparison.add(
                 What.CHANGED, Severity.PHYSICS, body, "shapes", shape_text(shape), shape_text(near), "", size
@@ -52,10 +52,6 @@ def compare_shapes(comparison: Comparison, body: Body, said: Sequence[Shape], he
     seen, held_seen = (sum(shape.visual for shape in shapes) for shapes in (said, held))
     if seen and not held_seen:
         comparison.add(What.DROPPED, Severity.APPEARANCE, body, "shapes", f"{seen} that are seen", "none")
-
-
-def _tolerance(shape: Shape) -> float:
-    return max(SAME_SHAPE, MESH_SHARE * _extent(shape)) if shape.kind == MESH else SAME_SHAPE
 
 
 def _extent(shape: Shape) -> float:
@@ -313,17 +309,14 @@ class Comparison:
             self.add(what, severity, body, "joint.type", said.kind, held.kind, why)
             return
         if said.kind in SCALAR_JOINTS:
-            self._axis(body, said, held)
+            if self.compares(body, "joint.axis") and (away := math.dist(said.axis, held.axis)) > SAME:
+                self.add(What.CHANGED, Severity.PHYSICS, body, "joint.axis", said.axis, held.axis, "", away)
             self._limits(body, said, held)
         if said.kind == "fixed":
             return
         for name, (nothing, _) in SCALARS.items():
             if self.compares(body, f"joint.{name}"):
                 self._scalar(body, name, getattr(said, name), getattr(held, name), nothing)
-
-    def _axis(self, body: Body, said: Joint, held: Joint) -> None:
-        if self.compares(body, "joint.axis") and (away := math.dist(said.axis, held.axis)) > SAME:
-            self.add(What.CHANGED, Severity.PHYSICS, body, "joint.axis", said.axis, held.axis, "", away)
 
     def _limits(self, body: Body, said: Joint, held: Joint) -> None:
         if not self.compares(body, "joint.limits"):

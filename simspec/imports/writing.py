@@ -159,8 +159,11 @@ def spec_text(imported: Imported, source: str, files: Mapping[str, str] | None =
         else:
             entry.above += comment
     body = "\n".join(lines(root, header, [])) + "\n"
-    _check(body, data)
-    return f"{MARK} from {visible(source)}{SUM}{_sum(body)}\n{body}"
+    document = build(events(body, "<spec>"), "<spec>")
+    if document.problems or document.data != data:
+        message = "this import cannot be written as a spec without changing its meaning"
+        raise SpecError([*document.problems, Problem(message, hint="report this: it is a bug in simspec")])
+    return f"{MARK} from {visible(source)}{SUM}{hashlib.sha256(body.encode()).hexdigest()[:DIGITS]}\n{body}"
 
 
 def too_long(imported: Imported, shown: str) -> Problem | None:
@@ -180,10 +183,6 @@ def is_unchanged(content: bytes) -> bool:
     first, _, body = content.partition(b"\n")
     head, found, digits = first.decode("utf-8", "replace").rpartition(SUM)
     return bool(found) and head.startswith(MARK) and digits == hashlib.sha256(body).hexdigest()[:DIGITS]
-
-
-def _sum(body: str) -> str:
-    return hashlib.sha256(body.encode()).hexdigest()[:DIGITS]
 
 
 def _comment(sentence: str) -> Iterator[str]:
@@ -255,11 +254,3 @@ def copies(imported: Imported, into: Path, folder: Path) -> tuple[dict[str, Path
             names[path], sources[name] = name, path
         called[text] = (place / names[path]).as_posix()
     return sources, called
-
-
-def _check(body: str, data: dict[str, Any]) -> None:
-    """The promise of a written spec: it reads as the data that was imported."""
-    document = build(events(body, "<spec>"), "<spec>")
-    if document.problems or document.data != data:
-        message = "this import cannot be written as a spec without changing its meaning"
-        raise SpecError([*document.problems, Problem(message, hint="report this: it is a bug in simspec")])

@@ -277,14 +277,10 @@ class MjcfSurfaces:
         if excluded:
             contact["exclude"] = excluded
         if alone:
-            self._of_a_model(contact)
+            said = [contact.pop(word, None) for word in ("friction_cone", "combine")]
+            if any(said):
+                self.features.add("contact.scenario", self.model.root)
         return contact
-
-    def _of_a_model(self, contact: dict[str, Any]) -> None:
-        """Leave out what a model file does not say."""
-        said = [contact.pop(word, None) for word in ("friction_cone", "combine")]
-        if any(said):
-            self.features.add("contact.scenario", self.model.root)
 
     def _of_all(self) -> dict[str, Any]:
         contact: dict[str, Any] = {}

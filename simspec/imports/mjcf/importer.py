@@ -293,7 +293,8 @@ class MjcfImporter:
 def imported(assembly: MjcfAssembly, bodies: MjcfBodies, files: Files) -> Imported:
     """The spec of a compiled model; ``bodies``: new, and those of the spec afterwards."""
     model, features = bodies.model, bodies.features
-    _state_cone(assembly, model)
+    stated = any(element.tag == "option" and element.has("cone") for element in assembly.everything())
+    model.options["cone_stated"] = stated
     bodies.folder = files.path.resolve().parent
     bodies.make()
     if not bodies.names and not model.numbers["ngeom"]:
@@ -358,12 +359,6 @@ def imported(assembly: MjcfAssembly, bodies: MjcfBodies, files: Files) -> Import
 
 def _name(assembly: MjcfAssembly, files: Files) -> str:
     return clean_name(assembly.root.attributes.get("model", "") or files.path.stem)[:150]
-
-
-def _state_cone(assembly: MjcfAssembly, model: CompiledMjcf) -> None:
-    """Whether the file says the friction cone; where it does not, the spec leaves its own default."""
-    stated = any(element.tag == "option" and element.has("cone") for element in assembly.everything())
-    model.options["cone_stated"] = stated
 
 
 def _physics(model: CompiledMjcf, features: MjcfFeatures) -> dict[str, Any]:

@@ -40,7 +40,9 @@ def give_masses(models: Sequence[ModelRead], requested: RequestedRepairs, densit
     for model in models:
         for group in _moving(model):
             # a free root without mass is fixed by another rule
-            has_none = group[0].joint is not None and not any(_mass(body) > 0.0 or _filled(body) for body in group)
+            has_none = group[0].joint is not None and not any(
+                _mass(body) > 0.0 or any("density" in shape.data for shape in body.content.shapes) for body in group
+            )
             for body in group:
                 if _mass(body) < 0.0 or (has_none and (body is group[0] or solids_of(body.content.shapes))):
                     problems += _give_mass(body, requested, density)
@@ -67,10 +69,6 @@ def _moving(model: ModelRead) -> Iterator[list[BodyRead]]:
 def _mass(body: BodyRead) -> float:
     mass: float = body.content.mass.get("mass", 0.0)
     return mass
-
-
-def _filled(body: BodyRead) -> bool:
-    return any("density" in shape.data for shape in body.content.shapes)
 
 
 def _give_mass(body: BodyRead, requested: RequestedRepairs, density: float) -> list[Problem]:

@@ -215,7 +215,14 @@ def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
         if twin is None:
             shapes.append(shape)
         else:
-            _merge(twin, shape)
+            for key in ("visual", "collision"):
+                twin.data.pop(key, None)
+            for key in ("colour", "density"):
+                if key in shape.data:
+                    twin.data[key] = shape.data[key]
+            if shape.surface is not None:
+                twin.surface, twin.name = shape.surface, shape.name
+            shape.element.ignore("name", "one shape with its collision")
     if problems:
         raise SpecError(problems)
     return shapes
@@ -379,7 +386,11 @@ def _collision(shape: Element, around: LinkContext) -> ShapeRead | None:
     if around.density is None:
         unused(next(iter(shape.look("density")), None), "the file gives the mass")
     lost(next(iter(shape.look("auto_inertia_params")), None), "simspec computes inertias of its own shapes")
-    _concave(shape, read)
+    if read is None or read.mesh is None:
+        shape.ignore("concave", "only a mesh can be concave")
+    else:
+        reason = "a mesh is its convex hull"
+        shape.lose("concave", reason, hint="`as: pieces` of the mesh, in the spec")
     if read is None:
         return None
     data = read.data
@@ -387,15 +398,6 @@ def _collision(shape: Element, around: LinkContext) -> ShapeRead | None:
         data["density"] = density
     data["visual"] = False
     return ShapeRead(data, shape, name, surface, read.mesh)
-
-
-def _concave(shape: Element, read: _Geometry | None) -> None:
-    """An attribute of one reader, for collisions with the surface of a mesh itself."""
-    if read is None or read.mesh is None:
-        shape.ignore("concave", "only a mesh can be concave")
-    else:
-        reason = "a mesh is its convex hull"
-        shape.lose("concave", reason, hint="`as: pieces` of the mesh, in the spec")
 
 
 def _visual(shape: Element, around: LinkContext) -> ShapeRead | None:
@@ -440,18 +442,6 @@ def _twin(shapes: list[ShapeRead], shape: ShapeRead) -> ShapeRead | None:
         if {key: other.data[key] for key in other.data.keys() - {"visual", "collision", "colour", "density"}} == mine:
             return other
     return None
-
-
-def _merge(twin: ShapeRead, shape: ShapeRead) -> None:
-    """Make one shape of a collision and a visual."""
-    for key in ("visual", "collision"):
-        twin.data.pop(key, None)
-    for key in ("colour", "density"):
-        if key in shape.data:
-            twin.data[key] = shape.data[key]
-    if shape.surface is not None:
-        twin.surface, twin.name = shape.surface, shape.name
-    shape.element.ignore("name", "one shape with its collision")
 
 
 def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: SdfMeshes) -> None:

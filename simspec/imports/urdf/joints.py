@@ -132,7 +132,11 @@ def read_joint(
         if where := pose(xyz, rpy):
             joint.data["origin"] = where
     if joint.kind in SCALAR_JOINTS:
-        _moving(joint, word, draft)
+        joint.data["axis"] = _axis(joint.element)
+        limits = _limits(joint, word, draft)
+        if limits:
+            joint.data["limits"] = limits
+        _dynamics(joint)
     elif joint.kind == "planar":
         joint.parts = parts
         joint.data["axis"] = _axis(element)
@@ -168,14 +172,6 @@ def _link(element: Element, tag: str) -> str:
     if part is None:
         raise element.error(f"<joint> has no <{tag}>")
     return part.need("link")
-
-
-def _moving(joint: UrdfJointRead, word: str, draft: Draft) -> None:
-    joint.data["axis"] = _axis(joint.element)
-    limits = _limits(joint, word, draft)
-    if limits:
-        joint.data["limits"] = limits
-    _dynamics(joint)
 
 
 def _axis(element: Element) -> list[float]:

@@ -110,21 +110,16 @@ def read_mass(link: Element) -> UrdfMass | None:
     else:
         missing += [f"i{name} of <inertia>" for name in MOMENTS[:3] if not inertia.has(f"i{name}")]
         six = [inertia.number(f"i{name}") or 0.0 for name in MOMENTS]
-        _copies(inertia)
+        for copy, own in COPIES.items():
+            if not inertia.has(copy):
+                continue
+            if inertia.number(copy) == (inertia.number(own) or 0.0):
+                inertia.ignore(copy, f"the same as {own}")
+            else:
+                inertia.lose(copy, f"another than {own}, which readers take")
         read.tensor = (six[0], six[1], six[2], six[3], six[4], six[5])
     read.missing = ", ".join(missing)
     return read
-
-
-def _copies(inertia: Element) -> None:
-    """Say of products of inertia that are written a second time, as a matrix has them, whether they are the same."""
-    for copy, own in COPIES.items():
-        if not inertia.has(copy):
-            continue
-        if inertia.number(copy) == (inertia.number(own) or 0.0):
-            inertia.ignore(copy, f"the same as {own}")
-        else:
-            inertia.lose(copy, f"another than {own}, which readers take")
 
 
 def check_mass(mass: UrdfMass, has_shapes: bool, draft: Draft, path: Path_) -> None:

@@ -72,15 +72,12 @@ class PrimPlaces:
             return PrimPlace(
                 frames.compose(frames.inverse(self._exact(body).pose), self._exact(prim).pose), self._exact(prim).scale
             )
-        start = self._factors(body)
+        start = ONE if body is None else self._exact(body).scale
         place = self._composed(chain) if start == ONE else None
         return place or self._by_matrix(prim, body)
 
     def _exact(self, prim: PrimRead) -> PrimPlace:
         return self._within(prim, None)
-
-    def _factors(self, body: PrimRead | None) -> Vector3:
-        return ONE if body is None else self._exact(body).scale
 
     def _composed(self, chain: list[PrimRead]) -> PrimPlace | None:
         """The place of the first of a chain of prims in what is around the last; None where factors stand in between."""
@@ -126,7 +123,7 @@ class PrimPlaces:
         """A prim's own operations; None where they are no pose with factors after it."""
         pose, scale = Pose(), ONE
         for name, kind, inverse, value in prim.record.get("ops", ()):
-            self._take(prim, name)
+            prim._taken.add(name.removeprefix("!invert!"))
             if value is None:
                 continue
             if scale != ONE:
@@ -163,9 +160,6 @@ class PrimPlaces:
                 turn = frames.multiply(_about(axis, math.radians(angles[axis])), turn)
             return Pose(quaternion=turn)
         return None
-
-    def _take(self, prim: PrimRead, name: str) -> None:
-        prim._taken.add(name.removeprefix("!invert!"))
 
 
 def quaternion(prim: PrimRead, name: str, values: Any) -> Quaternion:

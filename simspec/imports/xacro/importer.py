@@ -259,12 +259,21 @@ class Xacro:
         _check_arguments(expanded, files, options)
         root = parse(expanded.text.encode(), f"{EXPANDED} {shown}")
         _place(root, expanded)
-        _check_kind(root, shown)
+        if root.tag != "robot":
+            raise root.error("does not expand to URDF: the outermost element is not <robot>", root.tag[:80], "robot")
+        if not root.look("link"):
+            hint = "import the file that includes it and places its macros"
+            raise SpecError(
+                [Problem(f"{shown} is a library: it expands to no links", location=root.location, hint=hint)]
+            )
         if PARENTS not in options.repairs:
             _check_whole(root, shown)
         files.looks_above = True
         imported = RobotReader(root, files).imported()
-        imported.accounts += [_warning(place, text) for place, text in expanded.warnings]
+        imported.accounts += [
+            Account(place, "xacro", Fate.UNUSED, Severity.INFORMATION, f"xacro warns: {text}")
+            for place, text in expanded.warnings
+        ]
         imported.read.update(files.read)
         return imported
 
@@ -293,7 +302,10 @@ def _check_arguments(expanded: Expanded, files: Files, options: ImportOptions) -
     unknown = [name for name in options.arguments if name not in expanded.declared]
     if not unknown:
         return
-    known = {*expanded.declared, *_used(files)}
+    known = {
+        *expanded.declared,
+        *{name.decode(errors="replace") for content in _texts(files) for name in _USE.findall(content)},
+    }
     problems = [
         Problem(f"{files.shown}: no argument is called {name!r}", allowed=MANY.join(sorted(known)) or "none")
         for name in unknown
@@ -301,11 +313,6 @@ def _check_arguments(expanded: Expanded, files: Files, options: ImportOptions) -
     ]
     if problems:
         raise SpecError(problems)
-
-
-def _used(files: Files) -> set[str]:
-    """The arguments that the files use which were read."""
-    return {name.decode(errors="replace") for content in _texts(files) for name in _USE.findall(content)}
 
 
 def _texts(files: Files) -> Iterator[bytes]:
@@ -344,15 +351,6 @@ def _declared(files: Files) -> dict[str, str]:
     return found
 
 
-def _check_kind(root: Element, shown: str) -> None:
-    """Refuse what expands to no robot."""
-    if root.tag != "robot":
-        raise root.error("does not expand to URDF: the outermost element is not <robot>", root.tag[:80], "robot")
-    if not root.look("link"):
-        hint = "import the file that includes it and places its macros"
-        raise SpecError([Problem(f"{shown} is a library: it expands to no links", location=root.location, hint=hint)])
-
-
 def _check_whole(root: Element, shown: str) -> None:
     """Refuse what is a part: all its links hang on links of the file that includes it."""
     links = {link.attributes.get("name", "").strip() for link in root.look("link")}
@@ -368,7 +366,3 @@ def _check_whole(root: Element, shown: str) -> None:
 
 def _end(joint: Element, tag: str) -> str:
     return next((part.attributes.get("link", "").strip() for part in joint.look(tag)), "")
-
-
-def _warning(place: Location, text: str) -> Account:
-    return Account(place, "xacro", Fate.UNUSED, Severity.INFORMATION, f"xacro warns: {text}")
