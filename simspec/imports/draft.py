@@ -11,7 +11,7 @@ import math
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
@@ -36,23 +36,8 @@ TURN: Final = 2.0 * math.pi
 """rad; what is written as a bare number above this would be asked whether degrees are meant, and a foreign file has said it."""
 
 
-@dataclass
-class Draft:
-    """A spec in the making. ``rules``: every rule of repair that the importer has; ``with_value``: those that take
-    a value."""
-
-    files: Files
-    options: ImportOptions
-    rules: Sequence[str] = ()
-    with_value: Sequence[str] = ()
-    places: dict[Path_, Location] = field(default_factory=dict)
-    problems: list[Problem] = field(default_factory=list)
-    repairs: list[Repair] = field(default_factory=list)
-    comments: dict[str, str] = field(default_factory=dict)
-    suspicious: list[Problem] = field(default_factory=list)
-    """What is allowed, and yet looks like a slip."""
-    meshes: dict[str, Any] = field(default_factory=dict)
-    """Files that the data names, by the text that names them."""
+class Problems(list[Problem]):
+    """Problems that are raised together."""
 
     @contextlib.contextmanager
     def collecting(self) -> Iterator[None]:
@@ -60,20 +45,77 @@ class Draft:
         try:
             yield
         except SpecError as error:
-            self.problems.extend(error.problems)
+            self.extend(error.problems)
+
+    def demand_none(self) -> None:
+        """Raise SpecError with all problems, where there are any."""
+        if self:
+            raise SpecError(self)
+
+
+@dataclass
+class Draft:
+    """A spec in the making. ``rules``: the importer's rules of repair, with what they do; ``with_value``: those that take a
+    value."""
+
+    files: Files
+    options: ImportOptions
+    rules: Mapping[str, str] = field(default_factory=dict)
+    with_value: Sequence[str] = ()
+    places: dict[Path_, Location] = field(default_factory=dict)
+    problems: Problems = field(default_factory=Problems)
+    repairs: list[Repair] = field(default_factory=list)
+    comments: dict[str, str] = field(default_factory=dict)
+    suspicious: list[Problem] = field(default_factory=list)
+    """What is allowed, and yet looks like a slip."""
+    meshes: dict[str, Any] = field(default_factory=dict)
+    """Files that the data names, by the text that names them."""
+    made: set[str] = field(default_factory=set)
+    """Those of them that the source has within itself."""
+
+    def collecting(self) -> contextlib.AbstractContextManager[None]:
+        """Within it, a SpecError ends what is being read there, and its problems are kept."""
+        return self.problems.collecting()
 
     def place(self, path: Path_, element: Element) -> None:
         """The value at a path of the data comes from an element."""
         self.places[path] = element.location
 
-    def defect(self, element: Element, message: str, rule: str = "", repair: str = "", **more: Any) -> None:
-        """A defect of the source, which ``rule`` would repair by ``repair``."""
-        hint = f"simspec import --repair {rule}: {repair}" if rule else more.pop("hint", None)
-        self.problems.append(element.problem(message, hint=hint, **more))
+    def way_out(self, rule: str) -> str:
+        """The hint of a defect that a rule repairs."""
+        return f"simspec import --repair {rule}: {self.rules[rule]}"
 
-    def suspect(self, element: Element, message: str, rule: str, repair: str, found: str) -> None:
-        """Something that is allowed looks like a slip, which ``rule`` would repair by ``repair``."""
-        self.suspicious.append(element.problem(message, found=found, hint=f"simspec import --repair {rule}: {repair}"))
+    def defect(
+        self, element: Element, message: str, rule: str = "", found: str | None = None, hint: str | None = None
+    ) -> None:
+        """Report a defect of the source, which ``rule`` would repair."""
+        self.problems.append(element.problem(message, found, hint=self.way_out(rule) if rule else hint))
+
+    def suspect(self, element: Element, message: str, rule: str, found: str) -> None:
+        """Report a value that is allowed and looks like a slip, which ``rule`` would repair."""
+        self.suspicious.append(element.problem(message, found, hint=self.way_out(rule)))
+
+    def mend(
+        self, rule: str, element: Element, message: str, repair: str, path: Path_, found: str | None = None
+    ) -> bool:
+        """Report a defect, or record its repair where the rule is requested: ``repair`` says what changes, ``path`` where this
+        is seen in the data. Whether the rule is requested."""
+        if self.repairing(rule):
+            self.repaired(rule, element, repair, path)
+        else:
+            self.defect(element, message, rule, found)
+        return self.repairing(rule)
+
+    def leave_out(self, element: Element, rule: str, why: Problem, path: Path_ = ()) -> None:
+        """Leave a mesh out that cannot be used: one that is only drawn, or by the rule. Raises SpecError for another."""
+        found = f": {why.found}" if why.found else ""
+        if element.tag == "visual":
+            element.lose(None, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
+        elif self.repairing(rule):
+            element.lose(None, f"left out by the rule {rule}: {why.message}{found}")
+            self.repaired(rule, element, f"a mesh is left out: {why.message}{found}", path)
+        else:
+            raise SpecError([replace(why, hint="; ".join(filter(None, [why.hint, self.way_out(rule)])))])
 
     def repairing(self, rule: str) -> bool:
         """Whether a rule is requested, by its name or by `all`."""
@@ -93,9 +135,9 @@ class Draft:
         key = dotted(path)
         self.comments[key] = f"{self.comments[key]}; {sentence}" if key in self.comments else sentence
 
-    def imported(self, data: dict[str, Any], accounts: list[Account], made: Iterable[str] = ()) -> Imported:
-        """The import of ``data``; ``made``: names of files that the source has within itself."""
-        files = self.meshes, frozenset(made), self.files.read
+    def imported(self, data: dict[str, Any], accounts: list[Account]) -> Imported:
+        """The import of ``data``."""
+        files = self.meshes, frozenset(self.made), self.files.read
         return Imported(data, self.places, accounts, self.repairs, *files, self.comments, self.suspicious)
 
     def finish(self) -> None:

@@ -257,6 +257,16 @@ class Element:
         """Say that an attribute, or (None) this element, has no effect in the spec."""
         self.set_aside(name, Fate.UNUSED, reason, severity)
 
+    def lose_child(self, tag: str, reason: str, severity: Severity = Severity.PHYSICS) -> None:
+        """Say that the first child of a tag, if any, is not in the spec."""
+        for child in self.look(tag)[:1]:
+            child.lose(None, reason, severity)
+
+    def ignore_child(self, tag: str, reason: str, severity: Severity = Severity.INFORMATION) -> None:
+        """Say that the first child of a tag, if any, has no effect in the spec."""
+        for child in self.look(tag)[:1]:
+            child.ignore(None, reason, severity)
+
     def forget(self) -> None:
         """Take back what was read of this element and of all that is in it: it is lost as a whole."""
         for element in self.within():

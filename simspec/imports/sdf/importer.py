@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from simspec.errors import Location, Problem, SpecError
 from simspec.imports import draft
-from simspec.imports.draft import Materials, tidy
+from simspec.imports.draft import Draft, Materials, tidy
 from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
 from simspec.imports.sdf import SUFFIXES
@@ -29,15 +29,13 @@ from simspec.imports.sdf.values import (
     Placement,
     SdfNames,
     finite_of,
-    lost,
     set_aside,
-    unused,
     vector_of,
     version_of,
 )
 from simspec.imports.writing import add_timestep
 from simspec.language.document import Path_
-from simspec.language.foreign import Account, Imported, ImportOptions, Repair, Severity
+from simspec.language.foreign import Imported, ImportOptions, Severity
 
 GRAVITY: Final = (0.0, 0.0, -9.8)
 """SDF's default; the language's is -9.81."""
@@ -72,38 +70,24 @@ class Sdf:
         reader = ModelReader(files)
         root = reader.root(path.resolve(), files.content(), shown)
         scopes, world = _outermost(reader, root, path)
-        graph, meshes = FrameGraph(), SdfMeshes(files, options.repairs)
-        problems = options.repairs.problems(shown, RULES, (draft.FROM_SHAPES,))
+        made = Draft(files, options, RULES, (draft.FROM_SHAPES,))
+        graph, meshes = FrameGraph(), SdfMeshes(made)
+        made.problems += options.repairs.problems(shown, RULES, (draft.FROM_SHAPES,))
         models: list[ModelRead] = []
         for scope in scopes:
-            try:
+            with made.collecting():
                 models.append(read_model(graph, scope, meshes))
-            except SpecError as error:
-                problems.extend(error.problems)
-        try:
+        with made.collecting():
             judge_meshes((body.content.shapes for read in models for body in read.bodies), meshes)
-        except SpecError as error:
-            problems.extend(error.problems)
         density, wrong = draft.density_of(options.repairs, shown)
-        problems += wrong
-        if not problems:
-            problems += give_masses(models, options.repairs, density)
-        if problems:
-            raise SpecError(problems)
-        spec = _Spec(path, graph, world, models)
+        made.problems += wrong
+        if not made.problems:
+            give_masses(models, made, density)
+        made.problems.demand_none()
+        spec = _Spec(path, graph, world, models, made)
         spec.fill()
-        accounts: list[Account] = [account for root in reader.roots for account in root.accounts()]
-        repairs = [*spec.repairs, *meshes.repairs]
-        imported = Imported(
-            spec.data,
-            spec.places,
-            accounts,
-            repairs,
-            files=meshes.named,
-            made=frozenset(meshes.made),
-            read=files.read,
-            comments=spec.comments,
-        )
+        made.repairs.sort(key=lambda repair: not repair.path)  # those of meshes last
+        imported = made.imported(spec.data, [account for root in reader.roots for account in root.accounts()])
         add_timestep(imported)
         return imported
 
@@ -129,7 +113,7 @@ def _outermost(reader: ModelReader, root: Element, path: Path) -> tuple[list[Sco
         return list(world.models.values()), world
     for tag in ("light", "actor"):
         for child in root.look(tag):
-            lost(child, "simspec has no lights and no actors", Severity.APPEARANCE)
+            child.lose(None, "simspec has no lights and no actors", Severity.APPEARANCE)
     models = root.look("model")
     if not models and not root.look("include"):
         raise root.error("this file has no model and no world")
@@ -152,10 +136,8 @@ class _Spec:
     graph: FrameGraph
     world: Scope | None
     models: list[ModelRead]
+    draft: Draft
     data: dict[str, Any] = field(default_factory=dict)
-    places: dict[Path_, Location] = field(default_factory=dict)
-    comments: dict[str, str] = field(default_factory=dict)
-    repairs: list[Repair] = field(default_factory=list)
     materials: Materials = field(default_factory=Materials)
     groups: dict[str, Any] = field(default_factory=dict)
     exclude: list[list[str]] = field(default_factory=list)
@@ -165,7 +147,7 @@ class _Spec:
         for empty in [model for model in self.models if not model.bodies]:
             if self.world is None:
                 raise empty.scope.element.error("this model has no link")
-            unused(empty.scope.element, "a model without links")
+            empty.scope.element.ignore(None, "a model without links")
             self.models.remove(empty)
         if not self.models:
             assert self.world is not None
@@ -209,7 +191,8 @@ class _Spec:
         """Where a value of the data comes from: its own place, or that of the nearest value around it."""
         around = (path[:length] for length in range(len(path), -1, -1))
         return next(
-            (self.places[part] for part in around if part in self.places), self.models[0].scope.element.location
+            (self.draft.places[part] for part in around if part in self.draft.places),
+            self.models[0].scope.element.location,
         )
 
     def _name_shapes(self) -> None:
@@ -227,7 +210,7 @@ class _Spec:
                 name = names.give(model.scope.name, model.scope.element)
                 bodies = self._bodies(model, ("models", name, "bodies"))
                 self.data.setdefault("models", {})[name] = {"bodies": bodies}
-                self.places["models", name] = model.scope.element.location
+                self.draft.places["models", name] = model.scope.element.location
                 self._constrain(model, self.data["models"][name], ("models", name))
                 self._keep_apart(model, f"{name}/", group=name)
                 continue
@@ -262,7 +245,7 @@ class _Spec:
         held = {names.give(name): constraint for name, constraint in said.items()}
         around.setdefault("constraints", {}).update(held)
         for name in held:
-            self.places[(*path, "constraints", name)] = model.scope.element.location
+            self.draft.places[(*path, "constraints", name)] = model.scope.element.location
 
     def _bodies(self, model: ModelRead, path: tuple[str, ...]) -> dict[str, Any]:
         """The bodies of a model, with their places and comments."""
@@ -280,20 +263,17 @@ class _Spec:
             if shapes:
                 data["shapes"] = shapes
             if body.content.comment:
-                self.comments[".".join((*own, "mass"))] = body.content.comment
+                self.draft.comments[".".join((*own, "mass"))] = body.content.comment
             if body.content.repaired:
                 element = body.content.inertial or body.element
-                place = ".".join((*own, "inertia"))
-                self.repairs.append(Repair(draft.RULE, element.location, body.content.repaired, place))
+                self.draft.repaired(draft.RULE, element, body.content.repaired, (*own, "inertia"))
             for rule, what, word in body.content.given:
-                element = body.content.inertial or body.element
-                self.repairs.append(Repair(rule, element.location, what, ".".join((*own, word))))
+                self.draft.repaired(rule, body.content.inertial or body.element, what, (*own, word))
             bodies[body.name] = data
         for note in (scope.note for scope in model.scope.within() if scope.note):
-            self.comments[".".join((*path, model.bodies[0].name))] = note
+            self.draft.comments[".".join((*path, model.bodies[0].name))] = note
         for body, what in model.repairs:
-            place = ".".join((*path, body.name, "fixed"))
-            self.repairs.append(Repair(MASSLESS, body.element.location, what, place))
+            self.draft.repaired(MASSLESS, body.element, what, (*path, body.name, "fixed"))
         return bodies
 
     def _alone(self, scope: Scope) -> Placement:
@@ -304,17 +284,17 @@ class _Spec:
         return pose
 
     def _place(self, body: BodyRead, data: dict[str, Any], own: tuple[str, ...]) -> None:
-        self.places[own] = body.element.location
+        self.draft.places[own] = body.element.location
         if body.joint is not None:
-            self.places[(*own, "joint")] = body.joint.element.location
+            self.draft.places[(*own, "joint")] = body.joint.element.location
         if body.content.inertial is not None:
             for key in ("mass", "centre_of_mass", "inertia"):
                 if key in data:
-                    self.places[(*own, key)] = body.content.inertial.location
+                    self.draft.places[(*own, key)] = body.content.inertial.location
 
     def _shape(self, body: BodyRead, index: int, own: Path_) -> dict[str, Any]:
         shape = body.content.shapes[index]
-        self.places[own] = shape.element.location
+        self.draft.places[own] = shape.element.location
         named = {} if shape.name in ("", f"{body.name}_{index}") else {"name": shape.name}
         data = {**named, **shape.data}
         if shape.surface is not None and len(self.materials.names) > 1:
@@ -366,7 +346,7 @@ def _physics(world: Scope) -> dict[str, Any]:
     chosen = chosen or (profiles[0] if profiles else None)
     for profile in profiles:
         if profile is not chosen:
-            unused(profile, "another of the file's settings of physics is in force")
+            profile.ignore(None, "another of the file's settings of physics is in force")
             continue
         profile.take()
         for name in ("name", "type", "default"):

@@ -18,13 +18,11 @@ from simspec.imports.sdf.values import (
     SdfPose,
     finite_of,
     flag_of,
-    lost,
     number,
     number_of,
     pose_of,
     set_aside,
     text_of,
-    unused,
     vector,
 )
 from simspec.language.foreign import Severity
@@ -295,9 +293,9 @@ def read_joint(graph: FrameGraph, scope: Scope, name: str) -> JointRead:
         if kind == "universal":
             read.second, read.second_mimic = _axis(graph, read, SECOND_AXIS, limited=limited, turns=turns)
     elif element.look(FIRST_AXIS):
-        unused(element.look(FIRST_AXIS)[0], f"a {word} joint has no axis")
+        element.look(FIRST_AXIS)[0].ignore(None, f"a {word} joint has no axis")
     if kind != "universal":
-        unused(next(iter(element.look(SECOND_AXIS)), None), f"a {word} joint has one axis at most")
+        element.ignore_child(SECOND_AXIS, f"a {word} joint has one axis at most")
     set_aside(element, IN_JOINT)
     solver_of(element)
     _rotor(element, read.data)
@@ -352,7 +350,9 @@ def _axis(
                 else {"stiffness": stiffness, "rest": angle(rest) if turns else rest}
             )
     for child_element in axis.look("initial_position"):
-        lost(child_element, "where a joint begins is not read", Severity.PHYSICS, "`positions` of the placed model")
+        child_element.lose(
+            None, "where a joint begins is not read", Severity.PHYSICS, "`positions` of the placed model"
+        )
     mimics = axis.look("mimic")
     for child_element in mimics[1:]:
         raise child_element.error("a joint follows one other at most")
@@ -371,7 +371,7 @@ def _mimic(graph: FrameGraph, scope: Scope, element: Element) -> MimicRead | Non
     reference = finite_of(element, "reference", 0.0)
     if ratio == 0.0:
         reason = "with a multiplier of 0 the joint follows nothing: it moves on its own"
-        lost(element, reason, hint="make the joint fixed")
+        element.lose(None, reason, hint="make the joint fixed")
         return None
     return MimicRead(element, leader, axis, ratio, offset - ratio * reference)
 
@@ -403,7 +403,7 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
     lower, upper = number_of(limit, "lower", -math.inf), number_of(limit, "upper", math.inf)
     if not limited:
         for child in limit.look("lower", "upper"):
-            unused(child, "a continuous joint has no limits")
+            child.ignore(None, "a continuous joint has no limits")
     elif lower > -UNLIMITED or upper < UNLIMITED:
         if not (lower > -UNLIMITED and upper < UNLIMITED):
             raise limit.error("a joint with one limit is not supported", hint="give both limits, or none")
@@ -416,9 +416,9 @@ def _limits(limit: Element, *, limited: bool, turns: bool) -> dict[str, Any]:
             data[tag] = value
         elif value == 0.0:
             for child in limit.look(tag):
-                lost(child, NO_RATING, Severity.INFORMATION)
+                child.lose(None, NO_RATING, Severity.INFORMATION)
     for child in limit.look("stiffness", "dissipation"):
-        lost(child, HARD_STOP, Severity.INFORMATION)
+        child.lose(None, HARD_STOP, Severity.INFORMATION)
     return data
 
 
@@ -429,11 +429,11 @@ def solver_of(element: Element) -> None:
         while waiting:
             child = waiting.pop()
             if child.tag in ACTING and number(child):
-                lost(child, ACTING[child.tag])
+                child.lose(None, ACTING[child.tag])
                 for around in (physics, child.parent):
                     around.take() if around is not None else None
             else:
-                lost(child, SOLVER, Severity.INFORMATION)
+                child.lose(None, SOLVER, Severity.INFORMATION)
                 waiting.extend(child.look())
 
 

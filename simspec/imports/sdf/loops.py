@@ -20,7 +20,7 @@ from simspec.imports.sdf.joints import (
     solver_of,
 )
 from simspec.imports.sdf.models import Scope
-from simspec.imports.sdf.values import IN_JOINT, finite_of, lost, set_aside
+from simspec.imports.sdf.values import IN_JOINT, finite_of, set_aside
 from simspec.language.foreign import Severity
 from simspec.world import frames
 from simspec.world.frames import direction
@@ -114,15 +114,15 @@ def _lose(joint: JointRead) -> None:
     for word in sorted(acting & words.keys()):
         _said(joint, words[word], "the joint closes a loop: it has no limits and no efforts", Severity.PHYSICS)
     if "armature" in acting:
-        lost(joint.element, "the joint closes a loop: its rotor has no inertia")
+        joint.element.lose(None, "the joint closes a loop: its rotor has no inertia")
 
 
 def _said(joint: JointRead, tags: tuple[str, ...], reason: str, severity: Severity) -> None:
     for axis in joint.element.look("axis"):
         for element in axis.look(*tags):
-            lost(element, reason, severity)
+            element.lose(None, reason, severity)
             for child in element.look():
-                lost(child, reason, severity)
+                child.lose(None, reason, severity)
 
 
 # --- gearboxes: two hinges on one reference body, one of which follows the other ---

@@ -9,13 +9,13 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import Any, Final
 
-from simspec.errors import Problem
 from simspec.imports.draft import (
     DENSITY,
     FROM_SHAPES,
     NOT_POSITIVE,
     OF_SHAPES,
     OF_SHAPES_OR_BALL,
+    Draft,
     ball,
     given,
     plain,
@@ -24,7 +24,6 @@ from simspec.imports.draft import (
 )
 from simspec.imports.sdf.shapes import ShapeRead
 from simspec.imports.sdf.trees import BodyRead, ModelRead
-from simspec.language.foreign import RequestedRepairs
 from simspec.language.moments import principal_moments
 
 RULES: Final = {FROM_SHAPES: OF_SHAPES, NOT_POSITIVE: OF_SHAPES_OR_BALL}
@@ -33,10 +32,9 @@ MOMENTS: Final = ("xx", "yy", "zz", "xy", "xz", "yz")
 OF_MASS: Final = ("mass", "centre_of_mass", "inertia")
 
 
-def give_masses(models: Sequence[ModelRead], requested: RequestedRepairs, density: float) -> list[Problem]:
-    """Give what moves its masses and moments by the rules that are requested, and return what no rule repairs. ``density``:
+def give_masses(models: Sequence[ModelRead], draft: Draft, density: float) -> None:
+    """Give what moves its masses and moments by the rules that are requested, and report what no rule repairs. ``density``:
     kg/m³ of :data:`FROM_SHAPES`."""
-    problems: list[Problem] = []
     for model in models:
         for group in _moving(model):
             # a free root without mass is fixed by another rule
@@ -45,10 +43,9 @@ def give_masses(models: Sequence[ModelRead], requested: RequestedRepairs, densit
             )
             for body in group:
                 if _mass(body) < 0.0 or (has_none and (body is group[0] or solids_of(body.content.shapes))):
-                    problems += _give_mass(body, requested, density)
+                    _give_mass(body, draft, density)
                 elif (why := _wrong_moments(body, len(group) == 1)) is not None:
-                    problems += _give_moments(body, why, requested)
-    return problems
+                    _give_moments(body, why, draft)
 
 
 def _moving(model: ModelRead) -> Iterator[list[BodyRead]]:
@@ -71,23 +68,21 @@ def _mass(body: BodyRead) -> float:
     return mass
 
 
-def _give_mass(body: BodyRead, requested: RequestedRepairs, density: float) -> list[Problem]:
+def _give_mass(body: BodyRead, draft: Draft, density: float) -> None:
     element = body.content.inertial or body.element
     solids, before = solids_of(body.content.shapes), _mass(body)
     found = f"{before:g} kg" if before else None
     if not solids:
-        return [element.problem("what moves has no mass, and no shapes that it could follow from", found=found)]
-    if FROM_SHAPES not in requested:
-        hint = f"simspec import --repair {FROM_SHAPES}: {OF_SHAPES}"
-        return [element.problem("what moves has no mass", found=found, hint=hint)]
+        return draft.defect(element, "what moves has no mass, and no shapes that it could follow from", found=found)
+    if not draft.repairing(FROM_SHAPES):
+        return draft.defect(element, "what moves has no mass", FROM_SHAPES, found)
     for word in OF_MASS:
         body.content.mass.pop(word, None)
     for shape in solids:
         shape.data["density"] = plain(density)
         _fill(shape)
-    what = given(body.name, before, solids, density)
-    body.content.given.append((FROM_SHAPES, what, "shapes"))
-    return []
+    body.content.given.append((FROM_SHAPES, given(body.name, before, solids, density), "shapes"))
+    return None
 
 
 def _wrong_moments(body: BodyRead, alone: bool) -> tuple[float, ...] | None:
@@ -104,12 +99,11 @@ def _six(tensor: dict[str, Any]) -> list[float]:
     return [tensor.get(name, 0.0) for name in MOMENTS]
 
 
-def _give_moments(body: BodyRead, moments: Sequence[float], requested: RequestedRepairs) -> list[Problem]:
+def _give_moments(body: BodyRead, moments: Sequence[float], draft: Draft) -> None:
     element = body.content.inertial or body.element
-    if NOT_POSITIVE not in requested:
-        hint = f"simspec import --repair {NOT_POSITIVE}: {OF_SHAPES_OR_BALL}"
+    if not draft.repairing(NOT_POSITIVE):
         message = "the principal moments of what moves must be above 0"
-        return [element.problem(message, found=f"{shown(moments)} kg m²", hint=hint)]
+        return draft.defect(element, message, NOT_POSITIVE, f"{shown(moments)} kg m²")
     mass, solids = _mass(body), solids_of(body.content.shapes)
     what = f"the centre of mass and the moments follow from the shapes, of even density, of {mass:g} kg{_open(solids)}"
     if solids:
@@ -122,7 +116,7 @@ def _give_moments(body: BodyRead, moments: Sequence[float], requested: Requested
         body.content.mass["inertia"] = {"principal": [moment] * 3}
         what = f"the moments are those of a ball of {mass:g} kg and {DENSITY:g} kg/m³: {moment:.6g} kg m²"
     body.content.given.append((NOT_POSITIVE, f"{body.name}: {what}", "mass"))
-    return []
+    return None
 
 
 def _fill(shape: ShapeRead) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Final, Protocol
 from urllib.parse import unquote
 
 from simspec.errors import Location, Problem, SpecError
-from simspec.imports.draft import BEGINNING, NamedMesh, find_mesh, made_file
+from simspec.imports.draft import BEGINNING, Draft, NamedMesh, find_mesh, made_file
 from simspec.imports.elements import MOST_BODIES, SPLIT, Element, parse, plugin_loss
 from simspec.imports.files import LIBRARY, PACKAGE, SCHEME, Files
 from simspec.imports.packages import CONFIGURATIONS, MissingFileError
@@ -27,16 +27,14 @@ from simspec.imports.sdf.values import (
     check_outermost,
     flag,
     flag_of,
-    lost,
     modernise,
     parsed,
     pose_of,
     text_of,
-    unused,
     vector_of,
     version_of,
 )
-from simspec.language.foreign import Fate, Repair, RequestedRepairs, Severity, suffixes
+from simspec.language.foreign import Fate, Severity, suffixes
 from simspec.language.shapes import MESH_SUFFIXES as MESHES
 from simspec.language.shapes import PIECES
 from simspec.world.types import Vector3
@@ -136,23 +134,17 @@ OPTIMIZATIONS: Final = ("", "convex_hull", DECOMPOSED)
 
 @dataclass
 class SdfMeshes:
-    """The meshes of one import. ``repair``: the rules that may be applied."""
+    """The meshes of one import."""
 
-    files: Files
-    repair: RequestedRepairs
-    named: dict[str, Path] = field(default_factory=dict)
-    """Every file, by the text that the spec names it by."""
-    made: set[str] = field(default_factory=set)
-    """Those of them that the file has within itself."""
-    repairs: list[Repair] = field(default_factory=list)
+    draft: Draft
 
     def write(self, corners: Sequence[Vector3], faces: Sequence[Sequence[int]], called: str) -> NamedMesh:
         """The mesh of a solid that the file says by its corners (m) and faces, which are counted from 0. Raises SpecError."""
         lines = [BEGINNING.decode(), *(f"v {x!r} {y!r} {z!r}" for x, y, z in corners)]
         lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in faces]
         text, path = made_file(("\n".join(lines) + "\n").encode(), called)
-        self.named[text] = path
-        self.made.add(text)
+        self.draft.meshes[text] = path
+        self.draft.made.add(text)
         return NamedMesh(text, path)
 
     def read(self, shape: Element, kind: Element, folder: Path) -> tuple[dict[str, Any], NamedMesh] | None:
@@ -171,7 +163,7 @@ class SdfMeshes:
             known = isinstance(error, MissingFileError) or shape.tag == "visual"
             if not known and uri.text.lower().endswith(MESHES):
                 raise
-            self.without(shape, error.problems[0])
+            self.draft.leave_out(shape, MISSING, error.problems[0])
             return None
         mesh = replace(mesh, text=self._called(mesh))
         return ({"mesh": {**mesh.data(), "as": PIECES} if as_pieces else mesh.data()}, mesh)
@@ -180,12 +172,12 @@ class SdfMeshes:
         """The mesh of a URI. A path from the root of all files that leads nowhere is one from the file's folder, as readers
         have it. Raises SpecError."""
         try:
-            return find_mesh(uri.text, scale, uri, self.files, folder)
+            return find_mesh(uri.text, scale, uri, self.draft.files, folder)
         except SpecError:
             beside = uri.text.lstrip("/")
             if beside == uri.text or not (folder / beside).is_file():
                 raise
-        mesh = find_mesh(beside, scale, uri, self.files, folder)
+        mesh = find_mesh(beside, scale, uri, self.draft.files, folder)
         uri.set_aside(None, Fate.CARRIED, "beside the file: there is no such path from the root", Severity.INFORMATION)
         return mesh
 
@@ -196,27 +188,17 @@ class SdfMeshes:
             raise kind.error("not a way to simplify a mesh", found=how[:80], allowed=", ".join(OPTIMIZATIONS[1:]))
         for child in kind.look(DECOMPOSED):
             reason = "how many pieces there are, and how they are found, is not in the language"
-            lost(child, reason, Severity.INFORMATION)
+            child.lose(None, reason, Severity.INFORMATION)
         return how == DECOMPOSED and shape.tag == "collision"
 
     def _called(self, mesh: NamedMesh) -> str:
         """What the spec calls a file: the file's own text, unless another file of this import has that."""
-        if self.named.get(mesh.text, mesh.path) != mesh.path:
-            mesh = replace(mesh, text=Path(os.path.relpath(mesh.path, self.files.path.resolve().parent)).as_posix())
-        self.named[mesh.text] = mesh.path
+        if self.draft.meshes.get(mesh.text, mesh.path) != mesh.path:
+            mesh = replace(
+                mesh, text=Path(os.path.relpath(mesh.path, self.draft.files.path.resolve().parent)).as_posix()
+            )
+        self.draft.meshes[mesh.text] = mesh.path
         return mesh.text
-
-    def without(self, shape: Element, why: Problem) -> None:
-        """Leave a mesh out: one that is only seen, or by the rule. Raises SpecError for another."""
-        found = f": {why.found}" if why.found else ""
-        if shape.tag == "visual":
-            lost(shape, f"{why.message}{found}", Severity.APPEARANCE, why.hint or "")
-            return
-        if MISSING not in self.repair:
-            rule = f"simspec import --repair {MISSING}: {RULES[MISSING]}"
-            raise SpecError([replace(why, hint="; ".join(filter(None, [why.hint, rule])))])
-        lost(shape, f"left out by the rule {MISSING}: {why.message}{found}")
-        self.repairs.append(Repair(MISSING, shape.location, f"a mesh is left out: {why.message}{found}"))
 
 
 MOST_INCLUDES: Final = 1_000
@@ -323,7 +305,7 @@ class ModelReader:
         strict = scope.version >= UNIQUE_SINCE
         for child in scope.element.look("link", "joint", "frame", "model", "include"):
             if not strict and child.tag == "link" and child.attributes.get("name") == "world" and not child.look():
-                unused(child, "an empty link of this name is the world itself")
+                child.ignore(None, "an empty link of this name is the world itself")
                 continue
             if child.tag in tables:
                 name = _named(child, scope.version)
@@ -409,17 +391,17 @@ class ModelReader:
                 inner.static = static
         for child in element.look("plugin"):
             severity, reason = plugin_loss(child)
-            lost(child, reason, severity)
+            child.lose(None, reason, severity)
         for child in element.look(PARAMETERS):
-            lost(
-                child, "changes of the included model by parameters are not applied", hint="change a copy of the model"
+            child.lose(
+                None, "changes of the included model by parameters are not applied", hint="change a copy of the model"
             )
         return scope
 
     def _known(self, element: Element, name: str) -> Element | None:
         """A model that is known without files; None for one of a light alone."""
         if name not in KNOWN:
-            lost(element, SUN_NOTE, Severity.APPEARANCE)
+            element.lose(None, SUN_NOTE, Severity.APPEARANCE)
             return None
         element.set_aside(None, Fate.CARRIED, GROUND_NOTE, Severity.INFORMATION)
         shown = f"{MODELS}{name}"
@@ -438,9 +420,9 @@ def _without_bodies(element: Element, root: Element) -> bool:
         return False
     moving = root.look("actor")
     reason, severity = (NO_ACTOR, Severity.PHYSICS) if moving else (SUN_NOTE, Severity.APPEARANCE)
-    lost(element, reason, severity)
+    element.lose(None, reason, severity)
     for child in root.look():
-        lost(child, reason, severity)
+        child.lose(None, reason, severity)
     return True
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from simspec.errors import Problem, SpecError
-from simspec.imports.draft import CONTACT_OF_LINK, MOVING_PLANE, NamedMesh, Surface, not_drawn, read_meshes
+from simspec.errors import SpecError
+from simspec.imports.draft import CONTACT_OF_LINK, MOVING_PLANE, NamedMesh, Problems, Surface, not_drawn, read_meshes
 from simspec.imports.elements import HOW_HARD, Element
-from simspec.imports.sdf.models import SdfMeshes
+from simspec.imports.sdf.models import MISSING, SdfMeshes
 from simspec.imports.sdf.values import (
     IN_COLLISION,
     IN_CONTACT,
@@ -23,10 +23,8 @@ from simspec.imports.sdf.values import (
     Placement,
     finite_of,
     flag_of,
-    lost,
     pose_of,
     set_aside,
-    unused,
     vector_of,
 )
 from simspec.language.foreign import Severity
@@ -69,7 +67,7 @@ def read_surface(shape: Element, of_link: Surface) -> Surface:
         threshold = finite_of(bounce, "threshold", NO_BOUNCE)
         if not restitution:
             threshold = 0.0
-            unused(next(iter(bounce.look("threshold")), None), "nothing bounces")
+            bounce.ignore_child("threshold", "nothing bounces")
         read = replace(read, restitution=restitution, threshold=threshold)
     return read
 
@@ -95,13 +93,13 @@ def _friction(friction: Element) -> tuple[float, float]:
         mu = finite_of(ode, "mu", 1.0)
         other = finite_of(ode, "mu2", 1.0)
         if other != mu:
-            lost(next(iter(ode.look("mu2")), None), "friction is the same in every direction; `mu` is carried")
+            ode.lose_child("mu2", "friction is the same in every direction; `mu` is carried")
         set_aside(ode, IN_FRICTION)
         if other == mu:
-            unused(next(iter(ode.look("fdir1")), None), "friction is the same in every direction")
+            ode.ignore_child("fdir1", "friction is the same in every direction")
     for child in friction.look():
         if child.tag not in ("ode", "torsional"):
-            lost(child, "numbers of another engine; those of `ode` are carried")
+            child.lose(None, "numbers of another engine; those of `ode` are carried")
     torsion = friction.child("torsional")
     return mu, 0.0 if torsion is None else _torsional(torsion)
 
@@ -113,14 +111,14 @@ def _torsional(torsion: Element) -> float:
     patch = finite_of(torsion, "patch_radius", 0.0)
     for child in torsion.look("ode"):
         if finite_of(child, "slip", 0.0):
-            lost(child, "friction does not depend on the force")
+            child.lose(None, "friction does not depend on the force")
         else:
             child.take()
     if use_patch:
-        unused(next(iter(torsion.look("surface_radius")), None), "the file gives the radius of the patch")
+        torsion.ignore_child("surface_radius", "the file gives the radius of the patch")
     else:
         for child in torsion.look("surface_radius", "coefficient"):
-            lost(child, "a torsional friction that grows with the depth of contact")
+            child.lose(None, "a torsional friction that grows with the depth of contact")
         return 0.0
     return coefficient * 3.0 * math.pi / 16.0 * patch
 
@@ -132,13 +130,13 @@ def _contact(contact: Element) -> None:
     set_aside(contact, IN_CONTACT)
     for solver in contact.look():
         if solver.look():
-            lost(solver, HOW_HARD, Severity.INFORMATION)
+            solver.lose(None, HOW_HARD, Severity.INFORMATION)
     for child in contact.look(*FILTERS):
         text = child.text.strip().lower()
         if text in FILTERS[child.tag] or (child.tag in MASKS and _has_first_bit(text)):
-            unused(child, "every collision has this bit, by default too" if child.tag in MASKS else "the default")
+            child.ignore(None, "every collision has this bit, by default too" if child.tag in MASKS else "the default")
         else:
-            lost(child, "who touches whom is said by groups of bodies", hint="`contact.groups`")
+            child.lose(None, "who touches whom is said by groups of bodies", hint="`contact.groups`")
 
 
 def _has_first_bit(text: str) -> bool:
@@ -194,7 +192,7 @@ def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
     """All shapes of a link, moved; a visual that is the same as a collision is one with it. Raises SpecError with every
     problem."""
     shapes: list[ShapeRead] = []
-    problems: list[Problem] = []
+    problems = Problems()
     for child in link.look("collision", "visual"):
         child.take()
         try:
@@ -209,7 +207,7 @@ def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
             continue
         if "plane" in shape.data and child.tag == "visual" and not around.static:
             child.forget()
-            lost(child, MOVING_PLANE, Severity.APPEARANCE)
+            child.lose(None, MOVING_PLANE, Severity.APPEARANCE)
             continue
         twin = _twin(shapes, shape)
         if twin is None:
@@ -223,8 +221,7 @@ def read_shapes(link: Element, around: LinkContext) -> list[ShapeRead]:
             if shape.surface is not None:
                 twin.surface, twin.name = shape.surface, shape.name
             shape.element.ignore("name", "one shape with its collision")
-    if problems:
-        raise SpecError(problems)
+    problems.demand_none()
     return shapes
 
 
@@ -293,7 +290,7 @@ def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
         return _extruded(kind.take(), shape, around)
     if kind.tag == "plane":
         kind.take()
-        unused(next(iter(kind.look("size")), None), "a plane has no end", Severity.APPEARANCE)
+        kind.ignore_child("size", "a plane has no end", Severity.APPEARANCE)
         return _Geometry({"plane": {}}, _upright(kind))
     if kind.tag == "empty":
         kind.take()
@@ -304,7 +301,7 @@ def _geometry(shape: Element, around: LinkContext) -> _Geometry | None:
         )
     if shape.tag == "collision":
         raise kind.error(NOT_CARRIED[kind.tag], allowed=", ".join((*GEOMETRY, *OTHERS)))
-    lost(kind, NOT_CARRIED[kind.tag], Severity.APPEARANCE)
+    kind.lose(None, NOT_CARRIED[kind.tag], Severity.APPEARANCE)
     return None
 
 
@@ -384,8 +381,8 @@ def _collision(shape: Element, around: LinkContext) -> ShapeRead | None:
     surface = read_surface(shape, around.surface)
     density = finite_of(shape, "density", around.density or DENSITY)
     if around.density is None:
-        unused(next(iter(shape.look("density")), None), "the file gives the mass")
-    lost(next(iter(shape.look("auto_inertia_params")), None), "simspec computes inertias of its own shapes")
+        shape.ignore_child("density", "the file gives the mass")
+    shape.lose_child("auto_inertia_params", "simspec computes inertias of its own shapes")
     if read is None or read.mesh is None:
         shape.ignore("concave", "only a mesh can be concave")
     else:
@@ -420,8 +417,8 @@ def _colour(shape: Element) -> tuple[float, ...] | None:
         return None
     for tag in ("ambient", "specular", "emissive", "shininess", "lighting", "script", "shader", "pbr", "double_sided"):
         for child in material.look(tag):
-            lost(child, "a shape has one colour", Severity.APPEARANCE)
-    lost(next(iter(material.look("render_order")), None), "a shape has one colour", Severity.APPEARANCE)
+            child.lose(None, "a shape has one colour", Severity.APPEARANCE)
+    material.lose_child("render_order", "a shape has one colour", Severity.APPEARANCE)
     material.lose("name", "a colour has no name", Severity.INFORMATION)
     diffuse = material.look("diffuse") or material.look("ambient")
     if not diffuse:
@@ -452,7 +449,7 @@ def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: SdfMeshes) -> None:
         shape.volume = _volume(shape.data)
     shapes = [shape for found in lists for shape in found if shape.mesh is not None]
     made = read_meshes([shape.mesh for shape in shapes if shape.mesh is not None])
-    problems: list[Problem] = []
+    problems = Problems()
     unusable: set[int] = set()
     for shape, result in zip(shapes, made, strict=True):
         if not isinstance(result, MeshError):
@@ -460,12 +457,10 @@ def judge_meshes(bodies: Iterable[list[ShapeRead]], meshes: SdfMeshes) -> None:
             shape.volume = result.hull_volume if result.enclosed is None else abs(result.enclosed.volume)
             continue
         unusable.add(id(shape))
-        try:
-            meshes.without(shape.element, shape.element.problem(str(result), required(shape.mesh).text))
-        except SpecError as error:
-            problems.extend(error.problems)
-    if problems:
-        raise SpecError(problems)
+        with problems.collecting():
+            why = shape.element.problem(str(result), required(shape.mesh).text)
+            meshes.draft.leave_out(shape.element, MISSING, why)
+    problems.demand_none()
     for found in lists:
         found[:] = [shape for shape in found if id(shape) not in unusable]
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from simspec.errors import Problem, SpecError
 from simspec.imports import draft
 from simspec.imports.elements import Element
 from simspec.imports.sdf.joints import SECOND_AXIS, FrameGraph, JointRead, Link, read_joint
@@ -26,12 +25,9 @@ from simspec.imports.sdf.values import (
     finite_of,
     flag,
     flag_of,
-    lost,
     pose_of,
     set_aside,
-    unused,
 )
-from simspec.language.foreign import RequestedRepairs
 from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
 from simspec.world.types import Vector3
@@ -77,7 +73,7 @@ def read_link(link: Element, offset: Vector3, meshes: SdfMeshes, folder: Path, *
     if density is not None:
         return LinkRead(weight, shapes, inertial=inertial[0])
     if inertial:
-        mass, repaired = _inertial(inertial[0].take(), move, draft.RULE in meshes.repair)
+        mass, repaired = _inertial(inertial[0].take(), move, meshes.draft)
         return LinkRead({**mass, **weight}, shapes, inertial=inertial[0], repaired=repaired)
     if static:
         return LinkRead({}, shapes)
@@ -97,7 +93,7 @@ def _computed(link: Element) -> float | None:
     return None
 
 
-def _inertial(inertial: Element, move: Placement, repairing: bool) -> tuple[dict[str, Any], str]:
+def _inertial(inertial: Element, move: Placement, spec: draft.Draft) -> tuple[dict[str, Any], str]:
     """The words of the body, and what was repaired of them."""
     mass = finite_of(inertial, "mass", 1.0)
     pose = pose_of(inertial)
@@ -108,26 +104,26 @@ def _inertial(inertial: Element, move: Placement, repairing: bool) -> tuple[dict
     values = {
         key: UNIT_INERTIA[key] if tensor is None else finite_of(tensor, key, UNIT_INERTIA[key]) for key in UNIT_INERTIA
     }
-    lost(
-        next(iter(inertial.look("fluid_added_mass")), None),
+    inertial.lose_child(
+        "fluid_added_mass",
         "simspec has no added mass: physics.fluid is drag and viscous resistance",
     )
-    unused(next(iter(inertial.look("density")), None), "the file gives the mass")
+    inertial.ignore_child("density", "the file gives the mass")
     if not mass and not any(values.values()):
         return {}, ""
-    six, repaired = _possible(inertial, tuple(values.values()), repairing)
+    six, repaired = _possible(inertial, tuple(values.values()), spec)
     return {"mass": mass, **_centre(place), "inertia": inertia_data(six, place)}, repaired
 
 
-def _possible(inertial: Element, tensor: tuple[float, ...], repairing: bool) -> tuple[tuple[float, ...], str]:
+def _possible(inertial: Element, tensor: tuple[float, ...], spec: draft.Draft) -> tuple[tuple[float, ...], str]:
     """A tensor that breaks the triangle inequality as the nearest one that a body can have, and what that changed. Raises
     SpecError where the rule is not asked for; a tensor that is not positive is the language's to refuse."""
     before = principal_moments(tensor)
     why = impossible(before)
     if why is None or min(before) < 0.0:
         return tensor, ""
-    if not repairing:
-        raise inertial.error(why, hint=f"simspec import --repair {draft.RULE}: {draft.MEANING}")
+    if not spec.repairing(draft.RULE):
+        raise inertial.error(why, hint=spec.way_out(draft.RULE))
     after = draft.nearest(tensor)
     return after, draft.became(before, principal_moments(after))
 
@@ -203,7 +199,7 @@ class ModelRead:
 
 def read_model(graph: FrameGraph, model: Scope, meshes: SdfMeshes) -> ModelRead:
     """The bodies of a model with all that are within it. Raises SpecError with all problems."""
-    problems: list[Problem] = []
+    problems = draft.Problems()
     joints: list[JointRead] = []
     gearboxes: list[tuple[Scope, str]] = []
     scopes = model.within()
@@ -213,33 +209,27 @@ def read_model(graph: FrameGraph, model: Scope, meshes: SdfMeshes) -> ModelRead:
             graph.link(scope, name, scope.frames[name])
             graph.pose(scope, name, scope.frames[name])
         for name, element in scope.joints.items():
-            try:
+            with problems.collecting():
                 if element.word("type") == GEARBOX:
                     gearboxes.append((scope, name))
                 else:
                     joints.append(read_joint(graph, scope, name))
-            except SpecError as error:
-                problems.extend(error.problems)
     for scope, name in gearboxes if not problems else ():
-        try:
+        with problems.collecting():
             couple(graph, scope, name, joints)
-        except SpecError as error:
-            problems.extend(error.problems)
     read = _bodies(graph, model, joints, meshes, problems)
     for root in read.roots:
-        _massless(read, root, meshes.repair, problems)
-    if problems:
-        raise SpecError(problems)
+        _massless(read, root, meshes.draft, problems)
+    problems.demand_none()
     return read
 
 
-def _massless(read: ModelRead, root: BodyRead, repair: RequestedRepairs, problems: list[Problem]) -> None:
+def _massless(read: ModelRead, root: BodyRead, spec: draft.Draft, problems: draft.Problems) -> None:
     """A free root without mass is a defect, which a rule repairs: it is fixed to the world."""
     if root.static or root.joint is not None or not root.content.is_massless:
         return
-    if MASSLESS not in repair:
-        hint = f"simspec import --repair {MASSLESS}: {RULES[MASSLESS]}"
-        problems.append(root.element.problem("a link that moves freely has no mass", hint=hint))
+    if not spec.repairing(MASSLESS):
+        problems.append(root.element.problem("a link that moves freely has no mass", hint=spec.way_out(MASSLESS)))
         return
     root.static = True
     root.content.mass = {}
@@ -247,7 +237,7 @@ def _massless(read: ModelRead, root: BodyRead, repair: RequestedRepairs, problem
 
 
 def _bodies(
-    graph: FrameGraph, model: Scope, joints: list[JointRead], meshes: SdfMeshes, problems: list[Problem]
+    graph: FrameGraph, model: Scope, joints: list[JointRead], meshes: SdfMeshes, problems: draft.Problems
 ) -> ModelRead:
     of_child, closed_by = spanning(joints)
     closing = {id(joint) for joint in closed_by}
@@ -262,12 +252,10 @@ def _bodies(
                 joint = None  # nothing moves in a static model
             offset = _offset(joint)
             frame = graph.in_scope(model, scope).then(graph.pose(scope, name, element)).then(at(offset))
-            try:
+            content = LinkRead({}, [])
+            with problems.collecting():
                 is_static = scope.static or key in held
                 content = read_link(element, offset, meshes, scope.folder, static=is_static)
-            except SpecError as error:
-                problems.extend(error.problems)
-                content = LinkRead({}, [])
             body = BodyRead(
                 names.give(_long_name(model, scope, name), element),
                 (scope, name),
@@ -441,7 +429,7 @@ def constraints(read: ModelRead) -> dict[str, dict[str, Any]]:
     names = SdfNames()
     said: dict[str, dict[str, Any]] = {}
     by_joint = {(id(body.joint.scope), body.joint.name): body for body in read.bodies if body.joint is not None}
-    problems: list[Problem] = []
+    problems = draft.Problems()
     for body in read.bodies:
         for mimic, word in body.joint.mimics if body.joint is not None else ():
             leader = by_joint.get((id(mimic.leader[0]), mimic.leader[1]))
@@ -458,8 +446,7 @@ def constraints(read: ModelRead) -> dict[str, dict[str, Any]]:
     for loop in read.closing:
         for constraint in _closed(loop):
             said[names.give(loop.name)] = constraint
-    if problems:
-        raise SpecError(problems)
+    problems.demand_none()
     return said
 
 

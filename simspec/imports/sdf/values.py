@@ -163,18 +163,6 @@ def _quaternion(element: Element, values: tuple[float, ...]) -> Quaternion:
     return frames.normalise((w, x, y, z))
 
 
-def lost(element: Element | None, reason: str, severity: Severity = Severity.PHYSICS, hint: str = "") -> None:
-    """Say that an element with all that is in it is not carried."""
-    if element is not None:
-        element.lose(None, reason, severity, hint)
-
-
-def unused(element: Element | None, reason: str, severity: Severity = Severity.INFORMATION) -> None:
-    """Say that an element has no effect in the spec, and need not have."""
-    if element is not None:
-        element.ignore(None, reason, severity)
-
-
 LONGEST_NAME: Final = 200
 
 

@@ -453,11 +453,9 @@ def _mend(element: Element, draft: Draft) -> None:
         if meant is None:
             continue  # reported where it is read
         said = f"{name} of <{element.tag}>"
-        if draft.repairing(DAMAGED):
-            draft.repaired(DAMAGED, element, f"{said} {text[:80]!r} became {meant!r}", ("model", "bodies"))
-        else:
-            what = "a finite number" if count == 1 else f"{count} finite numbers"
-            draft.defect(element, f"{said} should be {what}", DAMAGED, RULES[DAMAGED], found=text[:80])
+        message = f"{said} should be {'a finite number' if count == 1 else f'{count} finite numbers'}"
+        repair = f"{said} {text[:80]!r} became {meant!r}"
+        draft.mend(DAMAGED, element, message, repair, ("model", "bodies"), text[:80])
         element.attributes[name] = meant
 
 

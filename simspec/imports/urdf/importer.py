@@ -124,7 +124,7 @@ class RobotReader:
 
     def __init__(self, root: Element, files: Files):
         self.root = root
-        self.draft = Draft(files, files.options, tuple(RULES), (FROM_SHAPES,))
+        self.draft = Draft(files, files.options, RULES, (FROM_SHAPES,))
         self.density, wrong = density_of(files.options.repairs, files.shown)
         self.draft.problems += wrong
         self.links: dict[str, UrdfLinkRead] = {}
@@ -327,7 +327,7 @@ class RobotReader:
         shown = ", ".join(group[:6]) + (", ..." if len(group) > 6 else "")
         if not self.draft.repairing(MASSLESS):
             rule = FROM_SHAPES if any(solids_of(self.links[name].shapes) for name in group) else MASSLESS
-            self.draft.defect(joint.element, "what this joint moves has no mass", rule, RULES[rule], found=shown[:300])
+            self.draft.defect(joint.element, "what this joint moves has no mass", rule, shown[:300])
             return
         what = f"a {joint.kind} joint became fixed, since what it moves has no mass: {shown[:300]}"
         joint.kind, joint.parts, kept = "fixed", (), joint.data.get("origin")

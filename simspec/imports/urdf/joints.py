@@ -184,23 +184,28 @@ def _axis(element: Element) -> list[float]:
 
 def _limits(joint: UrdfJointRead, word: str, draft: Draft) -> dict[str, Any]:
     element = joint.element
-    limit = element.child("limit")
+    limit, path = element.child("limit"), ("model", "bodies", joint.body, "joint")
+    bounded = limit is not None and (limit.has("lower") or limit.has("upper"))
+    if word != "continuous" and not bounded:
+        message = f"a {word} joint needs a <limit> with lower and upper"
+        repair = f"a {word} joint without lower and upper of <limit> has no limits"
+        draft.mend("missing-limits", element, message, repair, path)
     if limit is None:
-        if word != "continuous":
-            _without_limits(joint, word, draft)
         return {}
     limits: dict[str, Any] = {}
     if word == "continuous":
         for name in ("lower", "upper"):
             limit.ignore(name, "a continuous joint has no limits")
-    elif not (limit.has("lower") or limit.has("upper")):
-        _without_limits(joint, word, draft)
-    else:
+    elif bounded:
         lower, upper = limit.number("lower", 0.0) or 0.0, limit.number("upper", 0.0) or 0.0
         if lower > upper:
-            lower, upper = _turned(limit, lower, upper, draft, joint)
-        bounds = (lower, upper)
-        limits["position"] = [angle(value) if joint.kind == "hinge" else plain(value) for value in bounds]
+            message, repair = (
+                "the lower limit is above the upper",
+                f"limits {lower:g}, {upper:g} became {upper:g}, {lower:g}",
+            )
+            draft.mend("turned-limits", limit, message, repair, (*path, "limits"), f"{lower:g} > {upper:g}")
+            lower, upper = upper, lower
+        limits["position"] = [angle(value) if joint.kind == "hinge" else plain(value) for value in (lower, upper)]
     for name in ("velocity", "effort"):
         value = limit.number(name)
         if value is not None and value < 0.0:
@@ -210,25 +215,6 @@ def _limits(joint: UrdfJointRead, word: str, draft: Draft) -> dict[str, Any]:
         elif value is not None:
             limits[name] = plain(value)
     return limits
-
-
-def _without_limits(joint: UrdfJointRead, word: str, draft: Draft) -> None:
-    rule = "missing-limits"
-    if not draft.repairing(rule):
-        draft.defect(joint.element, f"a {word} joint needs a <limit> with lower and upper", rule, RULES[rule])
-        return
-    what = f"a {word} joint without lower and upper of <limit> has no limits"
-    draft.repaired(rule, joint.element, what, ("model", "bodies", joint.body, "joint"))
-
-
-def _turned(limit: Element, lower: float, upper: float, draft: Draft, joint: UrdfJointRead) -> tuple[float, float]:
-    rule = "turned-limits"
-    if not draft.repairing(rule):
-        draft.defect(limit, "the lower limit is above the upper", rule, RULES[rule], found=f"{lower:g} > {upper:g}")
-    else:
-        what = f"limits {lower:g}, {upper:g} became {upper:g}, {lower:g}"
-        draft.repaired(rule, limit, what, ("model", "bodies", joint.body, "joint", "limits"))
-    return upper, lower
 
 
 def _dynamics(joint: UrdfJointRead) -> None:
@@ -355,13 +341,10 @@ def _follow(joint: UrdfJointRead, by_name: Mapping[str, UrdfJointRead], draft: D
         ratio, offset = mimic.number("multiplier", 1.0) or 0.0, mimic.number("offset", 0.0) or 0.0
         leader = by_name.get(name)
         why = ""
-        if leader is None and draft.repairing(LEADERS):
-            why = f"there is no joint {name[:80]}: this one moves on its own, by the rule {LEADERS}"
-            draft.repaired(
-                LEADERS, mimic, f"{joint.name} moves on its own: there is no joint {name[:80]}", ("model", "bodies")
-            )
-        elif leader is None:
-            draft.defect(mimic, f"there is no joint {name[:80]!r}", LEADERS, MIMIC_RULES[LEADERS], found=name)
+        if leader is None:
+            repair = f"{joint.name} moves on its own: there is no joint {name[:80]}"
+            if draft.mend(LEADERS, mimic, f"there is no joint {name[:80]!r}", repair, ("model", "bodies"), name):
+                why = f"there is no joint {name[:80]}: this one moves on its own, by the rule {LEADERS}"
         elif leader is joint:
             draft.defect(mimic, "a joint cannot follow itself", found=name)
         elif leader.kind not in SCALAR_JOINTS:

@@ -56,7 +56,7 @@ def tree_of(
         unknown = [name for name in (joint.parent, joint.child) if name not in links]
         for name in unknown:
             rule = missing_rule(name) if name == joint.parent and name not in children else ""
-            draft.defect(joint.element, f"there is no link {name[:80]!r}", rule, TREE_RULES.get(rule, ""), found=name)
+            draft.defect(joint.element, f"there is no link {name[:80]!r}", rule, name)
         if joint.child in above:
             first = above[joint.child].element
             message = f"the link {joint.child[:80]!r} is the child of two joints: URDF has trees only"
@@ -121,7 +121,7 @@ def _of_several(
     if not draft.repairing(ROOTS):
         shown = ", ".join(tree[0] for tree in trees[:6]) + (", ..." if len(trees) > 6 else "")
         message = f"{len(trees)} links have no parent, and a robot has one root"
-        draft.defect(links[others[0][0]], message, ROOTS, TREE_RULES[ROOTS], found=shown)
+        draft.defect(links[others[0][0]], message, ROOTS, shown)
         return None
     for tree in others:
         for name in tree:

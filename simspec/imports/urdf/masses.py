@@ -129,7 +129,7 @@ def check_mass(mass: UrdfMass, has_shapes: bool, draft: Draft, path: Path_) -> N
         _incomplete(mass, has_shapes, draft, path)
         return
     if mass.mass < 0.0:
-        draft.defect(inertial, "a mass below 0", FROM_SHAPES, RULES[FROM_SHAPES], found=f"{mass.mass:g} kg")
+        draft.defect(inertial, "a mass below 0", FROM_SHAPES, f"{mass.mass:g} kg")
         return
     tensor = mass.tensor or (0.0,) * 6
     if not mass.mass and any(tensor):
@@ -140,32 +140,27 @@ def check_mass(mass: UrdfMass, has_shapes: bool, draft: Draft, path: Path_) -> N
         return
     if "triangle" not in why:
         not_positive(mass, has_shapes, why, draft, path)
-    elif not draft.repairing(TRIANGLE):
-        draft.defect(inertial, why, TRIANGLE, RULES[TRIANGLE])
     else:
-        before = principal_moments(tensor)
-        mass.tensor = nearest(tensor)
-        after = principal_moments(mass.tensor)
-        draft.repaired(TRIANGLE, inertial, became(before, after), (*path, "inertia"))
+        possible = nearest(tensor)
+        repair = became(principal_moments(tensor), principal_moments(possible))
+        if draft.mend(TRIANGLE, inertial, why, repair, (*path, "inertia")):
+            mass.tensor = possible
 
 
 def _moments_of_nothing(mass: UrdfMass, draft: Draft, path: Path_) -> None:
     """A link without mass has no moments of inertia: no body has these, and readers that add them to what the link is fixed
     to change how it turns."""
-    inertial, rule = mass.element, "massless-moments"
-    if not draft.repairing(rule):
-        found = shown((mass.tensor or (0.0,) * 6)[:3])
-        draft.defect(inertial, "moments of inertia of a link without mass", rule, RULES[rule], found=f"{found} kg m²")
-        return
-    mass.tensor = None
-    _left_out(inertial, LOST, f"left out by the rule {rule}")
-    draft.repaired(rule, inertial, "moments of inertia of a link without mass are left out", path)
+    rule, message = "massless-moments", "moments of inertia of a link without mass"
+    found = f"{shown((mass.tensor or (0.0,) * 6)[:3])} kg m²"
+    if draft.mend(rule, mass.element, message, f"{message} are left out", path, found):
+        mass.tensor = None
+        _left_out(mass.element, LOST, f"left out by the rule {rule}")
 
 
 def _incomplete(mass: UrdfMass, has_shapes: bool, draft: Draft, path: Path_) -> None:
     inertial, rule = mass.element, "incomplete-inertial"
     if not draft.repairing(rule):
-        draft.defect(inertial, "an incomplete inertial", rule, RULES[rule], found=f"no {mass.missing}")
+        draft.defect(inertial, "an incomplete inertial", rule, f"no {mass.missing}")
     elif mass.mass > 0.0:
         _without_moments(mass, has_shapes, rule, draft, path)
     else:
@@ -201,7 +196,7 @@ def not_positive(mass: UrdfMass, has_shapes: bool, why: str, draft: Draft, path:
     """Repair moments of inertia that are not above 0, or report them."""
     rule = NOT_POSITIVE
     if not draft.repairing(rule):
-        draft.defect(mass.element, why, rule, RULES[rule])
+        draft.defect(mass.element, why, rule)
     elif mass.mass <= 0.0:
         draft.defect(mass.element, f"{why}, and no mass that moments could follow from", found=f"{mass.mass:g} kg")
     else:
@@ -308,13 +303,8 @@ def scale_file(root: Element, draft: Draft) -> None:
         return
     shown = f"{_origin(far[0]):g} m from its parent's frame"
     if not draft.repairing(MILLIMETRES):
-        draft.suspect(
-            far[0],
-            "a joint is further away than any robot's: lengths in millimetres?",
-            MILLIMETRES,
-            UNIT_RULES[MILLIMETRES],
-            shown,
-        )
+        message = "a joint is further away than any robot's: lengths in millimetres?"
+        draft.suspect(far[0], message, MILLIMETRES, shown)
         return
     for element in root.within():
         local = element.tag.rpartition(":")[2]
@@ -367,7 +357,7 @@ def large_meshes(shapes: Sequence[UrdfShapeRead], joints: Sequence[UrdfJointRead
     shown = f"{far[0].radius:.3g} m from its origin"
     if not draft.repairing(MILLIMETRES):
         message = _counted("a mesh is many times larger than its robot: in millimetres?", len(far), "meshes")
-        _tell(far[0].element, message, shown, draft)
+        draft.suspect(far[0].element, message, MILLIMETRES, shown)
         return []
     factors = {shape.mesh.scale for shape in far if shape.mesh is not None}
     large = [shape for shape in shapes if shape.mesh is not None and shape.mesh.scale in factors]
@@ -403,7 +393,8 @@ def scale_moments(links: Sequence[LinkSize], draft: Draft) -> None:
     if not (draft.repairing(MILLIMETRES) if most else draft.options.repairs.is_named(MILLIMETRES)):
         link = large[0]
         away = f"moments of inertia of mass that is {_gyration(link.mass):.3g} m away: in {unit}?"
-        _tell(link.mass.element, _counted(away, len(large), "links"), f"a link of {link.reach:.3g} m", draft)
+        message = _counted(away, len(large), "links")
+        draft.suspect(link.mass.element, message, MILLIMETRES, f"a link of {link.reach:.3g} m")
         return
     whole = [link for link in links if _gyration(link.mass) > 0.0] if 2 * len(large) > len(links) else large
     for link in whole:
@@ -414,10 +405,6 @@ def scale_moments(links: Sequence[LinkSize], draft: Draft) -> None:
         )  # fmt: skip
         what = f"the moments of inertia are in {unit}"
         draft.repaired(MILLIMETRES, link.mass.element, what, (*link.path, "inertia"))
-
-
-def _tell(element: Element, message: str, found: str, draft: Draft) -> None:
-    draft.suspect(element, message, MILLIMETRES, UNIT_RULES[MILLIMETRES], found)
 
 
 def _counted(message: str, count: int, what: str) -> str:

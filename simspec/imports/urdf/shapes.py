@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 from simspec import numerals
-from simspec.errors import Problem, SpecError
+from simspec.errors import SpecError
 from simspec.imports.draft import (
     MOVING_PLANE,
     Draft,
@@ -35,6 +35,8 @@ from simspec.meshes.reading import MeshError
 from simspec.world import frames
 from simspec.world.shapes import SHAPES
 
+BODIES: Final = ("model", "bodies")
+"""Where repairs of shapes are seen in the data."""
 EMPTY: Final = "empty-shapes"
 MISSING: Final = "missing-meshes"
 RULES: Final = {
@@ -291,12 +293,12 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> UrdfShapeRead | None
     try:
         mesh = find_mesh(text, scale, kind, draft.files)
     except MissingFileError as error:
-        _without(element, draft, error.problems[0])
+        draft.leave_out(element, MISSING, error.problems[0], BODIES)
         return None
     except SpecError as error:
         if text.lower().endswith(MESHES):
             raise
-        _without(element, draft, error.problems[0])
+        draft.leave_out(element, MISSING, error.problems[0], BODIES)
         return None
     draft.meshes[text] = mesh.path
     if text in draft.files.above:
@@ -304,20 +306,6 @@ def _mesh(element: Element, kind: Element, draft: Draft) -> UrdfShapeRead | None
             "filename", Fate.CARRIED, f"found from {draft.files.above[text].name}/, above the file", INFORMATION
         )
     return UrdfShapeRead(element, element.tag == "collision", {"mesh": mesh.data(), **_pose(element)}, mesh=mesh)
-
-
-def _without(element: Element, draft: Draft, why: Problem, rule: str = MISSING) -> None:
-    """Leave a mesh out: one that is only seen, or by the rule; else it is a defect."""
-    found = f": {why.found}" if why.found else ""
-    if element.tag == "visual":
-        element.lose(None, f"{why.message}{found}", APPEARANCE, why.hint or "")
-    elif draft.repairing(rule):
-        element.lose(None, f"left out by the rule {rule}: {why.message}{found}")
-        draft.repaired(rule, element, f"a mesh is left out: {why.message}{found}", ("model", "bodies"))
-    else:
-        draft.problems.append(
-            replace(why, hint="; ".join(filter(None, [why.hint, f"simspec import --repair {rule}: {RULES[rule]}"])))
-        )
 
 
 def judge_meshes(shapes: list[UrdfShapeRead], draft: Draft) -> list[UrdfShapeRead]:
@@ -337,7 +325,9 @@ def judge_meshes(shapes: list[UrdfShapeRead], draft: Draft) -> list[UrdfShapeRea
         if isinstance(result, MeshError):
             kind = shape.element.look("geometry")[0].look("mesh")[0]
             rule = EMPTY if isinstance(result, FlatMeshError) else MISSING
-            _without(shape.element, draft, kind.problem(str(result), kind.attributes["filename"]), rule)
+            with draft.collecting():
+                why = kind.problem(str(result), kind.attributes["filename"])
+                draft.leave_out(shape.element, rule, why, BODIES)
             unusable.add(id(shape))
         else:
             shape.is_open, shape.radius = result.enclosed is None, _radius_of_mesh(result)
@@ -364,10 +354,10 @@ def _empty(element: Element, kind: Element, draft: Draft) -> None:
     if element.tag == "visual":
         element.lose(None, f"a {kind.tag} without volume is not drawn: {said}", APPEARANCE)
     elif not draft.repairing(EMPTY):
-        draft.defect(kind, "the lengths of a shape must be above 0", EMPTY, RULES[EMPTY], found=said)
+        draft.defect(kind, "the lengths of a shape must be above 0", EMPTY, said)
     else:
         element.lose(None, f"left out by the rule {EMPTY}: {said}")
-        draft.repaired(EMPTY, element, f"a {kind.tag} without volume is left out: {said}", ("model", "bodies"))
+        draft.repaired(EMPTY, element, f"a {kind.tag} without volume is left out: {said}", BODIES)
 
 
 def _sizes(element: Element) -> dict[str, Any]:

@@ -480,16 +480,10 @@ class UsdAssembly:
 
         if any(weighs(self.bodies[id(link.prim)]) for link in in_order(body.link)):
             return
-        if not self.draft.repairing(MASSLESS):
-            self.draft.defect(
-                body.prim,
-                "a body that moves freely has no mass",
-                MASSLESS,
-                "a root without mass that nothing holds is fixed to the world",
-            )
-            return
-        data["fixed"] = True
-        data.pop("velocity", None)
-        self.draft.repaired(
-            MASSLESS, body.prim, "it has no mass, and nothing holds it: fixed to the world", (*path, "fixed")
+        message, repair = (
+            "a body that moves freely has no mass",
+            "it has no mass, and nothing holds it: fixed to the world",
         )
+        if self.draft.mend(MASSLESS, body.prim, message, repair, (*path, "fixed")):
+            data["fixed"] = True
+            data.pop("velocity", None)

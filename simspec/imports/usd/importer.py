@@ -41,7 +41,7 @@ class Usd:
     def read(self, path: Path, shown: str, options: ImportOptions) -> Imported:
         """A stage as a spec. Raises SpecError with every problem."""
         files = Files(path, shown, options)
-        draft = Draft(files, options, tuple(RULES))
+        draft = Draft(files, options, RULES)
         stage = read_stage(files, draft.repairing(MISSING))
         for prim in stage.prims.values():
             prim.forgiving = draft.repairing(ROTATIONS)
@@ -51,4 +51,5 @@ class Usd:
             draft.repaired(MISSING, stage.root, f"{text} is left out: it is not there", ())
         draft.finish()
         settle(stage)
-        return draft.imported(assembly.data, list(stage.root.accounts()), made=draft.meshes)
+        draft.made.update(draft.meshes)
+        return draft.imported(assembly.data, list(stage.root.accounts()))

@@ -70,9 +70,8 @@ class MassReader:
                 prim.value(name)
             return {}
         if mass < 0.0:
-            hint = f"simspec import --repair {NOT_POSITIVE}: {AS_UNSAID}"
             if not self.draft.repairing(NOT_POSITIVE):
-                raise prim.error("a mass below 0", found=f"{mass:g}", hint=hint)
+                raise prim.error("a mass below 0", found=f"{mass:g}", hint=self.draft.way_out(NOT_POSITIVE))
             prim.lose("physics:mass", f"replaced by the rule {NOT_POSITIVE}")
             self.draft.repaired(NOT_POSITIVE, prim, f"a mass of {mass:g} kg follows from the shapes", path)
             mass = 0.0
@@ -145,23 +144,13 @@ class MassReader:
             return tensor
         low, middle, high = sorted(moments)
         over = high - low - middle
-        if low < 0.0 or over > 1e-5 * high:
-            if low >= 0.0 and self.draft.repairing(TRIANGLE):
-                self.draft.repaired(
-                    TRIANGLE,
-                    prim,
-                    f"the principal moments {low:g}, {middle:g}, {high:g} kg m² became those of the nearest body",
-                    (*path, "inertia"),
-                )
-            else:
-                self.draft.defect(
-                    prim,
-                    f"physics:diagonalInertia: {why}",
-                    TRIANGLE if low >= 0.0 else NOT_POSITIVE,
-                    "moments that no body has become the nearest ones that a body can have"
-                    if low >= 0.0
-                    else AS_UNSAID,
-                )
+        message = f"physics:diagonalInertia: {why}"
+        if low < 0.0:
+            self.draft.defect(prim, message, NOT_POSITIVE)
+            return tensor
+        if over > 1e-5 * high:
+            repair = f"the principal moments {low:g}, {middle:g}, {high:g} kg m² became those of the nearest body"
+            if not self.draft.mend(TRIANGLE, prim, message, repair, (*path, "inertia")):
                 return tensor
         # the same for every axis keeps the axes: what the largest is too large by is shared
         share = over / 3.0
@@ -270,19 +259,12 @@ class MassReader:
         """A body without shapes that have a volume: its moments are not known."""
         if not mass:
             return {}
-        if not self.draft.repairing(INCOMPLETE):
-            self.draft.defect(
-                prim,
-                "the body has a mass, but neither moments nor shapes that they follow from",
-                INCOMPLETE,
-                "moments that are missing are those of a ball of 1000 kg/m³",
-            )
+        message = "the body has a mass, but neither moments nor shapes that they follow from"
+        repair = f"the moments are those of a ball of {mass:g} kg and 1000 kg/m³"
+        if not self.draft.mend(INCOMPLETE, prim, message, repair, (*path, "inertia")):
             return {}
         radius = (mass / (4.0 / 3.0 * math.pi * DENSITY)) ** (1.0 / 3.0)
         moment = 0.4 * mass * radius * radius
-        self.draft.repaired(
-            INCOMPLETE, prim, f"the moments are those of a ball of {mass:g} kg and 1000 kg/m³", (*path, "inertia")
-        )
         place = frames.subtract(centre or (0.0, 0.0, 0.0), offset)
         return {
             "mass": plain(mass),

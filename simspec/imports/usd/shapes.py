@@ -267,17 +267,8 @@ def refuse(shape: UsdShapeRead, draft: Draft, message: str, found: str = "") -> 
     shape.data = {}
     if not shape.collision:
         prim.lose(None, f"{message}: not drawn", Severity.APPEARANCE)
-    elif draft.repairing(EMPTY):
+    elif draft.mend(EMPTY, prim, message, f"{prim.path} is left out: {message}", ("bodies",), found or None):
         prim.lose(None, f"left out by the rule {EMPTY}: {message}")
-        draft.repaired(EMPTY, prim, f"{prim.path} is left out: {message}", ("bodies",))
-    else:
-        draft.defect(
-            prim,
-            message,
-            EMPTY,
-            "collision shapes that have no volume, or cannot be read, are left out",
-            found=found or None,
-        )
 
 
 def _has_zero(factors: Any) -> bool:
