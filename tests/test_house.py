@@ -120,7 +120,7 @@ NAMED_ELSEWHERE = {
     ("imports/usd/child.py", "Sdf"): "a module of the reader, of scene description foundations",
     ("imports/usd/child.py", "SDF_FORMAT_ARGS"): "a word of its paths",
     **{("imports/usd", part): "a prefix of the language's schemas" for part in ("physx", "Physx", "PhysX")},
-    ("imports/usd/losses.py", "Skel"): "types of prims, of skeletons",
+    ("imports/usd/importer.py", "Skel"): "types of prims, of skeletons",
     ("imports/usd/shapes.py", '"sdf"'): "an approximation of the language, by signed distance fields",
 }
 """What may stand in a file or a folder although it names an engine, with its reason."""

@@ -10,11 +10,11 @@ import pytest
 from simspec.audit import audit
 from simspec.confinement import PROFILES, SYSTEM, confine_calls
 from simspec.engines.kit import foreign
+from simspec.imports import xacro as limits
 from simspec.imports.files import Files
 from simspec.imports.mjcf import compiled
 from simspec.imports.usd import child as usd
 from simspec.imports.usd import stage
-from simspec.imports.xacro import limits
 from simspec.language.foreign import ImportOptions
 from simspec.meshes import child as meshes
 

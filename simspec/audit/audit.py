@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from simspec.audit import Compiled, EngineAudit, FileAudit, Finding, Severity, What
 from simspec.audit.compare import Comparison, compare
-from simspec.audit.findings import Compiled, EngineAudit, FileAudit, Finding, Severity, What
 from simspec.audit.meaning import Meaning, file_name, match, meaning_of
 from simspec.engines.kit.capabilities import Capability
 from simspec.engines.kit.foreign import MESH, Reads

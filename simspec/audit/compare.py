@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from simspec.audit.findings import Finding, Severity, What
+from simspec.audit import Finding, Severity, What
 from simspec.audit.meaning import WORLD, Meaning, folded, full, groups_of, match, parents_first, plain_text, zero_poses
 from simspec.engines.kit.foreign import AXES, MESH, Own, directions
 from simspec.imports.draft import NOT_POSITIVE
@@ -172,8 +172,6 @@ class Comparison:
         self.compared += 1
         return True
 
-    # --- bodies -------------------------------------------------------------------------------------------------------
-
     def _missing(self) -> None:
         for body in self._meaning.bodies:
             carrier = self._matched.carrier[body.name]
@@ -292,8 +290,6 @@ class Comparison:
                 What.CHANGED, Severity.PHYSICS, body, "joint.origin.rpy", said.quaternion, held.quaternion, "", turned
             )
 
-    # --- joints -------------------------------------------------------------------------------------------------------
-
     def _joint(self, body: Body, partner: Body) -> None:
         said, held = body.joint, partner.joint
         if not self.compares(body, "joint.type"):
@@ -338,8 +334,6 @@ class Comparison:
         severity = Severity.RATING if name in RATINGS else Severity.PHYSICS
         off = relative(one or 0.0, other or 0.0) if what is What.CHANGED else None
         self.add(what, severity, body, f"joint.{name}", said, held, "", off)
-
-    # --- the whole ----------------------------------------------------------------------------------------------------
 
     def _static(self) -> None:
         """Shapes of bodies that became a part of the world."""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from simspec.audit import Finding, Severity, What
 from simspec.audit.compare import Comparison
-from simspec.audit.findings import Finding, Severity, What
 from simspec.audit.libraries import LIBRARIES
 from simspec.audit.meaning import Meaning, match, parents_first
 from simspec.control.reference import drives
@@ -155,9 +155,6 @@ def foreseen_differences(reader: Reader, exported: Exported, profile: str, losse
     exactly = {(quantity, name) for quantity, name in pairs["exactly"] if quantity == "body" or name not in gone}
     lost = _lost_by_format(losses)
     return Foreseen(frozenset(exactly - lost), frozenset(pairs["may"]), frozenset(pairs["elsewhere"]))
-
-
-# --- what is found ------------------------------------------------------------------------------------------------
 
 
 def differences(reader: Reader, exported: Exported, held: ReadBack, losses: Iterable[Loss]) -> set[Difference]:

@@ -67,9 +67,6 @@ def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-# --- Pinocchio ----------------------------------------------------------------------------------------------------
-
-
 def _pinocchio(file: Path, language: str) -> ReadBack:
     import pinocchio
 
@@ -157,9 +154,6 @@ def _coal(one: Any) -> Shape:
     return Shape(one.name, kind.lower(), size, pose, visual=False)
 
 
-# --- yourdfpy -----------------------------------------------------------------------------------------------------
-
-
 def _yourdfpy(file: Path, language: str) -> ReadBack:
     import yourdfpy  # type: ignore[import-untyped, unused-ignore]
 
@@ -221,9 +215,6 @@ def _yourdfpy_shape(one: Any, file: Path, solid: bool) -> Shape:
 
         kind, size = MESH, support(np.array(trimesh.load_mesh(file.parent / held.mesh.filename).vertices))
     return Shape(one.name, kind, size, _placed(one.origin), collision=solid, visual=not solid)
-
-
-# --- usd-core -----------------------------------------------------------------------------------------------------
 
 
 def _usd(file: Path, language: str) -> ReadBack:
@@ -330,8 +321,6 @@ def _usd_shape(kind: str, held: Any, prim: Any) -> Shape:
             size = support(np.array(prim.GetAttribute("points").Get(), dtype=float))
     return Shape(str(prim.GetName()), kind.lower(), size, pose, visual=False)
 
-
-# --- the table ----------------------------------------------------------------------------------------------------
 
 LIBRARIES: Final[Mapping[str, Library]] = {
     "pinocchio": Library(

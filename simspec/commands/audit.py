@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from simspec.audit import FileAudit
 from simspec.audit.audit import audit as audit_file
 from simspec.audit.audit import pair as compare_pair
-from simspec.audit.findings import FileAudit
 from simspec.commands.loading import spec_name
 from simspec.commands.options import engines_at_work, print_json
 from simspec.commands.reports import reporting

@@ -211,9 +211,6 @@ def renamed(element: Element, name: str, given: str) -> None:
         element.set_aside(name, Fate.CARRIED, f"called {given} in the spec", Severity.INFORMATION)
 
 
-# --- values as a person would write them ----------------------------------------------------------------------------
-
-
 def plain(value: float) -> float:
     """The same number; a whole one as an int, and no negative zero. Those that are none (twice the half size of 1e308) are left
     to the language, which refuses them at their place."""
@@ -261,8 +258,6 @@ def pose(xyz: Sequence[float] | None, rpy: Sequence[float] | None) -> dict[str, 
         said["rpy"] = [angle(value) for value in rpy]
     return said
 
-
-# --- surfaces as materials ---
 
 CONTACT_OF_LINK: Final[Mapping[str, str]] = {
     "lateral_friction": "friction",
@@ -315,8 +310,6 @@ class Materials:
             return {"surface": next(iter(self.names)).data()}
         return {name: surface.data() for surface, name in self.names.items()}
 
-
-# --- repairs of mass properties ---
 
 S = TypeVar("S", bound="FilledShape")
 Six = tuple[float, float, float, float, float, float]
@@ -409,8 +402,6 @@ def became(before: Sequence[float], after: Sequence[float]) -> str:
     """What the rule did, by the principal moments."""
     return f"the principal moments {shown(before)} kg m² became {shown(after)} kg m²"
 
-
-# --- meshes ---
 
 COLLADA: Final = ".dae"
 

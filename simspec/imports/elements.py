@@ -125,8 +125,6 @@ class Element:
         self._children.append(child)
         return child
 
-    # --- taking -----------------------------------------------------------------------------------------------
-
     def take(self) -> Element:
         """This element itself is carried (its attributes and children are not thereby)."""
         self._own = True
@@ -237,8 +235,6 @@ class Element:
                         element.lose(name, reason, severity)
                 waiting += element._children
 
-    # --- setting aside ----------------------------------------------------------------------------------------
-
     def set_aside(
         self, name: str | None, fate: Fate, reason: str, severity: Severity = Severity.PHYSICS, hint: str = ""
     ) -> None:
@@ -286,8 +282,6 @@ class Element:
         """The same as a problem."""
         return Problem(message, self.path, self.location, found, allowed, hint)
 
-    # --- accounting -------------------------------------------------------------------------------------------
-
     def accounts(self) -> Iterator[Account]:
         """What became of this element, its attributes and all that is in it, in the order of the file."""
         waiting = [self]
@@ -323,9 +317,6 @@ def _account(location: Location, what: str, said: _Set) -> Account:
     return Account(location, what, said.fate, said.severity, said.reason, said.hint)
 
 
-# --- before reading ---
-
-
 def without_comments(content: bytes) -> bytes:
     """A text with no comments in it, its lines where they were; a search that goes on where it was, so that no text takes more
     than its length."""
@@ -340,9 +331,6 @@ def outermost(content: bytes) -> bytes:
     """The tag of the outermost element of a text that may be XML; b"" where there is none."""
     found = _FIRST_TAG.search(without_comments(content))
     return found.group(1) if found is not None else b""
-
-
-# --- reading ----------------------------------------------------------------------------------------------------
 
 
 def parse(content: bytes, file: str) -> Element:

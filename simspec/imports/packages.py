@@ -118,8 +118,6 @@ class Packages:
             problem = element.problem(f"{problem.message} in the first {MOST_FOLDERS:,} folders", found=name, hint=hint)
         raise MissingFileError([problem])
 
-    # --- where they are looked for ----------------------------------------------------------------------------
-
     def _searches(self, name: str, element: Element) -> Iterator[Levels]:
         """Each place that is searched, in their order: above the file and beside each folder above; below the package that the
         file is in, which may have models; along the path; below the project, or below the workspace that the file is in."""
@@ -177,8 +175,6 @@ class Packages:
         if folder not in self._below:
             self._below[folder] = _Tree(folder)
         return self._below[folder]
-
-    # --- which is meant ---------------------------------------------------------------------------------------
 
     def _among(self, name: str, level: list[Path], damaged: dict[Path, Problem]) -> list[Path]:
         """Those of the folders that are the package: by their ``package.xml``, else by their own name. Raises SpecError where

@@ -23,8 +23,6 @@ from simspec.language.shapes import named_files
 from simspec.world.kinematics import owner_of
 from simspec.world.types import World
 
-# --- timestep ---
-
 USUAL: Final = 1e-3
 """s; the language's default."""
 SHORTEST: Final = 1e-5

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from simspec.audit import EngineAudit, FileAudit, Finding, Group, Severity, What, grouped
 from simspec.audit.audit import PairAudit
-from simspec.audit.findings import EngineAudit, FileAudit, Finding, Group, Severity, What, grouped
 from simspec.errors import clipped, visible
 from simspec.report.model_files import plausibility_data, plausibility_lines
 from simspec.report.page.document import Section, Sentence

@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
+from simspec.audit import FileAudit, Severity, What
 from simspec.audit.audit import audit
 from simspec.audit.compare import Comparison
-from simspec.audit.findings import FileAudit, Severity, What
 from simspec.audit.meaning import Meaning, meaning_of
 from simspec.engines.kit.registry import engines
 from simspec.errors import SpecError

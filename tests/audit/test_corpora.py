@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from simspec.audit import FileAudit
 from simspec.audit.audit import audit
-from simspec.audit.findings import FileAudit
 from simspec.audit.meaning import meaning_of
 from simspec.engines.kit.registry import engines
 from simspec.language.foreign import ImportOptions

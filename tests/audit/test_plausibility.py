@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from simspec import cli
+from simspec.audit import Severity, What
 from simspec.audit.audit import plausibility_of
 from simspec.audit.compare import Comparison
-from simspec.audit.findings import Severity, What
 from simspec.audit.meaning import Meaning, meaning_of
 from simspec.language.foreign import ImportOptions
 from simspec.world.types import Body, Inertial, Joint, ReadBack

@@ -25,7 +25,7 @@ contact: {materials: {m: {friction: 1}}}
 bodies: {b: {mass: 1 kg, joint: {type: free}, shapes: [{mesh: {file: changed%s}, material: m}]}}
 """
 WARM = {
-    "xacro": ("xacro", "yaml", "simspec.imports.xacro.limits"),
+    "xacro": ("xacro", "yaml", "simspec.imports.xacro"),
     "mjcf": ("mujoco",),
     "usd": ("pxr.Usd", "pxr.UsdGeom", "pxr.UsdPhysics", "pxr.Sdf"),
     "meshes": ("trimesh", "collada", "trimesh.exchange.obj", "trimesh.exchange.gltf"),

@@ -125,8 +125,6 @@ class _Builder:
     def assembly(self, root: Element) -> MjcfAssembly:
         return MjcfAssembly(root, self.texts, self.lines, self.named, self.included, self.models, self.meshes)
 
-    # --- texts --------------------------------------------------------------------------------------------------
-
     def model(self, root: Element, path: Path, name: str) -> None:
         """Put a model, and those that it attaches, into ``texts``."""
         self._chain.append(path)
@@ -236,8 +234,6 @@ class _Builder:
         while around.parent is not None:
             around = around.parent
         return self._homes.get(id(around))
-
-    # --- other files of the language ----------------------------------------------------------------------------
 
     def _include(self, root: Element, main: Path, seen: list[Path]) -> None:
         """Read what is included, and what that includes; each path once, as the compiler has it."""

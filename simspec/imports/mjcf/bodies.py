@@ -257,8 +257,6 @@ class MjcfBodies:
         if np.any(model["body_iquat"][number][1:]):
             body["inertia"]["quat"] = numbers(model["body_iquat"][number])
 
-    # --- joints -------------------------------------------------------------------------------------------------
-
     def _further(self, name: str, joints: range) -> list[dict[str, Any]]:
         """The joints of a body after its first, each with its origin in the frame that the one before it moves."""
         model = self.model
@@ -377,9 +375,6 @@ class MjcfBodies:
         yields = model.get("jnt_springyield")
         if yields is not None and np.any(yields[number]):
             self.features.add("joint.plastic", element)
-
-
-# --- sites as named frames ---
 
 
 def add_frames(bodies: MjcfBodies) -> tuple[dict[str, dict[str, Any]], MjcfNames]:

@@ -26,7 +26,6 @@ from simspec.imports.mjcf.assembly import MjcfAssembly
 from simspec.language.foreign import Severity
 from simspec.plugins import Plugins
 
-# --- features of a model that a spec does not have ---
 # They are found in the compiled numbers: what a class of defaults gives counts like an attribute, and what has no effect is no
 # loss.
 

@@ -186,8 +186,6 @@ def leads_to(joint: int, other: int, leaders: Mapping[int, int]) -> bool:
     return False
 
 
-# --- equality constraints ---
-
 CONNECT, WELD, JOINT, TENDON = range(4)
 """Types of equality constraints; the others are of deformable bodies."""
 BODY, SITE = 1, 6

@@ -260,8 +260,6 @@ class MjcfSurfaces:
         if self._of and model.enabled("override"):
             self.features.add("contact.override", model.root)
 
-    # --- what the spec says ---------------------------------------------------------------------------------------
-
     def contact(self, names: dict[int, str], alone: bool) -> dict[str, Any]:
         """``contact`` of the spec; ``names``: those of bodies by their number; ``alone``: it is a model file, whose scenario
         says how materials combine."""

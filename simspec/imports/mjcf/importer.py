@@ -11,20 +11,18 @@ from simspec.imports.draft import tidy
 from simspec.imports.elements import Element, outermost
 from simspec.imports.files import Files
 from simspec.imports.mjcf import SUFFIXES
-from simspec.imports.mjcf.actuators import NOTE, add_actuators, add_states, outside_the_tree
 from simspec.imports.mjcf.assembly import ROOT, MjcfAssembly, assemble
 from simspec.imports.mjcf.bodies import MjcfBodies, add_frames, numbers
 from simspec.imports.mjcf.compiled import FEATURES, CompiledMjcf, MjcfFeatures, compile_model
 from simspec.imports.mjcf.constraints import add_constraints
 from simspec.imports.mjcf.contact import MjcfSurfaces
-from simspec.imports.mjcf.shapes import add_shapes
+from simspec.imports.mjcf.parts import NOTE, add_actuators, add_shapes, add_states, outside_the_tree
 from simspec.imports.writing import SHARE, round_step
 from simspec.language.document import Path_
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
 from simspec.language.models import VERSION
 from simspec.language.words import clean_name
 
-# --- fates of elements and attributes ---
 # Most of the language is in the compiled numbers. Features of these numbers that a spec does not have are told at the
 # attributes that state them, at every element that has them by a class of defaults.
 

@@ -30,7 +30,7 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Vector3
 
-# --- frames: poses relative to names, links that frames are attached to ---
+# Frames: poses relative to names, links that frames are attached to.
 
 MODEL: Final = "__model__"
 WORLD: Final = "world"
@@ -62,8 +62,6 @@ class FrameGraph:
     _placed: dict[tuple[int, str], SdfPose] = field(default_factory=dict)
     _open: list[tuple[int, str]] = field(default_factory=list)
     _attached: dict[tuple[int, str], Link | None] = field(default_factory=dict)
-
-    # --- names ------------------------------------------------------------------------------------------------
 
     def home(self, scope: Scope, name: str, asking: Element) -> tuple[Scope, str]:
         """The scope and the own name of what ``name`` means in ``scope``. Raises SpecError at the element that asks."""
@@ -129,8 +127,6 @@ class FrameGraph:
         for inner in scope.models.values():
             return self.canonical(inner, asking)
         raise asking.error(f"the model {scope.name[:80]!r} has no link")
-
-    # --- poses ------------------------------------------------------------------------------------------------
 
     def pose(self, scope: Scope, name: str, asking: Element) -> Placement:
         """The pose of a frame in that of the scope itself. Raises SpecError at the element that asks."""

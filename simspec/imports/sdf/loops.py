@@ -125,7 +125,7 @@ def _said(joint: JointRead, tags: tuple[str, ...], reason: str, severity: Severi
                 child.lose(None, reason, severity)
 
 
-# --- gearboxes: two hinges on one reference body, one of which follows the other ---
+# Gearboxes: two hinges on one reference body, one of which follows the other.
 
 GEARBOX: Final = "gearbox"
 """The type of joint."""

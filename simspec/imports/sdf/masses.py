@@ -129,9 +129,6 @@ def _open(solids: Sequence[ShapeRead]) -> str:
     return f" ({count} not closed: the hull is filled)" if count else ""
 
 
-# --- bodies of a model that do not collide ---
-
-
 def silent(model: ModelRead) -> list[BodyRead]:
     """Bodies of a model that do not touch each other: colliding ones without ``self_collide``. [] where the joints between them
     say as much."""

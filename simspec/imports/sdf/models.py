@@ -39,8 +39,6 @@ from simspec.language.shapes import MESH_SUFFIXES as MESHES
 from simspec.language.shapes import PIECES
 from simspec.world.types import Vector3
 
-# --- files of models that an <include> names, and two models that are known without a file ---
-
 ENDS: Final = (".sdf", ".world", ".xml")
 """Ends of names of files, where others are folders of models."""
 MODELS: Final = "model://"
@@ -122,8 +120,6 @@ def _older(files: Files, place: str, uri: Element, folder: Path) -> Path:
     hint = (problem.hint or "").replace(CONFIGURATIONS[1], CONFIGURATIONS[0])
     raise MissingFileError([uri.problem(problem.message, problem.found, hint=hint)])
 
-
-# --- meshes ---
 
 MISSING: Final = "missing-meshes"
 RULES: Final[Mapping[str, str]] = {MISSING: "collision meshes that are not there, or cannot be read, are left out"}

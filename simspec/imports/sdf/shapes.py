@@ -34,8 +34,6 @@ from simspec.world import frames
 from simspec.world.shapes import SHAPES
 from simspec.world.types import Pose
 
-# --- surfaces ---
-
 NO_BOUNCE: Final = 100_000.0
 """The default of ``bounce/threshold`` (m/s): nothing is as fast."""
 FILTERS: Final[Mapping[str, tuple[str, ...]]] = {

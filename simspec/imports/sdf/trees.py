@@ -32,7 +32,7 @@ from simspec.language.moments import impossible, principal_moments
 from simspec.world import frames
 from simspec.world.types import Vector3
 
-# --- links: mass properties ---
+# Links: mass properties.
 
 NO_INERTIAL: Final = "the file has no <inertial>; SDF then means 1 kg and a unit inertia"
 UNIT_INERTIA: Final = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0, "ixy": 0.0, "ixz": 0.0, "iyz": 0.0}

@@ -181,8 +181,6 @@ class SdfNames(UniqueNames):
         return name
 
 
-# --- versions ---
-
 Version = tuple[int, int]
 
 OLDEST: Final[Version] = (1, 0)
@@ -280,8 +278,6 @@ def _move_step(physics: Element) -> None:
             physics.grow(STEP, place.text)
             return
 
-
-# --- losses by element ---
 
 Said = tuple[Fate, Severity, str]
 

@@ -407,8 +407,6 @@ def rows() -> Iterator[ElementRow]:
         yield ElementRow(f"gazebo/{name}", "", LOST, severity, reason, hint)
 
 
-# --- damaged numbers ---
-
 DAMAGED: Final = "damaged-numbers"
 RULES: Final = {
     DAMAGED: "commas between numbers are spaces, of too many numbers the first count, a point behind a number does not"

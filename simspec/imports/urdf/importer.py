@@ -165,8 +165,6 @@ class RobotReader:
         add_timestep(imported)
         return imported
 
-    # --- reading ----------------------------------------------------------------------------------------------
-
     def _read(self) -> None:
         known = colours(self.root)
         elements = self.root.children("link")
@@ -235,8 +233,6 @@ class RobotReader:
         with self.draft.collecting():
             link.mass = read_mass(element)
         link.shapes = read_shapes(element, known, self.draft)
-
-    # --- masses -----------------------------------------------------------------------------------------------
 
     def _check_masses(self, tree: UrdfTree) -> None:
         """Defects and repairs of all links, and of those that are fixed to each other together."""
@@ -334,8 +330,6 @@ class RobotReader:
         joint.data = {} if kept is None else {"origin": kept}
         self.draft.take_back((*link.path, "joint"))
         self.draft.repaired(MASSLESS, joint.element, what, (*link.path, "joint"))
-
-    # --- writing ----------------------------------------------------------------------------------------------
 
     def _written(self, tree: UrdfTree) -> dict[str, Any]:
         order, root = tree.order, tree.root

@@ -15,7 +15,7 @@ from simspec.language.vocabulary import SCALAR_JOINTS
 from simspec.world import frames
 from simspec.world.types import Pose, Vector3
 
-# --- planar joints: two slides across the axis, and a hinge about it ---
+# Planar joints: two slides across the axis, and a hinge about it.
 
 PARTS: Final = ("x", "y", "yaw")
 """What follows the joint's name, and ``_``, in the names of the three."""
@@ -261,7 +261,7 @@ RULES: Final = {
     "turned-limits": "a lower limit above the upper is the upper, and the upper the lower",
 }
 
-# --- joints whose lower limit is their upper one: fixed joints of the language ---
+# Joints whose lower limit is their upper one: fixed joints of the language.
 # Engines would keep such a joint at a limit by forces, or refuse it. A joint that follows another, or that another follows, is
 # kept.
 
@@ -309,8 +309,6 @@ def _origin(joint: UrdfJointRead, at: float) -> dict[str, object]:
         said["xyz"] = [plain(value) for value in joint.origin.position]
     return {"origin": said}
 
-
-# --- joints that follow others ---
 
 LEADERS: Final = "missing-leaders"
 MIMIC_RULES: Final = {LEADERS: "a joint that is to follow one that is not there moves on its own"}

@@ -146,7 +146,7 @@ def _leave_out(element: Element) -> None:
         waiting.extend(part.look())
 
 
-# --- links without mass between joints: several joints of the body behind them ---
+# Links without mass between joints: several joints of the body behind them.
 
 MOST: Final = 6
 """Joints of one body."""
@@ -211,7 +211,7 @@ def chain_joints(chain: JointChain) -> list[dict[str, Any]]:
     return [data for joint in chain.joints for data in joint.listed()]
 
 
-# --- surfaces: plain URDF has none, two programs add elements for them ---
+# Surfaces: plain URDF has none, two programs add elements for them.
 
 CONTACT_DEFAULT: Final = Surface(friction=0.5)
 """Of a link without <contact>, in the program that has this element."""
@@ -289,9 +289,6 @@ def _named(
     return data
 
 
-# --- groups that ignore each other ----------------------------------------------------------------------------------
-
-
 def excluded(root: Element, links: Container[str], bodies: Mapping[str, str]) -> list[list[str]]:
     """Pairs of bodies that do not touch each other, by Drake's words for groups. ``bodies``: those of ``links`` that are bodies
     of the spec, by the file's names. Raises SpecError for a link that there is not."""
@@ -316,9 +313,6 @@ def excluded(root: Element, links: Container[str], bodies: Mapping[str, str]) ->
     return [list(pair) for pair in sorted(pairs)]
 
 
-# --- <contact> of a link ------------------------------------------------------------------------------------------
-
-
 def _of_contact(contact: Element, before: Surface) -> Surface:
     """What a <contact> says. Raises SpecError for what are no numbers ≥ 0."""
     numbers: dict[str, float] = {}
@@ -337,9 +331,6 @@ def _not_negative(element: Element, value: float) -> float:
     if value < 0.0:
         raise element.error(f"<{element.tag}> must not be below 0", f"{value:g}")
     return value
-
-
-# --- <gazebo reference> of a link ---------------------------------------------------------------------------------
 
 
 def _of_gazebo(gazebo: Element) -> Surface | None:
@@ -385,8 +376,6 @@ def _aside(gazebo: Element, fate: Fate, reason: str, severity: Severity) -> None
     for child in gazebo.look(FIRST, SECOND, DIRECTION):
         child.set_aside(None, fate, reason, severity)
 
-
-# --- links without weight, by Gazebo's extension ---
 
 OFF: Final = {"gravity": ("0", "false"), "turnGravityOff": ("1", "true")}
 """The elements of a <gazebo> that say it, and the texts by which they do."""

@@ -251,7 +251,7 @@ RULES: Final = {
     "incomplete-inertial": "moments that are missing follow from the shapes; an inertial without mass is left out",
 }
 
-# --- lengths and moments in millimetres: far larger than the robot that they belong to ---
+# Lengths and moments in millimetres: far larger than the robot that they belong to.
 
 MILLIMETRES: Final = "millimetres"
 UNIT_RULES: Final = {
@@ -291,9 +291,6 @@ class LinkSize:
     mass: UrdfMass
     reach: float
     """m: the furthest that anything of the link is from its centre of mass."""
-
-
-# --- the whole file ---------------------------------------------------------------------------------------------------
 
 
 def scale_file(root: Element, draft: Draft) -> None:
@@ -342,9 +339,6 @@ def _numbers(text: str) -> list[float] | None:
     return values or None
 
 
-# --- meshes -----------------------------------------------------------------------------------------------------------
-
-
 def large_meshes(shapes: Sequence[UrdfShapeRead], joints: Sequence[UrdfJointRead], draft: Draft) -> list[UrdfShapeRead]:
     """The shapes whose meshes are many times larger than the robot, with others of the same factors: by the rule they are
     millimetres now, and have to be read again. Without it none, and it is told."""
@@ -368,9 +362,6 @@ def large_meshes(shapes: Sequence[UrdfShapeRead], joints: Sequence[UrdfJointRead
         shape.data["mesh"] = shape.mesh.data()
         draft.repaired(MILLIMETRES, shape.element, "the mesh is in millimetres", ("model", "bodies"))
     return large
-
-
-# --- moments of inertia -----------------------------------------------------------------------------------------------
 
 
 def reach(shapes: Sequence[UrdfShapeRead], mass: UrdfMass, joints: Sequence[UrdfJointRead]) -> float:

@@ -85,8 +85,6 @@ class UsdAssembly:
         self._name(tops, order, static)
         self._scenario(tops, order, static, loops)
 
-    # --- reading ------------------------------------------------------------------------------------------------
-
     def _rigid(self) -> list[PrimRead]:
         bodies: list[PrimRead] = []
         for prim in self.stage.used():
@@ -189,8 +187,6 @@ class UsdAssembly:
             self.bodies[id(prim)] = body
         return bodies
 
-    # --- names --------------------------------------------------------------------------------------------------
-
     def _name(self, tops: list[UsdLinkRead], order: list[UsdBodyRead], static: list[UsdBodyRead]) -> None:
         """Names of bodies, models and joints. A tree that stands alone within a prim is a model, called as that."""
         of_model: dict[int, PrimRead] = {}
@@ -249,8 +245,6 @@ class UsdAssembly:
         if len(tops) != 1 or static:
             return False
         return default is None or not default.has("simspec:world") or self._model(tops[0], tops) is None
-
-    # --- data ---------------------------------------------------------------------------------------------------
 
     def _scenario(
         self, tops: list[UsdLinkRead], order: list[UsdBodyRead], static: list[UsdBodyRead], loops: list[UsdJointRead]

@@ -151,9 +151,6 @@ class UsdBodyRead:
         return f"{self.model}/{self.name}" if self.model else self.name
 
 
-# --- loops ---
-
-
 def loop_data(
     joint: UsdJointRead, bodies: Mapping[int, UsdBodyRead], places: PrimPlaces
 ) -> tuple[str, dict[str, Any]] | None:
@@ -188,8 +185,6 @@ def loop_data(
     second_at = prim.exactly("second_point", there.position)
     return first.model, {"connect": {"bodies": names, "at": numbers(at), "second_at": numbers(second_at)}}
 
-
-# --- transforms without children as named frames ---
 
 MARK = "simspec:frame"
 """What simspec says of those that it writes: others have to stand elsewhere than their body."""

@@ -188,8 +188,6 @@ def _in(path: str, targets: Sequence[str], rule: str) -> bool:
     return any(path == target or path.startswith(f"{target}/") for target in targets)
 
 
-# --- scene ---
-
 SELF_COLLISION: Final = ("physxArticulation:enabledSelfCollisions", "newton:selfCollisionEnabled")
 """Attributes of articulations beyond UsdPhysics: whether bodies of one touch each other."""
 GRAVITY: Final = 9.81

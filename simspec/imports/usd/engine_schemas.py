@@ -127,9 +127,6 @@ def _actuator_range(prim: PrimRead, limits: dict[str, Any], units: Units) -> Non
         prim.lose(name, "limits of effort are symmetric in the language")
 
 
-# --- joints that follow others ----------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
 class UsdMimic:
     """A joint that follows another: its position is ``ratio`` times that of the joint at the path ``leader``, plus ``offset``

@@ -3,18 +3,372 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
-from simspec.imports.draft import Draft
+from simspec.imports.draft import NOT_POSITIVE, Draft
 from simspec.imports.files import Files
 from simspec.imports.reference import ElementRow
 from simspec.imports.usd import SUFFIXES
 from simspec.imports.usd.assembly import UsdAssembly
-from simspec.imports.usd.losses import RULES, rows, settle
+from simspec.imports.usd.masses import AS_UNSAID
 from simspec.imports.usd.places import ROTATIONS
-from simspec.imports.usd.stage import read_stage
-from simspec.language.foreign import Imported, ImportOptions
+from simspec.imports.usd.stage import PrimRead, StageRead, read_stage
+from simspec.language.foreign import Fate, Imported, ImportOptions, Severity
+
+# Fates of prims and attributes that no reader takes, by type and name, and the rows of the documentation.
+
+PHYSICS, APPEARANCE, INFORMATION = Severity.PHYSICS, Severity.APPEARANCE, Severity.INFORMATION
+
+
+class LossRule(NamedTuple):
+    """Names that a regular expression fits, and what becomes of them."""
+
+    pattern: re.Pattern[str]
+    shown: str
+    fate: Fate
+    severity: Severity
+    reason: str
+    hint: str = ""
+
+
+def _rule(pattern: str, shown: str, fate: Fate, severity: Severity, reason: str, hint: str = "") -> LossRule:
+    return LossRule(re.compile(pattern), shown, fate, severity, reason, hint)
+
+
+FLAGS: Final = (
+    "actuation",
+    "constraint",
+    "contact",
+    "damper",
+    "equality",
+    "filterparent",
+    "frictionloss",
+    "gravity",
+    "limit",
+    "spring",
+)
+"""Parts of the physics of a scene that ``mjc:flag:NAME`` switches off."""
+TYPES: Final = (
+    _rule(".*Light|LightFilter", "lights", Fate.LOST, APPEARANCE, "simspec has no lights"),
+    _rule("Camera", "Camera", Fate.LOST, APPEARANCE, "simspec has no cameras"),
+    _rule("Shader|NodeGraph", "Shader, NodeGraph", Fate.LOST, APPEARANCE, "a shape has one colour"),
+    _rule("GeomSubset", "GeomSubset", Fate.LOST, APPEARANCE, "a shape has one material and one colour"),
+    _rule("Render.*", "RenderSettings and others", Fate.LOST, APPEARANCE, "of programs that draw"),
+    _rule("Skel.*|BlendShape", "SkelRoot and others", Fate.LOST, APPEARANCE, "simspec has no skins"),
+    _rule(
+        "PointInstancer",
+        "PointInstancer",
+        Fate.LOST,
+        PHYSICS,
+        "simspec does not read instances of points",
+        "write each as a prim",
+    ),
+    _rule(
+        "BasisCurves|NurbsCurves|HermiteCurves|Points|NurbsPatch|Volume",
+        "curves, points, volumes",
+        Fate.LOST,
+        APPEARANCE,
+        "they do not collide, and simspec does not draw them",
+    ),
+    _rule(
+        "MjcActuator|NewtonActuator",
+        "MjcActuator, NewtonActuator",
+        Fate.LOST,
+        INFORMATION,
+        "what drives a joint is `control` in a spec",
+    ),
+    _rule(
+        "MjcTendon",
+        "MjcTendon",
+        Fate.LOST,
+        PHYSICS,
+        "tendons of a stage are not read",
+        "import the file that it is made from",
+    ),
+    _rule("MjcKeyframe", "MjcKeyframe", Fate.LOST, INFORMATION, "a named state of one engine"),
+    _rule("OmniGraph.*|ComputeGraph.*", "graphs of programs", Fate.LOST, INFORMATION, "of other programs"),
+    _rule("TetMesh", "TetMesh", Fate.LOST, PHYSICS, "deformable bodies are not supported"),
+)
+"""Prims of these types are not read."""
+NEUTRAL: Final = (
+    _rule(
+        "physics:linearVelocity|physxRigidBody:(linear|angular)Damping|physxRigidBody:disableGravity"
+        "|physxMaterial:compliantContact.*|newton:.*|mjc:option:(density|viscosity|wind)|mjc:flag:override"
+        "|mjc:(margin|gap|priority|ref|springdamper|springref|stiffness|damping|frictionloss|armature|shellinertia)"
+        "|mjc:(actuator.*|coef[0-4]|body:gravcomp)|mjc:compiler:(balanceInertia|boundMass|boundInertia)|physxJoint:.*|physxJointAxis:.*",
+        "damping, velocities, margins and switches of zero",
+        Fate.UNUSED,
+        INFORMATION,
+        "of no effect, since it is zero",
+    ),
+)
+"""Attributes that UsdPhysics does not have, where their value is zero, false, or the infinity that stands for none."""
+DEFAULTS: Final[Mapping[str, object]] = {
+    **{f"mjc:flag:{name}": True for name in FLAGS},
+    "mjc:condim": 3,
+    "mjc:compiler:inertiaFromGeom": "auto",
+    "mjc:compiler:setTotalMass": -1.0,
+    "newton:massModel": "solid",
+    "newton:maxHullVertices": -1,
+    "mjc:maxhullvert": -1,
+    "mjc:torqueScale": 1.0,
+    "mjc:actuatorfrclimited": "auto",
+    "physxRigidBody:enableGyroscopicForces": True,
+}
+"""Attributes with the value that is as if they were not there."""
+OF_SENSORS: Final = re.compile(r"(sensor|transmission|ros2_control|hardwareInterface|plugin)(_\d+)?")
+"""Names of prims that a converter makes of elements of URDF without a place in USD: their attributes begin with ``urdf:``."""
+AS_DEFAULT: Final = _rule(".*", "", Fate.UNUSED, INFORMATION, "its default: as without it")
+"""Of :data:`DEFAULTS`."""
+ATTRIBUTES: Final = (
+    _rule(
+        "physics:approximation|apiSchemas:PhysicsMeshCollisionAPI",
+        "`physics:approximation` of other prims than meshes",
+        Fate.UNUSED,
+        INFORMATION,
+        "only meshes are approximated",
+    ),
+    _rule("apiSchemas:.*", "other schemas", Fate.LOST, INFORMATION, "its attributes are told one by one"),
+    _rule(
+        "xformOp.*",
+        "`xformOp:…` of prims that nothing stands in",
+        Fate.UNUSED,
+        INFORMATION,
+        "nothing that is carried stands there",
+    ),
+    _rule(
+        "extent|extentsHint|doubleSided|orientation|visibility|purpose|proxyPrim|primvars:.*|normals|velocities|accelerations",
+        "`extent`, `doubleSided`, `primvars:…`, `normals` and others",
+        Fate.LOST,
+        APPEARANCE,
+        "a shape has one colour",
+    ),
+    _rule(
+        "subdivision.*|interpolateBoundary|faceVaryingLinearInterpolation|triangleSubdivisionRule|corner.*|crease.*|holeIndices|subset.*",
+        "`subdivisionScheme` and others",
+        Fate.LOST,
+        APPEARANCE,
+        "a mesh is its points",
+    ),
+    _rule(
+        "metallic|roughness|material:binding(:.*)?|inputs:.*|outputs:.*|info:.*|displayName",
+        "`material:binding`, `inputs:…`, `outputs:…`",
+        Fate.LOST,
+        APPEARANCE,
+        "a shape has one colour",
+    ),
+    _rule(
+        "ui:.*|omni:.*|semantic.*|isaac:.*|kind|documentation|userProperties:.*|debug:.*|clips.*|Fabric:.*|physics:engine"
+        "|physics:tensor:.*|physics:newton:articulation_index|mjc[f]:.*|warpSim:.*|TimeStepsPerSecond|state:.*:appliedForce",
+        "`ui:…`, `omni:…`, `semantic…`, `warpSim:…` and others",
+        Fate.LOST,
+        INFORMATION,
+        "of other programs",
+    ),
+    _rule(
+        f"mjc:flag:({'|'.join(FLAGS)}|override)|mjc:option:(density|viscosity|wind|o_.*)"
+        "|mjc:compiler:(balanceInertia|boundMass|boundInertia|setTotalMass|inertiaFromGeom)",
+        "`mjc:flag:contact` and others, `mjc:option:density`, `viscosity`, `wind`, other than their defaults",
+        Fate.LOST,
+        PHYSICS,
+        "of one engine: UsdPhysics does not have it",
+    ),
+    _rule(
+        "physxScene:.*|newton:(max_solver_iterations|maxSolverIterations|timeStepsPerSecond|.*[Ii]teration.*)"
+        "|newton:(kamino|xpbd|vbd|mpm):.*|mjc:(option|compiler|flag):.*"
+        "|physx(Articulation|RigidBody):(solver.*|sleep.*|stabilization.*|maxDepenetrationVelocity|retainAccelerations)"
+        "|physxMaterial:improvePatchFriction",
+        "`physxScene:…`, `mjc:option:…`, `newton:kamino:…`, and others",
+        Fate.LOST,
+        INFORMATION,
+        "settings of one engine's solver",
+    ),
+    _rule(
+        "mjc:sol(ref|imp|mix).*|mjc:torqueScale|physxLimit:.*:(stiffness|damping)|newton:limit(Stiffness|Damping)"
+        "|newton:contact(Stiffness|Damping|FrictionGain)|physxMaterial:compliantContact.*",
+        "`mjc:solref`, `mjc:solimp`, `newton:contactStiffness`, stiffness and damping of limits",
+        Fate.LOST,
+        INFORMATION,
+        "how hard contact, constraints and limits are",
+    ),
+    _rule(
+        "newton:contactGap|mjc:gap|mjc:margin|physxCollision:contactOffset",
+        "`newton:contactGap`, `mjc:gap`, `mjc:margin` of a joint, `physxCollision:contactOffset`",
+        Fate.LOST,
+        INFORMATION,
+        "a distance at which contact or a limit is looked for, without a force",
+    ),
+    _rule("mjc:group", "`mjc:group`", Fate.LOST, INFORMATION, "of a viewer"),
+    _rule(
+        "urdf:(safety_controller|calibration):.*",
+        "`urdf:safety_controller:…`, `urdf:calibration:…`",
+        Fate.LOST,
+        INFORMATION,
+        "of a controller, and of a machine's own sensors",
+    ),
+    _rule(
+        "physx.*:.*|newton:.*|mjc:.*",
+        "`physx…`, `newton:…`, `mjc:…`",
+        Fate.LOST,
+        PHYSICS,
+        "of one engine: UsdPhysics does not have it",
+    ),
+    _rule("variantSets:.*", "variant sets", Fate.UNUSED, INFORMATION, "the chosen variant is read"),
+    _rule(
+        "timeCodesPerSecond|framesPerSecond|startTimeCode|endTimeCode",
+        "time codes",
+        Fate.UNUSED,
+        INFORMATION,
+        "nothing is animated",
+    ),
+    _rule("simspec:.*", "`simspec:…`", Fate.UNUSED, INFORMATION, "nothing here needs it"),
+)
+
+
+def settle(stage: StageRead) -> None:
+    """Say of every prim and attribute that nothing took what becomes of it."""
+    for prim in stage.prims.values():
+        if not prim.used:
+            prim.ignore(None, "inactive, abstract, or not defined")
+            continue
+        rule = next((rule for rule in TYPES if rule.pattern.fullmatch(prim.tag)), None)
+        if prim._own is False:
+            if rule is not None:
+                prim.set_aside(None, rule.fate, rule.reason, rule.severity, rule.hint)
+            else:
+                prim.take()
+        foreign = any(OF_SENSORS.fullmatch(around.name) for around in prim.ancestors())
+        for name in prim.attributes:
+            if foreign and name.startswith("urdf:"):
+                prim.lose(name, "of sensors and actuators, as a URDF describes them", INFORMATION)
+            if name in prim._taken or name in prim._fates:
+                continue
+            said = (
+                rule or _neutral(prim, name) or next((one for one in ATTRIBUTES if one.pattern.fullmatch(name)), None)
+            )
+            if said is not None and prim._own is True:
+                prim.set_aside(name, said.fate, said.reason, said.severity, said.hint)
+
+
+def _neutral(prim: PrimRead, name: str) -> LossRule | None:
+    """The rule of an attribute whose value is zero, or its default, where that is as if it were not there."""
+    value = prim.record["attributes"].get(name, {}).get("value")
+    if name in DEFAULTS and value == DEFAULTS[name]:
+        return AS_DEFAULT
+    numbers = value if isinstance(value, list) else [value]
+    if name.startswith("newton:"):
+        numbers = [0.0 if number in ("-inf", "inf") else number for number in numbers]
+    if any(not isinstance(number, (bool, int, float)) or number for number in numbers):
+        return None
+    return next((one for one in NEUTRAL if one.pattern.fullmatch(name)), None)
+
+
+RULES: Final = {
+    "missing-files": "layers that are not there are left out",
+    "empty-shapes": "collision shapes that have no volume, or cannot be read, are left out",
+    "incomplete-inertial": "moments that are missing are those of a ball of 1000 kg/m³",
+    NOT_POSITIVE: AS_UNSAID,
+    "triangle-inequality": "moments that no body has become the nearest ones that a body can have",
+    "unit-rotations": "quaternions of another length than 1 become unit quaternions",
+    "massless": "a root without mass that nothing holds is fixed to the world",
+}
+"""Rules of repair, with what they do."""
+
+_CARRIED: Final = (
+    ("stage/@metersPerUnit", "lengths in m"),
+    ("stage/@kilogramsPerUnit", "masses in kg"),
+    ("stage/@upAxis", "the world is turned where y is up"),
+    ("PhysicsScene", "`physics`"),
+    ("PhysicsScene/@physics:gravityDirection", "`physics.gravity`"),
+    ("PhysicsScene/@physics:gravityMagnitude", "`physics.gravity`"),
+    ("PhysicsRigidBodyAPI", "`bodies.NAME`"),
+    ("PhysicsRigidBodyAPI/@xformOp:…", "`pose`, of a root; where a joint stands initially"),
+    ("PhysicsRigidBodyAPI/@physics:rigidBodyEnabled", "shapes of the world where it is false"),
+    ("PhysicsRigidBodyAPI/@physics:velocity", "`velocity.linear` of a free root"),
+    ("PhysicsRigidBodyAPI/@physics:angularVelocity", "`velocity.angular` of a free root"),
+    ("PhysicsRigidBodyAPI/@physxRigidBody:disableGravity", "`gravity_scale: 0`, where it is true"),
+    ("PhysicsMassAPI/@physics:mass", "`mass`"),
+    ("PhysicsMassAPI/@physics:density", "`shapes.N.density`"),
+    ("PhysicsMassAPI/@physics:centerOfMass", "`centre_of_mass`"),
+    ("PhysicsMassAPI/@physics:diagonalInertia", "`inertia`"),
+    ("PhysicsMassAPI/@physics:principalAxes", "`inertia`"),
+    ("NewtonMassAPI/@newton:inertia", "`inertia`, in place of moments and axes"),
+    ("PhysicsScene/@newton:gravityEnabled", "`physics.gravity` of 0, where it is false"),
+    ("PhysicsRigidBodyAPI/@mjc:body:gravcomp", "`gravity_scale`: 1 less it"),
+    ("PhysicsJoint/@newton:damping", "`joint.damping`, per degree of an angle; `mjc:damping` per radian"),
+    ("PhysicsJoint/@newton:friction", "`joint.dry_friction`; and `mjc:frictionloss`"),
+    ("PhysicsJoint/@newton:velocityLimit", "`joint.limits.velocity`; and `physxJoint:maxJointVelocity`"),
+    ("PhysicsJoint/@mjc:actuatorfrcrange:…", "`joint.limits.effort`, where it is symmetric; and `urdf:limit:effort`"),
+    ("NewtonMimicAPI", "`constraints.NAME.follow`; and `PhysxMimicJointAPI`"),
+    (
+        "PhysicsArticulationRootAPI/@newton:jointsAddMobility",
+        "several joints of two bodies are the `joints` of one body",
+    ),
+    ("PhysicsCollisionAPI/@newton:contactMargin", "`shapes.N.margin`; and `mjc:margin`"),
+    ("Mesh/@newton:maxHullVertices", "`mesh.max_vertices`"),
+    (
+        "Material/@newton:torsionalFriction",
+        "`torsional_friction`, of shapes with `mjc:condim` of 4, or where no shape says it",
+    ),
+    (
+        "Material/@newton:rollingFriction",
+        "`rolling_friction`, of shapes with `mjc:condim` of 6, or where no shape says it",
+    ),
+    ("Cube", "`box`"),
+    ("Sphere", "`sphere`; with several factors `ellipsoid`"),
+    ("Cylinder", "`cylinder`"),
+    ("Capsule", "`capsule`"),
+    ("Cone", "`mesh`: the hull of its tip and a polygon of 64 corners"),
+    ("Plane", "`plane`"),
+    ("Mesh", "`mesh`: its convex hull"),
+    ("PhysicsCollisionAPI", "a shape that collides; others have `collision: false`"),
+    ("Mesh/@purpose", "`visual: false` for guide and proxy"),
+    ("Mesh/@primvars:displayColor", "`shapes.N.colour`"),
+    ("PhysicsMaterialAPI/@physics:dynamicFriction", "`contact.materials.NAME.friction`"),
+    ("PhysicsMaterialAPI/@physics:restitution", "`contact.materials.NAME.restitution`"),
+    ("PhysicsMaterialAPI/@physics:density", "`shapes.N.density`"),
+    ("PhysicsRevoluteJoint", "`joint` of type hinge"),
+    ("PhysicsPrismaticJoint", "`joint` of type slide"),
+    ("PhysicsSphericalJoint", "`joint` of type ball"),
+    ("PhysicsFixedJoint", "`joint` of type fixed"),
+    ("PhysicsJoint", "`joint`, or `joints`: its free axes, slides before turns, each in the order X, Y, Z"),
+    ("PhysicsJoint/@physics:localPos0", "`joint.origin`"),
+    ("PhysicsJoint/@physics:localRot0", "`joint.origin`"),
+    ("PhysicsJoint/@physics:localPos1", "the body's frame, which moves there"),
+    ("PhysicsJoint/@physics:localRot1", "`joint.axis`"),
+    ("PhysicsJoint/@physics:lowerLimit", "`joint.limits.position`"),
+    ("PhysicsJoint/@physics:upperLimit", "`joint.limits.position`"),
+    ("PhysicsJoint/@physics:excludeFromArticulation", "a loop: `constraints`"),
+    ("PhysicsJoint/@physxJoint:armature", "`joint.armature`"),
+    ("PhysicsJoint/@newton:armature", "`joint.armature`"),
+    ("PhysicsJoint/@mjc:armature", "`joint.armature`"),
+    ("PhysicsJoint/@mjc:damping", "`joint.damping`"),
+    ("PhysicsJoint/@mjc:stiffness", "`joint.spring`"),
+    ("PhysicsJoint/@mjc:springref", "`joint.spring.rest`"),
+    ("PhysicsJoint/@mjc:frictionloss", "`joint.dry_friction`"),
+    ("PhysicsJoint/@state:…velocity", "`joint.velocity`"),
+    ("PhysicsDriveAPI/@…stiffness", "`joint.spring`"),
+    ("PhysicsDriveAPI/@…damping", "`joint.damping`"),
+    ("PhysicsDriveAPI/@…targetPosition", "`joint.spring.rest`"),
+    ("PhysicsFilteredPairsAPI/@physics:filteredPairs", "`contact.exclude`"),
+    ("PhysicsCollisionGroup", "`contact.groups`, `collision_group`"),
+    ("PhysicsArticulationRootAPI", "the root of its tree"),
+    ("…/@simspec:…", "the same in doubles, where both agree to single precision"),
+)
+
+
+def rows() -> list[ElementRow]:
+    """What is carried, then what is not."""
+    carried = [ElementRow(where, becomes) for where, becomes in _CARRIED]
+    types = [ElementRow(rule.shown, "", rule.fate, rule.severity, rule.reason, rule.hint) for rule in TYPES]
+    attributes = [
+        ElementRow(rule.shown.replace("`", ""), "", rule.fate, rule.severity, rule.reason, rule.hint)
+        for rule in (*NEUTRAL, *ATTRIBUTES)
+    ]
+    return [*carried, *types, *attributes]
+
 
 MISSING: Final = "missing-files"
 

@@ -162,8 +162,6 @@ class JointReader:
         frame = frames.compose(place.pose, Pose((x, y, z), turn))
         return None if holder is None else self.body_of(holder), frame
 
-    # --- axes -------------------------------------------------------------------------------------------------
-
     def _freedoms(self, prim: PrimRead, kind: str) -> list[Freedom] | None:
         """What a joint leaves free, in order; None where that is everything."""
         if kind not in SCALAR_JOINTS:

@@ -309,9 +309,6 @@ def _colour(prim: PrimRead) -> list[float] | None:
     )
 
 
-# --- meshes ---
-
-
 def name_meshes(shapes: Sequence[UsdShapeRead], draft: Draft) -> set[int]:
     """Write and name the meshes of shapes; the ``id`` of each shape that can be used."""
     meshes = [shape for shape in shapes if shape.obj]

@@ -21,7 +21,7 @@ from simspec.imports.elements import Element
 from simspec.imports.files import Files
 from simspec.language.foreign import Severity
 
-# --- lines of prims in a text; a binary file has none ---
+# Lines of prims in a text; a binary file has none.
 
 DEEPEST: Final = 1000
 """Brackets within each other up to which prims have lines."""
@@ -134,8 +134,6 @@ class PrimRead(Element):
             self._taken.add(f"apiSchemas:{schema}:{name}")
         return names
 
-    # --- values -----------------------------------------------------------------------------------------------
-
     def value(self, name: str) -> Any:
         """The value of an attribute, taken; None where it has none."""
         said = self.record["attributes"].get(name)
@@ -196,8 +194,6 @@ class PrimRead(Element):
         self._taken.add(name)
         kind, shape, text = said["array"]
         return np.frombuffer(base64.b64decode(text), kind).reshape(shape)
-
-    # --- attributes of simspec's own --------------------------------------------------------------------------
 
     def own(self, name: str, count: int = 0) -> tuple[float, ...] | None:
         """Numbers that only simspec reads, taken; None where there are none. ``count`` 0: any."""

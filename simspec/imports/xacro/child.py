@@ -33,9 +33,9 @@ import xacro
 import yaml  # type: ignore[import-untyped]  # its stubs are a package of their own
 
 from simspec.confinement import PROFILES, confine_calls, confine_files
-from simspec.imports.xacro.limits import DEEPEST, LARGEST_TEXT, MEMORY, MOST_FILES, PLACE, PLACE_NOW
+from simspec.imports.xacro import DEEPEST, LARGEST_TEXT, MEMORY, MOST_FILES, PLACE, PLACE_NOW
 
-# --- expressions: allowed syntax, and allowed attributes by the type of the object ---
+# Expressions: allowed syntax, and allowed attributes by the type of the object.
 # The syntax tree is compared with the list, and each attribute access is a call of _attribute, which knows the object. What is
 # not listed is refused by name.
 
@@ -275,8 +275,6 @@ class XacroProgram:
                 if ADDRESS.search(text):
                     self._note(element)
                     raise Refused(f"an expression whose value has no text: {ADDRESS.sub('>', text)[:80]}")
-
-    # --- what xacro calls -------------------------------------------------------------------------------------
 
     def _install(self, beyond: str | None) -> None:
         """Put our functions in the place of those that would read files or the environment, and of those that see elements."""

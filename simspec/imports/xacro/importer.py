@@ -28,12 +28,11 @@ from simspec.imports.elements import Element, outermost, parse
 from simspec.imports.files import Files, is_missing
 from simspec.imports.urdf.importer import ROBOT, RULES, RobotReader, is_program
 from simspec.imports.urdf.links import PARENTS, WORLD
-from simspec.imports.xacro import SUFFIXES
-from simspec.imports.xacro.limits import CPU_SECONDS, LARGEST_TEXT, PLACE, PLACE_NOW, SECONDS
+from simspec.imports.xacro import CPU_SECONDS, LARGEST_TEXT, PLACE, PLACE_NOW, SECONDS, SUFFIXES
 from simspec.language.foreign import Account, Fate, Imported, ImportOptions, Severity
 from simspec.processes import ELSEWHERE, isolated
 
-# --- expansion: a process computes, and asks here for the files that it names ---
+# Expansion: a process computes, and asks here for the files that it names.
 
 LARGEST_ANSWER: Final = 4 * LARGEST_TEXT
 """Bytes from the process: a text of the largest size, each character escaped."""

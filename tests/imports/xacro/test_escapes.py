@@ -76,7 +76,7 @@ ESCAPES = {
 PROGRAM = """
 import json, mmap, sys
 from simspec.imports.xacro import child
-from simspec.imports.xacro.limits import PLACE_NOW
+from simspec.imports.xacro import PLACE_NOW
 if sys.argv[1] == "free":
     def evaluator(beyond):
         def evaluate(expression, names, local=None):
