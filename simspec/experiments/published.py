@@ -8,7 +8,7 @@ from typing import Any
 
 from simspec.errors import Problem, SpecError
 from simspec.experiments.cases import case_of
-from simspec.experiments.certify import Model, changed, models_of, plain_model, read_model
+from simspec.experiments.certify import changed, models_of, plain_model, read_model
 from simspec.experiments.plan import Plan, digest
 from simspec.experiments.store import Store
 from simspec.experiments.sweep import Outcome, stored_key
@@ -81,13 +81,9 @@ def older_sweeps(kept: StudyModels, now: Mapping[str, Mapping[str, Any]]) -> dic
             told[name] = "the sweep was not measured"
         else:
             before = [read_model(model.model_dump()) for model in kept.sweeps[name].models]
-            why = changed(before, _models(now[name]))
+            why = changed(before, [read_model(model) for model in now[name]["models"]])
             if why is None and kept.sweeps[name].asked != now[name]["asked"]:
                 why = "the study asks for something else (repetitions, seeds, what is shown, or figures from elsewhere)"
             if why is not None:
                 told[name] = why
     return told
-
-
-def _models(plain: Mapping[str, Any]) -> list[Model]:
-    return [read_model(model) for model in plain["models"]]

@@ -238,9 +238,15 @@ class _Driver:
             again = self._retry and there is not None and there.failed is not None and key not in self._asked
             wanted = key not in self._asked and (there is None or again)
         if again:
-            self._forget(key)
+            with self._lock:
+                self._store.drop(key)
+                self._index.rows.pop(key, None)
+                self._index.changed = True
         if self._store.has(key) and wanted and not again:
-            self._restore(key, case.resolved)  # only its world was lost
+            with self._lock:
+                self._store.put_world(case.resolved)
+                self._index.add(row_of(self._store, key, self._store.check(key), case.resolved.physics.timestep))
+                self._outcome.done += 1  # only its world was lost
             wanted = False
         try:
             prepared = self._supplies.prepare(case)
@@ -302,26 +308,15 @@ class _Driver:
         )  # fmt: skip
         self._store_result(task, packed(task, run), case.resolved)
 
-    def _forget(self, key: str) -> None:
-        """Drop a failed run that is done again."""
-        with self._lock:
-            self._store.drop(key)
-            self._index.rows.pop(key, None)
-            self._index.changed = True
-
-    def _restore(self, key: str, world: World) -> None:
-        """Store a world again that was lost or damaged; its runs are whole."""
-        with self._lock:
-            self._store.put_world(world)
-            self._index.add(row_of(self._store, key, self._store.check(key), world.physics.timestep))
-            self._outcome.done += 1
-
     # --- what came ------------------------------------------------------------------------------------------------------
 
     def publish(self, task: Task, result: TaskResult) -> None:
         """Store a result."""
         world = self._supplies.case(task).resolved
-        self._demand_versions(task, result)
+        told = {**result.result["provenance"], **result.circumstances}
+        for name, wanted in self._plan.versions[task.engine].items():
+            if told.get(name, wanted) != wanted and result.result["failed"] is None:
+                raise EngineError(task.engine, f"{name} is {told[name]}, and was {wanted} when the sweep began")
         self._store_result(task, result, world)
         self._supplies.release(task)
 
@@ -338,13 +333,6 @@ class _Driver:
             if self._unsaved >= max(SAVE_EVERY, len(self._index.rows) // 10):
                 self._unsaved = 0
                 self._index.save(self._store)
-
-    def _demand_versions(self, task: Task, result: TaskResult) -> None:
-        """Raise EngineError where an engine was not at work in the versions that its runs are stored under."""
-        told = {**result.result["provenance"], **result.circumstances}
-        for name, wanted in self._plan.versions[task.engine].items():
-            if told.get(name, wanted) != wanted and result.result["failed"] is None:
-                raise EngineError(task.engine, f"{name} is {told[name]}, and was {wanted} when the sweep began")
 
     def _note_life(self, engine: str, failed: str | None, steps: int) -> None:
         """Count what an engine came to: one that never gives a result is stopped. A state that stops being finite is one."""

@@ -260,10 +260,6 @@ def _version(name: str) -> str:
     return str(distribution.version) if distribution is not None else ""
 
 
-def _same(first: str, second: str) -> bool:
-    return re.sub(r"[-_.]+", "-", first).lower() == re.sub(r"[-_.]+", "-", second).lower()
-
-
 def _shared(name: str, distribution: importlib.metadata.Distribution) -> list[Path]:
     """Folders ``share/NAME`` among the files that a distribution lists, below its folder or the interpreter's."""
     found: dict[Path, None] = {}
@@ -271,7 +267,9 @@ def _shared(name: str, distribution: importlib.metadata.Distribution) -> list[Pa
     for file in distribution.files or ():
         parts = file.parts
         for at, part in enumerate(parts[:-2]):
-            if part == "share" and _same(parts[at + 1], name):
+            if part == "share" and (
+                re.sub(r"[-_.]+", "-", parts[at + 1]).lower() == re.sub(r"[-_.]+", "-", name).lower()
+            ):
                 folder = Path(os.path.realpath(str(distribution.locate_file(PurePosixPath(*parts[: at + 2])))))
                 if any(folder.is_relative_to(place) for place in allowed):
                     found[folder] = None

@@ -243,18 +243,13 @@ def hold_folder(folder: Path, made: re.Pattern[str], most: int) -> None:
     _held.append(lock)
     with contextlib.suppress(BlockingIOError):  # another uses it: the next that is alone removes what is too much
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        _remove(folder, made, most)
+        found = [
+            (one.stat(follow_symlinks=False).st_mtime_ns, one.path)
+            for version in os.scandir(folder)
+            if version.is_dir(follow_symlinks=False)
+            for one in os.scandir(version)
+            if made.fullmatch(one.name) and one.is_dir(follow_symlinks=False)
+        ]
+        for _, path in sorted(found)[: max(len(found) - most, 0)]:
+            shutil.rmtree(path)
     fcntl.flock(lock, fcntl.LOCK_SH)
-
-
-def _remove(folder: Path, made: re.Pattern[str], most: int) -> None:
-    """Remove all but the ``most`` that were made last, of all versions; what a killed process left is one of them."""
-    found = [
-        (one.stat(follow_symlinks=False).st_mtime_ns, one.path)
-        for version in os.scandir(folder)
-        if version.is_dir(follow_symlinks=False)
-        for one in os.scandir(version)
-        if made.fullmatch(one.name) and one.is_dir(follow_symlinks=False)
-    ]
-    for _, path in sorted(found)[: max(len(found) - most, 0)]:
-        shutil.rmtree(path)

@@ -68,7 +68,12 @@ class Collection:
         try:
             os.ftruncate(lock, 0)
             os.pwrite(lock, holder.encode()[:MOST_HOLDER], 0)
-            self._empty_temporary()
+            path = self._folder(TEMPORARY)
+            for entry in os.scandir(path):
+                if entry.is_dir(follow_symlinks=False):
+                    shutil.rmtree(entry.path)
+                else:
+                    os.unlink(entry.path)
             yield
         finally:
             os.close(lock)
@@ -106,14 +111,6 @@ class Collection:
             os.close(lock)
             raise self._error(f"{self.told / LOCK_FILE} is {kind_of(mode)}, not a regular file")
         return lock
-
-    def _empty_temporary(self) -> None:
-        path = self._folder(TEMPORARY)
-        for entry in os.scandir(path):
-            if entry.is_dir(follow_symlinks=False):
-                shutil.rmtree(entry.path)
-            else:
-                os.unlink(entry.path)
 
     def has(self, name: str) -> bool:
         """Whether something was placed under this name."""

@@ -227,7 +227,10 @@ def recover(stage: Path) -> None:
         if os.path.lexists(fresh):
             status = os.lstat(fresh)
             if marker.fresh is None or marker.fresh == [status.st_dev, status.st_ino]:
-                _remove(fresh)
+                if stat.S_ISDIR(os.lstat(fresh).st_mode):
+                    shutil.rmtree(fresh)
+                else:
+                    os.unlink(fresh)
             else:
                 dispose(fresh, target)
         with contextlib.suppress(FileNotFoundError):
@@ -235,13 +238,6 @@ def recover(stage: Path) -> None:
     elif _only_marker(stage):
         os.unlink(stage / STAGE_FILE)
     os.rmdir(stage)
-
-
-def _remove(path: Path) -> None:
-    if stat.S_ISDIR(os.lstat(path).st_mode):
-        shutil.rmtree(path)
-    else:
-        os.unlink(path)
 
 
 def dispose(old: Path, target: Path) -> None:

@@ -16,7 +16,7 @@ from typing import BinaryIO
 from simspec.errors import Problem, SpecError
 from simspec.outputs import staging
 from simspec.outputs.files import files_below, read_bytes
-from simspec.outputs.targets import MARKER_FILE, MOVE, Marker, Place, check_file, check_folder, check_names, not_ours
+from simspec.outputs.targets import MARKER_FILE, MOVE, Marker, check_file, check_folder, check_names, not_ours
 
 Content = str | bytes | Callable[[BinaryIO], None]
 """What a file is to hold: text, bytes, or what writes it, for what is too large to have in memory."""
@@ -244,7 +244,18 @@ def write_file(path: Path, content: Content, ours: Callable[[bytes], bool], last
         with staging.begun(place.path, lasting) as stage:
             if place.status is None:
                 put(stage.fresh, content)
-                _put_new(stage, place)
+                if stage.lasting:
+                    sync(stage.fresh)
+                try:
+                    os.link(stage.fresh, place.path)
+                except FileExistsError:
+                    raise SpecError([Problem(f"{str(place.path)!r} was created by another process")]) from None
+                except OSError as error:
+                    if error.errno not in _NO_LINKS:
+                        raise
+                    os.rename(stage.fresh, place.path)
+                if stage.lasting:
+                    sync(place.path.parent)
             else:
                 _replace(stage, place.path, content, stat.S_IMODE(place.status.st_mode))
     return place.path
@@ -260,22 +271,6 @@ def _replace(stage: staging.Stage, target: Path, content: Content, mode: int | N
     os.replace(stage.fresh, target)
     if stage.lasting:
         sync(target.parent)
-
-
-def _put_new(stage: staging.Stage, place: Place) -> None:
-    """Put a file where there is none; never over one that somebody else has put there meanwhile."""
-    if stage.lasting:
-        sync(stage.fresh)
-    try:
-        os.link(stage.fresh, place.path)
-    except FileExistsError:
-        raise SpecError([Problem(f"{str(place.path)!r} was created by another process")]) from None
-    except OSError as error:
-        if error.errno not in _NO_LINKS:
-            raise
-        os.rename(stage.fresh, place.path)
-    if stage.lasting:
-        sync(place.path.parent)
 
 
 def folder_names(folder: Path) -> list[str]:

@@ -38,7 +38,6 @@ from simspec.world.types import (
     Physics,
     Pose,
     Record,
-    Shape,
     World,
 )
 
@@ -416,7 +415,15 @@ def _placed(motion: Motion, mass: float) -> Callable[[Body], Body]:
     shapes."""
 
     def placed(body: Body) -> Body:
-        reach = max([1.0, *(_reach(shape) for shape in body.shapes)])
+        reach = max(
+            [
+                1.0,
+                *(
+                    (math.hypot(*shape.pose.position) + SHAPES[shape.kind].outer_radius(shape.size))
+                    for shape in body.shapes
+                ),
+            ]
+        )
         inertia = mass * reach**2
         joint = replace(
             body.joint,
@@ -426,8 +433,3 @@ def _placed(motion: Motion, mass: float) -> Callable[[Body], Body]:
         return replace(body, inertial=Inertial(mass, inertia=(inertia, inertia, inertia, 0.0, 0.0, 0.0)), joint=joint)
 
     return placed
-
-
-def _reach(shape: Shape) -> float:
-    """How far from the body's origin a shape reaches (m)."""
-    return math.hypot(*shape.pose.position) + SHAPES[shape.kind].outer_radius(shape.size)

@@ -265,7 +265,8 @@ def read_blocks(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> It
     # of one group of rows after the other: of several, the reader would keep what it has read of the file
     for batch in (one for group in groups for one in source.iter_batches(size, [group], use_threads=False)):
         table = pa.Table.from_batches([batch])
-        _demand_whole(table)
+        if gaps := [name for name in table.column_names if table[name].null_count]:
+            raise ValueError(f"the column {gaps[0]!r} has missing values")
         if done + len(table) > rows:
             break
         yield slice(done, done + len(table)), table
@@ -289,11 +290,6 @@ def check(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> None:
     wanted = (schema.metadata or {}).get(COORDINATES)
     if wanted is not None and (stored.metadata or {}).get(COORDINATES) != wanted:
         raise ValueError("it has other coordinates than the world")
-
-
-def _demand_whole(table: pa.Table) -> None:
-    if gaps := [name for name in table.column_names if table[name].null_count]:
-        raise ValueError(f"the column {gaps[0]!r} has missing values")
 
 
 def _differing(stored: pa.Schema, wanted: pa.Schema) -> str:

@@ -40,7 +40,11 @@ class _Slider:
 
     def fits(self, distance: float) -> bool:
         """Whether it fits between walls at this distance (m), and may touch both."""
-        return self.long > distance >= _least_width(solid_shapes(self.body))  # of meshes the costly half last
+        return (
+            self.long
+            > distance
+            >= (2.0 * min(SHAPES[shape.kind].inner_radius(shape.size) for shape in solid_shapes(self.body)))
+        )  # of meshes the costly half last
 
 
 def jamming_materials(
@@ -94,10 +98,6 @@ def _sliders(world: World, free: Iterable[Body]) -> list[_Slider]:
         if alike not in found:
             found[alike] = _Slider(body, _greatest_length(shapes))
     return list(found.values())
-
-
-def _least_width(shapes: Sequence[Shape]) -> float:
-    return 2.0 * min(SHAPES[shape.kind].inner_radius(shape.size) for shape in shapes)
 
 
 def _greatest_length(shapes: Sequence[Shape]) -> float:
@@ -190,7 +190,11 @@ def reach(world: World, first: str, second: str) -> Reach:
         squeezes = squeezes or _squeezes(world, one, other) or _squeezes(world, other, one)
         free = [body for body in moving if body.name not in kinematic]
         driven = len(moving) == 2 and any(body.name in kinematic or not _is_lone(world, body) for body in moving)
-        carries = carries or driven or any(_surface_moves(body) for body in (one, other))
+        carries = (
+            carries
+            or driven
+            or any(any(any(shape.surface_velocity) for shape in solid_shapes(body)) for body in (one, other))
+        )
         if len(free) == 2:
             low, high = sorted(masses[groups[body.name]] for body in free)
             ratio = max(ratio, high / low) if low > 0.0 else ratio
@@ -367,10 +371,6 @@ def _masses(world: World) -> dict[str, float]:
 
 def _moves(world: World, body: Body) -> bool:
     return rigid_groups(world)[body.name] != "world"
-
-
-def _surface_moves(body: Body) -> bool:
-    return any(any(shape.surface_velocity) for shape in solid_shapes(body))
 
 
 def _is_lone(world: World, body: Body) -> bool:

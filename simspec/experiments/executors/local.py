@@ -154,7 +154,9 @@ class LocalExecutor:
         except EngineError as error:
             if self._ending.is_set():
                 raise _EndingError from error
-            _demand_room(error)
+            for code in NO_ROOM:
+                if os.strerror(code) in str(error):
+                    raise OSError(code, os.strerror(code), tempfile.gettempdir()) from error
             run = failed_run(self._supplies.case(task).resolved, task.engine, error, self._pythons.get(task.engine))
         return storing.submit(_store, publish, task, packed(task, run))
 
@@ -167,13 +169,6 @@ class LocalExecutor:
             source=task.source,
             warm=self._warm,
         )
-
-
-def _demand_room(error: EngineError) -> None:
-    """Raise OSError where an engine's process says that there is no room on the disk: that is no result of the engine."""
-    for code in NO_ROOM:
-        if os.strerror(code) in str(error):
-            raise OSError(code, os.strerror(code), tempfile.gettempdir()) from error
 
 
 def packed(task: Task, run: Run, more: Mapping[str, Any] | None = None) -> TaskResult:
