@@ -82,7 +82,7 @@ class Bisection:
         """The versions between ``before`` and ``after``, none of which could be measured: the change may be in any."""
         if self.before is None or self.after is None:
             return ()
-        first, last = (self.versions.index(one.version) for one in (self.before, self.after))
+        first, last = (self.versions.index(reading.version) for reading in (self.before, self.after))
         return self.versions[first + 1 : last]
 
 
@@ -190,8 +190,8 @@ class Versions:
         pythons = {} if python is None else {label: python}
         runs, stored = self._runs(label, pythons)
         figures = [read_figure(run, self.figure) for run in runs]
-        value, size = figures[0].value, max(one.size for one in figures)
-        noise = max(abs(one.value - value) for one in figures[1:])
+        value, size = figures[0].value, max(figure.size for figure in figures)
+        noise = max(abs(figure.value - value) for figure in figures[1:])
         half = half_width(runs[0], size, noise)
         if not all(map(math.isfinite, (value, half))):
             raise EngineError(label, f"{self.figure} is not finite")
@@ -202,8 +202,8 @@ class Versions:
         versions = versions_of([label], pythons)[label]
         plain = Case(self.world, label)
         moved = Case(self.world, label, perturb=perturbation_of(label))
-        asked = [*((plain, repeat) for repeat in range(1 + REPEATS)), (moved, 0)]
-        keys = [run_key(case, repeat, versions) for case, repeat in asked]
+        requested = [*((plain, repeat) for repeat in range(1 + REPEATS)), (moved, 0)]
+        keys = [run_key(case, repeat, versions) for case, repeat in requested]
         runs = {key: run for key in keys if (run := self._stored(key)) is not None}
         missing = [number for number, key in enumerate(keys) if key not in runs]
         if missing:
@@ -211,12 +211,12 @@ class Versions:
             with scratch_folder("bisect") as place:
                 folder = place / "compiled"
                 compile_world(self.world, [label], pythons=pythons)[label].artifacts.write(folder)
-                jobs = [(asked[number][0], folder) for number in missing]
+                jobs = [(requested[number][0], folder) for number in missing]
                 made = run_jobs(jobs, pythons=pythons, deadline=self.deadline)
             for number, run in zip(missing, made, strict=True):
                 if run.failed is not None:
                     raise EngineError(label, run.failed)
-                self.store.publish(result_of(run, keys[number], repeat=asked[number][1]), run.world)
+                self.store.publish(result_of(run, keys[number], repeat=requested[number][1]), run.world)
                 runs[keys[number]] = run
         return [runs[key] for key in keys], not missing
 

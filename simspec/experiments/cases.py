@@ -59,7 +59,7 @@ def rounded_up(data: Mapping[str, Any]) -> tuple[Rounded, ...]:
     grid = _Grid(timestep, duration, every, until)
     made = [grid.rounded(path, time) for path, time in _parts(duration, every, until)]
     made += [grid.recorded(path, time) for path, time in _expected(data.get("expect"))]
-    return tuple(one for one in made if one is not None)
+    return tuple(rounded for rounded in made if rounded is not None)
 
 
 def _parts(duration: float, every: float | None, until: float | None) -> Iterator[tuple[str, float]]:
@@ -143,14 +143,14 @@ def roundings(plan: Plan, cell: Cell) -> tuple[Rounded, ...]:
         if len(kept) >= MOST_KEPT:
             kept.clear()
         # a value that does not suit its path is a problem of the case
-        document, _ = overridden(plan.spec.source.document, [Override(*one, None, None) for one in values])
+        document, _ = overridden(plan.spec.source.document, [Override(*entry, None, None) for entry in values])
         kept[name] = rounded_up(document.data)
     return kept[name]
 
 
 def rounded_data(rounded: Sequence[Rounded]) -> list[list[Any]]:
     """Roundings as plain data: path, what is written and what is taken (s)."""
-    return [[one.path, one.written, one.taken] for one in rounded]
+    return [[entry.path, entry.written, entry.taken] for entry in rounded]
 
 
 def rounding_sets(plan: Plan) -> dict[str, tuple[Rounded, ...]]:
@@ -178,10 +178,10 @@ def _values(cell: Cell) -> list[tuple[str, Any]]:
 
 def _said(rounded: Sequence[Rounded]) -> str:
     """Roundings in words: each time of the run, and how much later expectations look at most."""
-    expected = [one for one in rounded if one.path.startswith("expect.")]
-    words = [f"{one.path} {one.written:g} s to {one.taken:.9g} s" for one in rounded if one not in expected]
+    expected = [entry for entry in rounded if entry.path.startswith("expect.")]
+    words = [f"{entry.path} {entry.written:g} s to {entry.taken:.9g} s" for entry in rounded if entry not in expected]
     if expected:
-        later = max(one.taken - one.written for one in expected)
+        later = max(rounded.taken - rounded.written for rounded in expected)
         count = f"{len(expected)} times of expectations" if len(expected) > 1 else "a time of an expectation"
         words.append(f"{count} by up to {later:.3g} s, to the next record")
     return ", ".join(words)
@@ -241,7 +241,7 @@ def _made(plan: Plan, cell: Cell) -> _Made:
 def _make(plan: Plan, cell: Cell) -> _Made:
     try:
         overrides = list(_located(plan, cell))
-        overrides += (Override(one.path, one.taken, None, None) for one in roundings(plan, cell))
+        overrides += (Override(rounding.path, rounding.taken, None, None) for rounding in roundings(plan, cell))
         spec = plan.spec.with_overrides(overrides) if overrides else plan.spec
         world = spec.resolve()
         # an engine refuses such a world, too, but there it would be a run that failed and not values that are wrong
@@ -279,4 +279,4 @@ def _below(data: Any, place: tuple[Key, ...], value: Any) -> tuple[Key, ...]:
         data = data[step]
     if place[1] == "cases" or not isinstance(data, (list, tuple)):
         return ()
-    return next(((index,) for index, one in enumerate(data) if one == value), ())
+    return next(((index,) for index, entry in enumerate(data) if entry == value), ())

@@ -80,10 +80,10 @@ class LocalSupplies:
             prepared = Prepared(case.resolved, compiled, folder, stack.pop_all())
         with self._lock:
             self._kept[name] = prepared
-            idle = [old for old, one in self._kept.items() if not one.users and old != name]
+            idle = [old for old, prepared in self._kept.items() if not prepared.users and old != name]
             dropped = [self._kept.pop(old) for old in idle[: max(0, len(self._kept) - MOST_KEPT)]]
-        for one in dropped:
-            one.closing.close()
+        for entry in dropped:
+            entry.closing.close()
         return prepared
 
     def hold(self, task: Task) -> Task:
@@ -112,8 +112,8 @@ class LocalSupplies:
         with self._lock:
             kept = list(self._kept.values())
             self._kept.clear()
-        for one in kept:
-            one.closing.close()
+        for prepared in kept:
+            prepared.closing.close()
 
 
 # What a sweep is of: the models that its plan asks for as they are compiled today, each by hashes. No engine is started.
@@ -148,7 +148,7 @@ class Model:
     @property
     def place(self) -> str:
         """Which model of its sweep it is."""
-        return digest([self.engine, self.case, [list(one) for one in self.values]]).hex()
+        return digest([self.engine, self.case, [list(entry) for entry in self.values]]).hex()
 
     def __str__(self) -> str:
         values = [f"{path}={value}" for path, value in self.values if self.case is None]
@@ -203,32 +203,32 @@ def asked_hash(spec_sweep: Any, words: Sequence[Any]) -> str:
 
 def changed(kept: Iterable[Model], now: Iterable[Model]) -> str | None:
     """In words, how models differ from those that were kept; None where they do not."""
-    before = {one.place: one for one in kept}
-    after = {one.place: one for one in now}
+    before = {model.place: model for model in kept}
+    after = {model.place: model for model in now}
     first = ""
     counts: Counter[str] = Counter()
-    for place, one in after.items():
+    for place, entry in after.items():
         old = before.get(place)
         if old is None:
             why = "new"
         else:
-            why = next((part for part in PARTS if getattr(one, part) != getattr(old, part)), "")
+            why = next((part for part in PARTS if getattr(entry, part) != getattr(old, part)), "")
         if why:
             counts[why] += 1
-            first = first or f"{one} ({f'{old.version}, now {one.version}' if old and why == 'version' else why})"
-    gone = [one for place, one in before.items() if place not in after]
+            first = first or f"{entry} ({f'{old.version}, now {entry.version}' if old and why == 'version' else why})"
+    gone = [model for place, model in before.items() if place not in after]
     if gone:
         counts["no longer asked for"] = len(gone)
         first = first or f"{gone[0]} (no longer asked for)"
     if not counts:
         return None
-    told = ", ".join(f"{part}: {count}" for part, count in counts.items())
-    return f"{counts.total()} of {len(before.keys() | after.keys())} models differ ({told}), first {first}"
+    text = ", ".join(f"{part}: {count}" for part, count in counts.items())
+    return f"{counts.total()} of {len(before.keys() | after.keys())} models differ ({text}), first {first}"
 
 
 def plain_model(model: Model) -> dict[str, Any]:
     """As data of JSON."""
-    return {**dataclasses.asdict(model), "values": [list(one) for one in model.values]}
+    return {**dataclasses.asdict(model), "values": [list(entry) for entry in model.values]}
 
 
 def read_model(plain: Mapping[str, Any]) -> Model:

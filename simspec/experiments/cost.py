@@ -94,8 +94,8 @@ class Estimate:
     @property
     def total(self) -> float | None:
         """Seconds of all engines; None where one is not known."""
-        known = [one for name, one in self.seconds.items() if self.runs[name]]
-        return None if None in known else sum(one for one in known if one is not None)
+        known = [second for name, second in self.seconds.items() if self.runs[name]]
+        return None if None in known else sum(entry for entry in known if entry is not None)
 
 
 def estimate(plan: Plan, to_do: Iterable[Cell], measured: Mapping[str, Cost]) -> Estimate:

@@ -55,11 +55,11 @@ def floors_of(pair: Sequence[Run], overrides: Overrides, repeats: Repeats, store
     """The floors of two runs of the world that ``overrides`` make, from those of ``repeats`` that are of it and of their
     engines;
     none where either has none."""
-    told = [(cell, row) for cell, row in repeats if cell.overrides == overrides and cell.case is None]
+    given = [(cell, row) for cell, row in repeats if cell.overrides == overrides and cell.case is None]
     floors = []
     for run in pair:
-        own = [store.load(row.key) for cell, row in told if cell.engine == run.engine]
-        floor = measure_floor(run, own)
+        local = [store.load(row.key) for cell, row in given if cell.engine == run.engine]
+        floor = measure_floor(run, local)
         if floor is not None:
             floors.append(floor)
     return floors if len(floors) == len(pair) else []
@@ -111,5 +111,5 @@ def second_passes(outcome: Outcome, store: Store, seeds: int) -> Iterator[Second
                 "repeat": 1,
                 "measure": "physics",
             }
-            own = plan.sweep.model_copy(update=changed)
-            yield SecondPass(overrides, amount, Plan(plan.spec, plan.engines, plan.versions, own))
+            sweep = plan.sweep.model_copy(update=changed)
+            yield SecondPass(overrides, amount, Plan(plan.spec, plan.engines, plan.versions, sweep))

@@ -68,37 +68,37 @@ class Row:
         return {name: float(value) for name, value in json.loads(self.summary).items()}
 
 
-TYPES: Mapping[str, str] = {one.name: str(one.type) for one in fields(Row)}
+TYPES: Mapping[str, str] = {entry.name: str(entry.type) for entry in fields(Row)}
 
 
 def row_of(store: Store, key: str, facts: SweptRun, timestep: float) -> Row:
     """The row of a run whose files are those of its hashes. Raises SpecError where its facts are not those of a run."""
-    result, asked = facts.result, facts.asked
-    told: Mapping[str, Any] = result.provenance
+    result, requested = facts.result, facts.asked
+    provenance: Mapping[str, Any] = result.provenance
     try:
         seconds = facts.circumstances.get("seconds", {})
         row = Row(
             key=key,
-            cell=str((asked.cell or {}).get("key", "")),
+            cell=str((requested.cell or {}).get("key", "")),
             fingerprint=store.fingerprint(key),
             world=result.world,
             world_stamp=store.world_stamp(result.world),
             content=facts.result_sha256,
-            name=asked.name,
+            name=requested.name,
             engine=result.engine,
-            engine_version=str(told.get("engine_version", "")),
+            engine_version=str(provenance.get("engine_version", "")),
             failed=result.failed,
             timestep=timestep,
-            steps=int(told.get("steps", 0)),
+            steps=int(provenance.get("steps", 0)),
             step_seconds=_seconds(seconds.get("step")),
             cpu_seconds=_seconds(seconds.get("cpu")),
             process_seconds=_seconds(seconds.get("process")),
-            perturb=float(told.get("perturb", 0.0)),
-            seed=None if told.get("seed") is None else int(told["seed"]),
-            repeat=int(told.get("repeat", 0)),
-            expectations=expectations_hash(asked.expectations),
-            passed=sum(bool(one.get("passed")) for one in asked.outcomes),
-            expected=len(asked.outcomes),
+            perturb=float(provenance.get("perturb", 0.0)),
+            seed=None if provenance.get("seed") is None else int(provenance["seed"]),
+            repeat=int(provenance.get("repeat", 0)),
+            expectations=expectations_hash(requested.expectations),
+            passed=sum(bool(outcome.get("passed")) for outcome in requested.outcomes),
+            expected=len(requested.outcomes),
             bytes=store.size(key),
             summary=json.dumps(dict(result.summary), sort_keys=True),
         )
@@ -164,8 +164,8 @@ class Index:
         columns = {name: [getattr(row, name) for row in rows] for name in TYPES}
         _save(store, INDEX_FILE, columns, _schema())
         cells = sorted(self.cells.items())
-        columns = {"cell": [one for one, _ in cells], "key": [key for _, key in cells]}
-        columns["certificate"] = [self.certificates.get(one, "") for one, _ in cells]
+        columns = {"cell": [name for name, _ in cells], "key": [key for _, key in cells]}
+        columns["certificate"] = [self.certificates.get(name, "") for name, _ in cells]
         _save(store, CELLS_FILE, columns, _cell_schema())
         self.changed = False
 
@@ -219,9 +219,9 @@ def _check(store: Store, key: str, repair: bool, worlds: dict[str, float | None]
         if timestep is not None:
             index.add(row_of(store, key, facts, timestep))
     except (SpecError, OSError) as error:
-        told = error.problems[0].message if isinstance(error, SpecError) else f"{error.filename}: {error.strerror}"
+        message = error.problems[0].message if isinstance(error, SpecError) else f"{error.filename}: {error.strerror}"
         moved = f"; moved to {_shown(store, store.set_aside(key))}, to be run again" if repair else ""
-        index.notes.append(f"{_shorter(store, told)}{moved}")
+        index.notes.append(f"{_shorter(store, message)}{moved}")
 
 
 def _timestep(store: Store, world: str, repair: bool, index: Index) -> float | None:
@@ -267,8 +267,8 @@ def _save(store: Store, name: str, columns: Mapping[str, list[Any]], schema: pa.
     import pyarrow as pa
     from pyarrow import parquet
 
-    told = {VERSION_FIELD: SCHEMA, HASH_FIELD: _hash(columns)}
-    table = pa.table(dict(columns), schema=schema.with_metadata(told))
+    given = {VERSION_FIELD: SCHEMA, HASH_FIELD: _hash(columns)}
+    table = pa.table(dict(columns), schema=schema.with_metadata(given))
 
     def write(file: BinaryIO) -> None:
         parquet.write_table(table, file, compression="zstd")
@@ -289,12 +289,12 @@ def _read(store: Store, name: str, schema: pa.Schema, index: Index, repair: bool
     try:
         with os.fdopen(open_regular(path, LARGEST_DERIVED, store.path), "rb") as file:
             source = open_parquet(file, os.fstat(file.fileno()).st_size)
-            told = source.schema_arrow.metadata or {}
-            if told.get(VERSION_FIELD) != SCHEMA or source.schema_arrow.names != schema.names:
+            metadata = source.schema_arrow.metadata or {}
+            if metadata.get(VERSION_FIELD) != SCHEMA or source.schema_arrow.names != schema.names:
                 raise ValueError("it is of another form")
             table = source.read(use_threads=False)
             columns = {column: table[column].to_pylist() for column in schema.names}
-            if not table.schema.equals(schema) or told.get(HASH_FIELD) != _hash(columns):
+            if not table.schema.equals(schema) or metadata.get(HASH_FIELD) != _hash(columns):
                 raise ValueError("its content does not match its hash")
     except FileNotFoundError:
         return []

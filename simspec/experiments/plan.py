@@ -62,7 +62,7 @@ class Asked:
     def digests(self, overrides: Sequence[tuple[str, Any]]) -> dict[str, tuple[bytes, ...]]:
         """A digest of each value that is put in and that runs of an engine may depend on, by the engine's name."""
         digests = [(path.split("."), self._digest(path, value)) for path, value in overrides]
-        return {name: tuple(one for steps, one in digests if _concerns(steps, name)) for name in self._names}
+        return {name: tuple(entry for steps, entry in digests if _concerns(steps, name)) for name in self._names}
 
     def _digest(self, path: str, value: Any) -> bytes:
         steps = path.split(".")
@@ -248,9 +248,14 @@ class Plan:
         for sample, drawn in self._samples():
             for choices in itertools.product(*axes):
                 case = choices[0].case
-                overrides = tuple(itertools.chain.from_iterable(one.overrides for one in (*choices, drawn)))
+                overrides = tuple(itertools.chain.from_iterable(choice.overrides for choice in (*choices, drawn)))
                 begun = [
-                    (label, key_of(base, itertools.chain.from_iterable(one.digests[name] for one in (*choices, drawn))))
+                    (
+                        label,
+                        key_of(
+                            base, itertools.chain.from_iterable(choice.digests[name] for choice in (*choices, drawn))
+                        ),
+                    )
                     for label, name, base in bases
                 ]
                 for perturb, seed, repeat, tail in self._tails():

@@ -24,18 +24,18 @@ MOST_MODELS = 20_000
 """Models of a study that is published: each is compiled for every check."""
 
 
-def asked_of(source: StudySource, one: SweepOfStudy) -> str:
+def asked_of(source: StudySource, study: SweepOfStudy) -> str:
     """The hash of what a study asks for in a sweep, beside its models: repetitions, seeds, what is shown, figures from
     elsewhere."""
-    figures = [figure.model_dump(mode="json") for figure in source.figures if figure.sweep == one.name]
-    words = one.words
-    swept = one.spec.source.document.data.get("sweep")
-    return digest([swept, words.show, {name: dict(own) for name, own in words.unequal.items()}, figures]).hex()
+    figures = [figure.model_dump(mode="json") for figure in source.figures if figure.sweep == study.name]
+    words = study.words
+    swept = study.spec.source.document.data.get("sweep")
+    return digest([swept, words.show, {name: dict(local) for name, local in words.unequal.items()}, figures]).hex()
 
 
-def sweep_models(source: StudySource, one: SweepOfStudy, plan: Plan) -> dict[str, Any]:
+def sweep_models(source: StudySource, study: SweepOfStudy, plan: Plan) -> dict[str, Any]:
     """The models of one sweep as plain data."""
-    return {"asked": asked_of(source, one), "models": [plain_model(model) for model in models_of(plan)]}
+    return {"asked": asked_of(source, study), "models": [plain_model(model) for model in models_of(plan)]}
 
 
 def strangers(outcome: Outcome, store: Store) -> Iterator[str]:
@@ -73,17 +73,17 @@ def older_sweeps(kept: StudyModels, now: Mapping[str, Mapping[str, Any]]) -> dic
 
     ``now``: :func:`sweep_models` of each sweep.
     """
-    told: dict[str, str] = {}
+    given: dict[str, str] = {}
     for name in dict.fromkeys([*kept.sweeps, *now]):
         if name not in now:
-            told[name] = "the study has no such sweep any more"
+            given[name] = "the study has no such sweep any more"
         elif name not in kept.sweeps:
-            told[name] = "the sweep was not measured"
+            given[name] = "the sweep was not measured"
         else:
             before = [read_model(model.model_dump()) for model in kept.sweeps[name].models]
             why = changed(before, [read_model(model) for model in now[name]["models"]])
             if why is None and kept.sweeps[name].asked != now[name]["asked"]:
                 why = "the study asks for something else (repetitions, seeds, what is shown, or figures from elsewhere)"
             if why is not None:
-                told[name] = why
-    return told
+                given[name] = why
+    return given

@@ -76,11 +76,11 @@ class TaskResult:
     tables: Mapping[str, Write]
 
 
-def whole_world(shared: World, asked: Mapping[str, Any]) -> World:
+def whole_world(shared: World, requested: Mapping[str, Any]) -> World:
     """The world that was run: the shared one, with what was left out of it."""
     from simspec.world.canonical import from_plain
 
-    plain = {**to_plain(shared), **{name: asked[name] for name in ("name", "expectations", "engines")}}
+    plain = {**to_plain(shared), **{name: requested[name] for name in ("name", "expectations", "engines")}}
     world: World = from_plain(World, plain)
     return world
 
@@ -90,11 +90,11 @@ def result_of(
 ) -> TaskResult:
     """What is stored of ``run`` under ``key``, the repetition ``repeat`` of its case; ``cell``: who asked for it (its key, and
     what it changes in the spec); ``more``: further circumstances."""
-    told = {**run.provenance, "repeat": repeat}
-    circumstances = {name: told.pop(name) for name in CIRCUMSTANCES if name in told} | dict(more or {})
-    asked = {name: told.pop(name) for name in ASKED if name in told}
+    given = {**run.provenance, "repeat": repeat}
+    circumstances = {name: given.pop(name) for name in CIRCUMSTANCES if name in given} | dict(more or {})
+    requested = {name: given.pop(name) for name in ASKED if name in given}
     for name in LEFT_OUT:
-        told.pop(name, None)
+        given.pop(name, None)
     failed = run.failed
     if failed is not None and (LAST_OUTPUT in failed or "\n" in failed):
         circumstances["error"] = failed
@@ -106,18 +106,18 @@ def result_of(
             "world": sha256(shared_world(world)),
             "engine": run.engine,
             "failed": failed,
-            "provenance": told,
+            "provenance": given,
             "summary": {name: _number(value) for name, value in summary(run).items()},
         },
         {
             "cell": dict(cell) if cell is not None else None,
             "name": world.name,
-            "world_sha256": asked.get("world_sha256", sha256(world)),
+            "world_sha256": requested.get("world_sha256", sha256(world)),
             "expectations": to_plain(world.expectations),
-            "outcomes": [_outcome(one) for one in evaluate(run)],
+            "outcomes": [_outcome(outcome) for outcome in evaluate(run)],
             "engines": to_plain(world.engines),
-            "spec": asked.get("spec", {}),
-            "artifacts_sha256": asked.get("artifacts_sha256"),
+            "spec": requested.get("spec", {}),
+            "artifacts_sha256": requested.get("artifacts_sha256"),
         },
         circumstances,
         table_writers(world, run.columns, labels_of(run.provenance)) if run.recorded else {},
@@ -236,9 +236,9 @@ class Store:
         facts = self.facts(key)
         folder = self.path / place_of(key)
         tables = facts.tables
-        strange = set(_names(folder)) - {RUN_FILE, *(f"{name}.parquet" for name in tables)}
-        if strange:
-            raise SpecError([Problem(f"{folder / min(strange)}: is not a file of this run")])
+        unexpected = set(_names(folder)) - {RUN_FILE, *(f"{name}.parquet" for name in tables)}
+        if unexpected:
+            raise SpecError([Problem(f"{folder / min(unexpected)}: is not a file of this run")])
         for name, table in tables.items():
             path = folder / f"{name}.parquet"
             try:
@@ -289,18 +289,18 @@ class Store:
             raise SpecError([Problem(f"{path} does not describe a run: {str(error)[:200]}")]) from None
         if sha256(world) != facts.asked.world_sha256:
             raise SpecError([Problem(f"{path}: its world is not the one that was run")])
-        result, asked = facts.result, facts.asked
+        result, requested = facts.result, facts.asked
         provenance = {
             **result.provenance,
             **facts.circumstances,
             "schema": RUN_SCHEMA,
             "engine": result.engine,
             "case": key,
-            "spec": asked.spec,
-            "world_sha256": asked.world_sha256,
+            "spec": requested.spec,
+            "world_sha256": requested.world_sha256,
         }
-        if asked.artifacts_sha256 is not None:
-            provenance["artifacts_sha256"] = asked.artifacts_sha256
+        if requested.artifacts_sha256 is not None:
+            provenance["artifacts_sha256"] = requested.artifacts_sha256
         arrays = load_tables(self.path / place_of(key), world, facts.tables, labels) if tables else {}
         spent = arrays.pop("seconds", None)
         if tables and not arrays and result.failed is None:

@@ -101,9 +101,9 @@ def run_key(case: Case, repeat: int, versions: Mapping[str, str], measure: str =
 def cell_data(plan: Plan, cell: Cell) -> dict[str, Any]:
     """Who asks, as plain data: the key of the cell, what it changes in the spec, and the times that it rounds up."""
     overrides = [[path, value] for path, value in cell.overrides]
-    asked = {"key": cell.key, "case": cell.case, "overrides": overrides, "sample": cell.sample}
+    requested = {"key": cell.key, "case": cell.case, "overrides": overrides, "sample": cell.sample}
     rounded = rounded_data(roundings(plan, cell))
-    return {**asked, **({"rounded": rounded} if rounded else {})}
+    return {**requested, **({"rounded": rounded} if rounded else {})}
 
 
 def sweep(
@@ -227,7 +227,9 @@ class _Driver:
         except SpecError as error:
             self._outcome.invalid_count += 1
             left = MOST_INVALID - len(self._outcome.invalid)
-            self._outcome.invalid += [one for one in error.problems if one not in self._outcome.invalid][: max(0, left)]
+            self._outcome.invalid += [problem for problem in error.problems if problem not in self._outcome.invalid][
+                : max(0, left)
+            ]
             self._advance(self._weight(cell))
             return
         versions = self._plan.versions[cell.engine]
@@ -297,8 +299,8 @@ class _Driver:
     def _refused(self, cell: Cell, key: str, case: Case, error: UnsupportedError) -> None:
         """An engine that does not support a world: that is its result."""
         first, more = error.problems[0], len(error.problems) - 1
-        told = f"{REFUSED}: {first.message}" + (f"; and {more} more problems" if more else "")
-        run = failed_run(case.resolved, cell.engine, EngineError(cell.engine, told), self._pythons.get(cell.engine))
+        text = f"{REFUSED}: {first.message}" + (f"; and {more} more problems" if more else "")
+        run = failed_run(case.resolved, cell.engine, EngineError(cell.engine, text), self._pythons.get(cell.engine))
         with self._lock:
             self._asked.add(key)
             self._weights[key] = self._weight(cell)
@@ -313,10 +315,10 @@ class _Driver:
     def publish(self, task: Task, result: TaskResult) -> None:
         """Store a result."""
         world = self._supplies.case(task).resolved
-        told = {**result.result["provenance"], **result.circumstances}
+        given = {**result.result["provenance"], **result.circumstances}
         for name, wanted in self._plan.versions[task.engine].items():
-            if told.get(name, wanted) != wanted and result.result["failed"] is None:
-                raise EngineError(task.engine, f"{name} is {told[name]}, and was {wanted} when the sweep began")
+            if given.get(name, wanted) != wanted and result.result["failed"] is None:
+                raise EngineError(task.engine, f"{name} is {given[name]}, and was {wanted} when the sweep began")
         self._store_result(task, result, world)
         self._supplies.release(task)
 

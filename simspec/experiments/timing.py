@@ -72,10 +72,10 @@ class Machine:
         Kernel and Python do not count: they are software, whose speed is measured as the engines' is.
         """
         pairs = {name: (getattr(self, name), getattr(other, name)) for name in HARDWARE}
-        told = [f"{name}: {first} and {second}" for name, (first, second) in pairs.items() if first != second]
+        texts = [f"{name}: {first} and {second}" for name, (first, second) in pairs.items() if first != second]
         if abs(self.memory - other.memory) > MEMORY_SHARE * max(self.memory, other.memory):
-            told.append(f"memory: {self.memory / 2**30:.1f} GiB and {other.memory / 2**30:.1f} GiB")
-        return told
+            texts.append(f"memory: {self.memory / 2**30:.1f} GiB and {other.memory / 2**30:.1f} GiB")
+        return texts
 
     def plain(self) -> dict[str, Any]:
         """As data of JSON."""
@@ -110,8 +110,8 @@ def _cpu() -> str:
 
 def governors(cpus: Path = CPUS) -> set[str]:
     """The frequency governors of all processors; empty where the system does not say."""
-    told = {_word(path) for path in cpus.glob("cpu[0-9]*/cpufreq/scaling_governor")}
-    return told - {""}
+    words = {_word(path) for path in cpus.glob("cpu[0-9]*/cpufreq/scaling_governor")}
+    return words - {""}
 
 
 def _word(path: Path) -> str:
@@ -124,10 +124,10 @@ def _word(path: Path) -> str:
 
 def scaling(cpus: Path = CPUS) -> list[str]:
     """In words, why a processor's frequency may change between two measurements; empty where nothing says so."""
-    told = [f"the frequency governor is {name!r}, not {STEADY!r}" for name in sorted(governors(cpus) - {STEADY})]
+    texts = [f"the frequency governor is {name!r}, not {STEADY!r}" for name in sorted(governors(cpus) - {STEADY})]
     if any(_word(cpus / name) == value for name, value in BOOST.items()):
-        told.append("processors may run above their nominal frequency")
-    return told
+        texts.append("processors may run above their nominal frequency")
+    return texts
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,9 +145,9 @@ class Clocks:
         """Now."""
         import psutil
 
-        times, own = psutil.cpu_times(), os.times()
+        times, local = psutil.cpu_times(), os.times()
         busy = sum(getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq"))
-        spent = own.user + own.system + own.children_user + own.children_system
+        spent = local.user + local.system + local.children_user + local.children_system
         return cls(time.perf_counter(), busy, spent, getattr(times, "steal", 0.0))
 
     def others_since(self, earlier: Clocks) -> Others:
@@ -166,8 +166,8 @@ class Others:
 
     def words(self) -> list[str]:
         """Why that disturbs a measurement; empty where it does not."""
-        told = [f"other processes use {self.cores:.2g} cores"] if self.cores > BUSY else []
-        return told + ([f"the host keeps {self.stolen:.2g} cores' time"] if self.stolen > STOLEN else [])
+        given = [f"other processes use {self.cores:.2g} cores"] if self.cores > BUSY else []
+        return given + ([f"the host keeps {self.stolen:.2g} cores' time"] if self.stolen > STOLEN else [])
 
 
 def disturbances(window: float = WINDOW) -> list[str]:
@@ -178,10 +178,10 @@ def disturbances(window: float = WINDOW) -> list[str]:
     before, used = Clocks.read(), _by_process()
     time.sleep(window)
     others = Clocks.read().others_since(before)
-    told = others.words()
+    words = others.words()
     if others.cores > BUSY and (largest := _largest(used, _by_process(), window)):
-        told[0] += f" ({largest})"
-    return told + load_words(_load(), os.cpu_count() or 1) + scaling()
+        words[0] += f" ({largest})"
+    return words + load_words(_load(), os.cpu_count() or 1) + scaling()
 
 
 def load_words(load: float, processors: int) -> list[str]:
@@ -214,7 +214,7 @@ def _largest(
 ) -> str:
     """The process that used most; "" where none of those that may be seen used any."""
     spent = {key: (name, time_after - before[key][1]) for key, (name, time_after) in after.items() if key in before}
-    name, seconds = max(spent.values(), key=lambda one: one[1], default=("", 0.0))
+    name, seconds = max(spent.values(), key=lambda entry: entry[1], default=("", 0.0))
     return f"most of it {name}, {seconds / window:.2g}" if seconds > 0.0 else ""
 
 
@@ -340,15 +340,17 @@ def versions_of(labels: Iterable[str], pythons: Mapping[str, str] = MappingProxy
     labels = list(labels)
     used = {label: python for label in labels if (python := pythons.get(label)) is not None}
     closed = [label for label in labels if label in pythons and label not in used]
-    known = {one.label: one for one in instances(used, [label for label in labels if label not in closed])}
+    known = {
+        instance.label: instance for instance in instances(used, [label for label in labels if label not in closed])
+    }
     versions = {label: {"simspec": own_version(), "engine_version": UNKNOWN_VERSIONS} for label in closed}
     for label in labels:
         if label in closed:
             continue
-        one = known[label]
-        if one.version is None or one.problem is not None:
-            raise EngineError(label, one.problem or "not installed")
-        versions[label] = {"simspec": own_version(), "engine_version": one.version}
-        if one.numpy is not None:
-            versions[label]["numpy_version"] = one.numpy
+        entry = known[label]
+        if entry.version is None or entry.problem is not None:
+            raise EngineError(label, entry.problem or "not installed")
+        versions[label] = {"simspec": own_version(), "engine_version": entry.version}
+        if entry.numpy is not None:
+            versions[label]["numpy_version"] = entry.numpy
     return versions

@@ -131,11 +131,11 @@ def _in_loops(
     bodies, named = holder["bodies"], holder.get("frames", {})
     moved: set[str] = set()
     for constraint in constraints.values():
-        held = next((constraint[kind]["bodies"] for kind in ("connect", "weld") if kind in constraint), None)
-        if held is None:
+        actual = next((constraint[kind]["bodies"] for kind in ("connect", "weld") if kind in constraint), None)
+        if actual is None:
             continue
         chains = []
-        for end in held:
+        for end in actual:
             body, chain = named.get(end, {}).get("body", end), set[str]()
             while body in bodies and body not in chain:
                 chain.add(body)
@@ -148,12 +148,16 @@ def _in_loops(
 def _chains(constraints: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, tuple[str, float, float]]]:
     """By the joint that a chain of joints follows in the end, by the names of their constraints: each with the ratio and offset
     by which its position is that joint's. A circle is left out."""
-    follows: dict[str, Any] = {one["follow"]["joint"]: one["follow"] for one in constraints.values() if "follow" in one}
+    follows: dict[str, Any] = {
+        constraint["follow"]["joint"]: constraint["follow"]
+        for constraint in constraints.values()
+        if "follow" in constraint
+    }
     chains: dict[str, dict[str, tuple[str, float, float]]] = {}
-    for constraint, one in constraints.items():
-        if "follow" not in one:
+    for constraint, entry in constraints.items():
+        if "follow" not in entry:
             continue
-        name = first = one["follow"]["joint"]
+        name = first = entry["follow"]["joint"]
         ratio, offset = 1.0, 0.0
         for _ in follows:  # no chain is longer
             if first not in follows:

@@ -45,8 +45,8 @@ def check(source: Source) -> Iterator[Problem]:
     for _, _, bodies in trees.placed(source):
         yield from _placement(source, bodies)
         yield from _states(source, bodies)
-    if (own := trees.model_of(source)) is not None:
-        yield from _states(source, own)
+    if (model := trees.model_of(source)) is not None:
+        yield from _states(source, model)
     yield from _contact(source)
 
 
@@ -366,7 +366,7 @@ def _merged(source: Source, part: str, noun: str) -> Iterator[Problem]:
 
 def _references(source: Source, bodies: Bodies, materials: set[str], groups: set[str]) -> Iterator[Problem]:
     document = bodies.source.document
-    own = _part(bodies.source, "materials")
+    part = _part(bodies.source, "materials")
     alone = not bodies.placed and bodies.model and not materials
     without: list[tuple[Key, ...]] = []
     for name in bodies.raw:
@@ -380,7 +380,7 @@ def _references(source: Source, bodies: Bodies, materials: set[str], groups: set
                 continue
             material, place = shape.get("material"), (*bodies.path, name, "shapes", index)
             if material is None:
-                if shape.get("collision") is not False and len(own) != 1 and len(materials) != 1 and not alone:
+                if shape.get("collision") is not False and len(part) != 1 and len(materials) != 1 and not alone:
                     without.append(place)
             elif isinstance(material, str) and material not in materials:
                 yield _no_material(document, (*place, "material"), material, materials)
@@ -409,8 +409,8 @@ def _lists_of_pairs(source: Source) -> Iterator[tuple[tuple[Key, ...], Any]]:
 def _pairs_of_models(source: Source, materials: set[str]) -> Iterator[Problem]:
     """What is wrong with the pairs of model files: in each file, and where two say different laws of a pair of which the
     scenario says none."""
-    own = source.file.contact.pairs if source.file is not None else []
-    settled = {tuple(sorted(pair.between)) for pair in own}
+    pairs = source.file.contact.pairs if source.file is not None else []
+    settled = {tuple(sorted(pair.between)) for pair in pairs}
     first: dict[tuple[str, ...], tuple[Source, int, Any]] = {}
     for member in source.all():
         if member is source:

@@ -229,8 +229,8 @@ class Imported:
 
 def _mark(value: Any, path: Path_, marks: Mapping[Path_, Mark], around: Mark) -> Mark:
     """The mark of a value and of all that is in it; ``around``: that of what it is in, for what has none of its own."""
-    own = marks.get(path, around)
-    mark = Mark(own.line, own.column, file=own.file)
+    place = marks.get(path, around)
+    mark = Mark(place.line, place.column, file=place.file)
     items: dict[Key, Any] = {}
     if isinstance(value, dict):
         items = value
@@ -296,9 +296,9 @@ def import_file(path: Path, shown: str, options: ImportOptions) -> Imported:
     fitting = [importers()[name] for name, ends in _suffixes().items() if path.name.lower().endswith(ends)]
     if len(fitting) > 1:
         beginning = _beginning(path)
-        fitting = [one for one in fitting if one.recognises(beginning)] or fitting[:1]
+        fitting = [importer for importer in fitting if importer.recognises(beginning)] or fitting[:1]
     if len(fitting) != 1:
-        known = ", ".join(f"{one.NAME} ({' '.join(one.SUFFIXES)})" for one in importers().values())
+        known = ", ".join(f"{importer.NAME} ({' '.join(importer.SUFFIXES)})" for importer in importers().values())
         raise SpecError([Problem(f"{shown}: not a file of a language that simspec imports", allowed=known)])
     imported: Imported = fitting[0].read(path, shown, options)
     imported.starts += begin_within(imported.data, imported.comments)

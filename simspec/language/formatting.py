@@ -157,32 +157,32 @@ def _block(node: Node, kind: Any, indent: int, field_name: str | None = None) ->
 
 def _entry(entry: Entry, head: str, kind: Any, indent: int, inner: str | None, field_name: str | None) -> list[str]:
     node = entry.node
-    beside = f"  {' '.join(entry.beside)}" if entry.beside else ""
+    alongside = f"  {' '.join(entry.beside)}" if entry.beside else ""
     if node.kind == "scalar":
-        return _scalar(node, head, beside, indent)
+        return _scalar(node, head, alongside, indent)
     item_of = field_name if inner is None else None
     text = _flow(node, kind, inner, item_of)
     if text is not None and len(head) + 1 + len(text) <= WIDTH:
-        return [f"{head} {text}{beside}"]
+        return [f"{head} {text}{alongside}"]
     block = _block(node, kind, indent + 2, inner)
     if head.endswith("-") and not (entry.beside or block[0].lstrip().startswith("#")):
         # the item's first key stands on the line of the dash
         return [f"{head} {block[0].lstrip()}", *block[1:]]
-    return [f"{head}{beside}", *block]
+    return [f"{head}{alongside}", *block]
 
 
-def _scalar(node: Node, head: str, beside: str, indent: int) -> list[str]:
+def _scalar(node: Node, head: str, text: str, indent: int) -> list[str]:
     if "\n" not in node.text:
-        return [f"{head} {node.text}{beside}".rstrip()]
+        return [f"{head} {node.text}{text}".rstrip()]
     value = str(node.value)
     body = value.rstrip("\n")
     plain = body and not body[0].isspace() and all(line == line.rstrip() for line in body.split("\n"))
     if not plain or not all(line.isprintable() for line in body.split("\n")):
-        return [f"{head} {json.dumps(value, ensure_ascii=False)}{beside}"]
+        return [f"{head} {json.dumps(value, ensure_ascii=False)}{text}"]
     chomp = {0: "-", 1: ""}.get(len(value) - len(body), "+")
     space = " " * (indent + 2)
     ends = [""] * max(0, len(value) - len(body) - 1)
-    return [f"{head} |{chomp}{beside}", *(f"{space}{line}" if line else "" for line in body.split("\n")), *ends]
+    return [f"{head} |{chomp}{text}", *(f"{space}{line}" if line else "" for line in body.split("\n")), *ends]
 
 
 def _flow(node: Node, kind: Any, name: str | None, item_of: str | None) -> str | None:

@@ -384,8 +384,8 @@ def _read_nested(kind: str, key: str, value: Any) -> tuple[Any, list[Fault]]:
         if name not in data:
             continue
         if key == "limits" and (name == "angle") != (kind == "ball"):
-            own = "limits: {angle: 60 deg}" if kind == "ball" else "limits: {position: [lower, upper]}"
-            faults.append(Fault((key, name), f"the limits of a {kind} joint have no {name}", None, None, own))
+            text = "limits: {angle: 60 deg}" if kind == "ball" else "limits: {position: [lower, upper]}"
+            faults.append(Fault((key, name), f"the limits of a {kind} joint have no {name}", None, None, text))
             del data[name]
             continue
         item = data.pop(name)

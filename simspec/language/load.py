@@ -47,7 +47,7 @@ class Spec:
 
     def is_model_without_duration(self, sets: Sequence[str]) -> bool:
         """Whether this is the file of a model that says no duration, and no ``path=value`` of ``sets`` does."""
-        said = any(one.partition("=")[0].strip() in ("physics", "physics.duration") for one in sets)
+        said = any(text.partition("=")[0].strip() in ("physics", "physics.duration") for text in sets)
         return self.data.model is not ABSENT and self.data.physics.duration == 0.0 and not said
 
     def __repr__(self) -> str:
@@ -92,7 +92,7 @@ class Spec:
         """This spec with values put into it, validated and checked as a whole; this one stays as it is. Model files that it
         uses already are not read again. Raises SpecError with every problem, located where the overrides were written."""
         document, problems = overridden(self.source.document, overrides)
-        changed = {one.path for one in overrides}
+        changed = {override.path for override in overrides}
         return _validated(
             document,
             self.source.folder,

@@ -164,8 +164,8 @@ def _of_named(source: Source, word: str, name: str, rest: tuple[str, ...]) -> It
     if not slash:
         written: Mapping[str, Any] = getattr(source.file, word) if source.file is not None else {}
         yield source.document, (word, _base(name, written), *rest)
-        own = trees.model_of(source)
-        for file in own.files if own is not None else ():
+        model_bodies = trees.model_of(source)
+        for file in model_bodies.files if model_bodies is not None else ():
             yield file.document, ("model", word, name, *rest)
         return
     model, bodies = _placed(source, model)

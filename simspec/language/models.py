@@ -288,9 +288,9 @@ def not_whole(name: str, time: float, timestep: float, loc: tuple[str | int, ...
     """The fault of a time that is no whole number of timesteps, with the nearest ones that are."""
     steps = int(time / timestep)
     lower, upper = (float(f"{count * timestep:.12g}") for count in (steps, steps + 1))
-    near_ones = f"{lower!r} s or {upper!r} s" if lower else f"{upper!r} s"
+    nearest = f"{lower!r} s or {upper!r} s" if lower else f"{upper!r} s"
     found = f"{time:g} s / {timestep:g} s = {time / timestep:.10g} steps"
-    return Fault(loc, f"{name} must be a whole number of timesteps", found, f"the nearest: {near_ones}")
+    return Fault(loc, f"{name} must be a whole number of timesteps", found, f"the nearest: {nearest}")
 
 
 class Fluid(Strict):

@@ -53,7 +53,10 @@ def _read(text: str, number: int) -> tuple[Override | None, list[Problem]]:
         read = parse(value, FILE)
     except SpecError as error:
         return None, [Problem(problem.message, path, value_place, found=show(value)) for problem in error.problems]
-    problems = [Problem(one.message, path, value_place, one.found, one.allowed, one.hint) for one in read.problems]
+    problems = [
+        Problem(problem.message, path, value_place, problem.found, problem.allowed, problem.hint)
+        for problem in read.problems
+    ]
     return Override(path.strip(), read.data, place, value_place), problems
 
 
@@ -61,7 +64,7 @@ def overridden(document: Document, overrides: Iterable[Override]) -> tuple[Docum
     """A document as another one, with values put into it, and what is wrong with them. The other one stays as it is; the two
     share what is equal."""
     changed = Document(document.file, document.data, document.mark, list(document.problems))
-    return changed, [problem for one in overrides if (problem := put(changed, one)) is not None]
+    return changed, [problem for override in overrides if (problem := put(changed, override)) is not None]
 
 
 def put(document: Document, override: Override) -> Problem | None:
@@ -128,8 +131,8 @@ def without_effect(document: Document, file: File, changed: Iterable[str]) -> It
             continue
         options = file.engines[steps[1]]
         for place, name, value_of in _replaceable(options):
-            own = (*place, name)
-            if steps[2:] != list(map(str, own[: len(steps) - 2])):
+            full = (*place, name)
+            if steps[2:] != list(map(str, full[: len(steps) - 2])):
                 continue
             replacing = [
                 (entry, where, values[name])
@@ -140,7 +143,7 @@ def without_effect(document: Document, file: File, changed: Iterable[str]) -> It
             if replacing:
                 entry, where, value = replacing[-1]
                 yield document.problem(
-                    (*steps[:2], *own),
+                    (*steps[:2], *full),
                     f"no effect: at_timestep sets {name} at this timestep",
                     found=f"{value} above {entry.above:g} s, at {timestep:g} s",
                     hint=".".join((*steps[:2], "at_timestep", str(options.at_timestep.index(entry)), *where, name)),

@@ -72,8 +72,8 @@ def _model(model: type[Strict]) -> dict[str, Any]:
         what = {"allOf": [_kind(kind)]} if problems.is_model(kind) else _kind(kind)
         properties[name] = {**described, **what, **default}
     if model is Contact:
-        one_word = {"anyOf": [{"enum": list(COMBINATIONS)}, *properties["combine"].pop("allOf")]}
-        properties["combine"].update(one_word)
+        word = {"anyOf": [{"enum": list(COMBINATIONS)}, *properties["combine"].pop("allOf")]}
+        properties["combine"].update(word)
     schema: dict[str, Any] = {
         "description": " ".join((inspect.getdoc(model) or "").split()),
         "type": "object",
@@ -146,8 +146,8 @@ def study_tables() -> dict[str, str]:
     """The same for the models of studies and their figures, whose other models are those of specs."""
     known = {**problems.models(File), **beside()}
     models = {**problems.models(StudyFile), **problems.models(FiguresFile)}
-    own = {name: "\n".join(_table(model)) for name, model in models.items() if name not in known}
-    return {name: text.replace("(#sweep)", "(../reference/language.md#sweep)") for name, text in own.items()}
+    new = {name: "\n".join(_table(model)) for name, model in models.items() if name not in known}
+    return {name: text.replace("(#sweep)", "(../reference/language.md#sweep)") for name, text in new.items()}
 
 
 def update(text: str) -> str:

@@ -242,10 +242,10 @@ class Collector:
             hint = "remove it: this file is a spec"
             self._problem(source, (*place, "import"), "`import` is only for files of other languages", hint=hint)
             return None
-        own = ImportOptions() if said is None else _options(said, source.folder, self.project)
-        if own is None:
+        given = ImportOptions() if said is None else _options(said, source.folder, self.project)
+        if given is None:
             return None  # reported where it is read
-        options = own.together(self.options)
+        options = given.together(self.options)
         if isinstance(found, PackagedFile):
             options = of_package(options, found)
         key = (target, options.key())
@@ -273,8 +273,8 @@ class Collector:
         except SpecError as error:
             here, path = user.locate(where), dotted(where)
             self.problems.extend(
-                one if one.location is not None else replace(one, location=here, path=one.path or path)
-                for one in error.problems
+                problem if problem.location is not None else replace(problem, location=here, path=problem.path or path)
+                for problem in error.problems
             )
             return None
         file, problems = validate(document)

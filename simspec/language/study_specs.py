@@ -52,7 +52,7 @@ class StudySource:
     def files(self) -> list[Path]:
         """Every file that the study itself is made of."""
         folder = self.path.parent
-        named = [one.spec for one in self.data.sweeps.values()]
+        named = [sweep.spec for sweep in self.data.sweeps.values()]
         return [self.path, *(folder / text for text in (*named, *([self.data.figures] if self.data.figures else ())))]
 
     def sweeps(self, small: bool = False) -> list[SweepOfStudy]:
@@ -90,9 +90,9 @@ class StudySource:
             swept.update(part.get("sweep", {}))
         spec = load(path, allow_outside=self._allow_outside, options=self._options)
         if swept:
-            own = spec.source.document.data.get("sweep", {})
+            sweep = spec.source.document.data.get("sweep", {})
             here = self._document.locate((*place, "sweep"), key=True)
-            overrides.append(Override("sweep", {**own, **swept}, here, here))
+            overrides.append(Override("sweep", {**sweep, **swept}, here, here))
         return SweepOfStudy(name, words, spec.with_overrides(overrides) if overrides else spec, changed)
 
     def _parts(self, place: tuple[str, ...], small: bool) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:

@@ -164,20 +164,20 @@ class Bodies:
     def still(self) -> set[str]:
         """Bodies that cannot move: fixed to the world through fixed joints only. What is attached may move with its
         carrier."""
-        still: set[str] = set()
+        static: set[str] = set()
         if self.attached:
-            return still
+            return static
         for name in self.order():
             parent = self.parent(name)
-            if self.joint_type(name) == "fixed" and (parent is None or parent in still):
-                still.add(name)
-        return still
+            if self.joint_type(name) == "fixed" and (parent is None or parent in static):
+                static.add(name)
+        return static
 
     def moving_groups(self) -> dict[str, list[str]]:
         """The bodies that move as one, joined through fixed joints, by the topmost, which stands first."""
-        still, top, groups = self.still(), dict[str, str](), dict[str, list[str]]()
+        static, top, groups = self.still(), dict[str, str](), dict[str, list[str]]()
         for name in self.order():
-            if name not in still:
+            if name not in static:
                 parent = self.parent(name) or ""
                 top[name] = top.get(parent, name) if self.joint_type(name) == "fixed" else name
                 groups.setdefault(top[name], []).append(name)
@@ -343,9 +343,9 @@ def too_much(source: Source) -> list[Problem]:
         for what, count in amounts.items():
             total[what] += copies * count
             if total[what] > MOST[what]:
-                own = f"{copies:,} × {count:,}" if copies > 1 else f"{count:,}"
+                text = f"{copies:,} × {count:,}" if copies > 1 else f"{count:,}"
                 before = total[what] - copies * count
-                found = own + (f", after {before:,}" if before else "")
+                found = text + (f", after {before:,}" if before else "")
                 message, allowed = f"too many {what} in one scenario", f"up to {MOST[what]:,}"
                 return [source.document.problem(path, message, key=True, found=found, allowed=allowed)]
     return []
@@ -369,12 +369,12 @@ def _parts(source: Source) -> Iterator[tuple[tuple[Key, ...], int, Counter[str]]
         used_here = Counter({word: _length(raw.get(word)) for word in _OF_MODEL})
         text = raw.get("use")
         if not isinstance(text, str):
-            own = raw.get("bodies")
-            used_here += Counter(bodies=_length(own), shapes=_shapes(own))
+            bodies_here = raw.get("bodies")
+            used_here += Counter(bodies=_length(bodies_here), shapes=_shapes(bodies_here))
         elif (key := use_key(raw)) in source.uses:
             if key not in used:  # a file of many bodies may be used by many models
-                own_model = model_of(source.uses[key])
-                used[key] = _model(own_model) if own_model is not None else Counter()
+                used_model = model_of(source.uses[key])
+                used[key] = _model(used_model) if used_model is not None else Counter()
             used_here += used[key]
         array = source.file.models[name].array if source.file is not None else None
         yield ("models", name), _copies(array), used_here

@@ -178,12 +178,12 @@ def is_complete(place: Path) -> bool | None:
         with (place / BEGUN).open("rb") as stream:
             if os.fstat(stream.fileno()).st_uid not in (os.geteuid(), 0):
                 return None  # a program of somebody else is not started unasked
-            told = json.loads(stream.read(MOST))
+            content = json.loads(stream.read(MOST))
     except (OSError, ValueError, RecursionError):
         return None
-    if not isinstance(told, Mapping) or told.get("name") != place.name:
+    if not isinstance(content, Mapping) or content.get("name") != place.name:
         return None
-    return told.get("whole") is True
+    return content.get("whole") is True
 
 
 def mark_begun(place: Path) -> None:
@@ -216,8 +216,8 @@ def processor() -> list[str]:
     except OSError:
         lines = []
     wanted = ("model name", "flags", "Features", "CPU part")
-    told = dict.fromkeys(line for line in lines if line.split("\t")[0].split(":")[0].strip() in wanted)
-    return [platform.machine(), platform.processor(), *told]
+    flags = dict.fromkeys(line for line in lines if line.split("\t")[0].split(":")[0].strip() in wanted)
+    return [platform.machine(), platform.processor(), *flags]
 
 
 # A folder in the user's cache that a library fills by itself, with a folder for each version and in it one for each thing that
@@ -244,11 +244,11 @@ def hold_folder(folder: Path, made: re.Pattern[str], most: int) -> None:
     with contextlib.suppress(BlockingIOError):  # another uses it: the next that is alone removes what is too much
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         found = [
-            (one.stat(follow_symlinks=False).st_mtime_ns, one.path)
+            (entry.stat(follow_symlinks=False).st_mtime_ns, entry.path)
             for version in os.scandir(folder)
             if version.is_dir(follow_symlinks=False)
-            for one in os.scandir(version)
-            if made.fullmatch(one.name) and one.is_dir(follow_symlinks=False)
+            for entry in os.scandir(version)
+            if made.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)
         ]
         for _, path in sorted(found)[: max(len(found) - most, 0)]:
             shutil.rmtree(path)

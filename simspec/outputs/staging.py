@@ -128,22 +128,22 @@ def begin(target: Path, lasting: bool = True) -> Stage:
 def locked(folder: Path) -> Iterator[None]:
     """Hold the lock on what is written in ``folder``. Raises SpecError when another process keeps it too long."""
     ends = time.monotonic() + PATIENCE
-    while (held := _try_lock(folder)) is None:
+    while (is_locked := _try_lock(folder)) is None:
         if time.monotonic() > ends:
             raise SpecError([Problem(f"{folder}: another simspec has been writing here for {PATIENCE:g} s")])
         time.sleep(LOOK_EVERY)
-    handle, beside = held
+    handle, path = is_locked
     try:
         yield
     finally:
-        if beside is not None:
-            os.unlink(beside)
+        if path is not None:
+            os.unlink(path)
         os.close(handle)
 
 
 def _try_lock(folder: Path) -> tuple[int, Path | None] | None:
     """Lock the folder itself, or a file in it where folders cannot be locked; None when somebody else has the lock."""
-    handle, beside = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC), None
+    handle, path = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC), None
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -151,12 +151,12 @@ def _try_lock(folder: Path) -> tuple[int, Path | None] | None:
             raise
         except OSError:
             os.close(handle)
-            beside = folder / LOCK_FILE
-            handle = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+            path = folder / LOCK_FILE
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        there = folder if beside is None else beside
+        there = folder if path is None else path
         if _same(handle, there):
-            return handle, beside
+            return handle, path
     except BlockingIOError:
         pass
     except BaseException:
@@ -295,7 +295,7 @@ def publish(stage: Stage, target: Path, exists: bool) -> None:
     sync_folder(target.parent)
 
 
-def exchange(one: Path, other: Path) -> bool:
+def exchange(path: Path, other: Path) -> bool:
     """Exchange two paths in one step (renameat2 on Linux, renameatx_np on macOS); False where that cannot be done."""
     system = sys.platform
     if system not in _AT_FDCWD:
@@ -304,7 +304,7 @@ def exchange(one: Path, other: Path) -> bool:
     if call is None:
         return False
     here = _AT_FDCWD[system]
-    if call(here, os.fsencode(one), here, os.fsencode(other), ctypes.c_uint(_RENAME_EXCHANGE[system])) == 0:
+    if call(here, os.fsencode(path), here, os.fsencode(other), ctypes.c_uint(_RENAME_EXCHANGE[system])) == 0:
         return True
     code = ctypes.get_errno()
     if code in _NO_EXCHANGE:

@@ -166,7 +166,9 @@ def check_folder(folder: Path, kind: str, holds: Iterable[Path] = ()) -> tuple[P
         marker = read_marker(place.path)
     except SpecError as error:
         hint = f"{REMOVE}; or {ELSEWHERE}"
-        raise SpecError([dataclasses.replace(one, hint=one.hint or hint) for one in error.problems]) from None
+        raise SpecError(
+            [dataclasses.replace(problem, hint=problem.hint or hint) for problem in error.problems]
+        ) from None
     if marker is None:
         if any(os.scandir(place.path)):
             raise _error(
@@ -214,7 +216,7 @@ def _place(path: Path, hint: str) -> Place:
         if status is not None and stat.S_ISLNK(status.st_mode):
             dangling = "" if real.exists() else ", whose target does not exist"
             raise _error(path, f"is a symbolic link{dangling}; simspec does not write through links", hint)
-        above = next(one for one in (parent, *parent.parents) if one.exists())
+        above = next(path for path in (parent, *parent.parents) if path.exists())
         if not os.access(above, os.W_OK | os.X_OK):
             raise _error(path, f"cannot be written: permission denied in {above}", hint)
     except (OSError, ValueError) as error:

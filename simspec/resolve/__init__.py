@@ -49,17 +49,17 @@ def resolve(spec: Source) -> World:
     recorded = record(spec.content.record, time)
     with bounded_suggestions():
         named, misnamed = named_frames(spec, expansion.bodies, expansion.arrays)
-        held = constraints(spec, expansion, named)
-        expansion.bodies = held.bodies
-        expansion.held += held.joined
+        actual = constraints(spec, expansion, named)
+        expansion.bodies = actual.bodies
+        expansion.held += actual.joined
         beyond: list[Problem] = []
-        if not expansion.problems and not held.problems:
+        if not expansion.problems and not actual.problems:
             expansion.bodies, beyond = beginning_within(spec, expansion.bodies)
         moved = motions(spec, expansion.bodies, () if expansion.problems else expansion.kinematic)
         expansion.bodies = moved.bodies
         expansion.excluded += moved.apart
         laws, problems = contact(spec, expansion, time.timestep)
-        driven = controllers(spec, expansion.bodies, held.followers)
+        driven = controllers(spec, expansion.bodies, actual.followers)
         applied, pushed = (
             ((), []) if expansion.problems else forces(spec, expansion.bodies, whole, expansion.kinematic, named)
         )
@@ -71,7 +71,7 @@ def resolve(spec: Source) -> World:
     problems = [
         *expansion.problems,
         *misnamed,
-        *held.problems,
+        *actual.problems,
         *beyond,
         *moved.problems,
         *problems,
@@ -95,10 +95,10 @@ def resolve(spec: Source) -> World:
         expectations=expected,
         engines=engines(spec.content.engines, time.timestep),
         controllers=driven.controllers,
-        constraints=held.constraints,
+        constraints=actual.constraints,
         forces=applied,
         motions=moved.motions,
-        sums=held.sums,
+        sums=actual.sums,
         frames=named,
     )
     path, problems = trajectory(spec, world, driven.velocity_limits)

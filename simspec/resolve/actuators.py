@@ -66,8 +66,8 @@ def written_actuators(source: Source) -> dict[str, WrittenActuator]:
         if state is None or state.typed is None:
             return
         commands = state.typed.commands
-        own = [name.removeprefix(prefix) for name in found if name.startswith(prefix)]
-        for name, entry in entry_of(commands, lambda entry: chosen(entry, own))[0].items():
+        names = [name.removeprefix(prefix) for name in found if name.startswith(prefix)]
+        for name, entry in entry_of(commands, lambda entry: chosen(entry, names))[0].items():
             said = (state.source, (*state.path, "commands", entry), commands[entry])
             found[prefix + name] = replace(found[prefix + name], started=said)
 
@@ -80,9 +80,9 @@ def written_actuators(source: Source) -> dict[str, WrittenActuator]:
     if source.file is not None:
         for name, typed in source.file.actuators.items():
             found[name] = WrittenActuator("", source, ("actuators", name), typed)
-    if (own := model_of(source)) is not None:
-        take("", own.files)
-        begin("", own)
+    if (local := model_of(source)) is not None:
+        take("", local.files)
+        begin("", local)
     for placement, use, bodies in placed(source):
         if use is None:
             continue  # has errors, which are reported elsewhere
@@ -213,11 +213,11 @@ class ActuatorsDraft:
     def _law(self, written: WrittenActuator, joint: Joint, said: tuple[tuple[Key, ...], Any] | None) -> AtJoint | None:
         typed, kind = written.typed, joint.kind
 
-        def own(key: str) -> float | None:
+        def local(key: str) -> float | None:
             value = getattr(typed, key)
             return None if value is None else self._read(OF_JOINT[key].number(kind), value, written, (key,))
 
-        kp, kd, limit = own("kp") or 0.0, own("kd") or 0.0, own("effort_limit")
+        kp, kd, limit = local("kp") or 0.0, local("kd") or 0.0, local("effort_limit")
         number = COMMAND.number(kind, COMMANDS[typed.law])
         command = self._command(written, number, said)
         if command is None or self.problems:
@@ -316,21 +316,21 @@ def commanded(
     path = path or Trajectory((), (0.0,), ((),), interpolation="hold")
     joints = tuple(body.joint.name for body in bodies if body.joint.name in moved or body.joint.name in aims)
 
-    def completed(rows: tuple[tuple[float, ...], ...], held: Mapping[str, float]) -> tuple[tuple[float, ...], ...]:
-        return tuple(tuple(held[joint] if joint in held else row[moved[joint]] for joint in joints) for row in rows)
+    def completed(rows: tuple[tuple[float, ...], ...], actual: Mapping[str, float]) -> tuple[tuple[float, ...], ...]:
+        return tuple(tuple(actual[joint] if joint in actual else row[moved[joint]] for joint in joints) for row in rows)
 
     targets, feeds = ({joint: aim[index] for joint, aim in aims.items()} for index in (0, 1))
     efforts = path.efforts
     if any(feeds.values()) and not efforts:
         efforts = ((0.0,) * len(moved),) * len(path.times)
-    still = dict.fromkeys(aims, 0.0)
+    unmoved = dict.fromkeys(aims, 0.0)
     return (
         Trajectory(
             joints=joints,
             times=path.times,
             positions=completed(path.positions, targets),
-            velocities=completed(path.velocities, still),
-            accelerations=completed(path.accelerations, still),
+            velocities=completed(path.velocities, unmoved),
+            accelerations=completed(path.accelerations, unmoved),
             efforts=completed(efforts, feeds),
             interpolation=path.interpolation,
         ),
@@ -393,8 +393,8 @@ def grasps(source: Source, world: World) -> tuple[dict[str, Grasp], list[Problem
 
 def _written(source: Source) -> Iterator[tuple[str, Source, tuple[Key, ...], str, SpecGrasp]]:
     """(prefix of names, file, path, grasp's name, grasp) of every grasp of every model, in every copy of it."""
-    if (own := model_of(source)) is not None:
-        for file, path, name, grasp in _of_files(own.files):
+    if (model := model_of(source)) is not None:
+        for file, path, name, grasp in _of_files(model.files):
             yield "", file, path, name, grasp
     for placement, use, bodies in placed(source):
         if use is None:
@@ -429,7 +429,7 @@ def _grasp(
             place = (posture, joint)
             if body is None or body.joint.kind not in SCALAR_JOINTS:
                 kind = "not a hinge or slide" if body is not None else "no joint of the model"
-                movable = [own for own, mover in joints.items() if mover.joint.kind in SCALAR_JOINTS]
+                movable = [name for name, mover in joints.items() if mover.joint.kind in SCALAR_JOINTS]
                 hint = near(joint, _within(prefix, movable))
                 wrong.append((place, f"{joint!r} is {kind}", {"found": joint, "hint": hint, "key": True}))
                 continue
@@ -452,13 +452,13 @@ def _grasp(
             message = f"the model has no body {force.body!r}"
             wrong.append((("forces", index, "body"), message, {"found": force.body, "hint": hint}))
             continue
-        body_name, held = places[prefix + force.body]
+        body_name, pose = places[prefix + force.body]
         if not any(above.joint.name.removeprefix(prefix) in written.open for above in _above(body_name, bodies)):
             message = f"no joint of the grasp moves {force.body}, so it cannot apply a force"
             wrong.append((("forces", index, "body"), message, {"found": force.body}))
             continue
-        point = frames.compose(held, Pose(force.at)).position
-        forces.append((body_name, np.array(point), np.array(frames.rotate(held.quaternion, force.force))))
+        point = frames.compose(pose, Pose(force.at)).position
+        forces.append((body_name, np.array(point), np.array(frames.rotate(pose.quaternion, force.force))))
     if wrong:
         return None, wrong
     names = tuple(prefix + joint for joint in written.open)

@@ -66,8 +66,8 @@ def written_frames(source: Source) -> dict[str, WrittenFrame]:
     if source.file is not None:
         for name, content in source.file.frames.items():
             found[name] = WrittenFrame(source, ("frames", name), content)
-    if (own := model_of(source)) is not None:
-        take("", own.files)
+    if (model_bodies := model_of(source)) is not None:
+        take("", model_bodies.files)
     for placement, use, bodies in placed(source):
         if use is None:
             continue  # has errors, which are reported elsewhere
@@ -96,8 +96,8 @@ def named_frames(
             message = hint = None
             key = False
             if body not in known:
-                own = [other.removeprefix(written.prefix) for other in known if other.startswith(written.prefix)]
-                message, hint = f"there is no body {written.content.body!r}", near(written.content.body, own)
+                names = [other.removeprefix(written.prefix) for other in known if other.startswith(written.prefix)]
+                message, hint = f"there is no body {written.content.body!r}", near(written.content.body, names)
             elif full in known or full in resolved:
                 message, hint, key = (
                     f"there is a {'body' if full in known else 'frame'} {full!r} already",
@@ -131,7 +131,9 @@ def _copied(
 
 def places_of(bodies: Iterable[Body], named: Iterable[Frame]) -> dict[str, tuple[str, Pose]]:
     """What may be named where a point of a body is meant: bodies, each its own frame, and frames."""
-    return {body.name: (body.name, Pose()) for body in bodies} | {one.name: (one.body, one.pose) for one in named}
+    return {body.name: (body.name, Pose()) for body in bodies} | {
+        frame.name: (frame.body, frame.pose) for frame in named
+    }
 
 
 DEFAULT_MATERIAL = "default"
@@ -253,21 +255,21 @@ def _copy(
 ) -> list[Body]:
     """The tree with full names, its root at ``place``; velocities of a free root in world axes."""
 
-    def own(name: str) -> str:
+    def full(name: str) -> str:
         body, point, joint = name.partition(".")
         return f"{prefix}{body}{suffix}{point}{joint}"
 
     copies = []
     for index, body in enumerate(tree.bodies):
-        joint, name = body.joint, own(body.name)
-        joint_name = own(joint.name) if joint.name in tree.own_names else _implied(joint.name, body.name, name)
+        joint, name = body.joint, full(body.name)
+        joint_name = full(joint.name) if joint.name in tree.own_names else _implied(joint.name, body.name, name)
         if index == 0:
             joint = _root_joint(joint, place, velocity)
-        parent = None if joint.parent is None else own(joint.parent)
+        parent = None if joint.parent is None else full(joint.parent)
         joint = replace(joint, name=joint_name, parent=parent)
         shapes = tuple(
             replace(
-                shape, name=own(shape.name) if shape.name in tree.own_names else _implied(shape.name, body.name, name)
+                shape, name=full(shape.name) if shape.name in tree.own_names else _implied(shape.name, body.name, name)
             )
             for shape in body.shapes
         )
@@ -300,9 +302,9 @@ def _loose(source: Source, only: str | None, expansion: Expansion) -> Iterator[_
             expansion.note(tree, copied)
             expansion.kinematic += [copied[0].name] if bodies.is_kinematic(root) else []
             if array is not None:
-                own = list(zip(tree.bodies, copied, strict=True))
-                joints = {body.joint.name: copy.joint.name for body, copy in own}
-                expansion.arrays.append((suffix, joints, {body.name: copy.name for body, copy in own}))
+                pairs = list(zip(tree.bodies, copied, strict=True))
+                joints = {body.joint.name: copy.joint.name for body, copy in pairs}
+                expansion.arrays.append((suffix, joints, {body.name: copy.name for body, copy in pairs}))
             yield _Instance(copied, source, path)
 
 

@@ -34,8 +34,8 @@ class Tree:
 def resolved_trees(bodies: Bodies, only: str | None, files: ShapeFiles, boxes: bool = False) -> Iterator[Tree]:
     """The trees of ``bodies`` in the order of the file; ``only``: the material of shapes that name none; ``boxes``: whether
     bodies with mass get the box by which they would feel a fluid."""
-    own = bodies.source.file.contact.materials if bodies.source.file is not None else {}
-    only = next(iter(own)) if len(own) == 1 else only
+    materials = bodies.source.file.contact.materials if bodies.source.file is not None else {}
+    only = next(iter(materials)) if len(materials) == 1 else only
     shapes = (shape for spec in bodies.typed.values() if spec is not None for shape in spec.shapes)
     shape_names = {shape.name for shape in shapes if shape.name is not None}
     current: list[Body] = []

@@ -60,7 +60,9 @@ class Constrained(NamedTuple):
     @property
     def followers(self) -> dict[str, str]:
         """The joints that follow, each with its leader."""
-        return {held.joint: held.leader for held in self.constraints if isinstance(held, Follow)}
+        return {
+            constraint.joint: constraint.leader for constraint in self.constraints if isinstance(constraint, Follow)
+        }
 
 
 @dataclass(frozen=True)
@@ -96,8 +98,8 @@ def constraints(source: Source, expansion: Expansion, named: Iterable[Frame] = (
     if not draft.problems and not expansion.problems:
         draft.check_sums()
     resolved = tuple(sorted(draft.resolved.values(), key=lambda constraint: constraint.name))
-    joined = [(held.first, held.second) for held in resolved if not isinstance(held, Follow)]
-    sums = tuple(sorted(draft.sums.values(), key=lambda one: one.name))
+    joined = [(connect.first, connect.second) for connect in resolved if not isinstance(connect, Follow)]
+    sums = tuple(sorted(draft.sums.values(), key=lambda joint_sum: joint_sum.name))
     return Constrained(resolved, sums, tuple(draft.bodies.values()), joined, draft.problems)
 
 
@@ -106,8 +108,8 @@ def constraints(source: Source, expansion: Expansion, named: Iterable[Frame] = (
 
 def _all(source: Source, expansion: Expansion) -> Iterator[_WrittenConstraint]:
     """Every constraint of every model and of the scenario, in every copy of it."""
-    if (own := model_of(source)) is not None:
-        for file, path, name, content in _of_files(own.files):
+    if (model := model_of(source)) is not None:
+        for file, path, name, content in _of_files(model.files):
             yield _WrittenConstraint(name, file, path, content)
     for placement, use, bodies in placed(source):
         if use is None:
@@ -300,20 +302,20 @@ class _Draft:
         }
         for key, value in wanted.items():
             is_stated = follow.joint in (self._expansion.positions if key == "position" else self._expansion.velocities)
-            own = getattr(body.joint, key)[0]
+            local = getattr(body.joint, key)[0]
             if not is_stated:
                 continue
-            if abs(own - value) > AGREE * max(1.0, abs(value)):
+            if abs(local - value) > AGREE * max(1.0, abs(value)):
                 self.problem(
                     written,
                     ("follow",),
                     f"the initial {key} of {follow.joint} is not where {follow.leader} wants it",
-                    found=f"{own:.9g}",
+                    found=f"{local:.9g}",
                     allowed=f"{value:.9g}",
                     hint=f"leave out the {key} of {follow.joint}: it follows from {follow.leader}'s",
                 )
                 return
-            wanted[key] = own
+            wanted[key] = local
         if (limits := body.joint.position_limits) is not None:
             position = within(wanted["position"], limits)
             if position is None:
@@ -345,15 +347,15 @@ class _Draft:
     def check_sums(self) -> None:
         """Sums begin within their limits."""
         start = {body.joint.name: body.joint.position for body in self.bodies.values()}
-        for one in self.sums.values():
-            if one.position_limits is None:
+        for joint_sum in self.sums.values():
+            if joint_sum.position_limits is None:
                 continue
-            begins = sum(coefficient * start[joint][0] for joint, coefficient in one.joints)
-            lower, upper = one.position_limits
+            begins = sum(coefficient * start[joint][0] for joint, coefficient in joint_sum.joints)
+            lower, upper = joint_sum.position_limits
             room = AGREE * max(1.0, abs(lower), abs(upper))
             if not lower - room <= begins <= upper + room:
                 self.problem(
-                    self.written[one.name],
+                    self.written[joint_sum.name],
                     ("sum", "limits", "position"),
                     "the sum begins beyond its limits",
                     found=f"{begins:.9g}",
@@ -363,11 +365,11 @@ class _Draft:
 
     def close(self) -> None:
         """Fill in points and poses that follow from the initial positions; what is stated must agree with them."""
-        held = [constraint for constraint in self.resolved.values() if not isinstance(constraint, Follow)]
-        if not held:
+        actual = [constraint for constraint in self.resolved.values() if not isinstance(constraint, Follow)]
+        if not actual:
             return
         place = poses(World("", tuple(self.bodies.values())))
-        for constraint in held:
+        for constraint in actual:
             between = frames.compose(frames.inverse(place[constraint.second]), place[constraint.first])
             if isinstance(constraint, Connect):
                 self._close_point(constraint, between)
@@ -379,15 +381,15 @@ class _Draft:
     def _check_speeds(self, place: Mapping[str, Pose]) -> None:
         """Bodies that are held together begin with velocities that keep them so."""
         bodies = tuple(self.bodies.values())
-        held = [constraint for constraint in self.resolved.values() if not isinstance(constraint, Follow)]
-        violation = Violation(bodies, held)
+        actual = [constraint for constraint in self.resolved.values() if not isinstance(constraint, Follow)]
+        violation = Violation(bodies, actual)
         rows = np.array([[*place[body.name].position, *place[body.name].quaternion] for body in bodies])
         rates = violation.jacobian(rows) @ initial_state(World("", bodies))[1]
         start = 0
-        for constraint in held:
-            own = rates[start : start + ROWS[constraint.kind]]
+        for constraint in actual:
+            local = rates[start : start + ROWS[constraint.kind]]
             start += ROWS[constraint.kind]
-            if (fastest := float(np.abs(own).max())) > MEET:
+            if (fastest := float(np.abs(local).max())) > MEET:
                 self.problem(
                     self.written[constraint.name],
                     (constraint.kind,),

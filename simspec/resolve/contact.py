@@ -87,7 +87,7 @@ def _pairs(
     combine = written.combine or Combine()
     names = sorted(materials)
 
-    def own(name: str, quantity: str) -> float:
+    def number_of(name: str, quantity: str) -> float:
         number: float = (
             thresholds.get(name, 0.0) if quantity == "restitution_threshold" else getattr(materials[name], quantity)
         )
@@ -102,7 +102,7 @@ def _pairs(
                 continue
             values: dict[str, float] = {}
             for quantity in LAW_QUANTITIES:
-                a, b = own(first, quantity), own(second, quantity)
+                a, b = number_of(first, quantity), number_of(second, quantity)
                 value = getattr(pair, quantity) if pair is not None else None
                 if value is None:
                     value = a if first == second else RULES[getattr(combine, quantity)](a, b)
@@ -179,8 +179,8 @@ def _lightest(expansion: Expansion) -> dict[str, tuple[float, str]]:
             continue
         for shape in body.shapes:
             if shape.collision:
-                own = (masses[group], body.name)
-                lightest[shape.material] = min(lightest.get(shape.material, own), own)
+                candidate = (masses[group], body.name)
+                lightest[shape.material] = min(lightest.get(shape.material, candidate), candidate)
     return lightest
 
 
@@ -197,12 +197,12 @@ def _excluded(source: Source, expansion: Expansion) -> tuple[tuple[tuple[str, st
                     problems.append(
                         source.document.problem(path, f"there is no body {name!r}", found=name, hint=near(name, bodies))
                     )
-    apart = {sorted_pair(*pair) for pair in (*written.exclude, *expansion.excluded)}
+    excluded = {sorted_pair(*pair) for pair in (*written.exclude, *expansion.excluded)}
     together = {sorted_pair(*pair) for pair in expansion.held} | joined(expansion.bodies)
     if not problems and not expansion.problems:
-        problems += _untouchable(source, expansion, apart, together)
+        problems += _untouchable(source, expansion, excluded, together)
     touching = {sorted_pair(*pair) for pair in (*written.touch, *expansion.touching)}
-    return tuple(sorted(apart | (together - touching))), problems
+    return tuple(sorted(excluded | (together - touching))), problems
 
 
 def _untouchable(source: Source, expansion: Expansion, apart: set[Names], together: set[Names]) -> list[Problem]:

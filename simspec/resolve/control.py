@@ -52,8 +52,8 @@ def controllers(source: Source, bodies: Sequence[Body], followers: Mapping[str, 
     """The controllers of a spec, and what they say of the ``bodies`` (those of the world, in its order). ``followers``: the
     joints that follow others, with their leaders; patterns leave them out, and whoever names one is told."""
     problems: list[Problem] = []
-    own = {body.joint.name: body.joint.velocity_limit for body in bodies}
-    limits = {name: limit for name, limit in own.items() if limit is not None}
+    local = {body.joint.name: body.joint.velocity_limit for body in bodies}
+    limits = {name: limit for name, limit in local.items() if limit is not None}
     armature: dict[str, float] = {}
     resolved: list[Controller] = []
     taken: dict[str, str] = {}
@@ -118,17 +118,17 @@ def _without_dynamics(source: Source, world: World) -> list[Problem]:
     problems = []
     for bodies in trees(world).values():
         joints = {body.joint.name for body in bodies}
-        odd = _without_law(bodies)
+        law = _without_law(bodies)
         problems += [
             source.document.problem(
                 ("control", controller.name),
                 "its law needs a tree of hinges and slides on a fixed base",
                 key=True,
-                found=f"bodies.{odd.name}, with a {odd.joint.kind} joint",
+                found=f"bodies.{law.name}, with a {law.joint.kind} joint",
                 hint=_explicit_hint(world, controller),
             )
             for controller in world.controllers
-            if odd is not None and needs_dynamics(controller) and not joints.isdisjoint(controller.joints)
+            if law is not None and needs_dynamics(controller) and not joints.isdisjoint(controller.joints)
         ]
     return problems
 
@@ -158,20 +158,20 @@ def _of_instability(source: Source, instability: Instability, *, implicit: bool)
     names = instability.controller.split(", ")
     who = "the explicit law is" if len(names) == 1 else f"the explicit laws of {' and '.join(names)} are together"
     growth = f"its errors grow by a factor of {instability.growth:.4g} in every step"
-    held = at_most = ""
+    text = at_most = ""
     if instability.hold > 1:
-        held = f", efforts held for {instability.hold} steps"
+        text = f", efforts held for {instability.hold} steps"
         at_most = f", every: {instability.largest_stable_step * instability.hold:.3g} s"
     return source.document.problem(
         ("control", names[0]),
         f"{who} unstable at this timestep: {growth}",
         key=True,
-        found=f"a timestep of {instability.timestep:g} s{held}",
+        found=f"a timestep of {instability.timestep:g} s{text}",
         allowed=f"up to {instability.largest_stable_step:.3g} s{at_most}"
         if instability.largest_stable_step
         else "none: it is unstable at any timestep",
         hint=("use discretisation: implicit, " if implicit else "use ")
-        + f"lower gains, {'a shorter every, ' if held else ''}or a smaller physics.timestep",
+        + f"lower gains, {'a shorter every, ' if text else ''}or a smaller physics.timestep",
     )
 
 

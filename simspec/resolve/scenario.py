@@ -149,10 +149,10 @@ def expectations(
                 message = f"there is no body {body!r}"
                 hint = near(body, sorted(names))
                 problems.append(source.document.problem(place, message, key=key, found=body, hint=hint))
-        asked = time == whole or not _later(KINDS[kind], values, time)
+        requested = time == whole or not _later(KINDS[kind], values, time)
         for name in TIMES:
-            if name in values and (why := _not_recorded(values[name], time if asked else whole, recorded)):
-                end = (time if asked else whole).steps * time.timestep
+            if name in values and (why := _not_recorded(values[name], time if requested else whole, recorded)):
+                end = (time if requested else whole).steps * time.timestep
                 late = values[name] > end
                 hint = (
                     f"a longer physics.duration, or --set {'.'.join(map(str, (*path, name)))}={end:g}s"
@@ -169,7 +169,7 @@ def expectations(
             shown = ", ".join(f"{value:g}" for value in time.gravity)
             message = "momentum is conserved only without gravity"
             problems.append(source.document.problem(path, message, found=f"gravity [{shown}] m/s²"))
-        if asked:
+        if requested:
             resolved.append(Expectation(kind, tuple(sorted(values.items()))))
     return tuple(resolved), problems
 
@@ -214,38 +214,38 @@ def fixed_for_ever(source: Source, world: World) -> list[Problem]:
     """The problems of expectations that the initial state decides: of bodies that cannot move, and of places that count from
     the beginning on."""
     start = {name: np.array(pose.position) for name, pose in poses(world).items()}
-    still = {name for name, group in rigid_groups(world).items() if group == "world"}
+    static = {name for name, group in rigid_groups(world).items() if group == "world"}
     problems = []
     for index, entry in enumerate(source.content.expect):
         kind = next(kind for kind in KINDS if getattr(entry, kind) is not None)
         expected = getattr(entry, kind)
-        for place, message, found in _decided(kind, expected, start, still):
+        for place, message, found in _decided(kind, expected, start, static):
             path: tuple[Key, ...] = ("expect", index, kind, *place)
             problems.append(source.document.problem(path, f"cannot be satisfied: {message}", found=found))
     return problems
 
 
 def _decided(
-    kind: str, expected: Any, start: Mapping[str, np.ndarray], still: set[str]
+    kind: str, expected: Any, start: Mapping[str, np.ndarray], static: set[str]
 ) -> Iterator[tuple[tuple[str, ...], str, str]]:
     """Why the initial state alone makes an expectation fail: place, message, what is there."""
-    if kind == "position" and expected.body in still:
+    if kind == "position" and expected.body in static:
         away = float(np.linalg.norm(start[expected.body] - np.array(expected.xyz)))
         if away > expected.tolerance:
             yield ("xyz",), f"{expected.body} cannot move", f"it is {away:.4g} m away"
     elif kind == "at_target":
         for body, target in expected.targets:
             away = float(np.linalg.norm(start[body] - np.array(target)))
-            if body in still and away > expected.tolerance:
+            if body in static and away > expected.tolerance:
                 yield ("targets", body), f"{body} cannot move", f"it is {away:.4g} m away"
-    elif kind == "displacement" and expected.body in still:
-        asked = expected.distance if expected.xyz is None else float(np.linalg.norm(expected.xyz))
-        if asked > expected.tolerance:
-            yield (), f"{expected.body} cannot move", f"a displacement of {asked:.4g} m"
-    elif kind == "apex_height" and expected.body in still:
+    elif kind == "displacement" and expected.body in static:
+        distance = expected.distance if expected.xyz is None else float(np.linalg.norm(expected.xyz))
+        if distance > expected.tolerance:
+            yield (), f"{expected.body} cannot move", f"a displacement of {distance:.4g} m"
+    elif kind == "apex_height" and expected.body in static:
         if abs(start[expected.body][2] - expected.height) > expected.tolerance:
             yield ("height",), f"{expected.body} cannot move", f"it is at {start[expected.body][2]:.4g} m"
-    elif kind == "angular_speed" and expected.body in still:
+    elif kind == "angular_speed" and expected.body in static:
         if expected.speed > expected.tolerance:
             yield ("speed",), f"{expected.body} cannot move", f"{expected.speed:.4g} rad/s"
     elif kind == "stays_within":
@@ -258,9 +258,9 @@ def _decided(
         if out > ROUND_OFF:
             yield (), f"{expected.body} starts outside", f"by {out:.4g} m"
     elif kind == "bodies_apart":
-        apart = float(np.linalg.norm(start[expected.first] - start[expected.second]))
-        if apart < expected.at_least - ROUND_OFF:
-            yield ("at_least",), "the two start closer than that", f"{apart:.4g} m"
+        distance = float(np.linalg.norm(start[expected.first] - start[expected.second]))
+        if distance < expected.at_least - ROUND_OFF:
+            yield ("at_least",), "the two start closer than that", f"{distance:.4g} m"
 
 
 ROUND_OFF = 1e-9
@@ -381,15 +381,15 @@ def motions(source: Source, bodies: tuple[Body, ...], kinematic: Sequence[str]) 
     groups = rigid_groups(World("", bodies))
     solid = [body.name for body in bodies if any(shape.collision for shape in body.shapes)]
     moving = [name for name in solid if groups[name] in kinematic]
-    still = [name for name in solid if groups[name] == "world"]
-    apart = [(first, second) for first in moving for second in still]
-    apart += [
+    static = [name for name in solid if groups[name] == "world"]
+    separate = [(first, second) for first in moving for second in static]
+    separate += [
         (first, second) for first in moving for second in moving if first < second and groups[first] != groups[second]
     ]
     carried = sum(body.inertial.mass for body in bodies if groups[body.name] not in ("world", *kinematic))
     placed = {motion.body: _placed(motion, KINEMATIC_MASS_RATIO * max(carried, LEAST)) for motion in moved}
     return Kinematic(
-        moved, tuple(placed[body.name](body) if body.name in placed else body for body in bodies), apart, []
+        moved, tuple(placed[body.name](body) if body.name in placed else body for body in bodies), separate, []
     )
 
 

@@ -230,15 +230,15 @@ def read_grids(source: Source) -> Grids:
     """The files of all height fields of a spec. Raises SpecError with every one that cannot be read."""
     grids: dict[Path, FloatArray] = {}
     problems: list[Problem] = []
-    for own, path, shape in field_shapes(source):
-        if shape.file is None or own.meshes[shape.file] in grids:
+    for local, path, shape in field_shapes(source):
+        if shape.file is None or local.meshes[shape.file] in grids:
             continue
         from simspec.meshes.load import read_grid
 
         try:
-            grids[own.meshes[shape.file]] = read_grid(own.meshes[shape.file])
+            grids[local.meshes[shape.file]] = read_grid(local.meshes[shape.file])
         except MeshError as error:
-            problems.append(own.document.problem((*path, "file"), str(error), found=shape.file))
+            problems.append(local.document.problem((*path, "file"), str(error), found=shape.file))
     if problems:
         raise SpecError(in_order(problems))
     return grids
@@ -264,11 +264,11 @@ def too_many_heights(source: Source, bodies: tuple[Body, ...]) -> list[Problem]:
     total = sum(len(size) - HEIGHTFIELD_HEAD for size in sizes)
     if total <= MOST_HEIGHTS:
         return []
-    own, path, _ = next(field_shapes(source))
+    local, path, _ = next(field_shapes(source))
     message = (
         f"the height fields of this scenario have {total:,} heights, copies included; up to {MOST_HEIGHTS:,} are read"
     )
-    return [own.document.problem(path, message, hint="fewer rows and columns, or fewer copies")]
+    return [local.document.problem(path, message, hint="fewer rows and columns, or fewer copies")]
 
 
 # Shapes of a body: as the world has them, and what mass they have where they are filled.
@@ -334,7 +334,7 @@ def resolved_shape(name: str, spec: SpecShape, only: str | None, source: Source,
         return Resolved(spec, (shape("", size, frames.compose(place, frame), frame),), lambda: [])
     values = getattr(spec, kind).__dict__.values()
     size = tuple(number for value in values for number in (value if isinstance(value, tuple) else (value,)))
-    return Resolved(spec, (only_one := (shape("", size, place, Pose()),)), lambda: _all(only_one))
+    return Resolved(spec, (single := (shape("", size, place, Pose()),)), lambda: _all(single))
 
 
 def _seen_from(frame: Pose, linear: Vector3, angular: Vector3) -> Velocity6:

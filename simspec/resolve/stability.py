@@ -71,10 +71,12 @@ def _problem(source: Source, body: Body, found: str, allowed: str, nearest: str)
 
 def unstable_joints(source: Source, world: World) -> list[Problem]:
     """One problem for each tree that has such joints. Without Pinocchio, which knows the mass matrix, nothing can be told."""
-    own = any(body.joint.damping or body.joint.angular_damping or body.joint.spring_stiffness for body in world.bodies)
+    local = any(
+        body.joint.damping or body.joint.angular_damping or body.joint.spring_stiffness for body in world.bodies
+    )
     fluid = world.physics.fluid
-    own = own or (fluid is not None and fluid.viscosity > 0.0)
-    if not own and not any(one.damping or one.stiffness for one in world.sums):
+    local = local or (fluid is not None and fluid.viscosity > 0.0)
+    if not local and not any(joint_sum.damping or joint_sum.stiffness for joint_sum in world.sums):
         return []
     try:
         from simspec.dynamics.stability import SingularError, unstable

@@ -138,9 +138,11 @@ def _columns(header: list[str], table: Table) -> dict[str, dict[str, int]]:
     if not joints and not table.wrong:
         table.refuse("no joint has a position", ",".join(header)[:80] or "time alone", "time,JOINT,...")
     for quantity, places in columns.items():
-        if odd := sorted(joints.keys() ^ places.keys()):
+        if unmatched := sorted(joints.keys() ^ places.keys()):
             suffix = next(ending for ending, name in SUFFIXES.items() if name == quantity)
-            table.refuse(f"missing columns: every joint has {quantity}, or none", ", ".join(odd[:6]), f"JOINT:{suffix}")
+            table.refuse(
+                f"missing columns: every joint has {quantity}, or none", ", ".join(unmatched[:6]), f"JOINT:{suffix}"
+            )
     return columns
 
 

@@ -241,16 +241,18 @@ def _spinning(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
 
 
 def _passing(spec: Source, world: World) -> Iterator[tuple[str, Problem]]:
-    for one in passages(world):
-        way = one.speed * world.physics.timestep
-        path = f"bodies.{one.body}." + ("kinematic" if one.kinematic else "pose" if one.falls else "velocity.linear")
-        gets = "falls" if one.falls else "moves"
-        message = (
-            f"{gets} {way:.3g} m in a step where {one.obstacle!r} is in its way (at {one.time:.3g} s): it may pass without "
-            f"contact, since that is more than the half thicknesses of both, {one.room:.3g} m"
+    for passage in passages(world):
+        way = passage.speed * world.physics.timestep
+        path = f"bodies.{passage.body}." + (
+            "kinematic" if passage.kinematic else "pose" if passage.falls else "velocity.linear"
         )
-        allowed = f"a timestep of up to {_step(one.room / one.speed, world)}"
-        found = f"{one.speed:.4g} m/s, a timestep of {world.physics.timestep:g} s"
+        gets = "falls" if passage.falls else "moves"
+        message = (
+            f"{gets} {way:.3g} m in a step where {passage.obstacle!r} is in its way (at {passage.time:.3g} s): it may pass "
+            f"without contact, since that is more than the half thicknesses of both, {passage.room:.3g} m"
+        )
+        allowed = f"a timestep of up to {_step(passage.room / passage.speed, world)}"
+        found = f"{passage.speed:.4g} m/s, a timestep of {world.physics.timestep:g} s"
         hint = "a smaller physics.timestep; or thicker shapes"
         yield "passing", Problem(message, path, locate(spec, path), found, allowed, hint)
 

@@ -134,8 +134,8 @@ class _Entries:
                     self._of[row, quantity] = self._read(row, quantity, values)
         first = self._of[0, "positions"]
         for (row, quantity), entries in self._of.items():
-            if odd := sorted(entries.keys() ^ first.keys()):
-                found: Details = {"found": f"differs in {', '.join(odd[:6])}"}
+            if unknown := sorted(entries.keys() ^ first.keys()):
+                found: Details = {"found": f"differs in {', '.join(unknown[:6])}"}
                 self.problems.append((row, quantity, "", "not the joints of the first point", found))
         self.joints = tuple(first)
 

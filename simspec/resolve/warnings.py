@@ -109,8 +109,8 @@ def _starts(spec: Source) -> Warned:
     placed: list[tuple[Source, trees.Bodies, Iterable[str]]] = [
         (spec, bodies, use.positions if use is not None else ()) for _, use, bodies in trees.placed(spec)
     ]
-    if (own := trees.model_of(spec)) is not None:
-        placed.append((spec, own, ()))
+    if (model := trees.model_of(spec)) is not None:
+        placed.append((spec, model, ()))
     elif spec.imported is not None:
         yield from _at_limits(spec, spec.imported.starts)
     for source, bodies, positions in placed:
@@ -120,9 +120,11 @@ def _starts(spec: Source) -> Warned:
         for file in bodies.files:
             if file.imported is not None:
                 of_state = [start for start in file.imported.starts if chosen is not None and start.state == chosen[2]]
-                own_starts = [one for one in file.imported.starts if not one.state and not _names(stated, one.joint)]
-                moved = [one for one in of_state if state is not None and not _names(positions, one.joint)]
-                yield from _at_limits(file, [*own_starts, *moved])
+                starts_here = [
+                    start for start in file.imported.starts if not start.state and not _names(stated, start.joint)
+                ]
+                moved = [entry for entry in of_state if state is not None and not _names(positions, entry.joint)]
+                yield from _at_limits(file, [*starts_here, *moved])
 
 
 def _names(entries: Iterable[str], joint: str) -> bool:
@@ -307,11 +309,11 @@ def _squeeze(spec: Source, world: World) -> Warned:
     }
     units = {body.joint.name: "N m" if body.joint.kind == "hinge" else "N" for body in world.bodies}
     for column, joint in enumerate(path.joints):
-        asked = max(abs(row[column]) for row in path.efforts)
-        if joint in limits and asked > limits[joint] * (1.0 + 1e-9):
+        wanted = max(abs(row[column]) for row in path.efforts)
+        if joint in limits and wanted > limits[joint] * (1.0 + 1e-9):
             where = _squeeze_place(spec)
             clipped = f"gives at most {limits[joint]:g}: the effort is clipped"
-            message = f"{joint} is commanded {asked:.4g} {units[joint]} and {clipped}"
+            message = f"{joint} is commanded {wanted:.4g} {units[joint]} and {clipped}"
             hint = "a smaller squeeze (or smaller forces of the grasp), or a stronger actuator"
             yield "squeeze", Problem(message, where, locate(spec, where), hint=hint)
 

@@ -213,7 +213,7 @@ def _oracle_places(world: World, steps: int, every: int) -> np.ndarray:
         oracle = Oracle(world)
     except ModuleNotFoundError as error:
         raise Unmeasurable(f"the oracle is not installed ({error.name}): pip install 'simspec-physics[pin]'") from None
-    if any(body.joint.dry_friction for body in world.bodies) or any(one.dry_friction for one in world.sums):
+    if any(body.joint.dry_friction for body in world.bodies) or any(joint_sum.dry_friction for joint_sum in world.sums):
         raise Unmeasurable("the oracle does not support dry friction")
     if world.controllers:
         raise Unmeasurable("the oracle does not support control")

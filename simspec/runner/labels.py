@@ -34,12 +34,12 @@ class Labels:
 def labels_of(provenance: Mapping[str, Any]) -> Labels:
     """The labels of a run, from its provenance. Raises ValueError, TypeError or AttributeError where they are none."""
     joints = tuple(str(name) for name in (provenance.get("control") or {}).get("joints", ()))
-    told = provenance.get(GROUPS)
-    if told is None:
+    given = provenance.get(GROUPS)
+    if given is None:
         return Labels(joints)
-    if isinstance(told, str) or not all(isinstance(group, (list, tuple)) for group in told):
+    if isinstance(given, str) or not all(isinstance(group, (list, tuple)) for group in given):
         raise ValueError(f"{GROUPS} must be lists of names")
-    return Labels(joints, tuple(tuple(str(name) for name in group) for group in told))
+    return Labels(joints, tuple(tuple(str(name) for name in group) for group in given))
 
 
 def shapes_of(world: World) -> list[tuple[str, str]]:
@@ -63,7 +63,7 @@ def side_names(world: World, labels: Labels) -> list[str]:
 
 
 def contact_sides(
-    world: World, units: Sequence[Mapping[str, Any]], told: NDArray[np.int64]
+    world: World, units: Sequence[Mapping[str, Any]], values: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], list[list[str]]]:
     """The sides (contacts, 2) of contacts, and the groups that they refer to, from the collision units (``body``, ``shapes``)
     that an engine tells and its indices ``told`` (contacts, 2)."""
@@ -71,8 +71,8 @@ def contact_sides(
     number: dict[tuple[str, ...], int] = {(name,): place for name, place in order.items()}
     groups: list[list[str]] = []
     used = np.zeros(len(units), dtype=bool)
-    for part in parts(len(told), 16, told):
-        used[told[part]] = True
+    for part in parts(len(values), 16, values):
+        used[values[part]] = True
     side = np.full(len(units), -1, dtype=np.int64)
     for index in np.flatnonzero(used).tolist():
         shapes = tuple(sorted(set(units[index]["shapes"]), key=order.__getitem__))
@@ -80,7 +80,7 @@ def contact_sides(
             number[shapes] = len(order) + len(groups)
             groups.append(list(shapes))
         side[index] = number[shapes]
-    sides = zeros(told.shape, int)
-    for part in parts(len(told), 32, told, sides):
-        sides[part] = side[told[part]]
+    sides = zeros(values.shape, int)
+    for part in parts(len(values), 32, values, sides):
+        sides[part] = side[values[part]]
     return sides, groups

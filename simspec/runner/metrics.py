@@ -40,8 +40,8 @@ class Masses:
 
     @classmethod
     def of(cls, world: World) -> Masses:
-        told = {motion.body for motion in world.motions}
-        inertials = [Inertial(0.0) if body.name in told else body.inertial for body in world.bodies]
+        bodies = {motion.body for motion in world.motions}
+        inertials = [Inertial(0.0) if body.name in bodies else body.inertial for body in world.bodies]
         rows = [inertial.inertia for inertial in inertials]
         tensors = [[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] for xx, yy, zz, xy, xz, yz in rows]
         return cls(
@@ -220,12 +220,12 @@ def contact_force(arrays: Arrays) -> np.ndarray:
 
 def speeds(world: World, arrays: Arrays) -> np.ndarray:
     """Speed of every body's centre of mass (rows, bodies), m/s."""
-    return _each(world, arrays, lambda own, some: (np.linalg.norm(motion(own, some).velocity, axis=-1),))[0]
+    return _each(world, arrays, lambda local, some: (np.linalg.norm(motion(local, some).velocity, axis=-1),))[0]
 
 
 def spread(world: World, arrays: Arrays) -> np.ndarray:
     """Root mean square distance (rows,), m, of the moving bodies' centres of mass from their common mean."""
-    return _each(world, arrays, lambda own, some: (_spread(own, some),))[0]
+    return _each(world, arrays, lambda local, some: (_spread(local, some),))[0]
 
 
 def _spread(world: World, arrays: Arrays) -> np.ndarray:

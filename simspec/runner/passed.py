@@ -207,13 +207,13 @@ def fallen(run: Run) -> list[Passed]:
         return []
     up = -gravity / pull
     allowed, groups = CollisionFilter(world), rigid_groups(world)
-    lowest = {id(one): _lowest(one, up) for one in statics}
+    lowest = {id(static): _lowest(static, up) for static in statics}
     found = []
     for row, body in enumerate(world.bodies):
         reach = [math.hypot(*s.pose.position) + SHAPES[s.kind].outer_radius(s.size) for s in body.shapes if s.collision]
         if body.joint.kind != "free" or groups[body.name] != body.name or not reach:
             continue
-        ends = [lowest[id(one)] for one in statics if allowed.may_touch(body.name, one.body)]
+        ends = [lowest[id(static)] for static in statics if allowed.may_touch(body.name, static.body)]
         if not ends or any(math.isinf(end) for end in ends):
             continue
         pose, last = run.arrays["pose"], 0
@@ -226,10 +226,10 @@ def fallen(run: Run) -> list[Passed]:
     return found
 
 
-def _lowest(one: _Static, up: Floats) -> float:
+def _lowest(entry: _Static, up: Floats) -> float:
     """The lowest height (m) of a shape along ``up``; −∞ where it has no end."""
-    kind = SHAPES[one.shape.kind]
+    kind = SHAPES[entry.shape.kind]
     if kind.endless:
         return -math.inf
-    reach = float(kind.support(one.shape.size, (-up @ one.axes)[None])[0])
-    return float(one.centre @ up) - reach
+    reach = float(kind.support(entry.shape.size, (-up @ entry.axes)[None])[0])
+    return float(entry.centre @ up) - reach

@@ -234,10 +234,10 @@ class Case:
         """The world that is compiled: with the settings and the record of this case."""
         world = self.world
         if self.settings:
-            own = world.options(engine_name(self.engine))
-            settings = tuple(sorted({**dict(own.settings), **dict(self.settings)}.items()))
-            others = tuple(options for options in world.engines if options.engine != own.engine)
-            engines = (*others, dataclasses.replace(own, settings=settings))
+            local = world.options(engine_name(self.engine))
+            settings = tuple(sorted({**dict(local.settings), **dict(self.settings)}.items()))
+            others = tuple(options for options in world.engines if options.engine != local.engine)
+            engines = (*others, dataclasses.replace(local, settings=settings))
             world = dataclasses.replace(world, engines=tuple(sorted(engines, key=lambda options: options.engine)))
         return world if self.record in (None, world.record) else dataclasses.replace(world, record=self.record)
 
@@ -257,7 +257,7 @@ class Case:
         world, name = self.resolved, engine_name(self.engine)
         options = world.options(name)
         pairs = {"pairs": to_plain(options.pairs)} if options.pairs else {}
-        told = canonical_json(
+        text = canonical_json(
             {
                 "schema": KEY_SCHEMA,
                 "engine": name,
@@ -271,7 +271,7 @@ class Case:
             }
         )
         # the world's text is made once for all cases of it; its name comes last in the order of canonical JSON
-        return hashlib.sha256(f'{told[:-1]},"world":{_shared_json(world)}}}'.encode()).hexdigest()
+        return hashlib.sha256(f'{text[:-1]},"world":{_shared_json(world)}}}'.encode()).hexdigest()
 
 
 def perturbed_state(world: World, amount: float, seed: int | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -165,8 +165,8 @@ def load_tables(folder: Path, world: World, stored: Mapping[str, StoredTable], l
             for name, schema in wanted.items():
                 path = folder / f"{name}.parquet"
                 table = _opened(path, folder, stored[name].sha256, world, schema, rows[name])
-                source, own_schema = opened.enter_context(table)
-                sources[name] = _blocks(path, source, own_schema, rows[name])
+                source, local_schema = opened.enter_context(table)
+                sources[name] = _blocks(path, source, local_schema, rows[name])
             return tables.read_arrays(world, labels, rows, sources)
     except UNREADABLE as error:
         raise _unreadable(folder, error) from None

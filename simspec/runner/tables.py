@@ -260,10 +260,10 @@ def read_blocks(source: parquet.ParquetFile, schema: pa.Schema, rows: int) -> It
     import pyarrow as pa
 
     check(source, schema, rows)
-    numbers = sum(one.type.list_size if pa.types.is_fixed_size_list(one.type) else 1 for one in schema)
+    numbers = sum(entry.type.list_size if pa.types.is_fixed_size_list(entry.type) else 1 for entry in schema)
     done, size, groups = 0, block_rows(8 * numbers), range(source.num_row_groups)
     # of one group of rows after the other: of several, the reader would keep what it has read of the file
-    for batch in (one for group in groups for one in source.iter_batches(size, [group], use_threads=False)):
+    for batch in (batch for group in groups for batch in source.iter_batches(size, [group], use_threads=False)):
         table = pa.Table.from_batches([batch])
         if gaps := [name for name in table.column_names if table[name].null_count]:
             raise ValueError(f"the column {gaps[0]!r} has missing values")
@@ -329,10 +329,10 @@ def indices(table: pa.Table, name: str, names: Sequence[str]) -> np.ndarray:
     blocks = [np.zeros(0, dtype=np.int64)]
     for chunk in table[name].chunks:
         words = chunk.dictionary.to_pylist()
-        strange = [word for word in words if word not in places]
-        if strange or chunk.null_count:
+        unexpected = [word for word in words if word not in places]
+        if unexpected or chunk.null_count:
             raise ValueError(
-                f"the column {name!r} names {str(strange[:1] or 'nothing')[:80]}, which the world does not have"
+                f"the column {name!r} names {str(unexpected[:1] or 'nothing')[:80]}, which the world does not have"
             )
         blocks.append(np.array([places[word] for word in words], dtype=np.int64)[chunk.indices.to_numpy()])
     return np.concatenate(blocks)

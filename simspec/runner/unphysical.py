@@ -101,15 +101,17 @@ def unphysical(run: Run) -> Unphysical:
     if driven:
         not_judged |= {ENERGY: f"the world has {driven}", SINKS: f"the world has {driven}"}
     findings += [
-        Finding(PASSED, one.body, one.time, f"passes through {one.obstacle}, which cannot move, at {one.time:.4g} s")
-        for one in passed(run)
-        if one.body not in lost
+        Finding(
+            PASSED, entry.body, entry.time, f"passes through {entry.obstacle}, which cannot move, at {entry.time:.4g} s"
+        )
+        for entry in passed(run)
+        if entry.body not in lost
     ]
     through = {finding.body for finding in findings}
     findings += [
-        Finding(GONE, one.body, one.time, f"is below everything that cannot move from {one.time:.4g} s on")
-        for one in fallen(run)
-        if one.body not in through
+        Finding(GONE, entry.body, entry.time, f"is below everything that cannot move from {entry.time:.4g} s on")
+        for entry in fallen(run)
+        if entry.body not in through
     ]
     if not driven:
         findings += _energy(run)
@@ -117,7 +119,9 @@ def unphysical(run: Run) -> Unphysical:
             not_judged[SINKS] = "contacts were not recorded"
         else:
             findings += [
-                one for one in _sinking(run) if one.body not in {found.body for found in findings if found.body}
+                finding
+                for finding in _sinking(run)
+                if finding.body not in {found.body for found in findings if found.body}
             ]
     return Unphysical(tuple(findings), not_judged)
 
@@ -250,8 +254,8 @@ def _sinking(run: Run) -> Iterator[Finding]:
     row, body, distance = (run.arrays[f"contact.{name}"] for name in ("row", "body", "distance"))
     for part in parts(len(row), CONTACT_BYTES, row, body, distance):
         at, pair = np.asarray(row[part]).astype(np.int64), np.asarray(body[part]).astype(np.int64)
-        own = (static[pair].sum(axis=1) == 1) & (at >= begin)
-        at, pair, depth = at[own], pair[own], -np.asarray(distance[part])[own]
+        local = (static[pair].sum(axis=1) == 1) & (at >= begin)
+        at, pair, depth = at[local], pair[local], -np.asarray(distance[part])[local]
         first = static[pair[:, 0]]
         mover, under = np.where(first, pair[:, 1], pair[:, 0]), np.where(first, pair[:, 0], pair[:, 1])
         np.maximum.at(deepest, (mover, (at - begin) * bins // (rows - begin)), depth)
@@ -271,7 +275,7 @@ def _sinking(run: Run) -> Iterator[Finding]:
 def _fastest(run: Run, row: int) -> float:
     """The largest speed (m/s) of any point of a body in the second half of a run, from above."""
     shapes = [shape for shape in run.world.bodies[row].shapes if shape.collision]
-    reach = max(math.hypot(*one.pose.position) + SHAPES[one.kind].outer_radius(one.size) for one in shapes)
+    reach = max(math.hypot(*shape.pose.position) + SHAPES[shape.kind].outer_radius(shape.size) for shape in shapes)
     fastest, recorded = 0.0, run.arrays["velocity"]
     for part in parts(len(run.time), recorded[:1].nbytes, recorded, first=len(run.time) // 2):
         velocity = np.asarray(recorded[part, row])
@@ -289,14 +293,14 @@ def _inner(world: World, row: int) -> float:
 def together(found: dict[str, Unphysical]) -> list[str]:
     """One line for each thing that is found, with the engines that show it; figures are those of the first."""
     lines: dict[str, tuple[Finding, list[str]]] = {}
-    for engine, one in found.items():
-        for finding in one.findings:
+    for engine, entry in found.items():
+        for finding in entry.findings:
             lines.setdefault(finding.short, (finding, []))[1].append(engine)
     every = len(found)
-    told = []
+    given = []
     for finding, names in lines.values():
         who = f"{finding.body} " if finding.body else ""
         where = "in every engine" if len(names) == every > 1 else f"in {', '.join(names)}"
         why = " though nothing drives the world" if finding.kind == ENERGY else ""
-        told.append(f"{who}{finding.text}{why} ({where})")
-    return told
+        given.append(f"{who}{finding.text}{why} ({where})")
+    return given

@@ -71,14 +71,14 @@ def is_wholly_before(version: str, bound: str) -> bool:
     return numbers < release(bound)[: max(len(numbers), version.count(".") + 1)]
 
 
-def later(one: str, other: str) -> str:
+def later(name: str, other: str) -> str:
     """The stricter of two first releases."""
-    return max((bound for bound in (one, other) if bound), key=release, default="")
+    return max((bound for bound in (name, other) if bound), key=release, default="")
 
 
-def earlier(one: str, other: str) -> str:
+def earlier(name: str, other: str) -> str:
     """The stricter of two releases that end a declaration."""
-    return min((bound for bound in (one, other) if bound), key=release, default="")
+    return min((bound for bound in (name, other) if bound), key=release, default="")
 
 
 class Level(StrEnum):
@@ -315,7 +315,8 @@ def _combined(file: Support, engine: Support) -> Support:
     refined = file.refine is not None or engine.refine is not None
     # releases before a bound that says nothing of them, and those between two bounds, are known not to have it
     known = weaker.since and all(
-        one.since in ("", weaker.since) and bool(one.since) is (one.before is not None) for one in (file, engine)
+        support.since in ("", weaker.since) and bool(support.since) is (support.before is not None)
+        for support in (file, engine)
     )
     before = _of_both(file.in_earlier_releases(), engine.in_earlier_releases()) if known else None
     return replace(weaker, refine=_of_both(file, engine) if refined else None, before=before)

@@ -138,13 +138,13 @@ def _beside_bodies(world: World, note: Callable[[Feature, str], None]) -> None:
         note(Feature.FLUID, "physics.fluid")
     for constraint in world.constraints:
         note(_CONSTRAINT_FEATURES[constraint.kind], f"constraints.{constraint.name}")
-    for one in world.sums:
-        if one.stiffness or one.damping:
-            note(Feature.SUM, f"constraints.{one.name}")
-        if one.dry_friction:
-            note(Feature.SUM_DRY_FRICTION, f"constraints.{one.name}.sum.dry_friction")
-        if one.position_limits is not None:
-            note(Feature.SUM_LIMITS, f"constraints.{one.name}.sum.limits")
+    for joint_sum in world.sums:
+        if joint_sum.stiffness or joint_sum.damping:
+            note(Feature.SUM, f"constraints.{joint_sum.name}")
+        if joint_sum.dry_friction:
+            note(Feature.SUM_DRY_FRICTION, f"constraints.{joint_sum.name}.sum.dry_friction")
+        if joint_sum.position_limits is not None:
+            note(Feature.SUM_LIMITS, f"constraints.{joint_sum.name}.sum.limits")
     for frame in world.frames:
         note(Feature.FRAME, f"frames.{frame.name}")
     for motion in world.motions:
@@ -188,9 +188,13 @@ def _contact_needs(world: World, laws: Iterable[PairContact], note: Callable[[Fe
     joints = joined(world.bodies)
     if any(pair not in joints for pair in world.contact.excluded_bodies):
         note(Feature.EXCLUDED_PAIRS, "contact.exclude")
-    held = {sorted_pair(one.first, one.second) for one in world.constraints if not isinstance(one, Follow)}
+    excluded = {
+        sorted_pair(constraint.first, constraint.second)
+        for constraint in world.constraints
+        if not isinstance(constraint, Follow)
+    }
     excluded = set(world.contact.excluded_bodies)
-    if any(CollisionFilter(world).may_touch(*pair) for pair in sorted((joints | held) - excluded)):
+    if any(CollisionFilter(world).may_touch(*pair) for pair in sorted((joints | excluded) - excluded)):
         note(Feature.TOUCHING_PAIRS, "contact.touch")
 
 

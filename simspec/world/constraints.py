@@ -46,10 +46,10 @@ class Violation:
         start = 0
         for constraint in self.constraints:
             if isinstance(constraint, Follow):
-                own, lead = joint[constraint.joint], joint[constraint.leader]
-                self._linear[start, places.velocity[own]] += 1.0
+                follower, lead = joint[constraint.joint], joint[constraint.leader]
+                self._linear[start, places.velocity[follower]] += 1.0
                 self._linear[start, places.velocity[lead]] -= constraint.ratio
-                at = (places.position[own].start, places.position[lead].start)
+                at = (places.position[follower].start, places.position[lead].start)
                 follows.append((start, *at, constraint.ratio, constraint.offset))
             else:
                 first, second = row[constraint.first], row[constraint.second]
@@ -211,9 +211,9 @@ def anchors(world: World) -> Mapping[str, Vector3]:
     found: dict[str, Vector3] = {}
     for bodies in constrained_trees(world):
         welds = [
-            one
-            for one in within(world, bodies).constraints
-            if isinstance(one, Weld) and "world" in (groups[one.first], groups[one.second])
+            constraint
+            for constraint in within(world, bodies).constraints
+            if isinstance(constraint, Weld) and "world" in (groups[constraint.first], groups[constraint.second])
         ]
         if not welds:
             continue
@@ -221,8 +221,8 @@ def anchors(world: World) -> Mapping[str, Vector3]:
         jacobian = Violation(bodies, welds).jacobian(at)
         moved = jacobian @ _inverse(mass_matrix(bodies, at)) @ jacobian.T
         for number, weld in enumerate(welds):
-            own = slice(6 * number, 6 * number + 6)
-            x, y, z = (float(part) for part in least_moved(moved[own, own]))
+            rows = slice(6 * number, 6 * number + 6)
+            x, y, z = (float(part) for part in least_moved(moved[rows, rows]))
             found[weld.name] = frames.rotate(frames.conjugate(place[weld.second].quaternion), (x, y, z))
     return found
 

@@ -69,12 +69,12 @@ def meeting_materials(world: World) -> frozenset[tuple[str, str]]:
     chosen = [body for bodies in representatives.values() for body in bodies]
     allowed = CollisionFilter(world)
     found: set[tuple[str, str]] = set()
-    for index, one in enumerate(chosen):
+    for index, entry in enumerate(chosen):
         if len(found) == len(world.contact.pairs):
             break  # all that there are
         for other in chosen[index + 1 :]:
-            if len(found) < len(world.contact.pairs) and allowed.may_touch(one.name, other.name):
-                for a in {shape.material for shape in one.shapes if shape.collision}:
+            if len(found) < len(world.contact.pairs) and allowed.may_touch(entry.name, other.name):
+                for a in {shape.material for shape in entry.shapes if shape.collision}:
                     for b in {shape.material for shape in other.shapes if shape.collision}:
                         if allowed.may_materials_touch(a, b):
                             found.add((min(a, b), max(a, b)))
@@ -104,8 +104,8 @@ def meeting_kinds(world: World) -> frozenset[tuple[str, str]]:
         for kind in {shape.kind for shape in solid_shapes(body)}:
             classes.setdefault(kind, {}).setdefault(key, []).append(body)
 
-    def meet(one: str, other: str) -> bool:
-        for (static, group), bodies in classes[one].items():
+    def meet(name: str, other: str) -> bool:
+        for (static, group), bodies in classes[name].items():
             for (other_static, other_group), others in classes[other].items():
                 if static and other_static:
                     continue
@@ -115,7 +115,9 @@ def meeting_kinds(world: World) -> frozenset[tuple[str, str]]:
                     return True
         return False
 
-    return frozenset((one, other) for one in classes for other in classes if one <= other and meet(one, other))
+    return frozenset(
+        (class_, other) for class_ in classes for other in classes if class_ <= other and meet(class_, other)
+    )
 
 
 @derived
@@ -150,10 +152,10 @@ def shape_pairs(world: World, pairs: Iterable[Pair]) -> Iterator[tuple[str, str]
         for shape in solid_shapes(body):
             shapes.setdefault(shape.material, []).append((index, body.name, shape.name))
     allowed = CollisionFilter(world)
-    for one, two in pairs:
-        for index, owner, name in shapes.get(one, ()):
+    for entry, two in pairs:
+        for index, owner, name in shapes.get(entry, ()):
             for other_index, other_owner, other in shapes.get(two, ()):
-                if (one != two or index < other_index) and allowed.may_touch(owner, other_owner):
+                if (entry != two or index < other_index) and allowed.may_touch(owner, other_owner):
                     yield (min(name, other), max(name, other))
 
 
@@ -198,8 +200,8 @@ def thinnest(world: World) -> Thinnest | None:
         for index, shape in enumerate(body.shapes)
         if shape.collision
     ]
-    finite = [one for one in shapes if 0.0 < one.inner < math.inf]
-    return min(finite, key=lambda one: one.inner, default=None)
+    finite = [shape for shape in shapes if 0.0 < shape.inner < math.inf]
+    return min(finite, key=lambda entry: entry.inner, default=None)
 
 
 @derived

@@ -48,9 +48,9 @@ def _sine_cosine_fixed(angle_fixed: int) -> tuple[int, int]:
     sine, cosine, term, k = 0, 0, 1 << _BITS, 0
     while term:
         cosine += term if k % 4 == 0 else -term
-        odd = (term * x) >> _BITS
-        odd //= k + 1
-        sine += odd if k % 4 == 0 else -odd
+        number = (term * x) >> _BITS
+        number //= k + 1
+        sine += number if k % 4 == 0 else -number
         term = ((term * x2) >> _BITS) // ((k + 1) * (k + 2))
         k += 2
     return ((sine, cosine), (cosine, -sine), (-sine, -cosine), (-cosine, sine))[turns % 4]

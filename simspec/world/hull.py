@@ -242,10 +242,10 @@ def _wound(vertices: Points, made: Any) -> tuple[Triangles, NDArray[np.int64]]:
     neighbours: list[list[int]] = made.neighbors.tolist()
     waiting, done = [start], {start}
     while waiting:
-        own = waiting.pop()
-        p, q, r = rows[own]
+        orientation = waiting.pop()
+        p, q, r = rows[orientation]
         edges = {(p, q), (q, r), (r, p)}
-        for other in neighbours[own]:
+        for other in neighbours[orientation]:
             if other in done:
                 continue
             i, j, k = rows[other]

@@ -125,8 +125,8 @@ def combined_inertial(parts: Sequence[Part], mass: float | None = None) -> Inert
         x, y, z = frames.subtract(shape_part.pose.position, centre)
         m = shape_part.mass
         steiner = (m * (y * y + z * z), m * (x * x + z * z), m * (x * x + y * y), -m * x * y, -m * x * z, -m * y * z)
-        own = rotated_tensor(shape_part.moments, shape_part.pose.quaternion)
-        sums = [total_one + a + b for total_one, a, b in zip(sums, own, steiner, strict=True)]
+        local = rotated_tensor(shape_part.moments, shape_part.pose.quaternion)
+        sums = [total_single + a + b for total_single, a, b in zip(sums, local, steiner, strict=True)]
     inertia: Inertia6 = tuple(value + 0.0 for value in sums)  # type: ignore[assignment] # −0 becomes 0
     return Inertial(total if mass is None else mass, centre, inertia)
 
@@ -197,10 +197,10 @@ def summed_inertial(parts: Iterable[tuple[Inertial, Pose]]) -> Inertial:
     if len(placed) > 1 and mass:
         whole = (weighted[0] / mass, weighted[1] / mass, weighted[2] / mass)
     sums = [0.0] * 6
-    for m, centre, own in placed:
+    for m, centre, local in placed:
         x, y, z = frames.subtract(centre, whole)
         steiner = (m * (y * y + z * z), m * (x * x + z * z), m * (x * x + y * y), -m * x * y, -m * x * z, -m * y * z)
-        sums = [total + a + b for total, a, b in zip(sums, own, steiner, strict=True)]
+        sums = [total + a + b for total, a, b in zip(sums, local, steiner, strict=True)]
     xx, yy, zz, xy, xz, yz = (value + 0.0 for value in sums)  # −0 becomes 0
     return Inertial(mass, whole, (xx, yy, zz, xy, xz, yz))
 
@@ -209,14 +209,14 @@ def summed_inertial(parts: Iterable[tuple[Inertial, Pose]]) -> Inertial:
 def lumped(world: World) -> Mapping[str, Inertial]:
     """What engines are told of the bodies whose inertia is gathered on the topmost body of their rigid group, by name: that
     body has the whole, the others nothing. Empty where no group needs it."""
-    told: dict[str, Inertial] = {}
+    inertials: dict[str, Inertial] = {}
     for top, members in rigid_members(world.bodies).items():
         (head, _), *others = members
         heavy = [body for body, _ in others if body.inertial.mass > 0.0]
         if heavy and (singular(head.inertial) or any(singular(body.inertial) for body in heavy)):
-            told.update((body.name, NO_INERTIA) for body, _ in others)
-            told[top] = summed_inertial((body.inertial, pose) for body, pose in members)
-    return MappingProxyType(told)
+            inertials.update((body.name, NO_INERTIA) for body, _ in others)
+            inertials[top] = summed_inertial((body.inertial, pose) for body, pose in members)
+    return MappingProxyType(inertials)
 
 
 def lumped_gravity_scale(world: World, body: Body) -> float:
@@ -270,10 +270,10 @@ def boxed(bodies: Sequence[Body], kinematic: Container[str]) -> tuple[Body, ...]
     """The bodies of a world with a fluid, each with the box by which it feels it: of what cannot move none, and of a rigid
     group that is told as one one, at its topmost body. ``bodies``: those with mass have a box of their
     own already; ``kinematic``: the names of those whose mass is another since."""
-    told = lumped(World("", tuple(bodies)))
+    inertials = lumped(World("", tuple(bodies)))
     boxes: dict[str, Box] = {}
     for top, members in rigid_members(bodies).items():
-        if top not in told:
+        if top not in inertials:
             boxes.update(
                 (body.name, body.box if body.box is not None and body.name not in kinematic else box_of(body.inertial))
                 for body, _ in members
@@ -284,7 +284,7 @@ def boxed(bodies: Sequence[Body], kinematic: Container[str]) -> tuple[Body, ...]
         axes = None
         if len(heavy) == 1 and heavy[0][0].box is not None:
             axes = frames.multiply(heavy[0][1].quaternion, heavy[0][0].box.quaternion)
-        boxes[top] = box_of(told[top], axes)
+        boxes[top] = box_of(inertials[top], axes)
     return tuple(
         body if body.box == boxes.get(body.name) else replace(body, box=boxes.get(body.name)) for body in bodies
     )

@@ -88,8 +88,11 @@ def carried(world: World) -> Mapping[str, tuple[Body, ...]]:
     below: dict[str | None, int] = {}
     for body in world.bodies:
         below[body.joint.parent] = below.get(body.joint.parent, 0) + 1
-    held = {
-        end for one in world.constraints if not isinstance(one, Follow) for end in (one.first, one.second)
+    constraints = {
+        end
+        for constraint in world.constraints
+        if not isinstance(constraint, Follow)
+        for end in (constraint.first, constraint.second)
     }  # of carriers only in worlds that are made in Python
     rows: dict[str, tuple[Body, ...]] = {}
     for body in world.bodies:
@@ -97,7 +100,7 @@ def carried(world: World) -> Mapping[str, tuple[Body, ...]]:
         above = body.joint.parent if body.joint.kind in (*CARRYING, "ball") else None
         while above is not None and is_carrier(above) and owner_of(above) == body.name:
             carrier = known[above]
-            alone = below[above] == 1 and above not in held and not carrier.shapes
+            alone = below[above] == 1 and above not in constraints and not carrier.shapes
             if not alone or carrier.inertial != Inertial(0.0) or carrier.joint.kind not in CARRYING:
                 break
             row.insert(0, carrier)
@@ -114,11 +117,16 @@ def carried(world: World) -> Mapping[str, tuple[Body, ...]]:
 def bare_frames(world: World) -> frozenset[str]:
     """The names of the bodies of a world that are nothing but frames: where they are follows from the body that carries them,
     and nothing follows from them. The ends of constraints are none, since something acts there."""
-    held = {end for one in world.constraints if not isinstance(one, Follow) for end in (one.first, one.second)}
+    constraints = {
+        end
+        for constraint in world.constraints
+        if not isinstance(constraint, Follow)
+        for end in (constraint.first, constraint.second)
+    }
     carrying: set[str] = set()
     bare: set[str] = set()
     for body in reversed(world.bodies):
-        if _is_frame(body) and body.name not in held and body.name not in carrying:
+        if _is_frame(body) and body.name not in constraints and body.name not in carrying:
             bare.add(body.name)
         elif body.joint.parent is not None:
             carrying.add(body.joint.parent)
@@ -165,9 +173,9 @@ def layout_of(world: World) -> Layout:
 def frictional_coordinates(world: World) -> np.ndarray:
     """The places in v (n,) of the hinges and slides with dry friction, their own or along a sum of their positions."""
     parts = layout_of(world).velocity
-    summed = {joint for one in world.sums if one.dry_friction for joint, _ in one.joints}
+    summed = {joint for joint_sum in world.sums if joint_sum.dry_friction for joint, _ in joint_sum.joints}
     rough = [body.joint.dry_friction or body.joint.name in summed for body in world.bodies]
-    return np.array([at.start for rubs, at in zip(rough, parts, strict=True) if rubs], int)
+    return np.array([at.start for has_friction, at in zip(rough, parts, strict=True) if has_friction], int)
 
 
 def initial_state(world: World) -> tuple[np.ndarray, np.ndarray]:
@@ -278,7 +286,9 @@ def sprung_trees(world: World) -> tuple[tuple[Body, ...], ...]:
 def _summed(world: World) -> list[tuple[str, str]]:
     """Pairs of bodies whose joints are in one sum, each with the first of it."""
     owner = {body.joint.name: body.name for body in world.bodies}
-    return [(owner[one.joints[0][0]], owner[joint]) for one in world.sums for joint, _ in one.joints[1:]]
+    return [
+        (owner[joint_sum.joints[0][0]], owner[joint]) for joint_sum in world.sums for joint, _ in joint_sum.joints[1:]
+    ]
 
 
 def _joined(world: World, pairs: Iterable[tuple[str, str]]) -> tuple[tuple[Body, ...], ...]:
@@ -306,8 +316,10 @@ def within(world: World, bodies: Iterable[Body]) -> World:
     return replace(
         world,
         bodies=kept,
-        constraints=tuple(held for held in world.constraints if all(name in names for name in members(held))),
-        sums=tuple(one for one in world.sums if all(joint in names for joint, _ in one.joints)),
+        constraints=tuple(
+            constraint for constraint in world.constraints if all(name in names for name in members(constraint))
+        ),
+        sums=tuple(joint_sum for joint_sum in world.sums if all(joint in names for joint, _ in joint_sum.joints)),
     )
 
 

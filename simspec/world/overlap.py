@@ -148,8 +148,8 @@ def _near(solids: list[Solid], widest: float) -> Iterator[tuple[Solid, Solid]]:
         left -= len(below[:left])
     pairs = bounding_spheres_meet(centre, radius)
     inner = np.array([solid.inner for solid in others])
-    apart = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
-    nearest = np.argsort(apart / (inner[pairs[:, 0]] + inner[pairs[:, 1]]), kind="stable")
+    distances = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
+    nearest = np.argsort(distances / (inner[pairs[:, 0]] + inner[pairs[:, 1]]), kind="stable")
     for first, second in pairs[nearest[:left]]:
         yield others[first], others[second]
 
@@ -171,13 +171,13 @@ def bounding_spheres_meet(centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
             tree = cKDTree(centre[many])
         parts = [many[tree.query_pairs(reach, output_type="ndarray")].reshape(-1, 2)]
         for row in np.flatnonzero(large)[:MOST_AT_ONCE]:
-            beside = np.flatnonzero(np.linalg.norm(centre - centre[row], axis=1) < radius + radius[row])
-            beside = beside[~large[beside] | (beside > row)]  # two large ones once
-            parts.append(np.sort(np.stack([np.full(len(beside), row), beside], axis=1), axis=1))
+            neighbours = np.flatnonzero(np.linalg.norm(centre - centre[row], axis=1) < radius + radius[row])
+            neighbours = neighbours[~large[neighbours] | (neighbours > row)]  # two large ones once
+            parts.append(np.sort(np.stack([np.full(len(neighbours), row), neighbours], axis=1), axis=1))
         pairs = np.concatenate(parts)
     first, second = pairs.T
-    apart = np.linalg.norm(centre[first] - centre[second], axis=1)
-    close: np.ndarray = pairs[apart < radius[first] + radius[second]]
+    distances = np.linalg.norm(centre[first] - centre[second], axis=1)
+    close: np.ndarray = pairs[distances < radius[first] + radius[second]]
     return close
 
 
@@ -209,10 +209,10 @@ def _deepest(solid: Solid, other: Solid, beyond: float) -> float:
     corners = field.points[field.triangles]
     low, high = corners.min(axis=1), corners.max(axis=1)
     low[:, 2] = -field.base
-    apart = np.linalg.norm(np.maximum(np.maximum(low - centre, centre - high), 0.0), axis=1)
-    near = np.argsort(apart, kind="stable")[:MOST_PRISMS]
+    distances = np.linalg.norm(np.maximum(np.maximum(low - centre, centre - high), 0.0), axis=1)
+    near = np.argsort(distances, kind="stable")[:MOST_PRISMS]
     limit, deepest = DEEP * min(ground.inner, other.inner), 0.0
-    for triangle in near[apart[near] < other.outer + beyond + ground.shape.margin].tolist():
+    for triangle in near[distances[near] < other.outer + beyond + ground.shape.margin].tolist():
         prism = field.prism(triangle)
         middle = prism.mean(axis=0)  # a direction from a point within it tells more
         size = tuple((prism - middle).ravel().tolist())
@@ -224,12 +224,12 @@ def _deepest(solid: Solid, other: Solid, beyond: float) -> float:
 
 def _depth(solid: Solid, other: Solid, beyond: float, limit: float) -> float:
     """The depth (m) of an overlap that is deeper than ``limit``; 0 when there is none. ``beyond``: see :func:`_beyond`."""
-    apart = other.centre - solid.centre
+    separate = other.centre - solid.centre
     if solid.kind.endless:
-        depth = float(other.reach(-solid.axes[2][None])[0] + solid.shape.margin + beyond - apart @ solid.axes[2])
+        depth = float(other.reach(-solid.axes[2][None])[0] + solid.shape.margin + beyond - separate @ solid.axes[2])
         return depth if depth > limit else 0.0
     if solid.kind.round is other.kind.round is Round.EVERY:
-        depth = solid.outer + other.outer + beyond - float(np.linalg.norm(apart))
+        depth = solid.outer + other.outer + beyond - float(np.linalg.norm(separate))
         return depth if depth > limit else 0.0
 
     least = _overlap_along(solid, other, beyond)
@@ -273,10 +273,10 @@ Least = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 
 def _overlap_along(solid: Convex, other: Convex, beyond: float) -> Least:
-    apart = other.centre - solid.centre
+    separate = other.centre - solid.centre
 
     def least(directions: np.ndarray) -> tuple[float, np.ndarray]:
-        overlap = solid.reach(directions) + other.reach(-directions) + beyond - directions @ apart
+        overlap = solid.reach(directions) + other.reach(-directions) + beyond - directions @ separate
         best = int(overlap.argmin())
         return float(overlap[best]), directions[best]
 
@@ -285,10 +285,10 @@ def _overlap_along(solid: Convex, other: Convex, beyond: float) -> Least:
 
 def _likely(solid: Convex, other: Convex) -> np.ndarray:
     """Directions (n, 3) along most of which shapes overlap least: their axes, and the line through their centres."""
-    own = np.concatenate([solid.axes, other.axes, -solid.axes, -other.axes])
-    apart = other.centre - solid.centre
-    away = float(np.linalg.norm(apart))
-    return np.concatenate([own, (apart / away)[None]]) if away > 0.0 else own
+    values = np.concatenate([solid.axes, other.axes, -solid.axes, -other.axes])
+    separate = other.centre - solid.centre
+    away = float(np.linalg.norm(separate))
+    return np.concatenate([values, (separate / away)[None]]) if away > 0.0 else values
 
 
 def _searched(least: Least, solid: Convex, other: Convex, depth: float, best: np.ndarray) -> float:

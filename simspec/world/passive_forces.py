@@ -32,13 +32,13 @@ class JointSums:
         self.sums = tuple(sums)
         self.weights = np.zeros((len(self.sums), places.nv))
         self._of_positions = np.zeros((len(self.sums), places.nq))
-        for index, one in enumerate(self.sums):
-            for joint, coefficient in one.joints:
+        for index, joint_sum in enumerate(self.sums):
+            for joint, coefficient in joint_sum.joints:
                 self.weights[index, places.velocity[row[joint]]] = coefficient
                 self._of_positions[index, places.position[row[joint]]] = coefficient
-        self.stiffness = np.array([one.stiffness for one in self.sums], dtype=float)
-        self.rest = np.array([one.rest for one in self.sums], dtype=float)
-        self.damping = np.array([one.damping for one in self.sums], dtype=float)
+        self.stiffness = np.array([joint_sum.stiffness for joint_sum in self.sums], dtype=float)
+        self.rest = np.array([joint_sum.rest for joint_sum in self.sums], dtype=float)
+        self.damping = np.array([joint_sum.damping for joint_sum in self.sums], dtype=float)
 
     @property
     def acts(self) -> bool:
@@ -72,10 +72,10 @@ class JointSums:
 def beyond_limits(world: World, states: Array) -> str | None:
     """The name of a sum that is beyond its limits at one of some positions (n, nq); None where there is none."""
     along = JointSums(world.bodies, world.sums)
-    for one, lengths in zip(along.sums, along.lengths(states).T, strict=True):
-        limits = one.position_limits
+    for joint_sum, lengths in zip(along.sums, along.lengths(states).T, strict=True):
+        limits = joint_sum.position_limits
         if limits is not None and (lengths.min() < limits[0] or lengths.max() > limits[1]):
-            return one.name
+            return joint_sum.name
     return None
 
 
@@ -122,17 +122,17 @@ class Drag:
     """What ``fluid`` does to boxes with ``edges`` (n, 3), m."""
 
     def __init__(self, edges: ArrayLike, fluid: Fluid):
-        own: Array = np.asarray(edges, dtype=float).reshape(-1, 3)
-        second, third = np.roll(own, -1, axis=1), np.roll(own, -2, axis=1)
-        size = own.mean(axis=1, keepdims=True)
+        sizes: Array = np.asarray(edges, dtype=float).reshape(-1, 3)
+        second, third = np.roll(sizes, -1, axis=1), np.roll(sizes, -2, axis=1)
+        size = sizes.mean(axis=1, keepdims=True)
         self._linear = 3.0 * np.pi * fluid.viscosity * size, np.pi * fluid.viscosity * size**3
-        self._quadratic = 0.5 * fluid.density * second * third, fluid.density / 64.0 * own * (second**4 + third**4)
+        self._quadratic = 0.5 * fluid.density * second * third, fluid.density / 64.0 * sizes * (second**4 + third**4)
 
     def of(self, flow: Array, spin: Array) -> tuple[Array, Array]:
         """Forces at the centres of the boxes and torques (n, 3), for velocities of these against the fluid and angular
         velocities (n, 3), all along the axes of each box."""
         force, torque = (
-            -(linear + quadratic * np.abs(own)) * own
-            for own, linear, quadratic in zip((flow, spin), self._linear, self._quadratic, strict=True)
+            -(linear + quadratic * np.abs(speeds)) * speeds
+            for speeds, linear, quadratic in zip((flow, spin), self._linear, self._quadratic, strict=True)
         )
         return force, torque

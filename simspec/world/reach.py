@@ -67,12 +67,12 @@ def jamming_materials(
             for shape in solid_shapes(body)
             if not SHAPES[shape.kind].grid
         ]
-        for one, other in _near(solids, longest):
-            distance = separation(one, other)
+        for solid, other in _near(solids, longest):
+            distance = separation(solid, other)
             for slider in sliders:
                 if not slider.fits(distance):
                     continue
-                first, second = (_materials(allowed, slider.body, wall) for wall in (one, other))
+                first, second = (_materials(allowed, slider.body, wall) for wall in (solid, other))
                 if first and second:
                     found |= first | second
     return frozenset(found)
@@ -118,8 +118,8 @@ def _near(solids: Sequence[Solid], longest: float) -> Iterator[tuple[Solid, Soli
         return
     centre = np.array([solid.centre for solid in others])
     pairs = bounding_spheres_meet(centre, np.array([solid.outer for solid in others]) + 0.5 * longest)
-    apart = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
-    for first, second in pairs[np.argsort(apart, kind="stable")[:MOST_WALLS]]:
+    distances = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
+    for first, second in pairs[np.argsort(distances, kind="stable")[:MOST_WALLS]]:
         yield others[first], others[second]
 
 
@@ -181,19 +181,19 @@ def reach(world: World, first: str, second: str) -> Reach:
     ratio, leans, carries, crosses = 0.0, False, False, False
     jams, squeezes = sorted_pair(first, second) in _slots(world), False
     moved: set[str] = set()
-    for one, other in _touching(world, frozenset((first, second))):
-        moving = [body for body in (one, other) if _moves(world, body)]
+    for entry, other in _touching(world, frozenset((first, second))):
+        moving = [body for body in (entry, other) if _moves(world, body)]
         moved |= {body.name for body in moving}
         leans = leans or any(body.name in leaning for body in moving)
-        crosses = crosses or _boxes_cross(one, other)
-        jams = jams or _clamps(world, one, other) or _clamps(world, other, one)
-        squeezes = squeezes or _squeezes(world, one, other) or _squeezes(world, other, one)
+        crosses = crosses or _boxes_cross(entry, other)
+        jams = jams or _clamps(world, entry, other) or _clamps(world, other, entry)
+        squeezes = squeezes or _squeezes(world, entry, other) or _squeezes(world, other, entry)
         free = [body for body in moving if body.name not in kinematic]
         driven = len(moving) == 2 and any(body.name in kinematic or not _is_lone(world, body) for body in moving)
         carries = (
             carries
             or driven
-            or any(any(any(shape.surface_velocity) for shape in solid_shapes(body)) for body in (one, other))
+            or any(any(any(shape.surface_velocity) for shape in solid_shapes(body)) for body in (entry, other))
         )
         if len(free) == 2:
             low, high = sorted(masses[groups[body.name]] for body in free)
@@ -228,13 +228,13 @@ def _touching(world: World, materials: frozenset[str] | None = None) -> Iterator
     """Pairs of bodies, of each two classes some and the extremes of their masses, of which one moves and that may touch; with
     two ``materials``, one of each."""
     allowed, classes = CollisionFilter(world), _classes(world)
-    for index, one in enumerate(classes):
+    for index, class_ in enumerate(classes):
         for other in classes[index:]:
-            if not (one.moves or other.moves):
+            if not (class_.moves or other.moves):
                 continue
-            if materials is not None and not _meet(one, other, materials):
+            if materials is not None and not _meet(class_, other, materials):
                 continue
-            for body in one.bodies:
+            for body in class_.bodies:
                 for partner in other.bodies:
                     if allowed.may_touch(body.name, partner.name):
                         yield body, partner
@@ -265,16 +265,16 @@ def _slots(world: World) -> frozenset[tuple[str, str]]:
 
 def _squeezes(world: World, body: Body, finger: Body) -> bool:
     """Whether a body may be pressed against another by ``finger``, face on face."""
-    faces = all(any(shape.kind in FLAT for shape in solid_shapes(one)) for one in (body, finger))
+    faces = all(any(shape.kind in FLAT for shape in solid_shapes(entry)) for entry in (body, finger))
     driven = _moves(world, finger) and finger.name not in _kinematic(world) and not _is_lone(world, finger)
     return faces and driven and body.name in _leaning(world)
 
 
-def _boxes_cross(one: Body, other: Body) -> bool:
+def _boxes_cross(body: Body, other: Body) -> bool:
     """Whether boxes of two bodies are so alike in size that one may reach beyond the edges of the other's faces."""
     return any(
         first.kind == second.kind == "box" and WITHIN * min(_over(first, second), _over(second, first)) > 1.0
-        for first in solid_shapes(one)
+        for first in solid_shapes(body)
         for second in solid_shapes(other)
     )
 
@@ -285,10 +285,10 @@ def _over(small: Shape, large: Shape) -> float:
     return math.hypot(width, length) / sorted(large.size)[1]
 
 
-def _meet(one: _Class, other: _Class, materials: frozenset[str]) -> bool:
+def _meet(entry: _Class, other: _Class, materials: frozenset[str]) -> bool:
     first, second = min(materials), max(materials)
-    return (first in one.materials and second in other.materials) or (
-        second in one.materials and first in other.materials
+    return (first in entry.materials and second in other.materials) or (
+        second in entry.materials and first in other.materials
     )
 
 
@@ -298,8 +298,8 @@ def _leaning(world: World) -> frozenset[str]:
     ones that may touch one flat fixed shape and nothing else."""
     touched: dict[str, set[str]] = {}
     leaning: set[str] = set()
-    for one, other in _touching(world):
-        for body, partner in ((one, other), (other, one)):
+    for entry, other in _touching(world):
+        for body, partner in ((entry, other), (other, entry)):
             if not _moves(world, body):
                 continue
             shapes = solid_shapes(partner)
@@ -327,7 +327,7 @@ def _gaps(world: World) -> dict[str, float]:
 
 def _spread(shapes: Sequence[Shape]) -> float:
     centres = [shape.pose.position for shape in shapes]
-    return max((math.dist(one, other) for one, other in itertools.combinations(centres, 2)), default=0.0)
+    return max((math.dist(centre, other) for centre, other in itertools.combinations(centres, 2)), default=0.0)
 
 
 @derived

@@ -111,12 +111,12 @@ HERE = find_engine("mujoco").version()
 def test_a_version_is_run_once_and_is_stored(tmp_path, monkeypatch):
     world = worlds.spheres(1)
     store = Store.open(tmp_path / "store", create=True)
-    told: list[str] = []
-    measure = Versions(world, "mujoco", "energy at the start", store, lambda label: None, tell=told.append)
+    passed: list[str] = []
+    measure = Versions(world, "mujoco", "energy at the start", store, lambda label: None, tell=passed.append)
     with store.writing():
         first = measure(HERE)
     assert not first.stored
-    assert any("3 times" in line for line in told)
+    assert any("3 times" in line for line in passed)
     assert math.isfinite(first.value)
     assert first.half >= 1.5 * first.noise
 
@@ -130,11 +130,11 @@ def test_a_version_is_run_once_and_is_stored(tmp_path, monkeypatch):
 
     # one run is lost: it alone is made again
     key = next(iter(store.keys()))
-    told.clear()
+    passed.clear()
     with store.writing():
         store.drop(key)
         assert measure(HERE).value == first.value
-    assert any("1 times" in line for line in told)
+    assert any("1 times" in line for line in passed)
 
 
 def test_a_version_that_is_not_at_work_is_an_error(tmp_path):

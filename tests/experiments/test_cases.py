@@ -85,20 +85,22 @@ def test_values_that_do_not_go_together_are_located_where_the_sweep_says_them(tm
     path = tmp_path / "rod.yaml"
     path.write_text(YAML, encoding="utf-8")
     made = plan_sweep(simspec.load(path), engines=["dart"], versions=VERSIONS)
-    told = {}
+    given = {}
     for cell in made:
         try:
             case_of(made, cell)
         except SpecError as error:
-            told[cell.index] = {(one.location.line, one.location.column, one.path) for one in error.problems}
+            given[cell.index] = {
+                (problem.location.line, problem.location.column, problem.path) for problem in error.problems
+            }
     # cells: case, timestep, row
     assert len(made) == 8
     too_long = (10, 75, "bodies.rod.inertia.principal")
-    assert {index for index, places in told.items() if too_long in places} == {1, 3, 5, 7}
-    duration = {index: [place for place in places if place[2] == "physics.duration"] for index, places in told.items()}
+    assert {index for index, places in given.items() if too_long in places} == {1, 3, 5, 7}
+    duration = {index: [place for place in places if place[2] == "physics.duration"] for index, places in given.items()}
     assert duration[2] == duration[3] == [(3, 37, "physics.duration")], "the spec's own duration"
-    assert 4 not in told, "21 ms are a whole number of 1 ms"
-    assert 6 not in told, "and of 3 ms"
+    assert 4 not in given, "21 ms are a whole number of 1 ms"
+    assert 6 not in given, "and of 3 ms"
 
 
 def test_the_spec_itself_stays_as_it_is():
@@ -112,15 +114,15 @@ def test_the_spec_itself_stays_as_it_is():
 def test_times_are_rounded_up_where_the_sweep_asks_for_it_and_only_there():
     over = {"over": {"physics.timestep": ["1 ms", "3 ms"]}}
     exact, rounding = plan(over, ["dart"]), plan({**over, "times": "round_up"}, ["dart"])
-    whole, odd = rounding
+    whole, unexpected = rounding
     assert roundings(rounding, whole) == ()
     assert world_of(rounding, whole) == world_of(exact, next(iter(exact)))
-    world = world_of(rounding, odd)
+    world = world_of(rounding, unexpected)
     assert (world.physics.steps, world.record.every_steps) == (7, 4)
     assert dict(world.expectations[0].parameters)["at"] == 0.021
-    told = {one.path: (one.written, one.taken) for one in roundings(rounding, odd)}
-    assert told["physics.duration"] == (0.02, 0.021)
-    assert told["record.every"] == (0.01, 0.012)
+    given = {rounded.path: (rounded.written, rounded.taken) for rounded in roundings(rounding, unexpected)}
+    assert given["physics.duration"] == (0.02, 0.021)
+    assert given["record.every"] == (0.01, 0.012)
     assert rounding_lines(exact) == []
     (line,) = rounding_lines(rounding)
     assert line.startswith("times rounded up at physics.timestep=3 ms: physics.duration 0.02 s to 0.021 s")

@@ -18,20 +18,20 @@ STUDY, PAGE = ROOT / "specs" / "studies" / "contact.yaml", ROOT / "docs" / "reco
 def test_every_approximation_is_accepted_since_the_study_measures_it():
     lacking: set[tuple[str, str, str | None]] = set()
     reasons: set[str] = set()
-    for one in load_study_file(STUDY).sweeps():
-        assert one.spec.data.sweep is not None
-        engines = one.spec.data.sweep.engines
-        plan = plan_sweep(one.spec, engines=engines, versions={engine: {} for engine in engines})
+    for sweep in load_study_file(STUDY).sweeps():
+        assert sweep.spec.data.sweep is not None
+        engines = sweep.spec.data.sweep.engines
+        plan = plan_sweep(sweep.spec, engines=engines, versions={engine: {} for engine in engines})
         for cell in plan:
             if dict(cell.overrides).get("physics.timestep") not in (None, "4 ms", "16 ms"):
                 continue
             try:
                 compile_world(world_of(plan, cell), [cell.engine])
             except UnsupportedError as error:
-                lacking.add((one.name, cell.engine, cell.case))
+                lacking.add((sweep.name, cell.engine, cell.case))
                 # what an engine does not have at all is reason enough
-                told = [problem.message for problem in error.problems]
-                reasons.add(next((why for why in told if "approximately" not in why), told[0]))
+                messages = [problem.message for problem in error.problems]
+                reasons.add(next((why for why in messages if "approximately" not in why), messages[0]))
     assert not [why for why in reasons if "approximately" in why]
     assert ("friction", "drake", "pyramid-inscribed") in lacking
     by_engine: dict[str, set[str]] = {}
@@ -52,4 +52,4 @@ def test_every_approximation_is_accepted_since_the_study_measures_it():
 
 def test_the_page_shows_every_sweep_of_the_study():
     shown = {mark.sweep for mark in marks(PAGE.read_text(encoding="utf-8"), "contact.md")}
-    assert shown == {None, *(one.name for one in load_study_file(STUDY).sweeps())}
+    assert shown == {None, *(sweep.name for sweep in load_study_file(STUDY).sweeps())}

@@ -65,11 +65,11 @@ def on(address, plan, publishing=lambda: None):
 
     class Telling(DaskExecutor):
         def run(self, tasks, publish):
-            def told(task, result):
+            def given(task, result):
                 publish(task, result)
                 publishing()
 
-            super().run(tasks, told)
+            super().run(tasks, given)
 
     return lambda supplies: Telling(supplies, address, plan.versions)
 
@@ -103,12 +103,12 @@ def test_an_engine_that_no_worker_has_is_an_error_before_any_run_and_a_scheduler
         assert results(Store.open(tmp_path / "store")) == {}
         with pytest.raises(ExecutorError, match="no Dask scheduler but a Worker"):
             DaskExecutor(None, address_of(worker, dask), {})
-        one = plan_of(**MANY)
+        plan = plan_of(**MANY)
         with pytest.raises(ExecutorError, match=f"the scheduler {dask.address} does not answer any more"):
-            do(tmp_path / "store", one, on(dask.address, one, dask.scheduler.kill))
+            do(tmp_path / "store", plan, on(dask.address, plan, dask.scheduler.kill))
     stored = results(Store.open(tmp_path / "store"))
     assert stored
-    outcome, made = do(tmp_path / "store", one, lambda supplies: LocalExecutor(supplies, 2))
+    outcome, made = do(tmp_path / "store", plan, lambda supplies: LocalExecutor(supplies, 2))
     assert (outcome.done, outcome.ran) == (len(stored), 12 - len(stored))
     assert stored.items() <= made.items()
 

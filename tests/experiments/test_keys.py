@@ -100,10 +100,10 @@ def test_versions_the_engine_and_its_label_change_keys():
     newer = {**VERSIONS, "mujoco": {**VERSIONS["mujoco"], "engine_version": "2"}}
     more = {**VERSIONS, "mujoco": {**VERSIONS["mujoco"], "numpy_version": "2"}}
     turned = {**VERSIONS, "mujoco": dict(reversed(VERSIONS["mujoco"].items()))}
-    every = [keys(data(), versions=one) for one in (newer, more)] + [
-        keys(data(), [one]) for one in ("dart", "mujoco@3.8")
+    every = [keys(data(), versions=entry) for entry in (newer, more)] + [
+        keys(data(), [name]) for name in ("dart", "mujoco@3.8")
     ]
-    assert len({one for found in every for one in found} | set(PLAIN)) == 5
+    assert len({entry for found in every for entry in found} | set(PLAIN)) == 5
     assert keys(data(), versions=turned) == PLAIN
 
 
@@ -201,7 +201,7 @@ def test_files_that_a_sweep_names_count_by_content(folder):
     whole = {**scenario, "sweep": {"over": {"models.a": [{"use": "link.yaml"}, {"use": "heavy.yaml"}]}}}
     before = of_folder(place, whole)
     (place / "heavy.yaml").write_text(MODEL.replace("mass: 1", "mass: 4"), encoding="utf-8")
-    assert [one == two for one, two in zip(before, of_folder(place, whole), strict=True)] == [True, False]
+    assert [entry == two for entry, two in zip(before, of_folder(place, whole), strict=True)] == [True, False]
 
 
 def test_a_file_that_is_not_there_is_a_problem_of_its_cells(folder):

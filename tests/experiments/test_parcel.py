@@ -27,8 +27,8 @@ def packed(facts=FACTS, contents=CONTENTS, compress=False) -> bytes:
 
 def forged(head, rest: bytes = b"") -> bytes:
     """A parcel with a head of one's own."""
-    told = head if isinstance(head, bytes) else json.dumps(head).encode()
-    return MARK + len(told).to_bytes(LENGTH, "big") + told + rest
+    encode = head if isinstance(head, bytes) else json.dumps(head).encode()
+    return MARK + len(encode).to_bytes(LENGTH, "big") + encode + rest
 
 
 def head(**changes):

@@ -139,4 +139,4 @@ def test_what_a_distribution_draws():
 def test_settings_by_timestep_are_checked_at_whatever_timestep_they_hold(entries, index, name):
     with pytest.raises(SpecError) as error:
         plan_sweep(spec(engines={"mujoco": {"at_timestep": entries}}), engines=["dart"], versions=VERSIONS)
-    assert [one.path for one in error.value.problems] == [f"engines.mujoco.at_timestep.{index}.settings.{name}"]
+    assert [problem.path for problem in error.value.problems] == [f"engines.mujoco.at_timestep.{index}.settings.{name}"]

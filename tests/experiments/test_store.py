@@ -62,8 +62,8 @@ def test_worlds_are_stored_once_whatever_they_are_called_and_engines_are_told(st
 
 def test_two_runs_of_one_case_differ_in_circumstances_alone(store, tmp_path):
     again = Store.open(tmp_path / "again", create=True)
-    told = {**made().provenance, "seconds": {"step": 9.0}, "started": "later"}
-    slower = dataclasses.replace(made(), provenance=told, seconds=2.0 * made().seconds)
+    given = {**made().provenance, "seconds": {"step": 9.0}, "started": "later"}
+    slower = dataclasses.replace(made(), provenance=given, seconds=2.0 * made().seconds)
     with again.writing():
         again.publish(result_of(slower, KEYS[0], cell={"key": "another"}), WORLD)
     first, second = store.facts(KEYS[0]), again.facts(KEYS[0])
@@ -80,12 +80,12 @@ def test_what_is_there_is_not_written_again(store):
 
 
 def test_a_failed_run_keeps_the_reason_and_the_engine_s_own_words_apart(store):
-    told = "the process was ended by signal 11; its last output: at /tmp/abc"
-    failed = Run(WORLD, "first", {}, {"engine_version": "1"}, told)
+    text = "the process was ended by signal 11; its last output: at /tmp/abc"
+    failed = Run(WORLD, "first", {}, {"engine_version": "1"}, text)
     with store.writing():
         store.publish(result_of(failed, KEYS[3]), WORLD)
     assert store.facts(KEYS[3]).result.failed == "the process was ended by signal 11"
-    assert store.load(KEYS[3]).failed == told
+    assert store.load(KEYS[3]).failed == text
 
 
 def edit_bytes(path):
@@ -264,10 +264,10 @@ def test_a_run_that_was_added_or_removed_since_is_seen(store):
         ("x", "cannot be read"),
     ],
 )
-def test_a_store_of_another_form_is_refused(store, content, told):
+def test_a_store_of_another_form_is_refused(store, content, given):
     (store.path / "store.json").write_text(content)
     for create in (False, True):
-        with pytest.raises(SpecError, match=told):
+        with pytest.raises(SpecError, match=given):
             Store.open(store.told, create=create)
     assert store.has(KEYS[0])
 
@@ -290,4 +290,4 @@ def test_lists_of_coordinates_are_packed_by_bytes_too(tmp_path, monkeypatch):
     folder = made().save(tmp_path / "run")
     group = parquet.ParquetFile(folder / "states.parquet").metadata.row_group(0)
     packed = [group.column(index) for index in range(group.num_columns)]
-    assert all("BYTE_STREAM_SPLIT" in one.encodings for one in packed if one.path_in_schema[0] in "qv")
+    assert all("BYTE_STREAM_SPLIT" in entry.encodings for entry in packed if entry.path_in_schema[0] in "qv")

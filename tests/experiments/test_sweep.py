@@ -98,14 +98,14 @@ def test_every_cell_is_run_once_and_not_again(store, jobs):
 
 
 def test_while_runs_go_on_the_runs_are_told(store):
-    told, during = [], []
+    given, during = [], []
 
     def look(case, task):
-        during.append(told[-1])
+        during.append(given[-1])
 
-    do(store, Engines(look), names=("mujoco",), verify=True, progress=lambda text, share=None: told.append(text))
+    do(store, Engines(look), names=("mujoco",), verify=True, progress=lambda text, share=None: given.append(text))
     assert during == ["0 of 3 runs", "1 of 3 runs", "2 of 3 runs"]
-    assert "verifying mujoco" in told
+    assert "verifying mujoco" in given
 
 
 def test_runs_take_turns_when_one_is_done_at_a_time(store):
@@ -221,13 +221,13 @@ def test_times_that_are_rounded_up_are_told_with_the_run_and_the_results(store, 
     of = spec(over={"physics.timestep": ["1 ms", "3 ms"]}, times="round_up")
     outcome = do(store, engines, of)
     assert (outcome.ran, outcome.invalid_count) == (4, 0)
-    asked = {row.timestep: store.facts(row.key).asked.cell for _, row in outcome.rows()}
-    assert "rounded" not in asked[0.001]
-    assert asked[0.003]["rounded"] == [["physics.duration", 0.1, 0.102], ["record.every", 0.01, 0.012]]
+    requested = {row.timestep: store.facts(row.key).asked.cell for _, row in outcome.rows()}
+    assert "rounded" not in requested[0.001]
+    assert requested[0.003]["rounded"] == [["physics.duration", 0.1, 0.102], ["record.every", 0.01, 0.012]]
     made = groups(outcome.plan, outcome.rows())
-    told = outcome_data(outcome, made)
-    assert told["plan"]["times"] == "round_up"
-    assert [run.get("rounded") for run in told["runs"]][1:3] == [None, asked[0.003]["rounded"]]
+    given = outcome_data(outcome, made)
+    assert given["plan"]["times"] == "round_up"
+    assert [run.get("rounded") for run in given["runs"]][1:3] == [None, requested[0.003]["rounded"]]
     show_outcome(outcome, made)
     assert (
         "note: times rounded up at physics.timestep=3 ms: physics.duration 0.1 s to 0.102 s" in capsys.readouterr().out

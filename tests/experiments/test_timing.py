@@ -53,8 +53,8 @@ def test_this_machine_is_described_whole():
         ({"kernel": "Linux 6.2", "python": "CPython 3.12.0"}, None),
     ],
 )
-def test_machines_are_told_apart_by_their_hardware(other, told):
-    assert ONE.differences(dataclasses.replace(ONE, **other)) == ([] if told is None else [told])
+def test_machines_are_told_apart_by_their_hardware(other, given):
+    assert ONE.differences(dataclasses.replace(ONE, **other)) == ([] if given is None else [given])
 
 
 def test_other_work_is_what_is_not_our_own():
@@ -133,10 +133,10 @@ def test_engines_take_turns_each_bound_and_alone(tmp_path, monkeypatch):
 
     monkeypatch.setattr(process, "Running", Seen)
     cases = [TimedCase(Case(world, name), tmp_path / name) for name in engines]
-    told = []
-    runs = list(timed_runs(cases, 2, progress=lambda text, share: told.append((text, share))))
+    given = []
+    runs = list(timed_runs(cases, 2, progress=lambda text, share: given.append((text, share))))
     assert [run.engine for run in runs] == ["mujoco", "dart", "mujoco", "dart"]
-    assert told[1:3] == [("timing dart", 0.25), ("timing mujoco", 0.5)]
+    assert given[1:3] == [("timing dart", 0.25), ("timing mujoco", 0.5)]
     assert seen == [{core_for_timing()}] * 4
     for run in runs:
         assert run.failed is None

@@ -271,8 +271,8 @@ def test_a_trajectory_moves_other_joints_beside_actuators(way, law):
     for found, expected in zip(positions(both).at(times, 2), positions(alone).at(times, 2), strict=True):
         np.testing.assert_array_equal(found[:, 1], expected[:, 0])
     target, speed, acceleration = (values[:, 0] for values in positions(both).at(times, 2))
-    held, fed = (0.3, 0.0) if law == "position" else (0.0, 0.3)
-    np.testing.assert_allclose(target, np.full(5, held), atol=1e-15)  # a polynomial's last digit
+    value, fed = (0.3, 0.0) if law == "position" else (0.0, 0.3)
+    np.testing.assert_allclose(target, np.full(5, value), atol=1e-15)  # a polynomial's last digit
     np.testing.assert_allclose([speed, acceleration], np.zeros((2, 5)), atol=1e-12)
     np.testing.assert_array_equal(efforts(both).at(times)[0], np.tile([fed, 0.0], (5, 1)))
 

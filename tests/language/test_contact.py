@@ -208,7 +208,7 @@ def test_the_second_of_two_entries_names_the_place_of_the_first(tmp_path):
 def test_both_numbers_of_a_compliance_are_reported(tmp_path):
     with pytest.raises(SpecError) as caught:
         load(written(tmp_path, "  hardness: {time_constant: 5 m, damping_ratio: -1}"))
-    assert [one.path.rpartition(".")[2] for one in caught.value.problems] == ["time_constant", "damping_ratio"]
+    assert [problem.path.rpartition(".")[2] for problem in caught.value.problems] == ["time_constant", "damping_ratio"]
 
 
 PAD = """bodies:

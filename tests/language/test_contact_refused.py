@@ -50,9 +50,9 @@ def test_a_cone_that_an_engine_lacks_is_refused_where_it_is_written(engine, cone
     support = engines()[engine].SUPPORT[CONES[cone]]
     support = support.in_world(load(path).resolve())
     if support.level in (Level.UNSUPPORTED, Level.APPROXIMATE):
-        problem, *others = sorted(refused(path, engine), key=lambda one: CONES[cone].value not in one.message)
+        problem, *others = sorted(refused(path, engine), key=lambda entry: CONES[cone].value not in entry.message)
         # an engine may have boxes on boxes approximately, whatever the cone
-        assert all(Feature.SHAPE_BOX.value in one.message for one in others)
+        assert all(Feature.SHAPE_BOX.value in other.message for other in others)
         assert CONES[cone].value in problem.message
         assert engines()[engine].TITLE in problem.message
         assert problem.location.line == 5
@@ -89,7 +89,7 @@ def test_friction_that_is_missing_in_impacts_is_refused_where_it_is_written(tmp_
     for way in (f"accept: [{IMPACT}]", "settings: {friction: coulomb}"):
         spec = load(written(tmp_path, pair, f"{UNSAID}engines: {{mujoco: {{{way}}}}}\n"))
         decisions = compile_world(spec.resolve(), ["mujoco"], spec.locate)["mujoco"].decisions
-        (level,) = [one.level for one in decisions if one.feature is Feature.IMPACT_FRICTION]
+        (level,) = [decision.level for decision in decisions if decision.feature is Feature.IMPACT_FRICTION]
         assert level is (Level.APPROXIMATE if "accept" in way else Level.OUTSIDE)
 
 
@@ -163,7 +163,7 @@ def test_more_materials_than_are_split_are_refused_by_name(engine, tmp_path):
         encoding="utf-8",
     )
     problems = refused(path, engine)
-    accepted = [one.hint.rpartition(" ")[2] for one in problems if "accept it by name" in (one.hint or "")]
+    accepted = [problem.hint.rpartition(" ")[2] for problem in problems if "accept it by name" in (problem.hint or "")]
     if accepted:  # what has to be accepted first is told first
         with path.open("a", encoding="utf-8") as file:
             file.write(f"engines: {{{engine}: {{accept: [{', '.join(accepted)}]}}}}\n")

@@ -399,7 +399,7 @@ PLACES = "3:1 4:27 4:41 6:33 8:13 8:40 9:15 9:53 9:79 10:15 11:41 12:26 13:34 13
 
 def test_all_problems_at_once_in_the_order_of_the_file(tmp_path):
     found = problems(tmp_path, MANY)
-    assert " ".join(f"{one.location.line}:{one.location.column}" for one in found) == PLACES
+    assert " ".join(f"{entry.location.line}:{entry.location.column}" for entry in found) == PLACES
     assert len(found) == len(set(found))
 
 

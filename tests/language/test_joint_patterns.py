@@ -136,7 +136,9 @@ def test_a_start_is_located_at_its_pattern(make, tmp_path):
 
 
 def test_a_bare_angle_of_many_turns_is_warned_of_at_its_pattern(make):
-    (warning,) = [one for one in make({"positions": {"index_*": 90}}).warnings() if "without a unit" in one.message]
+    (warning,) = [
+        warning for warning in make({"positions": {"index_*": 90}}).warnings() if "without a unit" in warning.message
+    ]
     assert warning.path == "models.hand.positions.index_*"
 
 

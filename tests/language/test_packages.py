@@ -166,9 +166,9 @@ def test_defects_of_the_file_are_told_by_its_name_in_the_package(site):
     (site / "yard_robots" / "arm.urdf").write_text(
         ROBOT.format(mesh="x.obj").replace('mass value="2"', 'mass value="-2"')
     )
-    told = simspec("check", "yard.yaml", code=2).stderr
-    assert "package://yard_robots/arm.urdf:4:" in told
-    assert str(site) not in told
+    stderr = simspec("check", "yard.yaml", code=2).stderr
+    assert "package://yard_robots/arm.urdf:4:" in stderr
+    assert str(site) not in stderr
 
 
 def test_every_part_of_a_namespace_package_is_looked_into(site):
@@ -229,9 +229,9 @@ def test_a_distribution_of_another_name_than_its_package(site):
     ],
 )
 def test_what_names_no_file_of_a_package_is_an_error_at_its_place(site, text, words):
-    told = refused(text)
-    assert words in told
-    assert "models.crane.use" in told
+    given = refused(text)
+    assert words in given
+    assert "models.crane.use" in given
 
 
 def test_a_package_is_looked_for_once_for_all_its_files(site, monkeypatch):
@@ -302,34 +302,34 @@ def test_a_robot_that_is_not_in_the_cache_is_not_fetched(cached, monkeypatch):
     monkeypatch.setattr("importlib.import_module", None)
     Path("yard.yaml").write_text(USE.format("crane_description"))
     (cached / ".git" / "HEAD").write_text("f" * 40 + "\n")
-    told = simspec("check", "yard.yaml", code=2).stderr
-    assert "in the cache at commit ffffffffffff" in told
-    assert "simspec import crane_description fetches it" in told
+    stderr = simspec("check", "yard.yaml", code=2).stderr
+    assert "in the cache at commit ffffffffffff" in stderr
+    assert "simspec import crane_description fetches it" in stderr
     (cached / ".git" / "HEAD").unlink()
     for words in (
         ("check", "yard.yaml"),
         ("check", "crane_description"),
         ("audit", "crane_description", "-e", "mujoco"),
     ):
-        told = simspec(*words, code=2).stderr
-        assert "is not in the cache of robot_descriptions" in told
-        assert "simspec import crane_description fetches it" in told
+        stderr = simspec(*words, code=2).stderr
+        assert "is not in the cache of robot_descriptions" in stderr
+        assert "simspec import crane_description fetches it" in stderr
     with pytest.raises(NotCachedError):
         packaged("robot_descriptions://crane_description", suffixes())
 
 
 def test_import_fetches_it(cached, monkeypatch):
     (cached / ".git" / "HEAD").unlink()
-    asked = []
+    requested = []
 
     def fetch(name):
-        asked.append(name)
+        requested.append(name)
         (cached / ".git" / "HEAD").write_text(f"{COMMIT}\n")
 
     monkeypatch.setattr("importlib.import_module", fetch)
     simspec("import", "crane_description", "-o", "crane.yaml")
     simspec("import", "crane_description", "-o", "crane.yaml")
-    assert asked == ["robot_descriptions.crane_description"]
+    assert requested == ["robot_descriptions.crane_description"]
 
 
 def test_a_branch_that_is_checked_out_is_read_as_git_writes_it(cached):

@@ -90,10 +90,10 @@ def test_of_each_pair_and_setting_the_last_list_that_holds_counts(plain, entries
     world = Spec.from_data(data).resolve()
     expected = {}
     for index, pairs in enumerate([plain, *entries]):
-        for a, b, own in pairs if index == 0 or timestep > index * (1 + 1e-9) else []:
-            for name, value in own.items():
+        for a, b, local in pairs if index == 0 or timestep > index * (1 + 1e-9) else []:
+            for name, value in local.items():
                 expected[min(a, b), max(a, b), name] = value
-    got = {(*pair, name): value for pair, own in pairs_of(world).items() for name, value in own.items()}
+    got = {(*pair, name): value for pair, local in pairs_of(world).items() for name, value in local.items()}
     assert got == expected
     assert list(pairs_of(world)) == sorted(pairs_of(world))
     assert from_plain(World, to_plain(world)) == world

@@ -31,11 +31,11 @@ models: {one: {use: one.yaml}, two: {use: two.yaml, pose: {xyz: [5, 0, 0]}}}
 """
 
 
-def laws(folder: Path, one: str, two: str, own: str = "") -> dict[tuple[str, str], PairContact]:
-    for name, pairs in (("one", one), ("two", two)):
+def laws(folder: Path, entry: str, two: str, text: str = "") -> dict[tuple[str, str], PairContact]:
+    for name, pairs in (("one", entry), ("two", two)):
         (folder / f"{name}.yaml").write_text(MODEL.replace("NAME", name).replace("PAIRS", pairs))
     path = folder / "placed.yaml"
-    path.write_text(SCENARIO.replace("PAIRS", own))
+    path.write_text(SCENARIO.replace("PAIRS", text))
     return {(pair.first, pair.second): pair for pair in load(path).resolve().contact.pairs}
 
 

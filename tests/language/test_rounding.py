@@ -28,7 +28,7 @@ def data(timestep, duration="20 ms", every="10 ms", expect=EXPECT, **more):
 
 
 def taken(of):
-    return {one.path: one.taken for one in rounded_up(of)}
+    return {rounded.path: rounded.taken for rounded in rounded_up(of)}
 
 
 def test_what_is_whole_stays_as_it_is():
@@ -68,12 +68,14 @@ def test_any_times_become_a_spec_that_is_valid(seed):
     base = Spec.from_data(data("1 ms"))
     given = [Override(name, of[name], None, None) for name in ("physics", "record", "expect")]
     rounded = rounded_up(of)
-    world = base.with_overrides([*given, *(Override(one.path, one.taken, None, None) for one in rounded)]).resolve()
+    world = base.with_overrides(
+        [*given, *(Override(entry.path, entry.taken, None, None) for entry in rounded)]
+    ).resolve()
     assert world.physics.steps == math.ceil(duration / timestep - 1e-9)
-    for one in rounded:
-        assert one.taken > one.written
-        most = timestep if not one.path.startswith("expect") else world.record.every_steps * timestep
-        assert one.taken - one.written < most * (1 + 1e-9)
+    for entry in rounded:
+        assert entry.taken > entry.written
+        most = timestep if not entry.path.startswith("expect") else world.record.every_steps * timestep
+        assert entry.taken - entry.written < most * (1 + 1e-9)
 
 
 def test_what_is_no_time_is_left_to_the_checks():
@@ -81,8 +83,10 @@ def test_what_is_no_time_is_left_to_the_checks():
     assert rounded_up(data(0)) == ()
     assert rounded_up(data(1e-300, 1e300)) == ()
     assert rounded_up({"physics": 3, "record": [], "expect": {"a": 1}}) == ()
-    odd = data("3 ms", expect=[3, {"position": {"at": "soon"}}, {"position": None}, {"position": {"at": "5 s"}}])
-    assert list(taken(odd)) == ["physics.duration", "record.every"], "a time after the end is an error, not rounded"
+    unexpected = data("3 ms", expect=[3, {"position": {"at": "soon"}}, {"position": None}, {"position": {"at": "5 s"}}])
+    assert list(taken(unexpected)) == ["physics.duration", "record.every"], (
+        "a time after the end is an error, not rounded"
+    )
 
 
 def test_which_values_times_depend_on():

@@ -134,9 +134,9 @@ def test_a_study_without_a_small_part_has_no_small_study(folder):
 
 def test_the_study_of_the_paper_is_whole():
     study = load_study_file(ROOT / "specs" / "studies" / "koerber-2021.yaml")
-    names = [one.name for one in study.sweeps()]
+    names = [sweep.name for sweep in study.sweeps()]
     assert {"spheres", "robot"} <= set(names)
-    small = {one.name: one.spec.data.sweep for one in study.sweeps(small=True)}
+    small = {sweep.name: sweep.spec.data.sweep for sweep in study.sweeps(small=True)}
     assert "robot" not in small
     for name in ("spheres", "robot-pick"):
         assert len(small[name].over["physics.timestep"]) == 5

@@ -33,7 +33,10 @@ def told(tmp_path, sweep):
     path.write_text(SPEC + "".join(f"  {line}\n" for line in sweep.splitlines()), encoding="utf-8")
     with pytest.raises(SpecError) as error:
         load(path)
-    return [(one.location.line - LINES, one.location.column, one.message, one.path) for one in error.value.problems]
+    return [
+        (problem.location.line - LINES, problem.location.column, problem.message, problem.path)
+        for problem in error.value.problems
+    ]
 
 
 REFUSED = {
@@ -181,7 +184,7 @@ REFUSED = {
 def test_what_is_refused_and_where(name, tmp_path):
     sweep, place, message = REFUSED[name]
     problems = told(tmp_path, sweep)
-    assert any(one[:2] == place and message in one[2] for one in problems), problems
+    assert any(problem[:2] == place and message in problem[2] for problem in problems), problems
 
 
 def test_one_mistake_is_one_problem(tmp_path):

@@ -137,17 +137,17 @@ def test_a_wrong_trajectory_is_an_error_at_its_line(name, tmp_path):
     trajectory, marked, path, message, found, more = BAD[name]
     text = spec(trajectory)
     (tmp_path / "pyproject.toml").touch()
-    one = problems(tmp_path, text)[0]
-    assert message in one.message
-    assert one.path.startswith(path)
-    assert one.location is not None
-    assert one.location.line == (
+    problem = problems(tmp_path, text)[0]
+    assert message in problem.message
+    assert problem.path.startswith(path)
+    assert problem.location is not None
+    assert problem.location.line == (
         text.splitlines().index("trajectory:") + 1
         if marked == "trajectory:"
         else line_of(text.split("trajectory:\n")[1], marked) + text.splitlines().index("trajectory:") + 1
     )
-    assert found is None or found in (one.found or "")
-    assert more is None or more in f"{one.allowed} {one.hint}"
+    assert found is None or found in (problem.found or "")
+    assert more is None or more in f"{problem.allowed} {problem.hint}"
 
 
 def test_points_times_joints_are_bounded():
@@ -158,9 +158,9 @@ def test_points_times_joints_are_bounded():
 
 
 def test_a_trajectory_wants_a_controller(tmp_path):
-    (one,) = problems(tmp_path, spec(TWO, control=""))
-    assert "without a controller that follows it" in one.message
-    assert one.path == "trajectory"
+    (entry,) = problems(tmp_path, spec(TWO, control=""))
+    assert "without a controller that follows it" in entry.message
+    assert entry.path == "trajectory"
 
 
 def test_a_grip_wants_one_grasp(tmp_path):
@@ -175,8 +175,8 @@ def test_a_grip_wants_one_grasp(tmp_path):
 
 def test_a_grasp_moves_driven_joints_alone(tmp_path):
     control = CONTROL.replace(", arm/jaw", "")
-    (one,) = problems(tmp_path, spec("  program:\n    - {grip: 1, in: 1}\n", control=control))
-    assert "the grasp arm/pinch moves arm/jaw, which no controller drives" in one.message
+    (entry,) = problems(tmp_path, spec("  program:\n    - {grip: 1, in: 1}\n", control=control))
+    assert "the grasp arm/pinch moves arm/jaw, which no controller drives" in entry.message
 
 
 BAD_GRASPS = {
@@ -202,23 +202,23 @@ BAD_GRASPS = {
 def test_a_wrong_grasp_is_an_error_at_its_line_whether_used_or_not(name, used, tmp_path):
     grasp, path, message, found, more = BAD_GRASPS[name]
     text = spec("  program:\n    - {grip: 1, in: 1}\n" if used else "", grasps=f"    grasps:\n      pinch: {grasp}\n")
-    one = problems(tmp_path, text)[0]
-    assert message in one.message
-    assert one.path.startswith(f"models.arm.grasps.pinch.{path}".rstrip("."))
-    assert one.location.line == line_of(text, "pinch:")
-    assert found is None or found in (one.found or "")
-    assert more is None or more in f"{one.allowed} {one.hint}"
+    problem = problems(tmp_path, text)[0]
+    assert message in problem.message
+    assert problem.path.startswith(f"models.arm.grasps.pinch.{path}".rstrip("."))
+    assert problem.location.line == line_of(text, "pinch:")
+    assert found is None or found in (problem.found or "")
+    assert more is None or more in f"{problem.allowed} {problem.hint}"
 
 
 def test_everything_wrong_is_said_at_once(tmp_path):
     trajectory = "  points:\n" + point(0, positions="{arm/elbw: 0, arm/idle: 1}") + "  interpolation: cubc\n"
     found = problems(tmp_path, spec(trajectory))
-    assert [one.path for one in found] == ["trajectory.interpolation"]  # names are looked up in what can be read
+    assert [entry.path for entry in found] == ["trajectory.interpolation"]  # names are looked up in what can be read
     found = problems(tmp_path, spec(trajectory.replace("cubc", "cubic")))
-    assert [one.path.rpartition("/")[2] for one in found] == ["elbw", "idle"]
+    assert [entry.path.rpartition("/")[2] for entry in found] == ["elbw", "idle"]
     far = "{arm/shoulder: 3, arm/jaw: 1}"
     found = problems(tmp_path, spec("  points:\n" + point(0, positions=far)))
-    assert [one.path.rpartition("/")[2] for one in found] == ["shoulder", "jaw"]
+    assert [entry.path.rpartition("/")[2] for entry in found] == ["shoulder", "jaw"]
 
 
 # --- tables ---
@@ -259,12 +259,12 @@ TABLES = {
 def test_a_wrong_table_is_an_error_at_the_line_that_names_it(name, tmp_path):
     content, message, found, more = TABLES[name]
     text = spec("  file: reach.csv\n")
-    one = problems(tmp_path, text, reach=content)[0]
-    assert message in one.message
-    assert one.path == "trajectory.file"
-    assert one.location.line == line_of(text, "reach.csv")
-    assert found is None or found in (one.found or "")
-    assert more is None or more in f"{one.allowed} {one.hint}"
+    problem = problems(tmp_path, text, reach=content)[0]
+    assert message in problem.message
+    assert problem.path == "trajectory.file"
+    assert problem.location.line == line_of(text, "reach.csv")
+    assert found is None or found in (problem.found or "")
+    assert more is None or more in f"{problem.allowed} {problem.hint}"
 
 
 RIGHT = {"time": np.arange(3.0), "joints": np.array(["arm/elbow"]), "positions": np.zeros((3, 1))}
@@ -299,17 +299,17 @@ def test_a_wrong_npz_is_an_error_at_the_line_that_names_it(name, tmp_path):
     changed, message, found = ARRAYS[name]
     arrays = {key: value for key, value in {**RIGHT, **changed}.items() if value is not None}
     np.savez_compressed(tmp_path / "reach.npz", **arrays)
-    one = problems(tmp_path, spec("  file: reach.npz\n"))[0]
-    assert message in one.message
-    assert one.path == "trajectory.file"
-    assert found is None or found in (one.found or "")
+    problem = problems(tmp_path, spec("  file: reach.npz\n"))[0]
+    assert message in problem.message
+    assert problem.path == "trajectory.file"
+    assert found is None or found in (problem.found or "")
 
 
 @pytest.mark.parametrize("name", ["reach.txt", "reach", "reach.CSV"])
 def test_what_is_no_table_is_not_read(name, tmp_path):
     (tmp_path / name).write_text("time,arm/elbow\n0,0\n")
-    (one,) = problems(tmp_path, spec(f"  file: {name}\n"))
-    assert one.message == "not a readable table"
+    (entry,) = problems(tmp_path, spec(f"  file: {name}\n"))
+    assert entry.message == "not a readable table"
 
 
 @pytest.mark.parametrize("name", ["reach.csv", "reach.npz"])
@@ -317,14 +317,14 @@ def test_what_is_no_table_is_not_read(name, tmp_path):
 def test_a_table_that_is_no_regular_file_is_not_read(name, kind, tmp_path):
     path = tmp_path / name
     {"pipe": os.mkfifo, "device": lambda at: at.symlink_to("/dev/zero"), "folder": os.mkdir}[kind](path)
-    (one,) = problems(tmp_path, spec(f"  file: {name}\n"))
-    assert one.path == "trajectory.file"
+    (entry,) = problems(tmp_path, spec(f"  file: {name}\n"))
+    assert entry.path == "trajectory.file"
 
 
 def test_an_npz_that_is_none(tmp_path):
     (tmp_path / "reach.npz").write_text("time,arm/elbow\n0,0\n")
-    (one,) = problems(tmp_path, spec("  file: reach.npz\n"))
-    assert "cannot be read" in one.message
+    (entry,) = problems(tmp_path, spec("  file: reach.npz\n"))
+    assert "cannot be read" in entry.message
 
 
 # --- the language itself ---
@@ -405,7 +405,7 @@ def dwelling(tmp_path, trajectory, kind="hinge", more=""):
     path = tmp_path / "arm.yaml"
     path.write_text(ARM.format(kind=kind, trajectory=trajectory, more=more))
     spec = load(path)
-    return spec, [one for one in spec.warnings() if "equal points" in one.message]
+    return spec, [warning for warning in spec.warnings() if "equal points" in warning.message]
 
 
 def points(*places, more=""):

@@ -206,8 +206,8 @@ def test_commands_say_it_go_on_and_stop_where_that_is_asked(tmp_path, monkeypatc
     assert "slip.yaml:5:62: warning: bodies.b.pose.rpy.0: 90 without a unit is 90 rad: 14.3 turns" in said
     assert "90 deg, or 90 rad if intended" in said
     assert call("--json") == 0
-    told = capsys.readouterr()
-    answer = json.loads(told.out)
+    captured = capsys.readouterr()
+    answer = json.loads(captured.out)
     [found] = answer["specs"][0]["warnings"] if name == "check" else answer["warnings"]
     assert found["location"] == {"file": "slip.yaml", "line": 5, "column": 62}
-    assert told.err == ""
+    assert captured.err == ""

@@ -53,19 +53,19 @@ def test_the_oldest_leave_when_all_are_too_large(entries):
 def test_what_others_put_there_stays(entries):
     fill(entries, 12)
     folder = entries.folder()
-    stranger, note, link = folder / f"{key(99)}.json", folder / "note.txt", folder / f"{key(98)}.json"
-    stranger.write_text("mine".ljust(SIZE))
+    unknown, note, link = folder / f"{key(99)}.json", folder / "note.txt", folder / f"{key(98)}.json"
+    unknown.write_text("mine".ljust(SIZE))
     note.write_text("n" * 5000)
     link.symlink_to(note)
-    for path in (stranger, note):
+    for path in (unknown, note):
         os.utime(path, (1.0, 1.0))
     entries.write(key(12, "0"), text(12))
-    assert stranger.exists()
+    assert unknown.exists()
     assert note.exists()
     assert link.is_symlink()
     assert entries.read(key(98)) is None
     assert not entries.write(key(99), text(99))
-    assert stranger.read_text().startswith("mine")
+    assert unknown.read_text().startswith("mine")
 
 
 def test_no_folder_and_no_right_to_write(entries, monkeypatch, tmp_path):

@@ -117,7 +117,7 @@ def foreign(folder: Path) -> None:
 @pytest.mark.parametrize("links", [True, False])
 def test_files_of_others_in_a_folder_stay(root, monkeypatch, exchange, links):
     if not exchange:
-        monkeypatch.setattr(staging, "exchange", lambda one, other: False)
+        monkeypatch.setattr(staging, "exchange", lambda entry, other: False)
     if not links:
 
         def refuse(*_, **__):
@@ -308,7 +308,7 @@ def added_file():
 @pytest.mark.parametrize("exchange", [True, False])
 def test_killed_at_any_point_a_folder_is_the_old_or_the_new(root, quick, monkeypatch, exchange):
     if not exchange:
-        monkeypatch.setattr(staging, "exchange", lambda one, other: False)
+        monkeypatch.setattr(staging, "exchange", lambda entry, other: False)
     point, seen = 0, set()
     while True:
         write_folder(OLD, Path("out"), COMPILED)

@@ -80,11 +80,11 @@ def test_a_follower_beyond_its_limits_names_where_its_leader_may_be(tmp_path):
         f"  a: {{{BODY}, parent: base, joint: {{type: hinge, axis: [0, 0, 1], limits: {{position: [-1, 1]}}}}}}\n"
         f"  b: {{{BODY}, parent: base, joint: {{type: hinge, axis: [0, 0, 1], limits: {{position: [0.5, 1]}}}}}}\n"
     )
-    held = "constraints:\n  c: {follow: {joint: b_joint, leader: a_joint, ratio: -2}}"
-    ((path, found, hint),) = refused(tmp_path, bodies + held)
+    text = "constraints:\n  c: {follow: {joint: b_joint, leader: a_joint, ratio: -2}}"
+    ((path, found, hint),) = refused(tmp_path, bodies + text)
     assert (path, found) == ("constraints.c.follow", "0")
     assert "a_joint at -0.25, the nearest" in hint
-    ((_, _, hint),) = refused(tmp_path, bodies + held.replace("-2", "-0.2"))  # a_joint would have to be at -2.5
+    ((_, _, hint),) = refused(tmp_path, bodies + text.replace("-2", "-0.2"))  # a_joint would have to be at -2.5
     assert "another initial position of a_joint" in hint
 
 

@@ -80,10 +80,10 @@ def test_a_follower_begins_where_its_leader_wants_it(tmp_path):
         ("m: {mimic: {joint: a}}", "no such key|unknown"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(tmp_path, constraint, told):
+def test_what_is_wrong_is_told_with_its_place(tmp_path, constraint, given):
     import re
 
-    assert re.search(told, refused(tmp_path, FINGERS, constraint))
+    assert re.search(given, refused(tmp_path, FINGERS, constraint))
 
 
 def test_bodies_that_are_joined_rigidly_need_no_constraint(tmp_path):
@@ -99,17 +99,17 @@ def test_limits_hold_for_where_a_follower_is_put(tmp_path):
 
 
 def test_a_follower_has_no_controller_and_patterns_leave_it_out(tmp_path):
-    told = refused(tmp_path, FINGERS, MIRROR, "control: {c: {joints: [right_joint], kp: 1, kd: 1}}")
-    assert "right_joint follows left_joint, and has no controller" in told
+    text = refused(tmp_path, FINGERS, MIRROR, "control: {c: {joints: [right_joint], kp: 1, kd: 1}}")
+    assert "right_joint follows left_joint, and has no controller" in text
     every = "control: {c: {joints: ['*_joint'], law: computed-torque, natural_frequency: 5}}"
     world = scenario(tmp_path, FINGERS, MIRROR, every)
     assert world.controllers[0].joints == ("left_joint", "tip_joint")
 
 
 def test_points_and_poses_follow_from_the_initial_positions(tmp_path):
-    still = FINGERS.replace(", velocity: 0.5", "")
-    held = "pin: {connect: {bodies: [left, tip], at: [0.2, 0, 0]}}\nglue: {weld: {bodies: [palm, tip]}}"
-    world = scenario(tmp_path, still, held)
+    static = FINGERS.replace(", velocity: 0.5", "")
+    text = "pin: {connect: {bodies: [left, tip], at: [0.2, 0, 0]}}\nglue: {weld: {bodies: [palm, tip]}}"
+    world = scenario(tmp_path, static, text)
     glue, pin = world.constraints
     assert isinstance(glue, Weld)
     assert isinstance(pin, Connect)
@@ -124,9 +124,11 @@ def test_arrays_copy_the_constraints_of_their_tree(tmp_path):
     next: {parent: lead, mass: 1, inertia: {principal: [1, 1, 1]}, joint: {name: turn, type: hinge, axis: [0, 1, 0]}}
 """
     world = scenario(tmp_path, bodies, "m: {follow: {joint: turn, leader: lead_joint, ratio: 2}}")
-    assert [(held.name, held.joint, held.leader) for held in world.constraints if isinstance(held, Follow)] == [
-        (f"m_{index}", f"turn_{index}", f"lead_{index}_joint") for index in range(3)
-    ]
+    assert [
+        (constraint.name, constraint.joint, constraint.leader)
+        for constraint in world.constraints
+        if isinstance(constraint, Follow)
+    ] == [(f"m_{index}", f"turn_{index}", f"lead_{index}_joint") for index in range(3)]
     assert initial_state(world)[0].tolist() == pytest.approx([0.1, 0.2] * 3)
 
 
@@ -147,9 +149,9 @@ constraints:
         simspec.load(tmp_path / "placed.yaml").resolve()
     (tmp_path / "placed.yaml").write_text(placed.partition("constraints:")[0], encoding="utf-8")
     world = simspec.load(tmp_path / "placed.yaml").resolve()
-    assert [held.name for held in world.constraints] == ["one/mirror", "two_0/mirror", "two_1/mirror"]
+    assert [constraint.name for constraint in world.constraints] == ["one/mirror", "two_0/mirror", "two_1/mirror"]
     alone = simspec.load(tmp_path / "hand.yaml").resolve()
-    assert [held.name for held in alone.constraints] == ["mirror"]
+    assert [constraint.name for constraint in alone.constraints] == ["mirror"]
 
 
 def test_the_place_of_a_constraint_is_found(tmp_path):

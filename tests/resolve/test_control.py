@@ -96,8 +96,8 @@ def test_joints_of_models_and_arrays_by_their_full_names():
             "other": {"joints": ["row_*/elbow"], "kp": 1, "kd": 1},
         },
     }
-    one, other = resolve(Spec.from_data(data)).controllers
-    assert (one.joints, one.kp) == (("left/elbow", "left/wrist"), (1.0, 2.0))
+    controller, other = resolve(Spec.from_data(data)).controllers
+    assert (controller.joints, controller.kp) == (("left/elbow", "left/wrist"), (1.0, 2.0))
     assert other.joints == ("row_0/elbow", "row_1/elbow")
 
 
@@ -274,8 +274,8 @@ def test_a_spring_without_damping_is_not_called_unstable():
 def test_controllers_that_are_unstable_only_together_are_both_named(monkeypatch):
     from simspec.control import stability
 
-    one = stability.Instability("first, second", 0.001, 0.0005, 1.5)
-    monkeypatch.setattr(stability, "unstable", lambda world: [one])
+    instability = stability.Instability("first, second", 0.001, 0.0005, 1.5)
+    monkeypatch.setattr(stability, "unstable", lambda world: [instability])
     gains = {"kp": 1, "kd": 1}
     with pytest.raises(SpecError) as caught:
         resolve(spec(second={"joints": ["elbow"], **gains}, first={"joints": ["wrist"], **gains}))
@@ -328,7 +328,7 @@ def asked(expect, until, **more) -> list[str]:
     )
     if problems:
         raise SpecError(problems)
-    return [one.kind for one in kept]
+    return [expectation.kind for expectation in kept]
 
 
 @pytest.mark.parametrize(("until", "steps"), [(None, 10000), (4.0, 4000), (10.0, 10000), (60.0, 10000)])
@@ -340,9 +340,9 @@ def test_a_run_ends_at_the_earlier_time(until, steps):
 
 def test_a_run_that_is_cut_short_is_not_asked_for_the_end():
     everything = [*FOR_ALL_TIMES, *OF_THE_END]
-    names = [next(iter(one)) for one in everything]
+    names = [next(iter(entry)) for entry in everything]
     assert asked(everything, None) == asked(everything, 10.0) == asked(everything, 11.0) == names
-    assert asked(everything, 4.0) == [next(iter(one)) for one in FOR_ALL_TIMES]
+    assert asked(everything, 4.0) == [next(iter(time)) for time in FOR_ALL_TIMES]
 
 
 @pytest.mark.parametrize(("at_time", "kept"), [(3.0, True), (4.0, True), (4.001, False), (10.0, False)])
@@ -384,7 +384,7 @@ def reaching(**more):
 def test_until_cuts_the_run_and_nothing_else():
     whole, short = (resolve(Spec.from_data(reaching(**more))) for more in ({}, {"until": "2.5 s"}))
     assert (whole.physics.steps, short.physics.steps) == (10000, 2500)
-    assert [one.kind for one in short.expectations] == ["energy_never_rises"]
+    assert [expectation.kind for expectation in short.expectations] == ["energy_never_rises"]
     assert dataclasses.replace(short, physics=whole.physics, expectations=whole.expectations) == whole
 
 

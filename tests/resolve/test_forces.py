@@ -85,9 +85,9 @@ def shares(force: Force, timestep: float, steps: int) -> np.ndarray:
     """Of each step the force along x over its value."""
     world = simspec.load(simspec.find_spec("tumbling-body")).resolve()
     (body,) = world.bodies
-    one = dataclasses.replace(force, body=body.name, force=(1.0, 0.0, 0.0))
+    entry = dataclasses.replace(force, body=body.name, force=(1.0, 0.0, 0.0))
     physics = dataclasses.replace(world.physics, timestep=timestep)
-    applied = forces_from_request(forces_to_request(dataclasses.replace(world, forces=(one,), physics=physics)))
+    applied = forces_from_request(forces_to_request(dataclasses.replace(world, forces=(entry,), physics=physics)))
     assert applied is not None
     pose = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
     acting = np.array([applied.effort(step, pose)[0] for step in range(steps)])

@@ -112,19 +112,23 @@ def test_a_model_without_mass_may_be_attached_to_a_carrier():
 def test_what_is_told_moves_as_what_is_meant():
     """The whole of a group on its topmost body has the mass matrix and the bias force of its members."""
     meant = worlds.weightless()
-    told = lumped(meant)
-    assert told
+    inertials = lumped(meant)
+    assert inertials
     other = dataclasses.replace(
         meant,
-        bodies=tuple(dataclasses.replace(body, inertial=told.get(body.name, body.inertial)) for body in meant.bodies),
+        bodies=tuple(
+            dataclasses.replace(body, inertial=inertials.get(body.name, body.inertial)) for body in meant.bodies
+        ),
     )
     assert not lumped(other)
     q, v = random_states(meant, 2)
     for row in range(2):
-        one, two = Oracle(meant), Oracle(other)
-        np.testing.assert_allclose(one.mass_matrix(q[row]), two.mass_matrix(q[row]), rtol=0, atol=1e-13)
-        np.testing.assert_allclose(one.bias_force(q[row], v[row]), two.bias_force(q[row], v[row]), rtol=0, atol=1e-11)
-        np.testing.assert_allclose(one.body_poses(q[row]), two.body_poses(q[row]), rtol=0, atol=1e-13)
+        oracle, two = Oracle(meant), Oracle(other)
+        np.testing.assert_allclose(oracle.mass_matrix(q[row]), two.mass_matrix(q[row]), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(
+            oracle.bias_force(q[row], v[row]), two.bias_force(q[row], v[row]), rtol=0, atol=1e-11
+        )
+        np.testing.assert_allclose(oracle.body_poses(q[row]), two.body_poses(q[row]), rtol=0, atol=1e-13)
 
 
 def test_only_what_engines_ask_for_is_gathered():

@@ -37,8 +37,8 @@ def spec(folder, **body):
 
 
 def body_of(folder, **body):
-    (one,) = spec(folder, **body).resolve().bodies
-    return one
+    (entry,) = spec(folder, **body).resolve().bodies
+    return entry
 
 
 def problems(folder, **body):
@@ -50,8 +50,8 @@ def problems(folder, **body):
 def test_a_mesh_stands_where_the_spec_puts_its_file(files):
     place = {"xyz": [1, 2, 3], "rpy": ["90 deg", 0, 0]}
     mesh = {"file": "meshes/l.obj", "unit": "dm", "scale": [1, 1, -1]}
-    one = body_of(files, shapes=[{"mesh": mesh, "pose": place, "density": 1000}])
-    (shape,) = one.shapes
+    body = body_of(files, shapes=[{"mesh": mesh, "pose": place, "density": 1000}])
+    (shape,) = body.shapes
     assert (shape.name, shape.kind, shape.material) == ("one_0", "mesh", "wood")
     points = l_profile()[0] * 0.1 * (1, 1, -1)
     turned = np.stack([points[:, 0], -points[:, 2], points[:, 1]], axis=1)  # by 90° about x
@@ -61,8 +61,8 @@ def test_a_mesh_stands_where_the_spec_puts_its_file(files):
     axes = np.array(frames.matrix(shape.pose.quaternion))
     reach = SHAPES["mesh"].support(shape.size, n @ axes) + n @ np.array(shape.pose.position)
     np.testing.assert_allclose(reach, (stood @ n.T).max(axis=0), atol=1e-14)
-    assert one.inertial.mass == pytest.approx(3.0, rel=1e-14)
-    assert one.inertial.centre_of_mass == pytest.approx((1 + 0.25 / 3, 2.05, 3 + 0.25 / 3), rel=1e-14)
+    assert body.inertial.mass == pytest.approx(3.0, rel=1e-14)
+    assert body.inertial.centre_of_mass == pytest.approx((1 + 0.25 / 3, 2.05, 3 + 0.25 / 3), rel=1e-14)
 
 
 def test_masses_are_of_the_surface_or_of_the_hull(files):
@@ -72,9 +72,9 @@ def test_masses_are_of_the_surface_or_of_the_hull(files):
 
     assert mass().mass == pytest.approx(30.0, rel=1e-14)
     assert mass(mass_from="hull").mass == pytest.approx(35.0, rel=1e-14)
-    one = body_of(files, mass=30, shapes=[{"mesh": {"file": "meshes/l.obj"}}])
-    assert one.inertial.mass == 30
-    assert one.inertial.inertia == pytest.approx(mass().inertia, rel=1e-14)
+    body = body_of(files, mass=30, shapes=[{"mesh": {"file": "meshes/l.obj"}}])
+    assert body.inertial.mass == 30
+    assert body.inertial.inertia == pytest.approx(mass().inertia, rel=1e-14)
     # beside a sphere of the same volume it has half of the mass
     ball = {"sphere": {"radius": (9 / 4 / np.pi) ** (1 / 3)}, "pose": {"xyz": [9, 0, 0]}}
     both = body_of(files, mass=60, shapes=[{"mesh": {"file": "meshes/l.obj"}}, ball])
@@ -87,8 +87,8 @@ def test_pieces_stand_behind_so_that_indices_stay(files):
         (problem,) = problems(files, mass=3, shapes=shapes)
         assert "pip install 'simspec-physics[convex]'" in problem.message
         return
-    one = body_of(files, mass=3, shapes=shapes)
-    assert [shape.name for shape in one.shapes] == ["cup", "one_1", "cup_piece_1"]
+    body = body_of(files, mass=3, shapes=shapes)
+    assert [shape.name for shape in body.shapes] == ["cup", "one_1", "cup_piece_1"]
     alone = body_of(files, mass=3, shapes=shapes[:1])
     assert alone.inertial.centre_of_mass == pytest.approx((5 / 6, 5 / 6, 1 / 2), rel=1e-14)
 
@@ -168,18 +168,18 @@ def test_a_damaged_file_is_told_with_its_place(files):
 
 
 def test_what_a_hull_adds_and_loses_is_told(files):
-    def told(body):
+    def given(body):
         found = spec(files, **body).warnings()
         return [p.message for p in found if "mesh" in p.path]
 
     l_shape = {"file": "meshes/l.obj"}
-    assert told({"mass": 1, "shapes": [{"mesh": {"file": "meshes/box.stl"}}]}) == []
-    assert told({"mass": 1, "shapes": [{"mesh": l_shape}]}) == []  # 1.17 times
+    assert given({"mass": 1, "shapes": [{"mesh": {"file": "meshes/box.stl"}}]}) == []
+    assert given({"mass": 1, "shapes": [{"mesh": l_shape}]}) == []  # 1.17 times
     (files / "meshes" / "u.obj").write_text(obj(*_u_profile()))
-    (message,) = told({"mass": 1, "shapes": [{"mesh": {"file": "meshes/u.obj"}}]})
+    (message,) = given({"mass": 1, "shapes": [{"mesh": {"file": "meshes/u.obj"}}]})
     assert message == "the convex hull has 1.29 times the volume of the mesh, and is what touches"
-    assert told({"mass": 1, "shapes": [{"mesh": {"file": "meshes/u.obj"}, "collision": False}]}) == []
-    (message,) = told({"mass": 1, "shapes": [{"mesh": {**l_shape, "max_vertices": 8}}]})
+    assert given({"mass": 1, "shapes": [{"mesh": {"file": "meshes/u.obj"}, "collision": False}]}) == []
+    (message,) = given({"mass": 1, "shapes": [{"mesh": {**l_shape, "max_vertices": 8}}]})
     assert message.startswith("with 8 of 10 vertices the hull is up to ")
 
 

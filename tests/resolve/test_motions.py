@@ -75,10 +75,10 @@ def test_a_motion_between_two_points(interpolation, share):
     place, turn = curve(motion).at(np.array([0.0, 1.5, 3.0, 9.0]))
     np.testing.assert_allclose(place[:, 0], [0.0, 4.0 * share, 4.0, 4.0], atol=1e-12)
     np.testing.assert_allclose(2.0 * np.arctan2(turn[:, 2], turn[:, 0]), [0.0, -2.0 * share, -2.0, -2.0], atol=1e-12)
-    still = curve(
+    static = curve(
         dataclasses.replace(motion, times=(1.0,), positions=motion.positions[1:], quaternions=motion.quaternions[1:])
     )
-    assert still.at(np.array([0.0, 5.0]))[0].tolist() == [[4.0, 0.0, 0.0]] * 2
+    assert static.at(np.array([0.0, 5.0]))[0].tolist() == [[4.0, 0.0, 0.0]] * 2
 
 
 def test_a_placed_model_is_kinematic(tmp_path):

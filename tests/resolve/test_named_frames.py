@@ -47,13 +47,13 @@ def wrong(**more) -> str:
 
 
 def place_of(world: World, name: str) -> Pose:
-    frame = next(one for one in world.frames if one.name == name)
+    frame = next(frame for frame in world.frames if frame.name == name)
     return frames.compose(poses(world)[frame.body], frame.pose)
 
 
 def test_frames_of_models_and_scenarios_have_full_names_and_change_nothing_else():
     world = resolved(frames={"mark": {"body": "arm/link"}})
-    assert [one.name for one in world.frames] == ["arm/tip", "mark"]
+    assert [frame.name for frame in world.frames] == ["arm/tip", "mark"]
     np.testing.assert_allclose(world.frames[0].pose.position, (0.5, 0, 0))
     np.testing.assert_allclose(world.frames[0].pose.quaternion, (HALF, 0, HALF, 0))
     assert world.frames[1] == Frame("mark", "arm/link", Pose())
@@ -75,9 +75,9 @@ def test_frames_are_copied_with_arrays():
         frames={"top": {"body": "ball", "pose": {"xyz": [0, 0, 0.1]}}},
         constraints={"pin": pin},
     )
-    assert [one.name for one in world.frames] == ["arm_0/tip", "arm_1/tip", "top_0", "top_1", "top_2"]
+    assert [frame.name for frame in world.frames] == ["arm_0/tip", "arm_1/tip", "top_0", "top_1", "top_2"]
     np.testing.assert_allclose(place_of(world, "top_2").position, (1, 3, 0.1))
-    assert [(one.name, one.first, one.first_point) for one in world.constraints] == [
+    assert [(constraint.name, constraint.first, constraint.first_point) for constraint in world.constraints] == [
         (f"pin_{index}", f"ball_{index}", (0, 0, 0.1)) for index in range(3)
     ]
 
@@ -94,8 +94,8 @@ def test_a_nearer_frame_of_one_name_holds(tmp_path):
         "    frames:\n      tip: {body: link, pose: {xyz: [0, 0, 2]}}\n"
     )
     world = load(scene).resolve()
-    assert {one.name: one.pose.position for one in world.frames} == {"arm/root": (0, 0, 0), "arm/tip": (0, 0, 2)}
-    assert [one.name for one in load(tmp_path / "arm.yaml").resolve().frames] == ["root", "tip"]
+    assert {frame.name: frame.pose.position for frame in world.frames} == {"arm/root": (0, 0, 0), "arm/tip": (0, 0, 2)}
+    assert [frame.name for frame in load(tmp_path / "arm.yaml").resolve().frames] == ["root", "tip"]
 
 
 def test_a_force_at_a_frame_acts_where_the_frame_is():
@@ -118,13 +118,13 @@ def test_a_model_is_attached_to_a_frame():
 
 def test_loops_are_closed_at_frames():
     turned = {"xyz": [0, 0, 0.1], "rpy": [0, 0, "90 deg"]}
-    own = {"body": "ball", "pose": turned}
+    local = {"body": "ball", "pose": turned}
     tip = place_of(resolved(), "arm/tip")
     ball = frames.compose(tip, frames.inverse(Pose((0, 0, 0.1), (HALF, 0, 0, HALF))))
     bodies = {"ball": {**LIGHT, "pose": {"xyz": list(ball.position), "quat": list(ball.quaternion)}}}
     for kind, said in (("connect", {"at": [0, 0, 0], "second_at": [0, 0, 0]}), ("weld", {"pose": {}})):
-        held = {"latch": {kind: {"bodies": ["arm/tip", "knob"], **said}}}
-        world = resolved(bodies=bodies, frames={"knob": own}, constraints=held)
+        actual = {"latch": {kind: {"bodies": ["arm/tip", "knob"], **said}}}
+        world = resolved(bodies=bodies, frames={"knob": local}, constraints=actual)
         (latch,) = world.constraints
         assert (latch.first, latch.second) == ("arm/link", "ball")
         if isinstance(latch, Connect):

@@ -315,24 +315,24 @@ def test_an_array_is_laid_out_in_the_frame_of_its_pose():
 
 
 def test_uniform_jitter_is_three_draws_of_pythons_generator_per_element():
-    _, still = positions({"line": 50, "step": [1, 0, 0]})
+    _, static = positions({"line": 50, "step": [1, 0, 0]})
     _, found = positions({"line": 50, "step": [1, 0, 0], "jitter": {"uniform": "1 mm", "seed": 5}})
     draw = random.Random(5).random
     expected = [[-0.001 + 0.002 * draw() for _ in range(3)] for _ in range(50)]
-    assert found[:, :3] - still[:, :3] == pytest.approx(np.array(expected), abs=1e-14)  # rounding at coordinates of 50
-    assert np.abs(found[:, :3] - still[:, :3]).max() <= 0.001
+    assert found[:, :3] - static[:, :3] == pytest.approx(np.array(expected), abs=1e-14)  # rounding at coordinates of 50
+    assert np.abs(found[:, :3] - static[:, :3]).max() <= 0.001
     _, again = positions({"line": 50, "step": [1, 0, 0], "jitter": {"uniform": "1 mm", "seed": 6}})
     assert (again != found).any()
 
 
 def test_radial_jitter_scales_each_offset_by_one_draw():
     grid = {"grid": [3, 3, 3], "spacing": 0.21}
-    _, still = positions(grid, pose={"xyz": [0, 0, 1]})
+    _, static = positions(grid, pose={"xyz": [0, 0, 1]})
     _, found = positions({**grid, "jitter": {"radial": "0.1 %", "seed": 216}}, pose={"xyz": [0, 0, 1]})
     draw = random.Random(216).random
     origin = np.array([0, 0, 1.0])
     scales = np.array([1 - 0.001 + 0.002 * draw() for _ in range(27)])
-    expected = origin + (still[:, :3] - origin) * scales[:, None]
+    expected = origin + (static[:, :3] - origin) * scales[:, None]
     assert found[:, :3] == pytest.approx(expected, abs=1e-15)
     assert found[0, :3].tolist() == [0, 0, 1]
 
@@ -466,8 +466,8 @@ def test_a_model_that_is_turned_takes_its_velocity_with_it():
 @pytest.mark.parametrize(
     ("own", "said", "kind"), [(True, None, "fixed"), (True, False, "free"), (None, True, "fixed"), (None, None, "free")]
 )
-def test_whether_a_model_is_fixed_is_said_by_the_placement_else_by_the_model(own, said, kind):
-    body = SOLID | ({} if own is None else {"fixed": own})
+def test_whether_a_model_is_fixed_is_said_by_the_placement_else_by_the_model(local, said, kind):
+    body = SOLID | ({} if local is None else {"fixed": local})
     model = {"bodies": {"a": body}} | ({} if said is None else {"fixed": said})
     assert world(models={"m": model}).bodies[0].joint.kind == kind
 
@@ -485,7 +485,9 @@ def test_a_model_without_materials_has_a_stated_default_when_it_stands_alone(tmp
     data = {"name": "x", "model": {"bodies": {"a": {"mass": 1, "shapes": [{"sphere": {"radius": 1}}]}}}}
     found = Spec.from_data(data).resolve()
     assert found.bodies[0].shapes[0].material == "default"
-    assert [(one.name, one.friction, one.restitution) for one in found.contact.materials] == [("default", 0.0, 0.0)]
+    assert [(material.name, material.friction, material.restitution) for material in found.contact.materials] == [
+        ("default", 0.0, 0.0)
+    ]
 
 
 # --- contact ---
@@ -640,9 +642,9 @@ bodies:
 """
 
 
-def stiff(tmp_path, everywhere="common", own="common"):
+def stiff(tmp_path, everywhere="common", local="common"):
     path = tmp_path / "stiff.yaml"
-    path.write_text(STIFF.replace("HARDNESS", everywhere).replace("OWN", own), encoding="utf-8")
+    path.write_text(STIFF.replace("HARDNESS", everywhere).replace("OWN", local), encoding="utf-8")
     return load(path)
 
 
@@ -668,9 +670,9 @@ def test_the_whole_law_of_a_pair_is_resolved(tmp_path):
         ("common", "{stiffness: 2.6e5, damping: 1}", 10, "√(m/k) of 'light' (1 kg)"),
     ],
 )
-def test_contact_too_stiff_for_the_timestep_is_refused_where_it_is_stated(tmp_path, everywhere, own, line, text):
+def test_contact_too_stiff_for_the_timestep_is_refused_where_it_is_stated(tmp_path, everywhere, local, line, text):
     with pytest.raises(SpecError) as caught:
-        stiff(tmp_path, everywhere, own).resolve()
+        stiff(tmp_path, everywhere, local).resolve()
     (problem,) = caught.value.problems
     assert text in problem.message
     assert problem.location.line == line

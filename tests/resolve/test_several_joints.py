@@ -199,8 +199,8 @@ def test_a_body_with_mass_keeps_it_whatever_its_name():
     heavy = dataclasses.replace(found.bodies[1], inertial=found.bodies[2].inertial)
     other = dataclasses.replace(found, bodies=(found.bodies[0], heavy, found.bodies[2]))
     assert Feature.JOINT_SEVERAL not in {need.feature for need in needs(other)}
-    held = inertial_of(heavy)
-    assert held is not None
-    assert held.mass == 2.0
+    inertial = inertial_of(heavy)
+    assert inertial is not None
+    assert inertial.mass == 2.0
     assert set(carried(found)) == {"wheel"}
     assert not carried(other)

@@ -85,7 +85,7 @@ VALUES = {
 def test_every_field_of_a_joint_counts_but_those_that_kinematics_do_not_have(reach):
     """A field that is new counts: nobody has to remember this place."""
     _, world = reach
-    body = next(one for one in world.bodies if one.joint.kind == "hinge")
+    body = next(body for body in world.bodies if body.joint.kind == "hinge")
     plain = programs._kinematics(body)
     assert {field.name for field in dataclasses.fields(Joint)} == VALUES.keys() | programs.WITHOUT_MOTION.keys()
     for name, value in VALUES.items():

@@ -61,8 +61,8 @@ def test_what_the_placement_says_comes_on_top(tmp_path):
 def test_the_nearer_state_of_a_name_holds(tmp_path):
     _, upper, _ = joints(scenario(tmp_path, "state: home, states: {home: {positions: {shoulder: 1}}}"))
     assert upper.position == (1.0,)
-    own = "states: {home: {positions: {shoulder: 0.5}}}"
-    between = f"simspec: 1\nname: between\nmodel:\n  use: arm.yaml\n  state: home\n  {own}\n"
+    text = "states: {home: {positions: {shoulder: 0.5}}}"
+    between = f"simspec: 1\nname: between\nmodel:\n  use: arm.yaml\n  state: home\n  {text}\n"
     (tmp_path / "between.yaml").write_text(between, encoding="utf-8")
     (tmp_path / "arm.yaml").write_text(MODEL, encoding="utf-8")
     _, alone, _ = joints(simspec.load(tmp_path / "between.yaml").resolve())

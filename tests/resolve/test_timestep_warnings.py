@@ -66,15 +66,15 @@ def energy(spec: simspec.Spec) -> list[float]:
 def test_the_gain_of_a_rotation_is_the_oracle_s(tmp_path, along, x):
     spec = top(tmp_path, along, x=x)
     (gain,) = gains(spec.resolve())
-    told = energy(spec)
-    assert gain.gain == pytest.approx(max(told) / told[0] - 1.0, rel=0.02)
+    given = energy(spec)
+    assert gain.gain == pytest.approx(max(given) / given[0] - 1.0, rel=0.02)
     assert gain.gain > THRESHOLD
     (problem,) = spec.warnings()
     assert str(problem.location).endswith("spec.yaml:8:16")
     assert "rad in a step" in problem.message
     # a whole number of steps: the duration is one of theirs
     slower = loaded(tmp_path, (tmp_path / "spec.yaml").read_text(), recommended(problem))
-    assert max(told := energy(slower)) / told[0] - 1.0 < 1.05 * THRESHOLD
+    assert max(given := energy(slower)) / given[0] - 1.0 < 1.05 * THRESHOLD
 
 
 def test_a_rotation_that_diverges_says_when(tmp_path):
@@ -84,9 +84,9 @@ def test_a_rotation_that_diverges_says_when(tmp_path):
     assert math.isinf(gain.gain)
     assert "diverges after" in problem.message
     with np.errstate(over="ignore", invalid="ignore"):
-        told = np.array(energy(spec))
-    assert told[int(gain.time / 1e-3) + 15] > 50 * told[0]
-    assert told[int(0.3 * gain.time / 1e-3)] < 3 * told[0]
+        values = np.array(energy(spec))
+    assert values[int(gain.time / 1e-3) + 15] > 50 * values[0]
+    assert values[int(0.3 * gain.time / 1e-3)] < 3 * values[0]
 
 
 def test_what_turns_slowly_evenly_or_about_a_principal_axis_is_not_warned_of(tmp_path):
@@ -165,14 +165,14 @@ def test_the_speed_of_a_fall_counts(tmp_path):
     assert "falls 0.0" in problem.message
     assert str(problem.location).endswith("spec.yaml:10:5")
     assert wall(tmp_path, 0.0, height=0.5, **sheet).warnings() == []
-    (one,) = passages(wall(tmp_path, 0.0, height=4, **sheet).resolve())
-    assert one.speed == pytest.approx(math.sqrt(2 * 9.81 * 3.95), rel=0.02)
+    (passage,) = passages(wall(tmp_path, 0.0, height=4, **sheet).resolve())
+    assert passage.speed == pytest.approx(math.sqrt(2 * 9.81 * 3.95), rel=0.02)
 
 
 def test_what_slides_on_ground_is_looked_at_too(tmp_path):
     wall(tmp_path, 100.0, gravity=-9.81, height=0.05)
     text = (tmp_path / "spec.yaml").read_text() + "  ground: {fixed: true, shapes: [{plane: {}}]}\n"
-    assert [one.obstacle for one in passages(loaded(tmp_path, text).resolve())] == ["wall"]
+    assert [passage.obstacle for passage in passages(loaded(tmp_path, text).resolve())] == ["wall"]
 
 
 DRAG = """
@@ -200,17 +200,17 @@ def test_drag_that_makes_faster_is_warned_of(tmp_path, axis):
         """The size of the velocity against the fluid after a step, beside that before."""
         world = spec_at(value).resolve()
         q, v = initial_state(world)
-        still = np.array([*world.physics.fluid.velocity, 0.0, 0.0, 0.0])
+        values = np.array([*world.physics.fluid.velocity, 0.0, 0.0, 0.0])
         _, then = Oracle(world).step(q, v, np.zeros(6))
-        return float(np.linalg.norm(then - still) / np.linalg.norm(v - still))
+        return float(np.linalg.norm(then - values) / np.linalg.norm(v - values))
 
     low, high = 1e-3, 1e5
     while high > 1.001 * low:
         middle = math.sqrt(low * high)
         low, high = (low, middle) if after(middle) > 1.0 else (middle, high)
-    drag = [one for one in spec_at(1.01 * high).warnings() if "drag" in one.message]
+    drag = [warning for warning in spec_at(1.01 * high).warnings() if "drag" in warning.message]
     assert len(drag) == 1
-    assert not [one for one in spec_at(0.99 * low).warnings() if "drag" in one.message]
+    assert not [warning for warning in spec_at(0.99 * low).warnings() if "drag" in warning.message]
     assert str(drag[0].location).startswith(f"{tmp_path}/spec.yaml:12:")
 
 

@@ -87,7 +87,7 @@ def states(world: World, rows: np.ndarray) -> np.ndarray:
 def places(world: World, rows: np.ndarray, body: str) -> np.ndarray:
     """Poses of a body by the oracle, which knows nothing of tools."""
     oracle = Oracle(world)
-    index = [one.name for one in world.bodies].index(body)
+    index = [body.name for body in world.bodies].index(body)
     return np.array([oracle.body_poses(q)[index] for q in states(world, rows)])
 
 
@@ -175,8 +175,8 @@ def test_a_controllers_speed_limit_counts(limits):
     ramp = [{"at": 0, "positions": {"arm/shoulder": 0}}, {"at": 1, "positions": {"arm/shoulder": 1}}]
     with pytest.raises(SpecError) as caught:
         spec({"points": ramp, "interpolation": "linear"}, **numbers).resolve()
-    (one,) = caught.value.problems
-    assert (one.found, one.allowed) == ("1 rad/s, 1.11 times its limit", "up to 0.9 rad/s")
+    (problem,) = caught.value.problems
+    assert (problem.found, problem.allowed) == ("1 rad/s, 1.11 times its limit", "up to 0.9 rad/s")
     ramp[1]["at"] = 1.0 / 0.9
     assert spec({"points": ramp, "interpolation": "linear"}, **numbers).resolve().trajectory is not None
 
@@ -314,10 +314,10 @@ def test_a_way_past_a_singular_pose_is_refused():
     past = {"move": {"xyz": [-0.4, 0.002, 0], "free_orientation": True}, "in": 3}
     with pytest.raises(SpecError) as caught:
         spec({**data, "program": [ready, past]}).resolve()
-    (one,) = caught.value.problems
-    assert one.path == "trajectory.program.1.move"
-    assert one.message.startswith("arm/shoulder jumps by ")
-    assert one.message.endswith(" between two points of this move 1.5 s into it")
+    (problem,) = caught.value.problems
+    assert problem.path == "trajectory.program.1.move"
+    assert problem.message.startswith("arm/shoulder jumps by ")
+    assert problem.message.endswith(" between two points of this move 1.5 s into it")
     assert spec({**data, "program": [ready, {**past, "straight": False}]}).resolve().trajectory.times[-1] == 6.0
 
 
@@ -329,10 +329,10 @@ def test_a_wait_is_still():
         {"move": {"xyz": [0.3, 0.5, 0], "free_orientation": True}, "in": 1},
     )
     assert len(world.trajectory.times) < 80
-    still = positions(world.trajectory).at(np.linspace(1.0, 21.0, 20_001))[0]
-    assert np.abs(still - still[0]).max() < 2e-5
+    values = positions(world.trajectory).at(np.linspace(1.0, 21.0, 20_001))[0]
+    assert np.abs(values - values[0]).max() < 2e-5
     middle = positions(world.trajectory).at(np.linspace(1.5, 20.5, 20_001))[0]
-    assert np.abs(middle - still[0]).max() < 2e-7
+    assert np.abs(middle - values[0]).max() < 2e-7
 
 
 # --- grips ---

@@ -94,11 +94,11 @@ def test_a_case_without_changes_is_its_world():
 @pytest.mark.parametrize("seed", [None, 0, 1])
 def test_perturbed_states_are_near_and_turns_of_unit_length(seed):
     world = worlds.every_joint()
-    still, moved = perturbed_state(world, 0.0), perturbed_state(world, 1e-6, seed)
-    for one, other in zip(still, moved, strict=True):
-        assert 0.0 < np.max(np.abs(one - other)) < 1e-5
+    array, moved = perturbed_state(world, 0.0), perturbed_state(world, 1e-6, seed)
+    for entry, other in zip(array, moved, strict=True):
+        assert 0.0 < np.max(np.abs(entry - other)) < 1e-5
     again = perturbed_state(world, 1e-6, seed)
-    assert all(np.array_equal(one, other) for one, other in zip(moved, again, strict=True))
+    assert all(np.array_equal(values, other) for values, other in zip(moved, again, strict=True))
 
 
 def test_a_seed_draws_other_directions():
@@ -124,6 +124,12 @@ def test_a_key_is_the_hash_of_all_that_it_is_of():
     case = Case(dataclasses.replace(WORLD, engines=options), ENGINE, perturb=1e-9, seed=4)
     shared = dataclasses.replace(WORLD, name="", expectations=(), engines=())
     settings = dict(resolve_settings(find_engine(ENGINE), case.world))
-    told = {"schema": 1, "world": shared, "engine": ENGINE, "settings": settings, "accept": ["contact.impact_friction"]}
-    told |= {"outside": [], "perturb": 1e-9, "seed": 4, "versions": VERSIONS}
-    assert case.key(VERSIONS) == sha256(told)
+    given = {
+        "schema": 1,
+        "world": shared,
+        "engine": ENGINE,
+        "settings": settings,
+        "accept": ["contact.impact_friction"],
+    }
+    given |= {"outside": [], "perturb": 1e-9, "seed": 4, "versions": VERSIONS}
+    assert case.key(VERSIONS) == sha256(given)

@@ -110,9 +110,9 @@ def test_penetration(depth, passed):
 
 def test_penetration_needs_recorded_contacts():
     of = world(free_body("a"), expect=(expect("no_penetration_deeper_than", depth=1.0),))
-    one = run(of)
-    kept = {name: array for name, array in one.arrays.items() if not name.startswith("contact")}
-    (found,) = evaluate(dataclasses.replace(one, arrays=kept))
+    entry = run(of)
+    kept = {name: array for name, array in entry.arrays.items() if not name.startswith("contact")}
+    (found,) = evaluate(dataclasses.replace(entry, arrays=kept))
     assert not found.passed
     assert "record.channels" in found.detail
 
@@ -218,8 +218,8 @@ def held(slip: float):
 )
 def test_keeps_place(slip, more, distance, passed):
     of = held(slip)
-    asked = expect("keeps_place", body="load", within="hand", distance=distance, **more)
-    (found,) = evaluate(dataclasses.replace(of, world=dataclasses.replace(of.world, expectations=(asked,))))
+    expectation = expect("keeps_place", body="load", within="hand", distance=distance, **more)
+    (found,) = evaluate(dataclasses.replace(of, world=dataclasses.replace(of.world, expectations=(expectation,))))
     assert found.passed is passed
     assert found.bound == distance
     if not passed:
@@ -342,8 +342,8 @@ def test_a_body_that_is_not_there_is_said():
 
 def test_a_failed_run_fulfils_nothing():
     of = world(free_body("ball"), expect=tuple(expect(kind, tolerance=1e9) for kind in MEASURES))
-    one = dataclasses.replace(run(of), failed="the state is not finite after step 3")
-    found = evaluate(one)
+    entry = dataclasses.replace(run(of), failed="the state is not finite after step 3")
+    found = evaluate(entry)
     assert len(found) == len(MEASURES)
     assert not any(outcome.passed for outcome in found)
     assert "not finite" in found[0].detail
@@ -366,16 +366,16 @@ def test_not_a_number_never_passes():
         (5e-8, 7.6e-7, False),  # met
     ],
 )
-def test_a_missed_bound_that_is_finer_than_the_engine_resolves_says_so(away, noise, told):
+def test_a_missed_bound_that_is_finer_than_the_engine_resolves_says_so(away, noise, given):
     """An author's bound holds for engines of single precision, too, and the line says what no setting can mend."""
-    one = expect("position", body="ball", xyz=(0.0, 0.0, 0.0), tolerance=1e-7)
-    of = world(free_body("ball"), expect=(one,))
+    expectation = expect("position", body="ball", xyz=(0.0, 0.0, 0.0), tolerance=1e-7)
+    of = world(free_body("ball"), expect=(expectation,))
     made = run(of, lambda name, t: column(away + 0 * t, 0, 0), engine="rapier")
     floor = np.full((len(made.time), 1), noise)
     (found,) = evaluate(made, floor)
     assert found.passed == (away <= 1e-7)
     words = "finer than single precision resolves here (noise 7.6e-07 m); ball at "
-    assert found.detail.startswith(words) == told
+    assert found.detail.startswith(words) == given
     hint = "another bound in rapier alone: --engine rapier --set expect.0.position.tolerance=VALUE"
-    assert found.hint == (hint if told else "")
+    assert found.hint == (hint if given else "")
     assert evaluate(made)[0].detail.startswith("ball at ")

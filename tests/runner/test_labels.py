@@ -35,14 +35,14 @@ UNITS = [
 
 
 def shaped(groups=(("ball_0", "ball_2"),), contacts=((1, 0, 1, -0.002, 3.0), (4, 1, 0, 0.1, 0.0))):
-    one = synthetic.run(WORLD, contacts=list(contacts), contact_groups=[list(group) for group in groups])
+    entry = synthetic.run(WORLD, contacts=list(contacts), contact_groups=[list(group) for group in groups])
     sides = np.array([(0, 4), (2, 0)][: len(contacts)], dtype=np.int64).reshape(-1, 2)
-    return dataclasses.replace(one, arrays={**one.arrays, "contact.shape": sides})
+    return dataclasses.replace(entry, arrays={**entry.arrays, "contact.shape": sides})
 
 
 def test_units_of_the_same_shapes_are_one_side():
-    told = np.array([(1, 0), (3, 1), (2, 1)], dtype=np.int64)
-    sides, groups = contact_sides(WORLD, UNITS, told)
+    values = np.array([(1, 0), (3, 1), (2, 1)], dtype=np.int64)
+    sides, groups = contact_sides(WORLD, UNITS, values)
     assert groups == [["ball_0", "ball_2"]]
     assert sides.tolist() == [[0, 4], [4, 0], [2, 0]]
     names = side_names(WORLD, labels_of({"contact_groups": groups}))
@@ -70,18 +70,18 @@ def test_groups_that_cannot_be_are_refused(groups):
 
 
 @pytest.mark.parametrize("told", ["ball", ["ball_0"], 3, [3]])
-def test_groups_of_another_form_are_refused(told):
+def test_groups_of_another_form_are_refused(given):
     with pytest.raises((ValueError, TypeError)):
-        labels_of({"contact_groups": told})
+        labels_of({"contact_groups": given})
 
 
 @pytest.mark.parametrize("contacts", [((1, 0, 1, -0.002, 3.0), (4, 1, 0, 0.1, 0.0)), ()])
 def test_shapes_come_back_from_disk(tmp_path, contacts):
-    one = shaped(contacts=contacts)
-    one.save(tmp_path / "run")
+    entry = shaped(contacts=contacts)
+    entry.save(tmp_path / "run")
     again = load_run(tmp_path / "run")
     assert again.arrays["contact.shape"].shape == (len(contacts), 2)
-    np.testing.assert_array_equal(again.arrays["contact.shape"], one.arrays["contact.shape"])
+    np.testing.assert_array_equal(again.arrays["contact.shape"], entry.arrays["contact.shape"])
     assert again.provenance["contact_groups"] == [["ball_0", "ball_2"]]
 
 
@@ -99,9 +99,9 @@ def test_a_run_without_shapes_is_stored_as_before(tmp_path):
 
 
 def test_groups_that_are_not_those_of_the_table_are_refused(tmp_path):
-    one = shaped()
-    other = dataclasses.replace(one, provenance={**one.provenance, "contact_groups": [["ball_0", "ball_1"]]})
-    for name, which in (("run", one), ("other", other)):
+    entry = shaped()
+    other = dataclasses.replace(entry, provenance={**entry.provenance, "contact_groups": [["ball_0", "ball_1"]]})
+    for name, which in (("run", entry), ("other", other)):
         which.save(tmp_path / name)
     # the tables of one with the provenance of the other: the hash of the file gives it away
     (tmp_path / "other" / "contacts.parquet").write_bytes((tmp_path / "run" / "contacts.parquet").read_bytes())
@@ -115,9 +115,11 @@ def test_every_engine_that_is_shipped_tells_the_shapes(engine, tmp_path):
     world = Bench(engine, None, tmp_path).allowed(two_materials_on_one_body("a", "a"))
     assert world is not None
     record = Record(20, ("pose", "velocity", "contacts"))
-    one = run(dataclasses.replace(world, record=record, physics=dataclasses.replace(world.physics, steps=100)), engine)
-    names = np.array(side_names(world, labels_of(one.provenance)))
-    pairs = {tuple(sorted(pair)) for pair in names[one.arrays["contact.shape"]].tolist()}
+    entry = run(
+        dataclasses.replace(world, record=record, physics=dataclasses.replace(world.physics, steps=100)), engine
+    )
+    names = np.array(side_names(world, labels_of(entry.provenance)))
+    pairs = {tuple(sorted(pair)) for pair in names[entry.arrays["contact.shape"]].tolist()}
     tiles = {shape.name for body in world.bodies[:-1] for shape in body.shapes}
     assert {side for pair in pairs for side in pair} - tiles in ({"near", "far"}, {"near|far"})
     assert len(pairs) == 2

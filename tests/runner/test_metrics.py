@@ -24,8 +24,8 @@ def fall_speed(name: str, t: np.ndarray) -> np.ndarray:
 
 
 def test_a_falling_body_trades_potential_for_kinetic_energy():
-    one = run(world(free_body("ball")), falling, fall_speed)
-    kinetic, potential = metrics.energy(one.world, one.arrays)
+    entry = run(world(free_body("ball")), falling, fall_speed)
+    kinetic, potential = metrics.energy(entry.world, entry.arrays)
     assert kinetic[-1] == pytest.approx(0.5 * 2.0 * 100.0)
     assert potential[0] == pytest.approx(2.0 * 10.0 * 5.0)
     assert np.ptp(kinetic + potential) < 1e-12
@@ -36,29 +36,29 @@ def test_rotation_uses_the_tensor_in_world_axes():
     body = free_body("top", inertia=(1.0, 2.0, 3.0, 0.0, 0.0, 0.0))
     turn = frames.from_axis_angle((1.0, 0.0, 0.0), math.pi / 2)
     spin = np.array([0.0, 4.0, 0.0])
-    one = run(world(body), lambda n, t: column(0 * t, 0, 0, *turn), lambda n, t: column(0 * t, 0, 0, *spin))
-    kinetic, _ = metrics.energy(one.world, one.arrays)
+    entry = run(world(body), lambda n, t: column(0 * t, 0, 0, *turn), lambda n, t: column(0 * t, 0, 0, *spin))
+    kinetic, _ = metrics.energy(entry.world, entry.arrays)
     assert kinetic[0] == pytest.approx(0.5 * 3.0 * 16.0)
-    linear, angular = metrics.momentum(one.world, one.arrays)
+    linear, angular = metrics.momentum(entry.world, entry.arrays)
     assert np.allclose(linear, 0.0)
     assert np.allclose(angular, [0.0, 12.0, 0.0])
 
 
 def test_products_of_inertia_count_with_their_own_sign():
     body = free_body("odd", inertia=(1.0, 1.0, 1.0, 0.5, 0.0, 0.0))
-    one = run(world(body), None, lambda n, t: column(0 * t, 0, 0, 1.0, 1.0, 0.0))
-    assert metrics.energy(one.world, one.arrays)[0][0] == pytest.approx(0.5 * (1 + 1 + 2 * 0.5))
+    entry = run(world(body), None, lambda n, t: column(0 * t, 0, 0, 1.0, 1.0, 0.0))
+    assert metrics.energy(entry.world, entry.arrays)[0][0] == pytest.approx(0.5 * (1 + 1 + 2 * 0.5))
 
 
 def test_the_centre_of_mass_moves_with_the_lever():
     # the origin stands still, the centre of mass circles about it: v = ω × c
     body = free_body("hammer", mass=3.0, centre=(2.0, 0.0, 0.0), inertia=SMALL)
-    one = run(world(body), lambda n, t: column(0 * t, 1.0, 0), lambda n, t: column(0 * t, 0, 0, 0, 0, 5.0))
-    linear, angular = metrics.momentum(one.world, one.arrays)
+    entry = run(world(body), lambda n, t: column(0 * t, 1.0, 0), lambda n, t: column(0 * t, 0, 0, 0, 0, 5.0))
+    linear, angular = metrics.momentum(entry.world, entry.arrays)
     assert np.allclose(linear[0], [0.0, 3.0 * 10.0, 0.0])
     # c × m v about the world's origin, c = (2, 1, 0), and the spin of the body itself
     assert np.allclose(angular[0], [0.0, 0.0, 2.0 * 30.0 + 0.1 * 5.0])
-    assert metrics.speeds(one.world, one.arrays)[0, 0] == pytest.approx(10.0)
+    assert metrics.speeds(entry.world, entry.arrays)[0, 0] == pytest.approx(10.0)
 
 
 SMALL = (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)
@@ -70,10 +70,10 @@ def test_springs_and_armature():
         velocity=(0.0,),
     )  # fmt: skip
     body = dataclasses.replace(free_body("arm"), joint=hinge)
-    one = run(world(body, gravity=0.0))
-    one.arrays["q"][:] = 1.25
-    one.arrays["v"][:] = 2.0
-    kinetic, potential = metrics.energy(one.world, one.arrays)
+    entry = run(world(body, gravity=0.0))
+    entry.arrays["q"][:] = 1.25
+    entry.arrays["v"][:] = 2.0
+    kinetic, potential = metrics.energy(entry.world, entry.arrays)
     assert kinetic[0] == pytest.approx(0.5 * 0.5 * 4.0)
     assert potential[0] == pytest.approx(0.5 * 8.0 * 1.0)
 
@@ -81,47 +81,47 @@ def test_springs_and_armature():
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 3.0])
 def test_a_ball_spring_stores_the_square_of_its_angle(angle):
     ball = Joint("j", "ball", spring_stiffness=8.0, position=(1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 3)
-    one = run(world(dataclasses.replace(free_body("bob"), joint=ball), gravity=0.0))
+    entry = run(world(dataclasses.replace(free_body("bob"), joint=ball), gravity=0.0))
     axis = (0.6, 0.0, 0.8)
     # the same turn written with the other sign of the quaternion stores the same energy
-    one.arrays["q"][:] = -np.array(frames.from_axis_angle(axis, angle))
-    assert metrics.energy(one.world, one.arrays)[1][0] == pytest.approx(4.0 * angle**2, rel=1e-12)
+    entry.arrays["q"][:] = -np.array(frames.from_axis_angle(axis, angle))
+    assert metrics.energy(entry.world, entry.arrays)[1][0] == pytest.approx(4.0 * angle**2, rel=1e-12)
 
 
 def test_scales_do_not_depend_on_where_the_origin_is():
     high = run(world(free_body("ball")), lambda n, t: falling(n, t) + np.array([0, 0, 1e3]), fall_speed)
     low = run(world(free_body("ball")), falling, fall_speed)
-    scales = [metrics.energy_scale(*metrics.energy(one.world, one.arrays)) for one in (high, low)]
+    scales = [metrics.energy_scale(*metrics.energy(entry.world, entry.arrays)) for entry in (high, low)]
     assert scales[0] == pytest.approx(scales[1])
     assert scales[0] == pytest.approx(100.0)
 
 
 def test_contacts():
     contacts = [(1, 0, 1, -0.002, 3.0), (1, 1, 0, 0.001, 0.0), (4, 0, 1, -0.005, 7.0)]
-    one = run(world(free_body("a"), free_body("b")), contacts=contacts)
-    deepest = metrics.deepest_penetration(one.world, one.arrays)
+    entry = run(world(free_body("a"), free_body("b")), contacts=contacts)
+    deepest = metrics.deepest_penetration(entry.world, entry.arrays)
     assert (deepest.depth, deepest.bodies) == (0.005, ("a", "b"))
     assert deepest.time == pytest.approx(0.4)
-    assert metrics.contact_counts(one.arrays).tolist() == [0, 2, 0, 0, 1, 0, 0, 0, 0, 0, 0]
-    assert metrics.contact_force(one.arrays)[[1, 4]].tolist() == [3.0, 7.0]
+    assert metrics.contact_counts(entry.arrays).tolist() == [0, 2, 0, 0, 1, 0, 0, 0, 0, 0, 0]
+    assert metrics.contact_force(entry.arrays)[[1, 4]].tolist() == [3.0, 7.0]
 
 
 def test_a_gap_is_no_penetration():
-    one = run(world(free_body("a"), free_body("b")), contacts=[(1, 0, 1, 0.002, 0.0)])
-    assert metrics.deepest_penetration(one.world, one.arrays) == metrics.Penetration(0.0, 0.0, None)
+    entry = run(world(free_body("a"), free_body("b")), contacts=[(1, 0, 1, 0.002, 0.0)])
+    assert metrics.deepest_penetration(entry.world, entry.arrays) == metrics.Penetration(0.0, 0.0, None)
 
 
 def test_spread_leaves_out_what_cannot_move():
     far = dataclasses.replace(free_body("wall"), joint=Joint("w", "fixed", origin=Pose((100.0, 0.0, 0.0))))
     places = {"wall": 100.0, "a": 0.0, "b": 2.0}
-    one = run(world(far, free_body("a"), free_body("b")), lambda n, t: column(0 * t + places[n], 0, 0))
-    assert metrics.spread(one.world, one.arrays)[0] == pytest.approx(1.0)
+    entry = run(world(far, free_body("a"), free_body("b")), lambda n, t: column(0 * t + places[n], 0, 0))
+    assert metrics.spread(entry.world, entry.arrays)[0] == pytest.approx(1.0)
 
 
 def test_spread_of_a_world_without_moving_bodies_is_zero():
     wall = dataclasses.replace(free_body("wall"), joint=Joint("w", "fixed"), inertial=Inertial(0.0))
-    one = run(world(wall))
-    assert not metrics.spread(one.world, one.arrays).any()
+    entry = run(world(wall))
+    assert not metrics.spread(entry.world, entry.arrays).any()
 
 
 def test_rotation_vectors_keep_small_angles():

@@ -37,46 +37,46 @@ def short(base, steps: int = 200, every: int = 10):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_run_and_its_provenance(engine, tmp_path):
     world = short(worlds.damped_springs())
-    one = run(world, engine)
-    assert one.failed is None
-    assert one.time.tolist() == pytest.approx([0.01 * k for k in range(21)])
-    assert one.arrays["pose"].shape == (21, len(world.bodies), 7)
+    entry = run(world, engine)
+    assert entry.failed is None
+    assert entry.time.tolist() == pytest.approx([0.01 * k for k in range(21)])
+    assert entry.arrays["pose"].shape == (21, len(world.bodies), 7)
     q, v = initial_state(world)
-    assert np.allclose(one.arrays["q"][0], q, atol=1e-12)
-    assert np.allclose(one.arrays["v"][0], v, atol=1e-12)
-    facts = one.provenance
+    assert np.allclose(entry.arrays["q"][0], q, atol=1e-12)
+    assert np.allclose(entry.arrays["v"][0], v, atol=1e-12)
+    facts = entry.provenance
     assert facts["world_sha256"] == sha256(world)
     assert facts["engine_version"] == engines()[engine].version()
     assert facts["steps"] == 200
     assert facts["artifacts_sha256"] == compile_world(world, [engine])[engine].sha256
     assert set(facts["settings"]) == set(engines()[engine].SETTINGS)
     # the real-time factor is simulated time over the step calls alone; end to end there is more than that
-    assert one.real_time_factor == pytest.approx(0.2 / facts["seconds"]["step"])
-    assert one.end_to_end_factor == pytest.approx(0.2 / facts["seconds"]["process"])
+    assert entry.real_time_factor == pytest.approx(0.2 / facts["seconds"]["step"])
+    assert entry.end_to_end_factor == pytest.approx(0.2 / facts["seconds"]["process"])
     assert facts["seconds"]["step"] < facts["seconds"]["process"]
-    again = one.save(tmp_path / "run")
+    again = entry.save(tmp_path / "run")
     assert (again / "bodies.parquet").is_file()
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_the_engines_own_energy_is_that_of_the_metrics(engine):
     world = short(worlds.every_joint())
-    one = run(world, engine)
-    kinetic, potential = metrics.energy(world, one.arrays)
-    assert np.allclose(one.arrays["energy"][:, 0], kinetic, rtol=1e-8)
-    assert np.allclose(one.arrays["energy"][:, 1], potential, rtol=1e-8)
+    entry = run(world, engine)
+    kinetic, potential = metrics.energy(world, entry.arrays)
+    assert np.allclose(entry.arrays["energy"][:, 0], kinetic, rtol=1e-8)
+    assert np.allclose(entry.arrays["energy"][:, 1], potential, rtol=1e-8)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_following_the_oracle_is_measured(engine):
     close = Expectation("follows_oracle", (("tolerance", 1e-8),))
     world = dataclasses.replace(short(worlds.damped_springs()), expectations=(close,))
-    one = run(world, engine)
-    (found,) = evaluate(one)
+    entry = run(world, engine)
+    (found,) = evaluate(entry)
     assert found.passed, found
     # the same motion moved by a micrometre does not pass
-    one.arrays["pose"][-1, -1, 0] += 1e-6
-    (found,) = evaluate(one)
+    entry.arrays["pose"][-1, -1, 0] += 1e-6
+    (found,) = evaluate(entry)
     assert not found.passed
     assert found.measured == pytest.approx(1e-6, rel=1e-2)
     assert found.detail.startswith(world.bodies[-1].name)
@@ -110,10 +110,10 @@ def test_given_artifacts_are_used_and_checked(tmp_path):
 
 
 def test_another_record_replaces_the_worlds_own():
-    one = run(short(worlds.spheres(2)), "mujoco", record=Record(50, ("pose",)))
-    assert one.time.tolist() == pytest.approx([0, 0.05, 0.1, 0.15, 0.2])
-    assert "contact.row" not in one.arrays
-    assert "energy" not in one.arrays
+    entry = run(short(worlds.spheres(2)), "mujoco", record=Record(50, ("pose",)))
+    assert entry.time.tolist() == pytest.approx([0, 0.05, 0.1, 0.15, 0.2])
+    assert "contact.row" not in entry.arrays
+    assert "energy" not in entry.arrays
 
 
 def test_a_perturbed_state_moves_everything_a_little_and_stays_a_state():
@@ -137,9 +137,9 @@ def test_a_perturbed_state_moves_everything_a_little_and_stays_a_state():
 
 def test_a_perturbed_run_starts_elsewhere():
     world = short(worlds.spheres(2))
-    one = run(world, "mujoco", perturb=1e-3)
-    assert one.arrays["q"][0][2] == pytest.approx(initial_state(world)[0][2] * 1.001)
-    assert one.provenance["perturb"] == 1e-3
+    entry = run(world, "mujoco", perturb=1e-3)
+    assert entry.arrays["q"][0][2] == pytest.approx(initial_state(world)[0][2] * 1.001)
+    assert entry.provenance["perturb"] == 1e-3
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -178,5 +178,7 @@ def test_jobs_side_by_side_come_in_order(tmp_path):
         write_folder(compiled.files, tmp_path / name)
     cases = [Case(world, name, perturb=perturb) for name in ("mujoco", "pybullet") for perturb in (0.0, 1e-15)]
     found = run_jobs([(case, tmp_path / case.engine) for case in cases])
-    assert [(one.engine, one.provenance["perturb"]) for one in found] == [(one.engine, one.perturb) for one in cases]
-    assert all(one.failed is None for one in found)
+    assert [(entry.engine, entry.provenance["perturb"]) for entry in found] == [
+        (case_.engine, case_.perturb) for case_ in cases
+    ]
+    assert all(entry.failed is None for entry in found)

@@ -28,26 +28,26 @@ from tests.runner.synthetic import free_body, run, world
 def noisy(contacts=((1, 0, 1, -0.002, 3.0), (4, 1, 0, 0.1, 0.0))):
     """A run whose every number is another one."""
     generator = np.random.default_rng(5)
-    one = run(world(free_body("a"), free_body("b")), contacts=list(contacts))
-    for name, array in one.arrays.items():
+    entry = run(world(free_body("a"), free_body("b")), contacts=list(contacts))
+    for name, array in entry.arrays.items():
         if name not in ("step", "time", "contact.row", "contact.body"):
             array[...] = generator.normal(size=array.shape)
-    return one
+    return entry
 
 
 @pytest.mark.parametrize("contacts", [((1, 0, 1, -0.002, 3.0), (4, 1, 0, 0.1, 0.0)), ()])
 def test_every_array_comes_back_bit_for_bit(tmp_path, contacts):
-    one = noisy(contacts)
-    one.save(tmp_path / "run")
+    entry = noisy(contacts)
+    entry.save(tmp_path / "run")
     again = load_run(tmp_path / "run")
-    assert set(again.arrays) == set(one.arrays)
-    for name, array in one.arrays.items():
+    assert set(again.arrays) == set(entry.arrays)
+    for name, array in entry.arrays.items():
         assert np.array_equal(again.arrays[name], array), name
         assert again.arrays[name].shape == array.shape, name
-    assert again.seconds.tobytes() == one.seconds.tobytes()
-    assert again.world == one.world
-    assert again.provenance == one.provenance
-    assert (again.engine, again.failed) == (one.engine, one.failed)
+    assert again.seconds.tobytes() == entry.seconds.tobytes()
+    assert again.world == entry.world
+    assert again.provenance == entry.provenance
+    assert (again.engine, again.failed) == (entry.engine, entry.failed)
 
 
 def test_a_run_whose_engine_does_not_tell_seconds_has_none(tmp_path):
@@ -59,21 +59,21 @@ def test_a_run_whose_engine_does_not_tell_seconds_has_none(tmp_path):
 def test_the_tables_are_made_for_people(tmp_path):
     import pyarrow.parquet
 
-    one = noisy()
-    one.save(tmp_path / "run")
+    entry = noisy()
+    entry.save(tmp_path / "run")
     bodies = pyarrow.parquet.read_table(tmp_path / "run" / "bodies.parquet").to_pylist()
     assert [row["body"] for row in bodies[:3]] == ["a", "b", "a"]
-    assert bodies[3]["time"] == one.time[1]
-    assert bodies[3]["qw"] == one.arrays["pose"][1, 1, 3]
-    assert bodies[3]["wz"] == one.arrays["velocity"][1, 1, 5]
+    assert bodies[3]["time"] == entry.time[1]
+    assert bodies[3]["qw"] == entry.arrays["pose"][1, 1, 3]
+    assert bodies[3]["wz"] == entry.arrays["velocity"][1, 1, 5]
     contacts = pyarrow.parquet.read_table(tmp_path / "run" / "contacts.parquet").to_pylist()
     assert (contacts[1]["first"], contacts[1]["second"], contacts[1]["step"]) == ("b", "a", 40)
 
 
 def test_not_a_number_survives(tmp_path):
-    one = noisy()
-    one.arrays["pose"][-1] = np.nan
-    dataclasses.replace(one, failed="the state is not finite").save(tmp_path / "run")
+    entry = noisy()
+    entry.arrays["pose"][-1] = np.nan
+    dataclasses.replace(entry, failed="the state is not finite").save(tmp_path / "run")
     again = load_run(tmp_path / "run")
     assert np.isnan(again.arrays["pose"][-1]).all()
     assert again.failed == "the state is not finite"
@@ -81,8 +81,8 @@ def test_not_a_number_survives(tmp_path):
 
 def test_a_run_that_gave_nothing_is_kept(tmp_path):
     engine = "mujoco"
-    one = failed_run(worlds.spheres(2), engine, EngineError(engine, "the process was ended by signal 11"))
-    one.save(tmp_path / "run")
+    entry = failed_run(worlds.spheres(2), engine, EngineError(engine, "the process was ended by signal 11"))
+    entry.save(tmp_path / "run")
     again = load_run(tmp_path / "run")
     assert again.failed == "the process was ended by signal 11"
     assert not again.recorded
@@ -90,10 +90,10 @@ def test_a_run_that_gave_nothing_is_kept(tmp_path):
 
 def test_a_failed_run_in_another_interpreter_has_its_version(monkeypatch):
     """Not that of the engine which is installed here."""
-    asked = []
+    requested = []
 
     def version_in(python, label):
-        asked.append((python, label))
+        requested.append((python, label))
         if python == "/broken":
             raise EngineError(label, "gave no version")
         return "9.9"
@@ -105,16 +105,16 @@ def test_a_failed_run_in_another_interpreter_has_its_version(monkeypatch):
         for python in ("/other", "/broken", None)
     ]
     assert versions == ["9.9", "unknown", find_engine("mujoco").version()]
-    assert asked == [("/other", "mujoco@9.9"), ("/broken", "mujoco@9.9")]
+    assert requested == [("/other", "mujoco@9.9"), ("/broken", "mujoco@9.9")]
 
 
 def test_what_fails_in_another_interpreter_is_told_with_it(monkeypatch):
-    asked = []
-    monkeypatch.setattr(execution, "version_in", lambda python, label: asked.append(python) or "9.9")
+    requested = []
+    monkeypatch.setattr(execution, "version_in", lambda python, label: requested.append(python) or "9.9")
     runs = run_all(worlds.spheres(2), ["mujoco"], pythons={"mujoco": "/no/such/python"})
     assert runs["mujoco"].failed is not None
     assert runs["mujoco"].provenance["engine_version"] == "9.9"
-    assert asked == ["/no/such/python"]
+    assert requested == ["/no/such/python"]
 
 
 def test_saving_replaces_what_simspec_wrote_and_no_more(tmp_path):
@@ -129,9 +129,9 @@ def test_saving_replaces_what_simspec_wrote_and_no_more(tmp_path):
 
 def test_worlds_without_coordinates(tmp_path):
     wall = dataclasses.replace(free_body("wall"), joint=Joint("w", "fixed"))
-    one = run(world(wall))
-    one.save(tmp_path / "run")
-    assert load_run(tmp_path / "run").arrays["q"].shape == one.arrays["q"].shape
+    entry = run(world(wall))
+    entry.save(tmp_path / "run")
+    assert load_run(tmp_path / "run").arrays["q"].shape == entry.arrays["q"].shape
 
 
 def damage(name: str, change) -> object:
@@ -180,13 +180,13 @@ def test_the_columns_of_states_and_control_have_names(tmp_path):
     wrist = dataclasses.replace(
         free_body("hand"), joint=Joint("wrist", "ball", "arm", position=(1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 3)
     )
-    one = run(world(base, elbow, wrist), control={"joints": ["elbow"]})
+    entry = run(world(base, elbow, wrist), control={"joints": ["elbow"]})
     generator = np.random.default_rng(5)
     for name in ("q", "v"):
-        one.arrays[name][...] = generator.normal(size=one.arrays[name].shape)
+        entry.arrays[name][...] = generator.normal(size=entry.arrays[name].shape)
     for name in ("target", "effort"):
-        one.arrays[f"control.{name}"] = generator.normal(size=(len(one.time), 1))
-    one.save(tmp_path / "run")
+        entry.arrays[f"control.{name}"] = generator.normal(size=(len(entry.time), 1))
+    entry.save(tmp_path / "run")
     states = pyarrow.parquet.read_table(tmp_path / "run" / "states.parquet")
     free = ["base.x", "base.y", "base.z", "base.qw", "base.qx", "base.qy", "base.qz"]
     ball = ["wrist.qw", "wrist.qx", "wrist.qy", "wrist.qz"]
@@ -197,20 +197,20 @@ def test_the_columns_of_states_and_control_have_names(tmp_path):
         *(f"q.{name}" for name in (*free, "elbow", *ball)),
         *(f"v.{name}" for name in rates),
     ]
-    assert states["v.base.wx"].to_numpy().tolist() == one.arrays["v"][:, 3].tolist()
-    assert states["q.elbow"].to_numpy().tolist() == one.arrays["q"][:, 7].tolist()
+    assert states["v.base.wx"].to_numpy().tolist() == entry.arrays["v"][:, 3].tolist()
+    assert states["q.elbow"].to_numpy().tolist() == entry.arrays["q"][:, 7].tolist()
     control = pyarrow.parquet.read_table(tmp_path / "run" / "control.parquet")
     assert control.column_names == ["step", "time", "target.elbow", "effort.elbow"]
     again = load_run(tmp_path / "run")
-    for name, array in one.arrays.items():
+    for name, array in entry.arrays.items():
         assert np.array_equal(again.arrays[name], array), name
     # by name from Python, too
-    assert np.array_equal(again.q("elbow"), one.arrays["q"][:, 7])
-    assert np.array_equal(again.q("base"), one.arrays["q"][:, :7])
-    assert np.array_equal(again.q("wrist"), one.arrays["q"][:, 8:])
-    assert np.array_equal(again.v("base.wx"), one.arrays["v"][:, 3])
-    assert np.array_equal(again.effort("elbow"), one.arrays["control.effort"][:, 0])
-    assert np.array_equal(again.target("elbow"), one.arrays["control.target"][:, 0])
+    assert np.array_equal(again.q("elbow"), entry.arrays["q"][:, 7])
+    assert np.array_equal(again.q("base"), entry.arrays["q"][:, :7])
+    assert np.array_equal(again.q("wrist"), entry.arrays["q"][:, 8:])
+    assert np.array_equal(again.v("base.wx"), entry.arrays["v"][:, 3])
+    assert np.array_equal(again.effort("elbow"), entry.arrays["control.effort"][:, 0])
+    assert np.array_equal(again.target("elbow"), entry.arrays["control.target"][:, 0])
     with pytest.raises(SpecError, match="did you mean 'elbow'"):
         again.q("elbw")
     with pytest.raises(SpecError, match="no controller drives 'wrist'"):
@@ -230,20 +230,20 @@ def test_more_coordinates_than_a_table_has_columns_for_are_lists(tmp_path, monke
     import pyarrow.parquet
 
     monkeypatch.setattr(tables, "MOST_COLUMNS", 20)
-    one = noisy()
-    one.save(tmp_path / "run")
+    entry = noisy()
+    entry.save(tmp_path / "run")
     states = pyarrow.parquet.read_table(tmp_path / "run" / "states.parquet")
     assert states.column_names == ["step", "time", "q", "v"]
-    told = json.loads(states.schema.metadata[b"simspec.coordinates"])
-    assert told == {"q": list(one.coordinates.q), "v": list(one.coordinates.v)}
+    content = json.loads(states.schema.metadata[b"simspec.coordinates"])
+    assert content == {"q": list(entry.coordinates.q), "v": list(entry.coordinates.v)}
     again = load_run(tmp_path / "run")
-    assert np.array_equal(again.arrays["q"], one.arrays["q"])
+    assert np.array_equal(again.arrays["q"], entry.arrays["q"])
     monkeypatch.setattr(tables, "MOST_COLUMNS", 200)
-    one.save(tmp_path / "named")
+    entry.save(tmp_path / "named")
     assert len(pyarrow.parquet.read_table(tmp_path / "named" / "states.parquet").column_names) > 4
     monkeypatch.setattr(tables, "MOST_COLUMNS", 20)
     for name in ("q", "v"):  # as simspec wrote it when tables had more columns
-        assert load_run(tmp_path / "named").arrays[name].tobytes() == one.arrays[name].tobytes()
+        assert load_run(tmp_path / "named").arrays[name].tobytes() == entry.arrays[name].tobytes()
     bare = states.replace_schema_metadata({})
     pyarrow.parquet.write_table(bare, tmp_path / "run" / "states.parquet")
     forge(tmp_path / "run")
@@ -425,24 +425,24 @@ def test_right_hashes_are_believed(tmp_path):
 
 
 def test_a_table_that_would_fill_memory_is_not_unpacked(tmp_path, monkeypatch):
-    one = noisy()
-    one.save(tmp_path / "run")
+    entry = noisy()
+    entry.save(tmp_path / "run")
     path = tmp_path / "run" / BODIES
     monkeypatch.setattr(tables, "LARGEST_TABLE", 2_000)
-    schema = tables.schemas(one.world, [], Labels())["bodies"]
+    schema = tables.schemas(entry.world, [], Labels())["bodies"]
     with open(path, "rb") as file, pytest.raises(ValueError, match="GB unpacked, more than the"):
-        list(tables.read_blocks(tables.open_parquet(file, path.stat().st_size), schema, 2 * len(one.time)))
+        list(tables.read_blocks(tables.open_parquet(file, path.stat().st_size), schema, 2 * len(entry.time)))
 
 
 def test_tables_are_written_block_by_block(tmp_path, monkeypatch):
-    one = noisy()
-    one.save(tmp_path / "whole")
+    entry = noisy()
+    entry.save(tmp_path / "whole")
     monkeypatch.setattr("simspec.mapped.BLOCK_BYTES", 500)
-    one.save(tmp_path / "blocks")
+    entry.save(tmp_path / "blocks")
     assert pq.ParquetFile(tmp_path / "blocks" / BODIES).num_row_groups > 3
     for name in ("states", "bodies", "energy", "contacts"):
         assert pq.read_table(tmp_path / "blocks" / f"{name}.parquet").equals(
             pq.read_table(tmp_path / "whole" / f"{name}.parquet")
         )
     again = load_run(tmp_path / "blocks")
-    assert all(np.array_equal(again.arrays[name], array) for name, array in one.arrays.items())
+    assert all(np.array_equal(again.arrays[name], array) for name, array in entry.arrays.items())

@@ -37,10 +37,10 @@ def static(kind: str, size: tuple[float, ...], at: tuple[float, float, float] = 
 
 def made(of: World, way, speed=None, **more) -> Run:
     """The ball goes ``way(t)`` (rows, 3); the others rest where they are."""
-    still = {body.name: np.array((*body.joint.origin.position, 0, 0, 0)) for body in of.bodies}
+    values = {body.name: np.array((*body.joint.origin.position, 0, 0, 0)) for body in of.bodies}
 
     def place(name: str, t: np.ndarray) -> np.ndarray:
-        return way(t) if name == "ball" else np.tile(still[name][:3], (len(t), 1))
+        return way(t) if name == "ball" else np.tile(values[name][:3], (len(t), 1))
 
     def fast(name: str, t: np.ndarray) -> np.ndarray:
         if name != "ball":
@@ -54,8 +54,8 @@ def scene(*bodies: Body, gravity: float = 0.0, steps: int = 1000) -> World:
     return dataclasses.replace(world(*bodies, gravity=gravity, steps=steps), contact=STONE)
 
 
-def kinds(one: Run) -> list[str]:
-    return [finding.kind for finding in one.unphysical.findings]
+def kinds(entry: Run) -> list[str]:
+    return [finding.kind for finding in entry.unphysical.findings]
 
 
 def straight(speed: float, start: float = -5.0):
@@ -77,10 +77,10 @@ def test_energy_that_grows_without_a_drive_is_found(share, found):
 def test_energy_of_what_is_driven_is_not_judged_and_says_why():
     of = scene(free_body("ball"))
     driven = dataclasses.replace(of, controllers=(Controller("c", ("ball_joint",), "native"),))
-    one = made(driven, lambda t: column(t, 0.0, 0.0), lambda t: column(1.0 + t, 0.0, 0.0))
-    assert kinds(one) == []
-    assert one.unphysical.not_judged[ENERGY] == "the world has controllers"
-    assert run_data(one)["not_judged"] == one.unphysical.not_judged
+    entry = made(driven, lambda t: column(t, 0.0, 0.0), lambda t: column(1.0 + t, 0.0, 0.0))
+    assert kinds(entry) == []
+    assert entry.unphysical.not_judged[ENERGY] == "the world has controllers"
+    assert run_data(entry)["not_judged"] == entry.unphysical.not_judged
 
 
 def test_a_bounce_that_gains_is_found_and_one_that_does_not_is_not():

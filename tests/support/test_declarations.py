@@ -111,7 +111,7 @@ def test_a_refinement_of_either_side_holds_whatever_the_other_declares(swapped):
     refusing = Support(Level.EXACT, refine=lambda world: unsupported_if("too many"))
     other = approximate("soft", lambda world: Refinement(Level.VIA_API, "nothing shows it"))
     pair = (other, refusing) if swapped else (refusing, other)
-    tables = [TABLE | {Feature.SPRING: one} for one in pair]
+    tables = [TABLE | {Feature.SPRING: support} for support in pair]
     both = combine(*tables)[Feature.SPRING]
     assert both.level is Level.APPROXIMATE
     assert (both.in_world(WORLD).level, both.in_world(WORLD).how) == (Level.UNSUPPORTED, "too many")

@@ -43,10 +43,10 @@ def _felt(*balls: str, **more: object):
 def test_a_law_is_needed_where_its_materials_can_meet():
     """A robot by itself needs nothing of the law of its feet with a floor; a file for other worlds keeps it."""
     lone, two = _felt("one"), _felt("one", "two")
-    apart = _felt("one", "two", exclude=[["one", "two"]])
+    felt = _felt("one", "two", exclude=[["one", "two"]])
     law = {Feature.FRICTION, Feature.TORSIONAL_FRICTION}
     assert law <= {need.feature for need in needs(two)}
-    for world in (lone, apart):
+    for world in (lone, felt):
         assert not law & {need.feature for need in needs(world)}
         assert law <= {need.feature for need in needs(world, world.contact.pairs)}
         compile_world(world, ["dart"])

@@ -29,21 +29,21 @@ TABLE = dict.fromkeys(Feature, EXACT)
 
 def test_what_is_approximate_elsewhere_needs_no_acceptance_where_it_is_exact():
     world = worlds.damped_springs()
-    asked = []
+    requested = []
 
     def reason(given):
-        asked.append(given)
-        return Refinement(Level.VIA_API, "nothing here shows it") if len(asked) == 1 else None
+        requested.append(given)
+        return Refinement(Level.VIA_API, "nothing here shows it") if len(requested) == 1 else None
 
     table = TABLE | {Feature.DAMPING: approximate("soft", reason)}
-    found = {one.feature: one for one in negotiate(world, "engine", table)}
+    found = {decision.feature: decision for decision in negotiate(world, "engine", table)}
     assert (found[Feature.DAMPING].level, found[Feature.DAMPING].how) == (Level.VIA_API, "nothing here shows it")
     with pytest.raises(UnsupportedError, match="only approximately: soft"):
         negotiate(world, "engine", table)
     accepting = worlds.with_options(world, "engine", accept=(Feature.DAMPING.value,))
-    found = {one.feature: one for one in negotiate(accepting, "engine", table)}
+    found = {decision.feature: decision for decision in negotiate(accepting, "engine", table)}
     assert (found[Feature.DAMPING].level, found[Feature.DAMPING].how) == (Level.APPROXIMATE, "soft")
-    assert asked == [world, world, accepting]
+    assert requested == [world, world, accepting]
 
 
 def test_all_problems_come_at_once_with_their_places():
@@ -89,11 +89,11 @@ def test_outside_is_refused_where_it_would_not_be_exact():
 
 def test_what_a_setting_asks_for_needs_no_name_and_what_none_does_needs_one():
     world = worlds.damped_springs()
-    asked = Refinement(Level.OUTSIDE, "a loop", asked=True)
-    table = TABLE | {Feature.SPRING: approximate("soft", lambda world: asked)}
+    refinement = Refinement(Level.OUTSIDE, "a loop", asked=True)
+    table = TABLE | {Feature.SPRING: approximate("soft", lambda world: refinement)}
     levels = {decision.feature: decision.level for decision in negotiate(world, "engine", table)}
     assert levels[Feature.SPRING] is Level.OUTSIDE
-    table = TABLE | {Feature.SPRING: approximate("soft", lambda world: dataclasses.replace(asked, asked=False))}
+    table = TABLE | {Feature.SPRING: approximate("soft", lambda world: dataclasses.replace(refinement, asked=False))}
     with pytest.raises(UnsupportedError, match=r"outside the engine: a loop"):
         negotiate(world, "engine", table)
 
@@ -129,17 +129,17 @@ def test_an_earlier_release_may_have_a_feature_approximately():
     )
     table = TABLE | {Feature.DAMPING: of_all}
     for version in (None, "3.4", "4.0"):
-        found = {one.feature: one for one in negotiate(world, "engine", table, version=version)}
+        found = {decision.feature: decision for decision in negotiate(world, "engine", table, version=version)}
         assert (found[Feature.DAMPING].level, found[Feature.DAMPING].how) == (Level.EXACT, "whole")
     with pytest.raises(UnsupportedError, match="only approximately: half") as caught:
         negotiate(world, "engine", table, version="3.3.7")
     assert "accept: [joint.damping]" in caught.value.problems[0].hint
     accepting = worlds.with_options(world, "engine", accept=(Feature.DAMPING.value,))
-    found = {one.feature: one for one in negotiate(accepting, "engine", table, version="3.3.7")}
+    found = {decision.feature: decision for decision in negotiate(accepting, "engine", table, version="3.3.7")}
     assert (found[Feature.DAMPING].level, found[Feature.DAMPING].short) == (Level.APPROXIMATE, "1/2")
     # in worlds that it says nothing of, earlier releases have it as it is declared
     table = TABLE | {Feature.DAMPING: Support(Level.EXACT, "whole", since="3.4", before=lambda world: None)}
-    found = {one.feature: one for one in negotiate(world, "engine", table, version="3.3.7")}
+    found = {decision.feature: decision for decision in negotiate(world, "engine", table, version="3.3.7")}
     assert found[Feature.DAMPING].level is Level.EXACT
     # a version that begins with no number is known to have nothing
     with pytest.raises(UnsupportedError, match=r"has it from 3\.4 on"):
@@ -157,9 +157,9 @@ def test_what_a_file_and_an_engine_have_in_earlier_releases():
         return both.at_version("Engine", version).in_world(world).level
 
     bounded = Support(Level.EXACT, since="3.4", before=half)
-    for one, other in ((EXACT, bounded), (bounded, EXACT), (bounded, bounded)):
-        assert level(one, other, "3.3") is Level.APPROXIMATE
-        assert level(one, other, "3.4") is Level.EXACT
+    for support, other in ((EXACT, bounded), (bounded, EXACT), (bounded, bounded)):
+        assert level(support, other, "3.3") is Level.APPROXIMATE
+        assert level(support, other, "3.4") is Level.EXACT
     # the other one says that earlier releases do not have it
     for since in ("3.4", "3.2", "3.8"):
         for pair in ((Support(Level.EXACT, since=since), bounded), (bounded, Support(Level.EXACT, since=since))):

@@ -69,21 +69,21 @@ def test_a_free_body_is_held_at_its_centre_of_mass():
     stone = next(body for body in world.bodies if body.name == "stone")
     centre = frames.compose(poses(world)["stone"], Pose(stone.inertial.centre_of_mass)).position
     np.testing.assert_allclose(anchors(world)["glue"], centre, rtol=1e-12)
-    told = mobility(world)
-    there = moved(told, centre)
-    assert np.abs(there[:3, 3:]).max() < 1e-13 * np.abs(told).max()
-    assert left_by_a_sweep(told) > 0.99, "thousands of sweeps"
+    given = mobility(world)
+    there = moved(given, centre)
+    assert np.abs(there[:3, 3:]).max() < 1e-13 * np.abs(given).max()
+    assert left_by_a_sweep(given) > 0.99, "thousands of sweeps"
     assert left_by_a_sweep(there) < 0.2, "a dozen"
 
 
 def test_two_free_bodies_are_held_between_them():
     """At a point where forces move them less than at any other near it."""
     world = far_world("other")
-    told = mobility(world)
-    best = least_moved(told)
-    least = np.trace(moved(told, best)[:3, :3])
+    given = mobility(world)
+    best = least_moved(given)
+    least = np.trace(moved(given, best)[:3, :3])
     for step in np.concatenate([np.eye(3), -np.eye(3)]) * 0.1:
-        assert np.trace(moved(told, best + step)[:3, :3]) > least
+        assert np.trace(moved(given, best + step)[:3, :3]) > least
     assert anchors(world) == {}, "what turns is held as the law has it"
 
 

@@ -26,13 +26,13 @@ def test_it_is_called_once_for_each_world_and_argument():
         calls.append((world.name, factor))
         return factor * len(world.bodies)
 
-    one, other = worlds.spheres(2), worlds.spheres(3)
-    assert [length(one, 2), length(one, 2), length(one, 3), length(other, 2)] == [6, 6, 9, 8]
+    entry, other = worlds.spheres(2), worlds.spheres(3)
+    assert [length(entry, 2), length(entry, 2), length(entry, 3), length(other, 2)] == [6, 6, 9, 8]
     assert len(calls) == 3
-    assert length(dataclasses.replace(one), 2) == 6, "an equal world is another"
+    assert length(dataclasses.replace(entry), 2) == 6, "an equal world is another"
     assert len(calls) == 4
     with pytest.raises(TypeError, match="by position"):
-        length(one, factor=2)
+        length(entry, factor=2)
 
 
 def test_what_is_kept_ends_with_the_world():

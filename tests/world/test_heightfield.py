@@ -49,9 +49,9 @@ def test_the_distance_of_two_fields_tells_diagonals_and_single_heights():
     rows, columns = 5, 7
     heights = np.array(ROUGH[HEIGHTFIELD_HEAD:]).reshape(rows, columns)
     assert field_distance(ROUGH, ROUGH) == 0.0
-    one = heights.copy()
-    one[2, 3] += 1e-5
-    assert field_distance(ROUGH, heightfield_size(2.0, 1.0, 0.5, one)) == pytest.approx(1e-5 / 2.0, rel=1e-6)
+    values = heights.copy()
+    values[2, 3] += 1e-5
+    assert field_distance(ROUGH, heightfield_size(2.0, 1.0, 0.5, values)) == pytest.approx(1e-5 / 2.0, rel=1e-6)
     for changed in (
         heightfield_size(2.0 + 1e-4, 1.0, 0.5, heights),
         heightfield_size(2.0, 1.0, 0.5 + 1e-4, heights),

@@ -70,10 +70,10 @@ def test_a_cube_has_its_own_axes_wherever_it_is():
 def test_a_tetrahedron():
     """About its centre ∫x² is 3/480 and ∫xy −1/480: the tensor is 6/480 with products +1/480."""
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    own = hull(points).solid
-    assert own.volume == pytest.approx(1 / 6, rel=1e-15)
-    assert own.frame.position == pytest.approx((0.25, 0.25, 0.25), rel=1e-15)
-    assert sorted(own.moments) == pytest.approx([5 / 480, 5 / 480, 8 / 480], rel=1e-14)
+    solid = hull(points).solid
+    assert solid.volume == pytest.approx(1 / 6, rel=1e-15)
+    assert solid.frame.position == pytest.approx((0.25, 0.25, 0.25), rel=1e-15)
+    assert sorted(solid.moments) == pytest.approx([5 / 480, 5 / 480, 8 / 480], rel=1e-14)
 
 
 def l_profile() -> tuple[np.ndarray, np.ndarray]:
@@ -89,11 +89,11 @@ def l_profile() -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_solid_that_is_not_convex():
     points, triangles = l_profile()
-    own = solid(points, triangles)
-    assert own.volume == pytest.approx(3.0, rel=1e-15)
-    assert own.frame.position == pytest.approx((5 / 6, 5 / 6, 0.5), rel=1e-15)
+    local = solid(points, triangles)
+    assert local.volume == pytest.approx(3.0, rel=1e-15)
+    assert local.frame.position == pytest.approx((5 / 6, 5 / 6, 0.5), rel=1e-15)
     # about the centre of the three cubes ∫x² = ∫y² = 11/12, ∫z² = 1/4 and ∫xy = −1/3
-    assert sorted(own.moments) == pytest.approx([7 / 6 - 1 / 3, 7 / 6 + 1 / 3, 11 / 6], rel=1e-14)
+    assert sorted(local.moments) == pytest.approx([7 / 6 - 1 / 3, 7 / 6 + 1 / 3, 11 / 6], rel=1e-14)
     assert hull(points).solid.volume == pytest.approx(3.5, rel=1e-15)
     assert solid(points, triangles[:, ::-1]).volume == pytest.approx(-3.0, rel=1e-15)
 
@@ -185,7 +185,7 @@ def test_random_hulls_agree_with_another_reader(count, seed, stretch, place, sna
 def test_principal_axes_give_the_tensor_back(moments, turn):
     inertia = frames.rotate_inertia(frames.normalise(turn), (*moments, 0.0, 0.0, 0.0))
     xx, yy, zz, xy, xz, yz = inertia
-    own, axes = principal([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    again = frames.rotate_inertia(frames.from_matrix(axes), (*own, 0.0, 0.0, 0.0))
+    local, axes = principal([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    again = frames.rotate_inertia(frames.from_matrix(axes), (*local, 0.0, 0.0, 0.0))
     np.testing.assert_allclose(again, inertia, atol=1e-13 * max(moments))
     assert np.linalg.det(np.array(axes)) == pytest.approx(1.0, rel=1e-12)

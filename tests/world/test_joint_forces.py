@@ -41,8 +41,10 @@ def test_the_effort_is_what_the_oracle_accelerates_by():
         ("rod", "slide", "arm"),
     ]
     having, bare = (
-        World("damped", tuple(body(name, kind, parent, **(DAMPED[kind] if own else {})) for name, kind, parent in tree))
-        for own in (True, False)
+        World(
+            "damped", tuple(body(name, kind, parent, **(DAMPED[kind] if local else {})) for name, kind, parent in tree)
+        )
+        for local in (True, False)
     )
     oracle, without = Oracle(having), Oracle(bare)
     forces = JointForces(having.bodies)

@@ -42,12 +42,12 @@ def full(inertia) -> np.ndarray:
 @given(st.lists(parts(), min_size=1, max_size=5))
 def test_a_body_is_the_sum_of_its_parts(found):
     """Parallel axes in matrix form: I = Σ R D Rᵀ + m (d·d 1 − d dᵀ)."""
-    total = sum(one.mass for one in found)
-    centre = sum(one.mass * np.array(one.pose.position) for one in found) / total
+    total = sum(entry.mass for entry in found)
+    centre = sum(entry.mass * np.array(entry.pose.position) for entry in found) / total
     inertia = np.zeros((3, 3))
-    for one in found:
-        r, d = np.array(frames.matrix(one.pose.quaternion)), np.array(one.pose.position) - centre
-        inertia += r @ np.diag(one.moments) @ r.T + one.mass * ((d @ d) * np.eye(3) - np.outer(d, d))
+    for item in found:
+        r, d = np.array(frames.matrix(item.pose.quaternion)), np.array(item.pose.position) - centre
+        inertia += r @ np.diag(item.moments) @ r.T + item.mass * ((d @ d) * np.eye(3) - np.outer(d, d))
     whole = mass.combined_inertial(found)
     assert whole.mass == pytest.approx(total, rel=1e-14)
     np.testing.assert_allclose(whole.centre_of_mass, centre, atol=1e-13)
@@ -64,9 +64,9 @@ def test_no_body_breaks_the_triangle_inequality(found):
 
 @settings(max_examples=40)
 @given(parts())
-def test_one_part_keeps_its_centre_and_mass_to_the_bit(one):
-    whole = mass.combined_inertial([one])
-    assert (whole.mass, whole.centre_of_mass) == (one.mass, one.pose.position)
+def test_one_part_keeps_its_centre_and_mass_to_the_bit(entry):
+    whole = mass.combined_inertial([entry])
+    assert (whole.mass, whole.centre_of_mass) == (entry.mass, entry.pose.position)
 
 
 def test_a_stated_total_is_kept_to_the_bit():

@@ -30,8 +30,8 @@ def scene(*shapes: Shape, contact: Contact | None = None) -> World:
     bodies = []
     for index, shape in enumerate(shapes):
         name = f"b{index}"
-        still = shape.kind == "plane"
-        joint = Joint(f"{name}_joint", "fixed") if still else Joint(
+        static = shape.kind == "plane"
+        joint = Joint(f"{name}_joint", "fixed") if static else Joint(
             f"{name}_joint", "free", position=(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), velocity=(0.0,) * 6
         )  # fmt: skip
         named = dataclasses.replace(shape, name=f"{name}_0", material="m")
@@ -93,36 +93,36 @@ def library(shape: Shape):
 @pytest.mark.parametrize("second", SIZES)
 def test_depths_are_those_of_an_independent_library(first, second):
     generator = np.random.default_rng([*first.encode(), *second.encode()])
-    told = close = 0
+    number = close = 0
     for _ in range(12):
-        apart = generator.normal(size=3)
-        apart *= generator.uniform(0.05, 0.3) / np.linalg.norm(apart)
-        one = dataclasses.replace(at(first), pose=Pose((0.1, 0.2, 0.3), random_turn(generator)))
+        normal = generator.normal(size=3)
+        normal *= generator.uniform(0.05, 0.3) / np.linalg.norm(normal)
+        entry = dataclasses.replace(at(first), pose=Pose((0.1, 0.2, 0.3), random_turn(generator)))
         other = dataclasses.replace(
-            at(second), pose=Pose(tuple(np.array([0.1, 0.2, 0.3]) + apart), random_turn(generator))
+            at(second), pose=Pose(tuple(np.array([0.1, 0.2, 0.3]) + normal), random_turn(generator))
         )
         request, result = coal.DistanceRequest(), coal.DistanceResult()
-        (a, place_a), (b, place_b) = library(one), library(other)
+        (a, place_a), (b, place_b) = library(entry), library(other)
         truth = -coal.distance(a, place_a, b, place_b, request, result)
-        found = depth(one, other)
-        limit = overlap.DEEP * min(SHAPES[shape.kind].inner_radius(shape.size) for shape in (one, other))
+        found = depth(entry, other)
+        limit = overlap.DEEP * min(SHAPES[shape.kind].inner_radius(shape.size) for shape in (entry, other))
         if found:
-            told += 1
+            number += 1
             # the overlap along any direction is at least the depth: the smaller of two answers is the better one, and this
             # one may be above the truth by no more than its search leaves
             assert found <= 1.02 * truth
             close += found >= 0.999 * truth
         else:
             assert truth <= limit * 1.001
-    assert told >= 3
-    assert close >= told - 1  # the library's own search stops early at times
+    assert number >= 3
+    assert close >= number - 1  # the library's own search stops early at times
 
 
 def test_what_does_not_touch_by_rule_does_not_overlap():
-    apart = Contact(materials=(Material("m"),), pairs=(PairContact("m", "m", 0.0, 0.0, collide=False),))
+    contact = Contact(materials=(Material("m"),), pairs=(PairContact("m", "m", 0.0, 0.0, collide=False),))
     shapes = at("sphere"), at("sphere", 0.05, 0.0, 0.0)
     assert deep_overlaps(scene(*shapes))
-    assert not deep_overlaps(scene(*shapes, contact=apart))
+    assert not deep_overlaps(scene(*shapes, contact=contact))
     assert not deep_overlaps(
         scene(*shapes, contact=Contact(materials=(Material("m"),), excluded_bodies=(("b0", "b1"),)))
     )
@@ -152,7 +152,7 @@ def test_a_crowd_is_sought_with_a_tree_and_the_same_is_found(monkeypatch):
     sunk = crowd(
         6, 0.08, models={"b": {"bodies": {"deep": {"shapes": [{"box": {"size": [20, 20, 0.5]}, "density": 100}]}}}}
     )
-    assert any("b/deep" in (one.first_body, one.second_body) for one in deep_overlaps(sunk))
+    assert any("b/deep" in (deep_overlap.first_body, deep_overlap.second_body) for deep_overlap in deep_overlaps(sunk))
 
 
 def test_a_heap_in_one_place_is_bounded(monkeypatch):

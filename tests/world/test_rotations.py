@@ -37,10 +37,10 @@ def same(a, b, tolerance=4 * TINY):
 
 @pytest.mark.parametrize("count", [0, 1, 7, FEW_VECTORS, FEW_VECTORS + 1])
 def test_cross_products_are_to_the_last_bit_those_of_numpy(count):
-    one, other = np.random.default_rng(count).normal(size=(2, count, 3))
+    entry, other = np.random.default_rng(count).normal(size=(2, count, 3))
     other[::3] *= 1e200
-    assert cross(one, other).tobytes() == np.cross(one, other).tobytes()
-    assert cross(one[:1], other).tobytes() == np.cross(one[:1], other).tobytes()
+    assert cross(entry, other).tobytes() == np.cross(entry, other).tobytes()
+    assert cross(entry[:1], other).tobytes() == np.cross(entry[:1], other).tobytes()
 
 
 @given(QUATERNIONS, QUATERNIONS, VECTORS)
@@ -125,11 +125,11 @@ def test_plain_floats_are_the_same_as_arrays(a, b, v):
 
 @given(QUATERNIONS, QUATERNIONS, VECTORS)
 def test_arrays_are_the_same_as_the_worlds_own_frames(a, b, v):
-    one, other = tuple(a.tolist()), tuple(b.tolist())
-    assert same(frames.multiply(one, other), rotations.multiply(a, b))
-    assert same(frames.conjugate(one), rotations.conjugate(a))
-    np.testing.assert_allclose(frames.rotate(one, tuple(v.tolist())), rotations.rotate(a, v), rtol=0, atol=10 * TINY)
-    assert (np.array(frames.matrix(one)) == rotations.matrices(a)).all()
+    entry, other = tuple(a.tolist()), tuple(b.tolist())
+    assert same(frames.multiply(entry, other), rotations.multiply(a, b))
+    assert same(frames.conjugate(entry), rotations.conjugate(a))
+    np.testing.assert_allclose(frames.rotate(entry, tuple(v.tolist())), rotations.rotate(a, v), rtol=0, atol=10 * TINY)
+    assert (np.array(frames.matrix(entry)) == rotations.matrices(a)).all()
     assert same(frames.normalise(tuple((3.0 * a).tolist())), rotations.unit(3.0 * a))
 
 

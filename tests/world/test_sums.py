@@ -78,9 +78,9 @@ def test_a_sum_is_resolved():
         ({"stiffness": 1e9}, "explicit spring at the sum 'tendon' of joint positions is unstable"),
     ],
 )
-def test_what_is_wrong_is_told_where_it_stands(content, told):
+def test_what_is_wrong_is_told_where_it_stands(content, given):
     text = refused(**content)
-    assert told in text
+    assert given in text
     assert text.startswith("constraints.tendon.sum")
 
 
@@ -93,17 +93,17 @@ def test_a_sum_in_an_array_is_copied_with_its_tree():
     world = Spec.from_data(spec).resolve()
     assert len(world.sums) == 2
     names = {body.joint.name for body in world.bodies}
-    assert all({joint for joint, _ in one.joints} <= names for one in world.sums)
+    assert all({joint for joint, _ in sum_.joints} <= names for sum_ in world.sums)
 
 
 def test_efforts_are_the_gradient_of_the_energy_and_take_power_out():
     world = sums("")
     oracle, along = Oracle(world), JointSums(world.bodies, world.sums)
     q, v = np.array([0.3, -0.7]), np.array([0.4, 1.1])
-    still = np.zeros(2)
+    zeros = np.zeros(2)
     slope = [(along.energy(q + step) - along.energy(q - step)) / 2e-6 for step in 1e-6 * np.eye(2)]
-    np.testing.assert_allclose(oracle.joint_effort(q, still), -np.array(slope), rtol=1e-8)
-    lost = (oracle.joint_effort(q, v) - oracle.joint_effort(q, still)) @ v
+    np.testing.assert_allclose(oracle.joint_effort(q, zeros), -np.array(slope), rtol=1e-8)
+    lost = (oracle.joint_effort(q, v) - oracle.joint_effort(q, zeros)) @ v
     assert lost == pytest.approx(-4.0 * (along.weights @ v)[0] ** 2)
     arrays = {
         "q": q[None],
@@ -128,7 +128,7 @@ def test_the_largest_stable_step_is_that_of_one_mass_on_the_spring():
 
 
 def test_trees_that_a_sum_joins_move_together():
-    one = bench("")
+    entry = bench("")
     other = tuple(
         dataclasses.replace(
             body,
@@ -137,10 +137,10 @@ def test_trees_that_a_sum_joins_move_together():
                 body.joint, name=f"{body.joint.name}2", parent=body.joint.parent and f"{body.joint.parent}2"
             ),
         )
-        for body in one.bodies
+        for body in entry.bodies
     )
     along = JointSum("rod", (("lower_joint", 1.0), ("lower_joint2", -2.0)), 50.0)
-    world = dataclasses.replace(one, bodies=(*one.bodies, *other), sums=(along,))
+    world = dataclasses.replace(entry, bodies=(*entry.bodies, *other), sums=(along,))
     assert [len(bodies) for bodies in constrained_trees(world)] == [6]
     q, v = initial_state(world)
     states, _ = Oracle(world).motion(q, v, None, 50, 50)
@@ -173,9 +173,9 @@ def test_a_limit_that_does_not_act_is_noticed():
     steps = limits.STEPS
     free = [oracle.motion(trial.q, trial.v, trial.effort, steps, steps)[1][-1] for trial in plan.trials]
     for number in range(4):
-        one = at_rest["v"].copy()
-        one[number] = free[number]
-        (check,) = plan.checks(world, {"v": one})
+        values = at_rest["v"].copy()
+        values[number] = free[number]
+        (check,) = plan.checks(world, {"v": values})
         assert not check.passed
         assert check.where == "constraints.tendon.sum.limits.position"
     (check,) = plan.checks(world, {"v": np.full((4, 2), np.nan)})

@@ -53,7 +53,7 @@ def test_the_impulse_makes_the_violation_vanish_and_is_pinocchio_s():
     for constraint in world.constraints:
         if constraint.kind == "follow":
             continue
-        (one, near), (other, far) = joints[constraint.first], joints[constraint.second]
+        (index, near), (other, far) = joints[constraint.first], joints[constraint.second]
         if constraint.kind == "weld":
             kind = pinocchio.ContactType.CONTACT_6D
             near = near * tree._placement(constraint.pose)
@@ -61,7 +61,7 @@ def test_the_impulse_makes_the_violation_vanish_and_is_pinocchio_s():
             kind = pinocchio.ContactType.CONTACT_3D
             near = near * pinocchio.SE3(np.eye(3), np.array(constraint.first_point))
             far = far * pinocchio.SE3(np.eye(3), np.array(constraint.second_point))
-        models.append(pinocchio.RigidConstraintModel(kind, tree.model, one, near, other, far))
+        models.append(pinocchio.RigidConstraintModel(kind, tree.model, index, near, other, far))
     data = pinocchio.StdVec_RigidConstraintData()
     data.extend(model.createData() for model in models)
     pinocchio.initConstraintDynamics(tree.model, tree.data, models, data)
@@ -70,9 +70,9 @@ def test_the_impulse_makes_the_violation_vanish_and_is_pinocchio_s():
     effort[tree.v_index] = tree.joint_effort(q, v)
     settings = pinocchio.ProximalSettings(1e-14, 1e-14, 100)
     theirs = pinocchio.constraintDynamics(tree.model, tree.data, ours_q, ours_v, effort, models, data, settings)
-    parts = [np.full(ROWS[held.kind], held.kind != "follow") for held in world.constraints]
-    own = jacobian[np.concatenate(parts)]
-    made = free + impulse(tree.mass_matrix(q), own, free, np.zeros(len(own)), dt)
+    parts = [np.full(ROWS[constraint.kind], constraint.kind != "follow") for constraint in world.constraints]
+    local = jacobian[np.concatenate(parts)]
+    made = free + impulse(tree.mass_matrix(q), local, free, np.zeros(len(local)), dt)
     np.testing.assert_allclose(made / dt, theirs[tree.v_index], rtol=0, atol=1e-8)
 
 

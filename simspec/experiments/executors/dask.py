@@ -248,8 +248,8 @@ class DaskExecutor:
         except Exception as error:  # whatever the function, distributed, or the way here raised: none of it is a result
             if self._client.status != "running" or future.status == "cancelled":
                 raise self._gone("the connection was lost") from error
-            told = clipped(f"{type(error).__name__}: {error}")
-            raise ExecutorError(f"{batch.engine}: a worker of {self._address} failed: {told}") from error
+            text = clipped(f"{type(error).__name__}: {error}")
+            raise ExecutorError(f"{batch.engine}: a worker of {self._address} failed: {text}") from error
         try:
             results, seconds = results_of(reply, batch.tasks, self._supplies)
         except EndedError:
@@ -276,10 +276,10 @@ class DaskExecutor:
         self._looked = time.monotonic()
         self._slots, self._window = {}, 1
         for worker in identity["workers"].values():
-            own = {name: min(int(count), worker["nthreads"]) for name, count in worker["resources"].items()}
-            for name, count in own.items():
+            local = {name: min(int(count), worker["nthreads"]) for name, count in worker["resources"].items()}
+            for name, count in local.items():
                 self._slots[name] = self._slots.get(name, 0) + count
-            self._window += WINDOW * min(worker["nthreads"], sum(own.get(name, 0) for name in self._wanted))
+            self._window += WINDOW * min(worker["nthreads"], sum(local.get(name, 0) for name in self._wanted))
         for engine in self._usual:
             if self._slots.get(engine):
                 self._absent.pop(engine, None)
@@ -312,8 +312,8 @@ def _connected(address: str) -> Client:
         except TimeoutError:
             raise ExecutorError(f"no Dask scheduler answers at {address} within {PATIENCE:g} s") from None
         except Exception as error:  # whatever somebody else's program answers
-            told = clipped(f"{type(error).__name__}: {error}")
-            raise ExecutorError(f"no Dask scheduler answers at {address}: {told}") from error
+            text = clipped(f"{type(error).__name__}: {error}")
+            raise ExecutorError(f"no Dask scheduler answers at {address}: {text}") from error
     raise ExecutorError(f"{address} is no Dask scheduler but a {clipped(str(identity.get('type')))}")
 
 
@@ -323,8 +323,8 @@ async def _identity(address: str) -> Mapping[str, Any]:
 
     arguments = Security().get_connection_args("client")
     async with rpc(address, connection_args=arguments) as remote:
-        told = await remote.identity()
-    return told if isinstance(told, Mapping) else {}
+        identity = await remote.identity()
+    return identity if isinstance(identity, Mapping) else {}
 
 
 class _quiet:

@@ -183,8 +183,8 @@ def _store(publish: Publish, task: Task, result: TaskResult) -> None:
 def _collect(pending: set[Future[Stored | None]]) -> set[Future[Stored | None]]:
     """Wait for one; what is still pending, the storing of what was run included. Raises what one raised."""
     done, left = wait(pending, return_when=FIRST_COMPLETED)
-    for one in done:
-        stored = one.result()
+    for future in done:
+        stored = future.result()
         if stored is not None:
             left.add(stored)
     return left

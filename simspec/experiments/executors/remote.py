@@ -132,13 +132,13 @@ def result_from(data: Any, contents: Mapping[str, bytes], prefix: str) -> TaskRe
         SweptResult.model_validate({**data["result"], "tables": {}})
         SweptAsked.model_validate(data["asked"])
         rows, circumstances = dict(data["rows"]), dict(data["circumstances"])
-        strange = [name for name, count in rows.items() if not _NAME.fullmatch(name) or type(count) is not int]
+        unexpected = [name for name, count in rows.items() if not _NAME.fullmatch(name) or type(count) is not int]
         tables = {name: _writer(contents[f"{prefix}{name}"], count) for name, count in rows.items()}
         key = str(data["key"])
     except (ValidationError, KeyError, TypeError, ValueError) as error:
         raise ParcelError(f"not the result of a run: {str(error)[:200]}") from None
-    if strange:
-        raise ParcelError(f"not the result of a run: a table {strange[0]!r}")
+    if unexpected:
+        raise ParcelError(f"not the result of a run: a table {unexpected[0]!r}")
     return TaskResult(key, data["result"], data["asked"], circumstances, tables)
 
 
@@ -234,8 +234,10 @@ def _demand_versions(tasks: Iterable[Task], wanted: Mapping[str, str]) -> None:
             raise RefusedError(str(error)) from None
         for name, value in wanted.items():
             if here.get(name) != value:
-                told = "engine" if name == "engine_version" else name.removesuffix("_version")
-                raise RefusedError(f"{label}: {told} is {here.get(name)} here, and {value} where the sweep was started")
+                version = "engine" if name == "engine_version" else name.removesuffix("_version")
+                raise RefusedError(
+                    f"{label}: {version} is {here.get(name)} here, and {value} where the sweep was started"
+                )
 
 
 @functools.cache
