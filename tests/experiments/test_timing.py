@@ -43,7 +43,7 @@ def test_this_machine_is_described_whole():
 
 
 @pytest.mark.parametrize(
-    ("other", "told"),
+    ("other", "given"),
     [
         ({"cpu": "Another"}, "cpu: A processor and Another"),
         ({"threads": 4}, "threads: 8 and 4"),

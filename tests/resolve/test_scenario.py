@@ -464,7 +464,8 @@ def test_a_model_that_is_turned_takes_its_velocity_with_it():
 
 
 @pytest.mark.parametrize(
-    ("own", "said", "kind"), [(True, None, "fixed"), (True, False, "free"), (None, True, "fixed"), (None, None, "free")]
+    ("local", "said", "kind"),
+    [(True, None, "fixed"), (True, False, "free"), (None, True, "fixed"), (None, None, "free")],
 )
 def test_whether_a_model_is_fixed_is_said_by_the_placement_else_by_the_model(local, said, kind):
     body = SOLID | ({} if local is None else {"fixed": local})

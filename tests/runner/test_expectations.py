@@ -357,7 +357,7 @@ def test_not_a_number_never_passes():
 
 
 @pytest.mark.parametrize(
-    ("away", "noise", "told"),
+    ("away", "noise", "given"),
     [
         (4e-7, 7.6e-7, True),
         (4e-7, 5e-8, False),  # the engine resolves the bound

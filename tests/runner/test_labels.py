@@ -69,7 +69,7 @@ def test_groups_that_cannot_be_are_refused(groups):
         side_names(WORLD, Labels(groups=tuple(map(tuple, groups))))
 
 
-@pytest.mark.parametrize("told", ["ball", ["ball_0"], 3, [3]])
+@pytest.mark.parametrize("given", ["ball", ["ball_0"], 3, [3]])
 def test_groups_of_another_form_are_refused(given):
     with pytest.raises((ValueError, TypeError)):
         labels_of({"contact_groups": given})

@@ -62,7 +62,7 @@ def test_a_sum_is_resolved():
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "given"),
     [
         ({}, "nothing acts along this sum"),
         ({"rest": 1, "damping": 1}, "a sum without a spring has no rest"),
