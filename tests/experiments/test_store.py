@@ -257,7 +257,7 @@ def test_a_run_that_was_added_or_removed_since_is_seen(store):
 
 
 @pytest.mark.parametrize(
-    ("content", "store"),
+    ("content", "given"),
     [
         ('{"simspec_store": 2, "made_by": "9"}', "a newer simspec wrote it"),
         ("{}", "schema None"),

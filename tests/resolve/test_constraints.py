@@ -57,7 +57,7 @@ def test_a_follower_begins_where_its_leader_wants_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("constraint", "tmp_path"),
+    ("constraint", "given"),
     [
         ("m: {follow: {joint: right_joint, leader: nobody}}", "there is no joint 'nobody'"),
         ("m: {follow: {joint: palm_joint, leader: left_joint}}", "palm_joint is a fixed joint"),
