@@ -114,7 +114,7 @@ def _always_acting(world: World) -> list[str]:
         "forces on bodies": bool(world.forces),
         "kinematic bodies": bool(world.motions),
         "damping": any(joint.damping or joint.angular_damping for joint in joints)
-        or any(one.damping for one in world.sums),
+        or any(sum_.damping for sum_ in world.sums),
         "dry friction": any(joint.dry_friction for joint in joints),
         "constraints": bool(world.constraints),
         "a fluid": world.physics.fluid is not None,
@@ -131,9 +131,9 @@ def _stopped(run: Run) -> NDArray[np.bool_]:
             q = run.arrays["q"][:, place][:, 0]
             stopped |= (q <= lower) | (q >= upper)
     along = JointSums(run.world.bodies, run.world.sums)
-    for one, length in zip(along.sums, along.lengths(run.arrays["q"]).T, strict=True):
-        if one.position_limits is not None:
-            lower, upper = one.position_limits
+    for sum_, length in zip(along.sums, along.lengths(run.arrays["q"]).T, strict=True):
+        if sum_.position_limits is not None:
+            lower, upper = sum_.position_limits
             stopped |= (length <= lower) | (length >= upper)
     return stopped
 
@@ -144,17 +144,17 @@ def _largest(values: Numbers, free: NDArray[np.bool_], time: Numbers, scale: flo
     intervals (rows − 1, columns); None where no interval is free. What is not a number is the largest."""
     worst: Drift | None = None
     for column, name in enumerate(names):
-        own = free[:, column]
+        free_here = free[:, column]
         start = np.zeros(len(time), dtype=np.int64)
         # the row at which the stretch of each row began; its own, where the interval before it is not free
-        begun = np.where(np.concatenate([[False], own]), 0, np.arange(len(time)))
+        begun = np.where(np.concatenate([[False], free_here]), 0, np.arange(len(time)))
         start = np.maximum.accumulate(begun)
         change = values[:, column] - values[start, column]
         size = np.abs(change) if change.ndim == 1 else np.linalg.norm(change, axis=-1)
         size = np.where(np.isnan(size), np.inf, size)
         row = int(size.argmax())
-        if own.any() and (worst is None or size[row] > worst.size):
-            row = row if size[row] > 0.0 else int(np.flatnonzero(own)[-1]) + 1
+        if free_here.any() and (worst is None or size[row] > worst.size):
+            row = row if size[row] > 0.0 else int(np.flatnonzero(free_here)[-1]) + 1
             relative = float(size[row]) / scale if scale else (0.0 if size[row] == 0.0 else float("inf"))
             worst = Drift(float(size[row]), relative, float(time[start[row]]), float(time[row]), name)
     return worst
@@ -269,7 +269,7 @@ def displacement(run: Run) -> Displacement:
         moved = np.asarray(run.arrays["pose"][:, index, :3]) - np.asarray(run.arrays["pose"][0, index, :3])
         down = moved @ along
         sideways = np.linalg.norm(moved - down[:, None] * along, axis=1)
-        down, sideways = (np.where(np.isfinite(one), one, np.inf) for one in (down, sideways))
+        down, sideways = (np.where(np.isfinite(entry), entry, np.inf) for entry in (down, sideways))
         if sideways.max() > furthest:
             furthest, whose = float(sideways.max()), body.name
         lowest = max(lowest, float(down[-1]))

@@ -50,13 +50,13 @@ def run_summary(run: Run, row: int = -1) -> Numbers:
     moving = metrics.moving_bodies(run.world)
     if not len(moving):
         raise SpecError([Problem(f"no body of {run.world.name!r} can move")])
-    one = {name: np.asarray(run.arrays[name][[row]]) for name in ("q", "v", "pose", "velocity")}
-    centres = metrics.motion(run.world, one).centre[0, moving]
+    values = {name: np.asarray(run.arrays[name][[row]]) for name in ("q", "v", "pose", "velocity")}
+    centres = metrics.motion(run.world, values).centre[0, moving]
     radii = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
     heights = centres @ _up(run)
-    speeds = metrics.speeds(run.world, one)[0, moving]
-    kinetic, _ = metrics.energy(run.world, one)
-    spread = metrics.spread(run.world, one)[0]
+    speeds = metrics.speeds(run.world, values)[0, moving]
+    kinetic, _ = metrics.energy(run.world, values)
+    spread = metrics.spread(run.world, values)[0]
     return np.array([spread, np.median(radii), heights.mean(), speeds.mean(), kinetic[0]])
 
 
@@ -90,8 +90,8 @@ def paired(first: Mapping[int, Numbers], second: Mapping[int, Numbers]) -> tuple
     in one of them only."""
     alone = sorted(first.keys() ^ second.keys())
     if alone or not first:
-        told = ", ".join(map(str, alone)) or "none at all"
-        raise SpecError([Problem("pairs need the same seeds in both engines", found=f"in one only: {told}")])
+        text = ", ".join(map(str, alone)) or "none at all"
+        raise SpecError([Problem("pairs need the same seeds in both engines", found=f"in one only: {text}")])
     seeds = sorted(first)
     return np.array([first[seed] for seed in seeds]), np.array([second[seed] for seed in seeds])
 
@@ -280,11 +280,11 @@ def touches(run: Run, by: str = "shape") -> dict[Pair, Touch]:
             impulse[kind] = impulse.get(kind, 0.0) + total
         # a pair counts once for each row, however many points it touches at; a block may end within a row
         for index, kind in enumerate(kinds.tolist()):
-            own = np.unique(at[place == index])
-            first.setdefault(kind, float(run.time[own[0]]))
-            begun = 1 if own[0] == last_row.get(kind) else 0
-            seconds[kind] = seconds.get(kind, 0.0) + float(lasting[own[begun:]].sum())
-            last_row[kind] = int(own[-1])
+            kinds_here = np.unique(at[place == index])
+            first.setdefault(kind, float(run.time[kinds_here[0]]))
+            begun = 1 if kinds_here[0] == last_row.get(kind) else 0
+            seconds[kind] = seconds.get(kind, 0.0) + float(lasting[kinds_here[begun:]].sum())
+            last_row[kind] = int(kinds_here[-1])
     return {named_pair(sides.names, kind): Touch(seconds[kind], impulse[kind], first[kind]) for kind in impulse}
 
 
@@ -325,16 +325,21 @@ def compare_contacts(a: Run, b: Run, by: str = "shape") -> tuple[PairComparison,
     first = 0
     while first < len(rows_a):
         last = min(len(rows_a), *(side.until(first) for side in sides))
-        one, other = (side.pairs(first, last, count) for side in sides)
-        both = np.intersect1d(one, other, assume_unique=True)
-        for column, found in enumerate((one, other, both)):
+        array, other = (side.pairs(first, last, count) for side in sides)
+        both = np.intersect1d(array, other, assume_unique=True)
+        for column, found in enumerate((array, other, both)):
             _add(totals, column, found % count**2, lasting[found // count**2])
         for column, side in enumerate(sides, 3):
             at, pair, force = side.forces(first, last, count)
             _add(totals, column, pair, force * lasting[at])
         first = last
     compared = [PairComparison(named_pair(known.names, number), *values) for number, values in totals.items()]
-    return tuple(sorted(compared, key=lambda one: (-max(one.first_impulse, one.second_impulse), one.pair)))
+    return tuple(
+        sorted(
+            compared,
+            key=lambda comparison: (-max(comparison.first_impulse, comparison.second_impulse), comparison.pair),
+        )
+    )
 
 
 def _add(totals: dict[int, list[float]], column: int, pair: NDArray[np.int64], amount: NDArray[np.float64]) -> None:
@@ -345,6 +350,6 @@ def _add(totals: dict[int, list[float]], column: int, pair: NDArray[np.int64], a
 
 def total_jaccard(compared: tuple[PairComparison, ...]) -> float | None:
     """The share for all pairs together: time in contact in both runs over that in either; None where nothing touched."""
-    both = sum(one.both_seconds for one in compared)
-    either = sum(one.first_seconds + one.second_seconds for one in compared) - both
+    both = sum(comparison.both_seconds for comparison in compared)
+    either = sum(comparison.first_seconds + comparison.second_seconds for comparison in compared) - both
     return both / either if either else None

@@ -57,8 +57,8 @@ def first_gap(a: Run, b: Run, floors: Sequence[Floor] = (), resolution: float = 
     common = Common(a, b, names, floors)
     for part in common.blocks(common.rows):
         position, _ = deviations(*common.poses(part))
-        own, _ = common.noise(np.arange(part.start, part.stop)[:, None])
-        beyond = (position > np.maximum(resolution, FLOOR_FACTOR * own)) | ~np.isfinite(position)
+        values, _ = common.noise(np.arange(part.start, part.stop)[:, None])
+        beyond = (position > np.maximum(resolution, FLOOR_FACTOR * values)) | ~np.isfinite(position)
         if beyond.any():
             row = int(beyond.any(axis=1).argmax())
             size = np.where(beyond[row], np.nan_to_num(position[row], nan=np.inf), 0.0)
@@ -86,7 +86,9 @@ def floors_by_size(run: Run, repeats: Sequence[Run]) -> dict[float, Floor]:
     floors = {}
     for size in perturbed:
         chosen = (size, 0.0) if size == perturbed[0] else (size,)
-        floor = measure_floor(run, [one for one in repeats if float(one.provenance.get("perturb") or 0.0) in chosen])
+        floor = measure_floor(
+            run, [repeat for repeat in repeats if float(repeat.provenance.get("perturb") or 0.0) in chosen]
+        )
         if floor is not None:
             floors[size] = floor
     return floors
@@ -114,7 +116,7 @@ class Horizons:
     @property
     def comparable_until(self) -> float | None:
         """The earlier of the two horizons (s); None = to the end."""
-        return min((one for one in (self.noise, self.second) if one is not None), default=None)
+        return min((entry for entry in (self.noise, self.second) if entry is not None), default=None)
 
 
 def horizons(
@@ -142,8 +144,8 @@ def horizons(
         for floor in moved:
             start = float(floor.position[0].max(initial=0.0)) if len(floor.position) else 0.0
             if not gap.size / ALIKE <= start <= gap.size * ALIKE:
-                told = f"{floor.engine}: moved by {start:.2g} m, the first gap is {gap.size:.2g} m"
-                notes.append(f"{told}: the second horizon is of another size")
+                text = f"{floor.engine}: moved by {start:.2g} m, the first gap is {gap.size:.2g} m"
+                notes.append(f"{text}: the second horizon is of another size")
     return Horizons(noise, gap, second, bool(moved), tuple(notes))
 
 
@@ -252,9 +254,9 @@ def convergence(runs: Sequence[Run]) -> Convergence:
     ordered = sorted(runs, key=lambda run: -run.world.physics.timestep)
     steps = [run.world.physics.timestep for run in ordered]
     if len(steps) != 3 or not math.isclose(steps[0] * steps[2], steps[1] ** 2, rel_tol=NEAR) or steps[0] == steps[1]:
-        told = ", ".join(f"{1e3 * step:g} ms" for step in steps)
+        text = ", ".join(f"{1e3 * step:g} ms" for step in steps)
         hint = "for example 4, 2 and 1 ms"
-        raise SpecError([Problem("an order needs three timesteps with one ratio", found=told, hint=hint)])
+        raise SpecError([Problem("an order needs three timesteps with one ratio", found=text, hint=hint)])
     outer, inner = consistency(ordered[0], ordered[1]), consistency(ordered[1], ordered[2])
     # times that all three recorded, to half of the smallest timestep
     at = np.clip(np.searchsorted(inner.time, outer.time - 0.5 * steps[2]), 0, len(inner.time) - 1)

@@ -126,7 +126,7 @@ def speed(runs: Sequence[Run], level: float = LEVEL) -> Speed:
     whole = [process_figures(run) for run in runs if run.failed is None]
     figures = {}
     for name in FIGURES:
-        values = [getattr(one, name) for one in whole]
+        values = [getattr(figures, name) for figures in whole]
         measured = [value for value in values if value is not None]
         if not measured:
             continue
@@ -140,10 +140,10 @@ def speed(runs: Sequence[Run], level: float = LEVEL) -> Speed:
 
 
 def _demand_one(what: str, values: Iterable[str]) -> None:
-    told = sorted(values)
-    if len(told) > 1:
+    given = sorted(values)
+    if len(given) > 1:
         hint = "take the speed of each alone"
-        raise SpecError([Problem(f"runs of several {what} have no common speed", found=" / ".join(told), hint=hint)])
+        raise SpecError([Problem(f"runs of several {what} have no common speed", found=" / ".join(given), hint=hint)])
 
 
 def speed_ratio(first: Speed, second: Speed, name: str = "real_time_factor", level: float = LEVEL) -> Interval | None:
@@ -275,7 +275,7 @@ def step_cost(runs: Sequence[Paced], steps: int) -> StepCost | None:
     spent = np.stack([np.diff(seconds, axis=0) for seconds in measured])
     fastest, whole = spent.min(axis=0).sum(axis=0), np.median(spent.sum(axis=1), axis=0)
     quiet, usual = (
-        {name: float(value) / steps for name, value in zip(SECONDS, one, strict=True)} for one in (fastest, whole)
+        {name: float(value) / steps for name, value in zip(SECONDS, entry, strict=True)} for entry in (fastest, whole)
     )
     return StepCost(runs[0].label, steps, len(runs), quiet, usual)
 
@@ -299,7 +299,7 @@ class RunFigure:
 def figure_names(world: World) -> list[str]:
     """The names of the figures that runs of ``world`` may have."""
     known = coordinates(world)
-    expected = [_expected(number, one.kind) for number, one in enumerate(world.expectations, 1)]
+    expected = [_expected(number, expectation.kind) for number, expectation in enumerate(world.expectations, 1)]
     return [*expected, *(name for name, _ in QUANTITIES), *known.q, *known.v]
 
 
@@ -309,7 +309,7 @@ def find_figure(world: World, word: str) -> str:
     names = figure_names(world)
     if word in names:
         return word
-    kinds = [one.kind for one in world.expectations]
+    kinds = [expectation.kind for expectation in world.expectations]
     found = {_plain(name): name for name in reversed(names)}
     for number, kind in enumerate(kinds, 1):
         found[_plain(f"expectation {number}")] = _expected(number, kind)
@@ -317,8 +317,8 @@ def find_figure(world: World, word: str) -> str:
             found.setdefault(_plain(kind), _expected(number, kind))
     if (name := found.get(_plain(word))) is not None:
         return name
-    told = ", ".join(names[:MOST_NAMED]) + (f", and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
-    problem = Problem(f"no run of {world.name} has a figure {word!r}", found=word, allowed=told, hint=near(word, names))
+    text = ", ".join(names[:MOST_NAMED]) + (f", and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
+    problem = Problem(f"no run of {world.name} has a figure {word!r}", found=word, allowed=text, hint=near(word, names))
     raise SpecError([problem])
 
 

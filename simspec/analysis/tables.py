@@ -99,7 +99,7 @@ class ResultTable:
     def where(self, **values: Any) -> ResultTable:
         """The rows whose columns have these values."""
         return self._chosen(
-            [row for row, told in enumerate(self.rows()) if all(told[k] == v for k, v in values.items())]
+            [row for row, given in enumerate(self.rows()) if all(given[k] == v for k, v in values.items())]
         )
 
     def groups(self, *by: str) -> dict[tuple[Any, ...], ResultTable]:
@@ -152,12 +152,12 @@ def _result(row: StoredRow | None) -> dict[str, Any]:
     if row is None:
         return {"state": "missing"}
     simulated = row.steps * row.timestep
-    told = {
+    given = {
         name: getattr(row, name) for name in ("failed", "passed", "expected", "engine_version", "world", "timestep")
     }
-    told |= {"state": "done" if row.failed is None else "failed", "simulated": simulated}
-    told |= {name: factor(row.steps, row.timestep, getattr(row, seconds)) for name, seconds in FACTORS.items()}
-    return told | {name: value if math.isfinite(value) else None for name, value in row.quantities.items()}
+    given |= {"state": "done" if row.failed is None else "failed", "simulated": simulated}
+    given |= {name: factor(row.steps, row.timestep, getattr(row, seconds)) for name, seconds in FACTORS.items()}
+    return given | {name: value if math.isfinite(value) else None for name, value in row.quantities.items()}
 
 
 def grouped(
@@ -174,8 +174,8 @@ def grouped(
         columns["count"].append(len(group))
         columns["done"].append(len(whole))
         for name in names:
-            told = [value for value in whole[name] if value is not None]
-            columns[name].append(figure(told) if told else None)
+            given = [value for value in whole[name] if value is not None]
+            columns[name].append(figure(given) if given else None)
     return ResultTable(columns)
 
 
@@ -257,14 +257,14 @@ class Spread:
 
 def spread(values: Sequence[float], level: float = LEVEL) -> Spread:
     """The spread of a positive figure over processes. Raises ValueError without values, or where one is not positive."""
-    told = tuple(float(value) for value in values)
-    if not told or not all(math.isfinite(value) and value > 0.0 for value in told):
-        raise ValueError(f"a spread needs positive values: {told}")
-    if len(told) < FEWEST:
-        return Spread(told, None)
-    logarithms = np.log(told)
-    half = _t(level, len(told) - 1) * float(logarithms.std(ddof=1)) / math.sqrt(len(told))
-    return Spread(told, _of_logarithm(float(logarithms.mean()), half, len(told), level))
+    given = tuple(float(value) for value in values)
+    if not given or not all(math.isfinite(value) and value > 0.0 for value in given):
+        raise ValueError(f"a spread needs positive values: {given}")
+    if len(given) < FEWEST:
+        return Spread(given, None)
+    logarithms = np.log(given)
+    half = _t(level, len(given) - 1) * float(logarithms.std(ddof=1)) / math.sqrt(len(given))
+    return Spread(given, _of_logarithm(float(logarithms.mean()), half, len(given), level))
 
 
 def ratio(first: Spread, second: Spread, level: float = LEVEL) -> Interval | None:
@@ -272,7 +272,7 @@ def ratio(first: Spread, second: Spread, level: float = LEVEL) -> Interval | Non
     None where either has fewer than two processes."""
     if first.processes < FEWEST or second.processes < FEWEST:
         return None
-    logarithms = [np.log(one.values) for one in (first, second)]
+    logarithms = [np.log(spread.values) for spread in (first, second)]
     errors = [float(values.var(ddof=1)) / len(values) for values in logarithms]
     centre = float(logarithms[0].mean() - logarithms[1].mean())
     total = sum(errors)

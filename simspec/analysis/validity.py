@@ -37,7 +37,7 @@ def trial(run: Run, outcomes: Sequence[Outcome]) -> Trial:
         return Trial(timestep, seed, False, f"failed: {run.failed}")
     if not outcomes:
         raise SpecError([Problem(f"{run.label}: nothing is expected of the run, so nothing says whether it is valid")])
-    missed = [one for one in outcomes if not one.passed]
+    missed = [outcome for outcome in outcomes if not outcome.passed]
     if not missed:
         return Trial(timestep, seed, True)
     return Trial(timestep, seed, False, _words(missed[0], len(missed) - 1), missed[0])
@@ -107,21 +107,21 @@ def limit(trials: Iterable[Trial], level: float = LEVEL) -> Limit:
     narrow).
     """
     by_step: dict[float, list[Trial]] = {}
-    for one in trials:
-        by_step.setdefault(one.timestep, []).append(one)
+    for entry in trials:
+        by_step.setdefault(entry.timestep, []).append(entry)
     if not by_step:
         raise SpecError([Problem("there are no runs to find a limit of validity from")])
     for timestep, some in by_step.items():
-        twice = [seed for seed, count in Counter(one.seed for one in some).items() if count > 1]
+        twice = [seed for seed, count in Counter(trial.seed for trial in some).items() if count > 1]
         if twice:
             name = "the run without a seed" if twice[0] is None else f"seed {twice[0]}"
             raise SpecError([Problem(f"{name} was run more than once at {1e3 * timestep:g} ms", hint="take it once")])
     steps = sorted(by_step)
-    shares = {step: share(sum(one.valid for one in by_step[step]), len(by_step[step]), level) for step in steps}
+    shares = {step: share(sum(trial.valid for trial in by_step[step]), len(by_step[step]), level) for step in steps}
     bad = [step for step in steps if shares[step].value < 1.0]
     first = bad[0] if bad else None
     good = [step for step in steps if first is None or step < first]
-    seeds = {one.seed for some in by_step.values() for one in some}
+    seeds = {trial.seed for some in by_step.values() for trial in some}
     return Limit(
         good[-1] if good else None,
         shares,
@@ -143,8 +143,8 @@ def _first_failure(trials: Sequence[Trial]) -> str:
 
 def _missed(trials: Sequence[Trial]) -> list[Trial]:
     """Those that are not valid, by seed."""
-    ordered = sorted(trials, key=lambda one: -1 if one.seed is None else one.seed)
-    return [one for one in ordered if not one.valid]
+    ordered = sorted(trials, key=lambda entry: -1 if entry.seed is None else entry.seed)
+    return [trial for trial in ordered if not trial.valid]
 
 
 def _count(number: int, what: str) -> str:
@@ -202,11 +202,11 @@ class Failure:
 
     def __str__(self) -> str:
         when = "" if self.time is None else f" at {self.time:.4g} s"
-        told = f"{KINDS[self.kind]}{when}{f' ({self.what})' if self.what else ''}"
+        text = f"{KINDS[self.kind]}{when}{f' ({self.what})' if self.what else ''}"
         if self.away is None:
-            return told
+            return text
         end = "at the end" if self.at is None else f"at {self.at:.4g} s"
-        return f"{told}; {self.body} {length(self.away)} off its place {end}"
+        return f"{text}; {self.body} {length(self.away)} off its place {end}"
 
 
 def first_failure(run: Run, outcomes: Sequence[Outcome]) -> Failure | None:
@@ -214,20 +214,23 @@ def first_failure(run: Run, outcomes: Sequence[Outcome]) -> Failure | None:
     if run.failed is not None:
         return _ended(run, run.failed)
     pairs = zip(run.world.expectations, outcomes, strict=True)
-    missed = [(index, one, outcome) for index, (one, outcome) in enumerate(pairs) if not outcome.passed]
+    missed = [(index, expectation, outcome) for index, (expectation, outcome) in enumerate(pairs) if not outcome.passed]
     if not missed:
         return None
     end = float(run.time[-1]) if run.recorded else 0.0
-    index, asked, outcome = min(missed, key=lambda entry: (_time(entry[1], end), entry[0]))
-    at = _given(asked).get("at")
-    if asked.kind not in PLACES:
+    index, expectation, outcome = min(missed, key=lambda entry: (_time(entry[1], end), entry[0]))
+    at = _given(expectation).get("at")
+    if expectation.kind not in PLACES:
         detail = f": {outcome.detail}" if outcome.detail else ""
-        return Failure("other", None, f"{asked.kind.replace('_', ' ')}{detail}", index, at)
-    targets = {name: place for name, place in _targets(asked).items() if name in run.index}
+        return Failure("other", None, f"{expectation.kind.replace('_', ' ')}{detail}", index, at)
+    targets = {name: place for name, place in _targets(expectation).items() if name in run.index}
     if not run.recorded or not targets:
         return Failure("not-recorded", None, outcome.detail, index, at)
-    begun = max((_time(one, end) for one in run.world.expectations if _time(one, end) < _time(asked, end)), default=0.0)
-    return _of_place(run, asked, index, targets, _row(run, begun), _row(run, _time(asked, end)))
+    begun = max(
+        (_time(entry, end) for entry in run.world.expectations if _time(entry, end) < _time(expectation, end)),
+        default=0.0,
+    )
+    return _of_place(run, expectation, index, targets, _row(run, begun), _row(run, _time(expectation, end)))
 
 
 def _ended(run: Run, why: str) -> Failure:
@@ -258,8 +261,8 @@ def _of_place(
     ]
     row, kind, what = min((event for event in events if event is not None), key=lambda event: event[0])
     unseen = _unseen(run) if kind != "off-trajectory" else ""
-    told = "; ".join(part for part in (what, unseen) if part)
-    return Failure(kind, float(run.time[row]), told, index, _given(asked).get("at"), body, away[body])
+    text = "; ".join(part for part in (what, unseen) if part)
+    return Failure(kind, float(run.time[row]), text, index, _given(asked).get("at"), body, away[body])
 
 
 Event = tuple[int, str, str]
@@ -279,8 +282,8 @@ def _off_trajectory(run: Run, end: int) -> Event | None:
 
 def _driven(run: Run) -> dict[str, float]:
     """The largest tracking error of each driven joint in the whole run, rad or m; 0 where only the engine knows it."""
-    told: Mapping[str, Any] = run.provenance.get("control", {})
-    return {name: error or 0.0 for name, error in zip(told.get("joints", ()), told.get("error", ()), strict=True)}
+    control: Mapping[str, Any] = run.provenance.get("control", {})
+    return {name: error or 0.0 for name, error in zip(control.get("joints", ()), control.get("error", ()), strict=True)}
 
 
 def _unseen(run: Run) -> str:
@@ -295,18 +298,18 @@ def _overlap(run: Run, body: str, begin: int, end: int) -> Event | None:
     if "contact.distance" not in run.arrays:
         return None
     rows, bodies = np.asarray(run.arrays["contact.row"]), np.asarray(run.arrays["contact.body"])
-    own = np.flatnonzero((rows >= begin) & (rows <= end) & (bodies == run.index[body]).any(axis=1))
+    indices = np.flatnonzero((rows >= begin) & (rows <= end) & (bodies == run.index[body]).any(axis=1))
     overlaps = -np.asarray(run.arrays["contact.distance"])
     harmless = float(overlaps[rows < begin].max(initial=0.0))
-    depth = overlaps[own]
+    depth = overlaps[indices]
     thin = np.array([_inner_radius(one) for one in run.world.bodies])
-    bound = np.maximum(harmless, DEEP * thin[bodies[own].astype(np.int64)].min(axis=1))
+    bound = np.maximum(harmless, DEEP * thin[bodies[indices].astype(np.int64)].min(axis=1))
     deep = np.flatnonzero(~(depth <= bound))
     if not len(deep):
         return None
-    first = deep[np.argmin(rows[own[deep]])]
-    other = next((int(k) for k in bodies[own[first]] if k != run.index[body]), run.index[body])
-    return int(rows[own[first]]), "overlap", f"{length(float(depth[first]))} with {run.world.bodies[other].name}"
+    first = deep[np.argmin(rows[indices[deep]])]
+    other = next((int(k) for k in bodies[indices[first]] if k != run.index[body]), run.index[body])
+    return int(rows[indices[first]]), "overlap", f"{length(float(depth[first]))} with {run.world.bodies[other].name}"
 
 
 def _inner_radius(body: Body) -> float:

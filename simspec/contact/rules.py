@@ -86,22 +86,22 @@ def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> di
     names = [material.name for material in world.contact.materials]
     found: dict[str, dict[str, float]] = {name: {} for name in names}
     for quantity in COMBINED_QUANTITIES:
-        own = {material.name: getattr(material, quantity) for material in world.contact.materials}
+        local = {material.name: getattr(material, quantity) for material in world.contact.materials}
         values = {pair: getattr(law, quantity) for pair, law in wanted.items()}
         largest = rules.most_restitution if quantity == "restitution" else math.inf
         rule = getattr(rules, quantity)
         if rule == "cross":
             solved = _cross(names, values, {name: found[name]["friction"] for name in names})
         elif rule == "product":
-            solved = _product(names, values, own, largest < math.inf)
+            solved = _product(names, values, local, largest < math.inf)
         elif rule == "mean":
-            solved = _mean(names, values, own, largest)
+            solved = _mean(names, values, local, largest)
         elif rule == "harmonic":
-            solved = _harmonic(names, values, own)
+            solved = _harmonic(names, values, local)
         elif rule in NOT_COMBINED:
             solved = dict.fromkeys(names, 0.0)
         else:
-            solved = _extreme(names, values, own, min if rule == "max" else max)
+            solved = _extreme(names, values, local, min if rule == "max" else max)
         for name in names:
             found[name][quantity] = solved[name]
     hardness: dict[str, Hardness] = {}

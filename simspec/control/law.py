@@ -105,10 +105,10 @@ class _Group:
         movers = [body for body in bodies if body.joint.kind != "fixed"]
         self._timestep = world.physics.timestep
         self._tree: Any = None
-        asked = [controller for controller in world.controllers if needs_dynamics(controller)]
+        controllers = [controller for controller in world.controllers if needs_dynamics(controller)]
         names = {body.joint.name for body in bodies}
-        if any(names & set(controller.joints) for controller in asked):
-            self._tree = tree = _dynamics(world, bodies, asked)
+        if any(names & set(controller.joints) for controller in controllers):
+            self._tree = tree = _dynamics(world, bodies, controllers)
             movers = [movers[index] for index in np.argsort(tree.v_index)]
         else:
             movers = [body for body in movers if body.joint.name in driven]
@@ -142,11 +142,11 @@ class _Group:
         lead = np.where(rows.implicit, rows.hold, 0)
         for ahead in np.unique(lead[rows.driven]).tolist():
             mine = rows.driven & (lead == ahead)
-            own, at = rows.columns[mine], slice(ahead, ahead + count)
-            wanted = rows.stiffness[mine] * position[at][:, own] + rows.damping[mine] * speed[at][:, own]
-            wanted += np.where(rows.torque[mine], acceleration[at][:, own], 0.0)
+            local, at = rows.columns[mine], slice(ahead, ahead + count)
+            wanted = rows.stiffness[mine] * position[at][:, local] + rows.damping[mine] * speed[at][:, local]
+            wanted += np.where(rows.torque[mine], acceleration[at][:, local], 0.0)
             self._affine[:, mine] = wanted / rows.divisor[mine]
-            self._feed[:, mine] = feed[at][:, own]
+            self._feed[:, mine] = feed[at][:, local]
         self._affine[:, self._pd] += self._feed[:, self._pd]
         self._feed[:, self._pd] = 0.0
         if self._holds:
@@ -176,8 +176,8 @@ class _Group:
         effort = self._effort
         effort[:] = 0.0
         if rows.torque.any():
-            asked = np.where(rows.torque, wanted, 0.0)
-            effort[rows.torque] = (tree.own_inverse(q, v, asked) + self._feed[k])[rows.torque]
+            accelerations = np.where(rows.torque, wanted, 0.0)
+            effort[rows.torque] = (tree.own_inverse(q, v, accelerations) + self._feed[k])[rows.torque]
         effort[self._pd] = wanted[self._pd]
         if rows.gravity.any():
             effort[rows.gravity] += tree.own_gravity(q)[rows.gravity]
@@ -191,18 +191,18 @@ class _Group:
         pin, model, data = tree.pin, tree.model, tree.data
         mass = pin.crba(model, data, q)
         mass = np.triu(mass) + np.triu(mass, 1).T
-        own = tree.joint_effort(q[tree.v_index], v[tree.v_index])[np.argsort(tree.v_index)]
-        free = effort + own - tree.own_bias(q, v)
+        local = tree.joint_effort(q[tree.v_index], v[tree.v_index])[np.argsort(tree.v_index)]
+        free = effort + local - tree.own_bias(q, v)
         return np.linalg.solve(mass + np.diag(self._ahead), free)
 
 
 def _dynamics(world: World, bodies: tuple[Body, ...], asked: list[Controller]) -> Any:
-    odd = [body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)]
-    if odd:
+    unexpected = [body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)]
+    if unexpected:
         names = ", ".join(sorted({controller.name for controller in asked}))
         raise ControlError(
-            f"control.{names}: its law needs a tree of hinges and slides on a fixed base, and {odd[0].name!r} has a "
-            f"{odd[0].joint.kind} joint; law: pd with discretisation: explicit and no gravity_compensation can be used"
+            f"control.{names}: its law needs a tree of hinges and slides on a fixed base, and {unexpected[0].name!r} has a "
+            f"{unexpected[0].joint.kind} joint; law: pd with discretisation: explicit and no gravity_compensation can be used"
         )
     try:
         from simspec.dynamics.oracle_tree import Tree
@@ -242,15 +242,15 @@ class Control:
         driven = [group.rows.driven for group in self._groups]
         sizes = np.cumsum([0, *(len(group.joints) for group in self._groups)])
         self._slices = [slice(first, last) for first, last in itertools.pairwise(sizes)]
-        own = self.native
-        if own is not None:  # some may be there already: laws with dynamics read all joints of their trees
+        native = self.native
+        if native is not None:  # some may be there already: laws with dynamics read all joints of their trees
             there = set(self.joints)
-            more = [k for k, name in enumerate(own.joints) if name not in there]
-            order += [index[own.bodies[k]] for k in more]
-            self.joints += [own.joints[k] for k in more]
+            more = [k for k, name in enumerate(native.joints) if name not in there]
+            order += [index[native.bodies[k]] for k in more]
+            self.joints += [native.joints[k] for k in more]
             limits.append(np.full(len(more), np.inf))
             driven.append(np.ones(len(more), dtype=bool))
-        self.native_places = np.array([self.joints.index(name) for name in own.joints] if own else [], dtype=int)
+        self.native_places = np.array([self.joints.index(name) for name in native.joints] if native else [], dtype=int)
         self.q_places = np.array([where.position[number].start for number in order], dtype=int)
         self.v_places = np.array([where.velocity[number].start for number in order], dtype=int)
         self._limit = np.concatenate(limits) if limits else np.zeros(0)

@@ -30,13 +30,13 @@ class Piecewise:
         piece = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, len(self.breaks) - 2)
         inside = np.clip(times, first, last) - self.breaks[piece]
         ended, waiting = times >= last, times < first
-        still = (ended | waiting)[:, None]
+        static = (ended | waiting)[:, None]
         power, values = self.coefficients, []
         for order in range(derivatives + 1):
             value = np.zeros((len(times), power.shape[2]))
             for row in power:
                 value = value * inside[:, None] + row[piece]
-            values.append(np.where(still, 0.0, value) if order else np.where(ended[:, None], self.final, value))
+            values.append(np.where(static, 0.0, value) if order else np.where(ended[:, None], self.final, value))
             degree = len(power) - 1
             power = power[:-1] * np.arange(degree, 0, -1)[:, None, None] if degree else np.zeros_like(power)
         return values
@@ -64,8 +64,8 @@ def reference(world: World) -> Reference:
     initial = np.array([start[name][0] for name in joints])
     trajectory = world.trajectory
     if trajectory is None:
-        still = _constant(initial)
-        return Reference(joints, still, _constant(np.zeros(len(joints))))
+        constant = _constant(initial)
+        return Reference(joints, constant, _constant(np.zeros(len(joints))))
     place = {name: index for index, name in enumerate(joints)}
     columns = np.array([place[name] for name in trajectory.joints], dtype=int)
     position = _among(joints, columns, positions(trajectory), initial)
@@ -224,10 +224,10 @@ class Native:
         }
         self.bodies = [body.name for body in world.bodies if body.joint.name in rows]
         self.joints = [body.joint.name for body in world.bodies if body.joint.name in rows]
-        own_rows = [rows[name] for name in self.joints]
-        self.stiffness = np.array([controller.kp[index] for controller, index in own_rows], dtype=float)
-        self.damping = np.array([controller.kd[index] for controller, index in own_rows], dtype=float)
-        limits = [controller.effort_limits[index] for controller, index in own_rows]
+        local_rows = [rows[name] for name in self.joints]
+        self.stiffness = np.array([controller.kp[index] for controller, index in local_rows], dtype=float)
+        self.damping = np.array([controller.kd[index] for controller, index in local_rows], dtype=float)
+        limits = [controller.effort_limits[index] for controller, index in local_rows]
         self.limit = np.array([np.inf if limit is None else limit for limit in limits], dtype=float)
         self._columns = np.array([reference.joints.index(name) for name in self.joints], dtype=int)
         self._position = reference.position

@@ -92,17 +92,17 @@ class AppliedForces:
             (turn,) = matrices(poses[acting.row, None, 3:])
             point = poses[acting.row, :3] + turn @ acting.at
             for mover in acting.movers:
-                (own,) = matrices(poses[mover.row, None, 3:])
+                (local,) = matrices(poses[mover.row, None, 3:])
                 if mover.kind == "slide":
-                    effort[mover.place] += own @ mover.axis @ force
+                    effort[mover.place] += local @ mover.axis @ force
                     continue
-                moment = torque + np.cross(point - poses[mover.row, :3] - own @ mover.centre, force)
+                moment = torque + np.cross(point - poses[mover.row, :3] - local @ mover.centre, force)
                 if mover.kind == "free":
-                    effort[mover.place] += np.concatenate([force, moment @ own])
+                    effort[mover.place] += np.concatenate([force, moment @ local])
                 elif mover.kind == "ball":
-                    effort[mover.place] += moment @ own
+                    effort[mover.place] += moment @ local
                 else:
-                    effort[mover.place] += own @ mover.axis @ moment
+                    effort[mover.place] += local @ mover.axis @ moment
         return effort
 
 
@@ -224,11 +224,11 @@ class Prescribed:
         self._around: list[_Around | None] = []
         for motion, path in zip(world.motions, curves, strict=True):
             row = rows[motion.body]
-            told = lumped_inertial(world, world.bodies[row])
-            xx, yy, zz, xy, xz, yz = told.inertia
+            inertial = lumped_inertial(world, world.bodies[row])
+            xx, yy, zz, xy, xz, yz = inertial.inertia
             tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            centre = np.array(told.centre_of_mass)
-            self._bodies.append((where.position[row], where.velocity[row], told.mass, tensor, centre, path))
+            centre = np.array(inertial.centre_of_mass)
+            self._bodies.append((where.position[row], where.velocity[row], inertial.mass, tensor, centre, path))
             self._around.append(_Around.of(world.bodies[row], world.physics.fluid))
         self._first, self._ahead = 0, list[tuple[Array, Array]]()
 
@@ -241,14 +241,14 @@ class Prescribed:
         parts = zip(self._bodies, self._ahead, self._around, strict=True)
         for (at_q, at_v, mass, tensor, centre, _), (places, turns), around in parts:
             place, turn = places[step - self._first], turns[step - self._first]
-            own_q, own_v = q[at_q], v[at_v]
-            wanted = (place + rotate(turn, centre) - own_q[:3]) / dt
-            spin = logarithm(multiply(conjugate(own_q[3:]), turn)) / dt
-            push = mass * ((wanted - own_v[:3]) / dt - self._gravity)
-            twist = tensor @ ((spin - own_v[3:]) / dt) + cross(own_v[3:], tensor @ own_v[3:])
+            local_q, local_v = q[at_q], v[at_v]
+            wanted = (place + rotate(turn, centre) - local_q[:3]) / dt
+            spin = logarithm(multiply(conjugate(local_q[3:]), turn)) / dt
+            push = mass * ((wanted - local_v[:3]) / dt - self._gravity)
+            twist = tensor @ ((spin - local_v[3:]) / dt) + cross(local_v[3:], tensor @ local_v[3:])
             effort[at_v] = np.concatenate([push, twist])
             if around is not None:
-                effort[at_v] -= around.effort(own_q[3:], own_v)
+                effort[at_v] -= around.effort(local_q[3:], local_v)
         return effort
 
 

@@ -60,17 +60,19 @@ def unstable(world: World) -> list[Instability]:
     instabilities, timestep = [], world.physics.timestep
     for bodies in sprung_trees(world):
         names = {body.joint.name for body in bodies}
-        own = [
+        controllers = [
             controller
             for controller in world.controllers
             if names & set(controller.joints) and controller.law != "native" and controller.discretisation == "explicit"
         ]
-        postures = _postures(world, bodies) if own else []
-        if not own or _worst(_systems(world, bodies, own, postures), timestep) <= 1.0 + SLACK:
+        postures = _postures(world, bodies) if controllers else []
+        if not controllers or _worst(_systems(world, bodies, controllers, postures), timestep) <= 1.0 + SLACK:
             continue
-        alone = {controller.name: _systems(world, bodies, [controller], postures) for controller in own}
+        alone = {controller.name: _systems(world, bodies, [controller], postures) for controller in controllers}
         blamed = {name: systems for name, systems in alone.items() if _worst(systems, timestep) > 1.0 + SLACK}
-        together = {", ".join(controller.name for controller in own): _systems(world, bodies, own, postures)}
+        together = {
+            ", ".join(controller.name for controller in controllers): _systems(world, bodies, controllers, postures)
+        }
         for name, systems in (blamed or together).items():
             hold = max(int(system.hold.max(initial=1)) for system in systems)
             instabilities.append(Instability(name, timestep, _largest(systems), _worst(systems, timestep), hold))
@@ -111,8 +113,8 @@ def _postures(world: World, bodies: Sequence[Body]) -> list[np.ndarray]:
 def _systems(
     world: World, bodies: tuple[Body, ...], controllers: Sequence[Controller], postures: Sequence[np.ndarray]
 ) -> list[System]:
-    own_world = within(world, bodies)
-    tree = Tree(own_world)
+    local_world = within(world, bodies)
+    tree = Tree(local_world)
     where = {body.joint.name: part.start for body, part in zip(bodies, tree.layout.velocity, strict=True)}
     stiffness, damping = np.zeros(tree.nv), np.zeros(tree.nv)
     for body, part in zip(bodies, tree.layout.velocity, strict=True):
@@ -138,9 +140,9 @@ def _systems(
                 else:
                     total_k[at, at] += controller.kp[index]
                     total_d[at, at] += controller.kd[index]
-        more_k, more_d = JointSums(bodies, own_world.sums).matrices()
-        own = np.diag(stiffness) + more_k, np.diag(damping) + more_d
-        systems.append(System(np.linalg.inv(mass), own, (total_k, total_d), hold))
+        more_k, more_d = JointSums(bodies, local_world.sums).matrices()
+        values = np.diag(stiffness) + more_k, np.diag(damping) + more_d
+        systems.append(System(np.linalg.inv(mass), values, (total_k, total_d), hold))
     return systems
 
 
@@ -148,7 +150,7 @@ def _growth(system: System, timestep: float) -> float:
     """The largest |eigenvalue| of a step; of several, the mean factor of one."""
     if (system.hold > 1).any():
         return _held_growth(system, timestep)
-    stiffness, damping = (system.mobility @ (own + law) for own, law in zip(system.own, system.law, strict=True))
+    stiffness, damping = (system.mobility @ (values + law) for values, law in zip(system.own, system.law, strict=True))
     count = len(stiffness)
     identity = np.eye(count)
     speed = np.hstack([-timestep * stiffness, identity - timestep * damping])
@@ -164,7 +166,7 @@ def _held_growth(system: System, timestep: float) -> float:
     if steps > MOST_STEPS:
         hold, steps = np.full(count, hold.max()), int(hold.max())
     identity, nothing = np.eye(count), np.zeros((count, count))
-    stiffness, damping = (timestep * system.mobility @ own for own in system.own)
+    stiffness, damping = (timestep * system.mobility @ values for values in system.own)
     whole = np.eye(3 * count)
     for step in range(steps):
         due = (step % hold == 0)[:, None]

@@ -53,7 +53,7 @@ def constrained_position(
 ) -> np.ndarray:
     """A position (nq,) at which the constraints hold: near ``wanted`` where joints are coupled alone; where loops are closed
     some way from ``start``, at which they hold, towards anywhere."""
-    if tree.held is not None and all(isinstance(held, Follow) for held in tree.held.constraints):
+    if tree.held is not None and all(isinstance(constraint, Follow) for constraint in tree.held.constraints):
         near = tree.settled(wanted)
         return start if near is None else near
     away = tree.constrained_velocity(start, generator.uniform(-1.0, 1.0, tree.nv))
@@ -137,7 +137,7 @@ def model_key(bodies: Sequence[Body], constraints: Sequence[Constraint] = (), su
         )
         for body in bodies
     )
-    held = tuple(
+    actual = tuple(
         (
             tuple((joints if isinstance(constraint, Follow) else index)[name] for name in members(constraint)),
             dataclasses.replace(constraint, name="", joint="", leader="")
@@ -148,12 +148,12 @@ def model_key(bodies: Sequence[Body], constraints: Sequence[Constraint] = (), su
     )
     along = tuple(
         (
-            tuple((joints[joint], coefficient) for joint, coefficient in one.joints),
-            dataclasses.replace(one, name="", joints=()),
+            tuple((joints[joint], coefficient) for joint, coefficient in sum_.joints),
+            dataclasses.replace(sum_, name="", joints=()),
         )
-        for one in sums
+        for sum_ in sums
     )
-    return (models, held, along) if held or along else models
+    return (models, actual, along) if actual or along else models
 
 
 class Oracle:
@@ -187,14 +187,14 @@ class Oracle:
         """What this world has and the oracle's motion has not, by name."""
         names = []
         if any(body.joint.dry_friction for body in self.world.bodies) or any(
-            one.dry_friction for one in self.world.sums
+            sum_.dry_friction for sum_ in self.world.sums
         ):
             names.append("joint.dry_friction")
         if any(body.joint.position_limits for body in self.world.bodies):
             names.append("joint.limits.position")
         if any(body.joint.angle_limit for body in self.world.bodies):
             names.append("joint.limits.angle")
-        if any(one.position_limits for one in self.world.sums):
+        if any(sum_.position_limits for sum_ in self.world.sums):
             names.append("constraint.sum.limits")
         return names
 

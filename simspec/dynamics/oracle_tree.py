@@ -127,13 +127,13 @@ class Tree:
         placement = placement * self._placement(joint.origin)
         centre = np.array(body.inertial.centre_of_mass)
         if joint.kind == "fixed":
-            index, own = above, placement
+            index, identity = above, placement
         elif joint.kind == "free":
             composite = pin.JointModelComposite(2)
             composite.addJoint(pin.JointModelTranslation())
             composite.addJoint(pin.JointModelSpherical())
             index = self.model.addJoint(0, composite, pin.SE3.Identity(), body.name)
-            own = pin.SE3(np.eye(3), -np.array(lumped_inertial(self.world, body).centre_of_mass))
+            identity = pin.SE3(np.eye(3), -np.array(lumped_inertial(self.world, body).centre_of_mass))
         else:
             axis = np.array(joint.axis)
             kinds = {
@@ -142,19 +142,19 @@ class Tree:
                 "ball": pin.JointModelSpherical,
             }
             index = self.model.addJoint(above, kinds[joint.kind](), placement, body.name)
-            own = pin.SE3.Identity()
+            identity = pin.SE3.Identity()
         if index and body.inertial.mass and body.gravity_scale != 1.0:
             weight = (body.gravity_scale - 1.0) * body.inertial.mass * np.array(self.world.physics.gravity)
-            self._lifted.append((index, own.act(centre), weight))
+            self._lifted.append((index, identity.act(centre), weight))
         if index and body.box is not None and self.world.physics.fluid is not None:
-            told = np.array(lumped_inertial(self.world, body).centre_of_mass)
-            turn = own.rotation @ np.array(frames.matrix(body.box.quaternion))
-            self._resisted.append(Resisted(index, own.act(told), turn, body.box.edges, self.world.physics.fluid))
+            values = np.array(lumped_inertial(self.world, body).centre_of_mass)
+            turn = identity.rotation @ np.array(frames.matrix(body.box.quaternion))
+            self._resisted.append(Resisted(index, identity.act(values), turn, body.box.edges, self.world.physics.fluid))
         xx, yy, zz, xy, xz, yz = body.inertial.inertia
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if index and body.inertial.mass:
-            self.model.appendBodyToJoint(index, pin.Inertia(body.inertial.mass, centre, tensor), own)
-        self._held[body.name] = (index, own)
+            self.model.appendBodyToJoint(index, pin.Inertia(body.inertial.mass, centre, tensor), identity)
+        self._held[body.name] = (index, identity)
         return 0 if joint.kind == "fixed" else index
 
     def _order_coordinates(self, joints: list[int]) -> None:
@@ -226,13 +226,13 @@ class Tree:
 
     def effort_of(self, q: np.ndarray, body: str, at: np.ndarray, force: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """See :meth:`Oracle.effort_of`."""
-        own, effort = self.spread(q)[0], np.zeros(self.nv)
+        values, effort = self.spread(q)[0], np.zeros(self.nv)
         index, placement = self._held[body]
         if not index:
             return effort
-        self.pin.forwardKinematics(self.model, self.data, own)
+        self.pin.forwardKinematics(self.model, self.data, values)
         # in the joint's own axes
-        jacobian = _whole(self.pin.computeJointJacobian(self.model, self.data, own, index))
+        jacobian = _whole(self.pin.computeJointJacobian(self.model, self.data, values, index))
         turn = self.data.oMi[index].rotation.T
         point = placement.act(at)
         wrench = np.concatenate([turn @ force, np.cross(point, turn @ force) + turn @ torque])
@@ -284,9 +284,9 @@ class Tree:
             return lift
         pin.computeJointJacobians(self.model, self.data, q)
         for joint, centre, force in self._lifted:
-            own = self._jacobian_of(joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            jacobian = self._jacobian_of(joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
             arm = self.data.oMi[joint].rotation @ centre
-            lift += (own[:3] - pin.skew(arm) @ own[3:]).T @ force
+            lift += (jacobian[:3] - pin.skew(arm) @ jacobian[3:]).T @ force
         return lift
 
     def joint_effort(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -305,12 +305,12 @@ class Tree:
 
     def _resistance(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """What the fluid does (nv,), body by body, by the Jacobians of their joints in these joints' own axes."""
-        pin, (own_q, own_v) = self.pin, self.spread(q, v)
+        pin, (local_q, local_v) = self.pin, self.spread(q, v)
         total = np.zeros(self.model.nv)
-        pin.computeJointJacobians(self.model, self.data, own_q)
+        pin.computeJointJacobians(self.model, self.data, local_q)
         for body in self._resisted:
             jacobian = self._jacobian_of(body.joint, pin.ReferenceFrame.LOCAL)
-            total += jacobian.T @ body.wrench(jacobian @ own_v, self.data.oMi[body.joint].rotation)
+            total += jacobian.T @ body.wrench(jacobian @ local_v, self.data.oMi[body.joint].rotation)
         resistance: np.ndarray = total[self.v_index]
         return resistance
 
@@ -319,10 +319,10 @@ class Tree:
         pin, total = self.pin, np.zeros((self.model.nv, self.model.nv))
         pin.computeJointJacobians(self.model, self.data, self.spread(q)[0])
         for body in self._resisted:
-            own = self._jacobian_of(body.joint, pin.ReferenceFrame.LOCAL)
+            jacobian = self._jacobian_of(body.joint, pin.ReferenceFrame.LOCAL)
             linear, angular = body.viscous
-            through = own[:3] - pin.skew(body.centre) @ own[3:]
-            total += linear * through.T @ through + angular * own[3:].T @ own[3:]
+            through = jacobian[:3] - pin.skew(body.centre) @ jacobian[3:]
+            total += linear * through.T @ through + angular * jacobian[3:].T @ jacobian[3:]
         damping: np.ndarray = total[np.ix_(self.v_index, self.v_index)]
         return damping
 
@@ -376,7 +376,7 @@ class Tree:
                     q, v = rounded(q), rounded(v)
             return q, v
         pin, model, data, timestep = self.pin, self.model, self.data, self.timestep
-        own_q, own_v = self.spread(q, v)
+        local_q, local_v = self.spread(q, v)
         constant, damping = np.zeros(model.nv), np.zeros(model.nv)
         constant[self.v_index], damping[self.v_index] = effort, self._damping
         at_q, at_v = self.q_index[self._hinge_q], self.v_index[self._hinge_v]
@@ -385,17 +385,17 @@ class Tree:
         for _ in range(steps):
             tau = constant
             if resists:
-                tau = -damping * own_v
-                tau[at_v] -= stiffness * (own_q[at_q] - rest)
+                tau = -damping * local_v
+                tau[at_v] -= stiffness * (local_q[at_q] - rest)
                 tau = constant + tau
             if self._lifted:
-                tau = tau + self.own_lift(own_q)
-            own_v = own_v + timestep * pin.aba(model, data, own_q, own_v, tau)
-            own_q = pin.integrate(model, own_q, timestep * own_v)
+                tau = tau + self.own_lift(local_q)
+            local_v = local_v + timestep * pin.aba(model, data, local_q, local_v, tau)
+            local_q = pin.integrate(model, local_q, timestep * local_v)
             if rounded is not None:
-                own_q[self.q_index] = rounded(own_q[self.q_index])
-                own_v[self.v_index] = rounded(own_v[self.v_index])
-        return own_q[self.q_index], own_v[self.v_index]
+                local_q[self.q_index] = rounded(local_q[self.q_index])
+                local_v[self.v_index] = rounded(local_v[self.v_index])
+        return local_q[self.q_index], local_v[self.v_index]
 
     def step(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One step of semi-implicit Euler; returns the new (q, v)."""
@@ -440,9 +440,9 @@ class Tree:
         joint, placement = self.body_joint[body], self.body_placement[body] * self._placement(end)
         if not joint:
             return np.zeros((6, self.nv))
-        own = self._jacobian_of(joint, self.pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        jacobian = self._jacobian_of(joint, self.pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         arm = self.data.oMi[joint].rotation @ placement.translation
-        full = np.concatenate([own[:3] - self.pin.skew(arm) @ own[3:], own[3:]])
+        full = np.concatenate([jacobian[:3] - self.pin.skew(arm) @ jacobian[3:], jacobian[3:]])
         turned: np.ndarray = full[:, self.v_index]
         return turned
 

@@ -85,7 +85,7 @@ def unstable(world: World) -> list[Instability]:
         part = within(world, bodies)
         sprung = any(body.joint.damping or body.joint.angular_damping or body.joint.spring_stiffness for body in bodies)
         viscous = world.physics.fluid is not None and world.physics.fluid.viscosity > 0.0
-        if not sprung and not viscous and not any(one.damping or one.stiffness for one in part.sums):
+        if not sprung and not viscous and not any(sum_.damping or sum_.stiffness for sum_ in part.sums):
             continue
         positions = tuple(body.joint.position for body in bodies if body.joint.kind != "free")
         key = model_key(bodies, (), part.sums), positions
@@ -124,8 +124,8 @@ def _unstable(world: World) -> tuple[tuple[int, ...], int | None, Instability] |
     if not len(acting):
         return None
     more_k, more_d = (matrix[np.ix_(acting, acting)] for matrix in along.matrices())
-    k, own = np.diag(stiffness[acting]) + more_k, np.diag(damping[acting]) + more_d
-    dampings = [own + matrix[np.ix_(acting, acting)] for matrix in resisted]
+    k, local = np.diag(stiffness[acting]) + more_k, np.diag(damping[acting]) + more_d
+    dampings = [local + matrix[np.ix_(acting, acting)] for matrix in resisted]
     mobilities = [np.linalg.inv(tree.mass_matrix(posture))[np.ix_(acting, acting)] for posture in postures]
     sizes = [_size(inverse_mass, k, d, step) for inverse_mass, d in zip(mobilities, dampings, strict=True)]
     worst = int(np.argmax(sizes))
@@ -152,7 +152,7 @@ def _unstable(world: World) -> tuple[tuple[int, ...], int | None, Instability] |
     rows = tuple(dict.fromkeys(strongest))
     blame = (step**2 * along.stiffness + 2.0 * step * along.damping) * (along.weights[:, acting] @ motion) ** 2
     summed = int(np.argmax(blame)) if len(blame) and blame.sum() > values[-1] / 2.0 else None
-    fluid = step * float(motion @ (d - own) @ motion) / values[-1] > (sprung + 2.0 * damped) / 4.0
+    fluid = step * float(motion @ (d - local) @ motion) / values[-1] > (sprung + 2.0 * damped) / 4.0
     found = Instability((), step, largest, growth, initially, bool(2.0 * damped >= sprung), fluid=fluid)
     return rows, None if fluid else summed, found
 
@@ -241,7 +241,7 @@ def gains(world: World) -> list[Gain]:
             found += _of_mechanism(world, bodies, turning)
     found += _of_bodies(alone, world.physics)
     rank = {body.name: row for row, body in enumerate(world.bodies)}
-    return sorted(found, key=lambda one: rank[one.body])
+    return sorted(found, key=lambda gain: rank[gain.body])
 
 
 def _of_bodies(bodies: Sequence[Body], physics: Physics) -> Iterator[Gain]:
@@ -343,7 +343,7 @@ def _of_mechanism(world: World, bodies: tuple[Body, ...], turning: Sequence[Body
         with np.errstate(invalid="ignore", over="ignore"):
             states, speeds = oracle.motion(q, v, None, steps, every)
             kinetic = oracle.energy(q, v)[0]
-            energies = np.array([sum(oracle.energy(*one)) for one in zip(states, speeds, strict=True)])
+            energies = np.array([sum(oracle.energy(*entry)) for entry in zip(states, speeds, strict=True)])
         shares = (energies - start) / kinetic
     beyond = ~(shares < DIVERGED)
     row = int(np.argmax(beyond)) if beyond.any() else int(np.argmax(shares))

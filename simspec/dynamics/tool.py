@@ -246,9 +246,9 @@ class Tool:
         at = q[self._q]
         free = np.ones(len(at), dtype=bool)
         while True:
-            own = jacobian[:, free]
+            values = jacobian[:, free]
             step = np.zeros(len(at))
-            step[free] = own.T @ np.linalg.solve(own @ own.T + damping * np.eye(rows), error)
+            step[free] = values.T @ np.linalg.solve(values @ values.T + damping * np.eye(rows), error)
             pushed = free & (((at <= self._low) & (step < 0.0)) | ((at >= self._high) & (step > 0.0)))
             if not pushed.any():
                 break

@@ -302,9 +302,9 @@ def _check_meetings(document: JsonWorld) -> None:
     layers = {
         (shape.material, copy.layer) for body in document.bodies for shape in body.shapes for copy in shape.copies
     }
-    for one, other, layer in document.meets:
-        if not {(one, layer), (other, layer)} <= layers:
-            raise ValueError(f"{at} has {[one, other, layer]!r}, and both materials have no copy in that layer")
+    for name, other, layer in document.meets:
+        if not {(name, layer), (other, layer)} <= layers:
+            raise ValueError(f"{at} has {[name, other, layer]!r}, and both materials have no copy in that layer")
     check_distinct((tuple(sorted(entry[:2])) for entry in document.meets), at)
 
 

@@ -54,17 +54,17 @@ def main() -> None:
     confine(PROFILES["data"])
     sys.addaudithook(_watch)  # where the kernel has no wall
     while line := source.readline():
-        asked = json.loads(line)
-        if "pieces" in asked:
-            vertices = np.frombuffer(source.read(24 * asked["vertices"]), "<f8").reshape(-1, 3)
-            faces = np.frombuffer(source.read(24 * asked["faces"]), "<i8").reshape(-1, 3)
-            _allow_cpu(int(asked["pieces"]))
+        requested = json.loads(line)
+        if "pieces" in requested:
+            vertices = np.frombuffer(source.read(24 * requested["vertices"]), "<f8").reshape(-1, 3)
+            faces = np.frombuffer(source.read(24 * requested["faces"]), "<i8").reshape(-1, 3)
+            _allow_cpu(int(requested["pieces"]))
             _answer_pieces(answers, vertices, faces)
             continue
-        content = source.read(asked["size"])
-        beside = {name: source.read(size) for name, size in asked["beside"].items()}
+        content = source.read(requested["size"])
+        alongside = {name: source.read(size) for name, size in requested["beside"].items()}
         _allow_cpu(CPU_SECONDS)
-        _answer(answers, asked["suffix"], content, beside)
+        _answer(answers, requested["suffix"], content, alongside)
 
 
 def _limit(what: int, most: int) -> None:
@@ -372,11 +372,11 @@ def _of_scene(scene: Any) -> Read:
         total += len(mesh.faces)
         if total > MOST_FACES:
             raise RefusedError(f"it has more than the {MOST_FACES:,} faces that are read")
-        own = np.asarray(mesh.vertices, np.float64)
-        vertices.append(own @ place[:3, :3].T + place[:3, 3])
+        values = np.asarray(mesh.vertices, np.float64)
+        vertices.append(values @ place[:3, :3].T + place[:3, 3])
         mirrored = np.linalg.det(place[:3, :3]) < 0.0
         faces.append(np.asarray(mesh.faces, np.int64)[:, :: -1 if mirrored else 1] + count)
-        count += len(own)
+        count += len(values)
     if not faces:
         raise RefusedError("it has no faces")
     return np.concatenate(vertices), np.concatenate(faces), {}

@@ -56,8 +56,8 @@ def _tetrahedron(vertices: Points, extent: float) -> list[int]:
     def first(distances: NDArray[np.float64]) -> int:
         return int(np.flatnonzero(distances >= distances.max() - EQUAL * extent)[0])
 
-    one = first(-vertices[:, 0])
-    away = vertices - vertices[one]
+    index = first(-vertices[:, 0])
+    away = vertices - vertices[index]
     two = first(np.sqrt((away**2).sum(axis=1)))
     along = away[two] / np.sqrt((away[two] ** 2).sum())
     across = away - (away * along).sum(axis=1)[:, None] * along
@@ -65,7 +65,7 @@ def _tetrahedron(vertices: Points, extent: float) -> list[int]:
     normal = np.cross(along, across[three])
     normal /= np.sqrt((normal**2).sum())
     four = first(np.abs((away * normal).sum(axis=1)))
-    return [one, two, three, four]
+    return [index, two, three, four]
 
 
 class _Beyond:

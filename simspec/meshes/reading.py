@@ -93,15 +93,15 @@ def open_mesh(path: Path) -> MeshFile:
     _demand_numerals(path.suffix.lower(), content)
     if path.suffix.lower() not in (".gltf", ".glb"):
         return MeshFile(path, content)
-    beside: dict[str, bytes] = {}
+    alongside: dict[str, bytes] = {}
     left = LARGEST_FILE - len(content)
     for name in _needed(content):
         target = _beside(path, name)
         if not target.is_relative_to(path.parent):
             raise MeshError(f"it needs {name[:80]!r}, which leaves its folder")
-        beside[name] = _bytes(target, left)
-        left -= len(beside[name])
-    return MeshFile(path, content, beside)
+        alongside[name] = _bytes(target, left)
+        left -= len(alongside[name])
+    return MeshFile(path, content, alongside)
 
 
 def _bytes(path: Path, most: int) -> bytes:
@@ -216,7 +216,7 @@ def _process(asked: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes
     packages that it imports before it reads anything."""
     environment = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME", "SYSTEMROOT")}
     environment |= ANY_LOCALE
-    one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    single_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     process = subprocess.Popen(
         # not -I, by which PYTHONHASHSEED would have no effect; the environment has no other PYTHON variable of the user
         with_search_path("-m", "simspec.meshes.child", *needed),
@@ -224,7 +224,7 @@ def _process(asked: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         cwd=ELSEWHERE,
-        env={**environment, **one_thread, "PYTHONNOUSERSITE": "1", "PYTHONHASHSEED": "0"},
+        env={**environment, **single_thread, "PYTHONNOUSERSITE": "1", "PYTHONHASHSEED": "0"},
         start_new_session=True,
     )
     output, why = exchange(process, asked, seconds, LARGEST_ANSWER)
@@ -237,8 +237,8 @@ def _process(asked: bytes, needed: Sequence[str], seconds: float) -> tuple[bytes
 def split(vertices: Points, triangles: Triangles, seconds: float) -> list[Points]:
     """The corners (n, 3) of convex pieces that are nearly the solid within triangles, by CoACD. Raises MeshError."""
     head = {"pieces": seconds, "vertices": len(vertices), "faces": len(triangles)}
-    asked = json.dumps(head).encode() + b"\n" + _request_bytes(vertices, "<f8") + _request_bytes(triangles, "<i8")
-    output, why = _process(asked, ("coacd",) if find_spec("coacd") else (), START_SECONDS + BUSY * seconds)
+    requested = json.dumps(head).encode() + b"\n" + _request_bytes(vertices, "<f8") + _request_bytes(triangles, "<i8")
+    output, why = _process(requested, ("coacd",) if find_spec("coacd") else (), START_SECONDS + BUSY * seconds)
     stream = io.BytesIO(output)
     line = stream.readline()
     if not line.endswith(b"\n"):

@@ -324,12 +324,12 @@ def _ratios(world: World) -> Iterator[Finding]:
     for name, carrier in carrying(world).items():
         if name not in groups or carrier not in groups:
             continue
-        one, other = groups[name].inertial.mass, groups[carrier].inertial.mass
-        if not one or not other:
+        value, other = groups[name].inertial.mass, groups[carrier].inertial.mass
+        if not value or not other:
             continue
-        ratio = max(one, other) / min(one, other)
+        ratio = max(value, other) / min(value, other)
         if ratio > LARGEST_RATIO:
-            message = f"{other:.3g} kg carries {one:.3g} kg, {ratio:.3g} times"
+            message = f"{other:.3g} kg carries {value:.3g} kg, {ratio:.3g} times"
             path = f"bodies.{name}.joint"
             element = f"{carrier} and {name}"
             yield Finding("mass-ratio", Grade.NOTE, element, message, ratio, "", ratio / LARGEST_RATIO, path)

@@ -259,4 +259,9 @@ def ordered(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Findings by rule, warnings before notes, the worst of each first."""
     place = {code: index for index, code in enumerate(RULES)}
     grades = list(Grade)
-    return tuple(sorted(findings, key=lambda one: (place[one.rule], grades.index(one.grade), -one.severity, one.path)))
+    return tuple(
+        sorted(
+            findings,
+            key=lambda finding: (place[finding.rule], grades.index(finding.grade), -finding.severity, finding.path),
+        )
+    )

@@ -115,7 +115,7 @@ def lumps_of(world: World) -> Mapping[str, tuple[Lump, ...]]:
     made: dict[tuple[object, ...], Lump] = {}
     lumps: dict[str, tuple[Lump, ...]] = {}
     for body in world.bodies:
-        own = []
+        local = []
         for shape in body.shapes:
             if SHAPES[shape.kind].static:
                 continue
@@ -124,8 +124,8 @@ def lumps_of(world: World) -> Mapping[str, tuple[Lump, ...]]:
             if known is None:
                 known = made[key] = lump_of(body.name, shape)
             shape = dataclasses.replace(shape, size=known.shape.size)
-            own.append(dataclasses.replace(known, body=body.name, shape=shape).at(Pose()))
-        lumps[body.name] = tuple(own)
+            local.append(dataclasses.replace(known, body=body.name, shape=shape).at(Pose()))
+        lumps[body.name] = tuple(local)
     return MappingProxyType(lumps)
 
 
@@ -272,8 +272,8 @@ def axis_distance(solids: Sequence[Lump], point: Floats, axis: Floats) -> float:
 def gap(some: Sequence[Lump], others: Sequence[Lump]) -> float:
     """The least distance (m) between shapes of two parts; 0: two meet."""
     pairs = sorted(
-        (float(np.linalg.norm(one.centre - other.centre)) - one.outer - other.outer, i, j)
-        for i, one in enumerate(some)
+        (float(np.linalg.norm(lump.centre - other.centre)) - lump.outer - other.outer, i, j)
+        for i, lump in enumerate(some)
         for j, other in enumerate(others)
     )
     nearest = math.inf

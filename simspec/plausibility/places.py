@@ -117,11 +117,13 @@ class Places:
             hard, seen = part.some(True), part.some(False)
             if name == "world" or not self.foreign(name) or not hard or not seen:
                 continue
-            one, other = _boxed(hard), _boxed(seen)
-            shared = np.clip(np.minimum(one[1], other[1]) - np.maximum(one[0], other[0]), 0.0, None).prod()
-            smaller = min((one[1] - one[0]).prod(), (other[1] - other[0]).prod())
+            hard_box, seen_box = _boxed(hard), _boxed(seen)
+            shared = np.clip(
+                np.minimum(hard_box[1], seen_box[1]) - np.maximum(hard_box[0], seen_box[0]), 0.0, None
+            ).prod()
+            smaller = min((hard_box[1] - hard_box[0]).prod(), (seen_box[1] - seen_box[0]).prod())
             share = float(shared / smaller)
-            scale = float((one[1] - one[0]).max() / (other[1] - other[0]).max())
+            scale = float((hard_box[1] - hard_box[0]).max() / (seen_box[1] - seen_box[0]).max())
             path = f"bodies.{name}.shapes"
             if share < SHARED:
                 message = f"collision and visual shapes share {100.0 * share:.2g} % of the smaller bounding box"
@@ -173,14 +175,14 @@ class Places:
         return self._solids([body for body in tree if self.groups[body.name] == "world"])
 
     def _gap(self, body: Body, part: Part, parent: tuple[Lump, ...], carrier: str, size: float) -> Iterator[Finding]:
-        apart = gap(part.solids, parent)
+        distance = gap(part.solids, parent)
         limit = max(GAP[0], GAP[1] * size)
-        if apart > limit:
+        if distance > limit:
             above = carrier if carrier != "world" else str(body.joint.parent)
-            message = f"{1e3 * apart:.4g} mm away from {above}, {100.0 * apart / size:.2g} % of the model's size"
+            message = f"{1e3 * distance:.4g} mm away from {above}, {100.0 * distance / size:.2g} % of the model's size"
             path = f"bodies.{body.name}.joint.origin"
             grade = Grade.WARNING if self.foreign(body.name) else Grade.NOTE
-            yield Finding("detached", grade, body.name, message, apart, "m", apart / limit, path)
+            yield Finding("detached", grade, body.name, message, distance, "m", distance / limit, path)
 
     def _axis(self, body: Body, part: Part, parent: tuple[Lump, ...]) -> Iterator[Finding]:
         joint = body.joint
@@ -216,17 +218,17 @@ class Places:
         if body.joint.kind not in SCALAR_JOINTS and body.joint.kind != "ball":
             return
         some = [lump for lump in self._lumps(body) if lump.shape.collision]
-        above = next(one for one in self.world.bodies if one.name == body.joint.parent)
+        above = next(entry for entry in self.world.bodies if entry.name == body.joint.parent)
         others = [lump for lump in self._lumps(above) if lump.shape.collision]
         pairs = sorted(
-            ((one, other) for one in some for other in others), key=lambda pair: -min(pair[0].inner, pair[1].inner)
+            ((lump, other) for lump in some for other in others), key=lambda pair: -min(pair[0].inner, pair[1].inner)
         )
         deepest, worst = 0.0, 0.0
-        for one, other in pairs[:MOST_PAIRS]:
-            if np.linalg.norm(one.centre - other.centre) >= one.outer + other.outer:
+        for entry, other in pairs[:MOST_PAIRS]:
+            if np.linalg.norm(entry.centre - other.centre) >= entry.outer + other.outer:
                 continue
-            depth = -separation(one, other)
-            share = depth / (FIXED if carrier == "world" else NEIGHBOURS * min(one.inner, other.inner))
+            depth = -separation(entry, other)
+            share = depth / (FIXED if carrier == "world" else NEIGHBOURS * min(entry.inner, other.inner))
             if share > 1.0 and share > worst:
                 deepest, worst = depth, share
         if worst > 1.0:

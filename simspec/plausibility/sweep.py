@@ -172,7 +172,11 @@ def positions(
 def _followers(world: World, bodies: Sequence[Body]) -> dict[str, Follow]:
     """The couplings of a tree's joints by the joint that follows, each after that of its leader."""
     names = {body.joint.name for body in bodies}
-    left = {one.joint: one for one in world.constraints if isinstance(one, Follow) and one.joint in names}
+    left = {
+        constraint.joint: constraint
+        for constraint in world.constraints
+        if isinstance(constraint, Follow) and constraint.joint in names
+    }
     found: dict[str, Follow] = {}
     while left:
         ready = [name for name, follow in left.items() if follow.leader not in left]
@@ -196,9 +200,9 @@ def _looped(world: World) -> frozenset[str]:
         return chain
 
     looped: set[str] = set()
-    for one in world.constraints:
-        if not isinstance(one, Follow):
-            looped |= {joint[name] for name in set(above(one.first)) ^ set(above(one.second))}
+    for constraint in world.constraints:
+        if not isinstance(constraint, Follow):
+            looped |= {joint[name] for name in set(above(constraint.first)) ^ set(above(constraint.second))}
     return frozenset(looped)
 
 
@@ -234,9 +238,9 @@ class Tree:
             by_group.setdefault(groups[name], []).append(name)
         pairs = set()
         for child, carrier in carrying(world).items():
-            for one in by_group.get(child, []):
+            for entry in by_group.get(child, []):
                 for other in by_group.get(carrier, []):
-                    pairs.add((one, other) if order[one] < order[other] else (other, one))
+                    pairs.add((entry, other) if order[entry] < order[other] else (other, entry))
         return pairs
 
     def places(self, samples: Samples) -> tuple[dict[str, Floats], dict[str, Floats]]:
@@ -306,18 +310,18 @@ class Tree:
         near = pair in self._neighbours
         depths: Floats = np.zeros(len(rows))
         severities: Floats = np.zeros(len(rows))
-        for i, one in enumerate(self._solids[first]):
+        for i, lump in enumerate(self._solids[first]):
             for k, other in enumerate(self._solids[second]):
-                if not near and not self._materials(one.shape.material, other.shape.material):
+                if not near and not self._materials(lump.shape.material, other.shape.material):
                     continue
-                centre = at + by @ other.centre - one.centre
-                close = np.flatnonzero(np.einsum("ni,ni->n", centre, centre) < (one.outer + other.outer) ** 2)
+                centre = at + by @ other.centre - lump.centre
+                close = np.flatnonzero(np.einsum("ni,ni->n", centre, centre) < (lump.outer + other.outer) ** 2)
                 if not len(close):
                     continue
-                smaller = min(one.inner, other.inner)
+                smaller = min(lump.inner, other.inner)
                 limit = 0.0 if initial else self._limit(pair, i, k, smaller, near)
                 axes = np.swapaxes(by[close] @ other.axes.T, 1, 2)
-                depth = self._depths(one, other, centre[close], axes, limit)
+                depth = self._depths(lump, other, centre[close], axes, limit)
                 if initial:
                     self._initial[first, second, i, k] = float(depth[0])
                     continue
@@ -375,8 +379,8 @@ class Tree:
         count = len(centre)
         away = np.linalg.norm(centre, axis=1, keepdims=True)
         line = np.where(away > 0.0, centre / np.where(away > 0.0, away, 1.0), np.array([1.0, 0.0, 0.0]))
-        own = np.repeat(np.concatenate([one.axes, -one.axes])[None], count, axis=0)
-        likely = np.concatenate([own, axes, -axes, line[:, None]], axis=1)
+        local_axes = np.repeat(np.concatenate([one.axes, -one.axes])[None], count, axis=0)
+        likely = np.concatenate([local_axes, axes, -axes, line[:, None]], axis=1)
         boxed, _ = self._along(one, other, centre, axes, likely, boxed=True)
         depth, best = np.zeros(count), np.zeros((count, 3))
         left = np.flatnonzero(boxed > limit)

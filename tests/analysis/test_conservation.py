@@ -31,24 +31,24 @@ def thrown(lost=lambda t: 0.0 * t, spun=lambda t: 0.0 * t, contacts=None, of=WOR
 
 
 def test_a_throw_conserves():
-    told = conservation(thrown())
-    assert told.energy is not None
-    assert told.linear is not None
-    assert told.angular is not None
-    assert max(told.energy.relative, told.linear.relative, told.angular.relative) < 1e-14
-    assert told.gained is None
-    assert "not every step is recorded" in told.notes[0]
+    given = conservation(thrown())
+    assert given.energy is not None
+    assert given.linear is not None
+    assert given.angular is not None
+    assert max(given.energy.relative, given.linear.relative, given.angular.relative) < 1e-14
+    assert given.gained is None
+    assert "not every step is recorded" in given.notes[0]
 
 
 def test_what_changes_by_itself_is_found():
     """From 0.5 s on the ball has lost 0.25 m/s of 1: 0.5 N s; ½·2·(1 − 0.75²) = 0.4375 J; and turns at 0.5 rad/s: 0.2 N
     m s."""
     late = lambda size: lambda t: np.where(t > 0.45, size, 0.0)  # noqa: E731
-    told = conservation(thrown(late(0.25)))
-    assert told.linear.size == pytest.approx(0.5)
-    assert told.linear.whose == "ball"
-    assert told.energy.size == pytest.approx(0.4375)
-    assert told.energy.relative == pytest.approx(0.4375 / told_scale())
+    given = conservation(thrown(late(0.25)))
+    assert given.linear.size == pytest.approx(0.5)
+    assert given.linear.whose == "ball"
+    assert given.energy.size == pytest.approx(0.4375)
+    assert given.energy.relative == pytest.approx(0.4375 / told_scale())
     turned = conservation(thrown(spun=late(0.5)))
     assert turned.angular.size == pytest.approx(0.2)
     assert turned.linear.size < 1e-12
@@ -64,17 +64,17 @@ def told_scale():
 
 def test_contact_may_take_away():
     """The same loss where the ball touches the floor is none of these figures' business."""
-    told = conservation(thrown(lambda t: np.where(t > 0.45, 0.25, 0.0), contacts=[(5, 0, 1, -0.01, 5.0)]))
-    assert told.energy.relative < 1e-14
-    assert told.linear.relative < 1e-14
-    assert told.gained.size == 0.0
+    given = conservation(thrown(lambda t: np.where(t > 0.45, 0.25, 0.0), contacts=[(5, 0, 1, -0.01, 5.0)]))
+    assert given.energy.relative < 1e-14
+    assert given.linear.relative < 1e-14
+    assert given.gained.size == 0.0
 
 
 def test_contact_may_not_add():
     """0.25 m/s more along x: ½·2·(1.25² − 1) J."""
-    told = conservation(thrown(lambda t: np.where(t > 0.45, -0.25, 0.0), contacts=[(5, 0, 1, -0.01, 5.0)]))
-    assert told.gained.size == pytest.approx(0.5625)
-    assert (told.gained.begin, told.gained.end) == pytest.approx((0.4, 0.6))
+    given = conservation(thrown(lambda t: np.where(t > 0.45, -0.25, 0.0), contacts=[(5, 0, 1, -0.01, 5.0)]))
+    assert given.gained.size == pytest.approx(0.5625)
+    assert (given.gained.begin, given.gained.end) == pytest.approx((0.4, 0.6))
 
 
 def test_semi_implicit_euler_loses_what_it_is_said_to():
@@ -88,11 +88,11 @@ def test_semi_implicit_euler_loses_what_it_is_said_to():
     pose[..., 3], pose[:, 0, 2], velocity[:, 0, 2] = 1.0, dt * np.cumsum(v), v
     arrays |= {"step": step, "time": step * dt, "pose": pose, "velocity": velocity}
     arrays |= {"q": np.zeros((steps + 1, 7)), "v": np.zeros((steps + 1, 6))}
-    told = conservation(dataclasses.replace(thrown(of=of), arrays=arrays))
-    assert told.energy.size == pytest.approx(0.5 * 2.0 * 100.0 * dt * 1.0)
-    assert told.integrator == pytest.approx(told.energy.size)
-    assert told.linear.relative < 1e-14
-    assert not told.notes
+    given = conservation(dataclasses.replace(thrown(of=of), arrays=arrays))
+    assert given.energy.size == pytest.approx(0.5 * 2.0 * 100.0 * dt * 1.0)
+    assert given.integrator == pytest.approx(given.energy.size)
+    assert given.linear.relative < 1e-14
+    assert not given.notes
 
 
 def test_damping_may_change_energy_at_any_time():
@@ -103,9 +103,9 @@ def test_damping_may_change_energy_at_any_time():
         Joint("elbow", "hinge", "ball", axis=(0, 0, 1), damping=0.1, position=(0.0,), velocity=(0.0,)),
     )
     of = world(*WORLD.bodies, arm)
-    told = conservation(run(of))
-    assert told.energy is None
-    assert "damping" in " ".join(told.notes)
+    given = conservation(run(of))
+    assert given.energy is None
+    assert "damping" in " ".join(given.notes)
     assert free_trees(of) == {"floor": [0], "ball": [1, 2]}
 
 

@@ -28,21 +28,21 @@ def _fall(t, error):
 
 
 def test_free_fall_departs_by_the_drift():
-    told = consistency(falling(0.004), falling(0.002))
-    assert len(told.time) == 26  # 40 ms apart in one, 20 ms in the other
-    assert told.drift == pytest.approx(5.0 * told.time * 0.002)
-    assert told.rms == pytest.approx(told.drift)
-    assert told.largest == pytest.approx(told.drift)
-    assert told.time[told.row(0.3)] == pytest.approx(0.28)
+    given = consistency(falling(0.004), falling(0.002))
+    assert len(given.time) == 26  # 40 ms apart in one, 20 ms in the other
+    assert given.drift == pytest.approx(5.0 * given.time * 0.002)
+    assert given.rms == pytest.approx(given.drift)
+    assert given.largest == pytest.approx(given.drift)
+    assert given.time[given.row(0.3)] == pytest.approx(0.28)
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_the_order_is_observed(order):
-    told = convergence([falling(0.002, order), falling(0.004, order), falling(0.001, order)])
-    assert told.timesteps == (0.004, 0.002, 0.001)
-    assert np.isnan(told.order[0])  # at the beginning nothing differs
-    assert told.order[1:] == pytest.approx(order)
-    assert told.error[1:] == pytest.approx(5.0 * told.time[1:] * 0.001**order)
+    given = convergence([falling(0.002, order), falling(0.004, order), falling(0.001, order)])
+    assert given.timesteps == (0.004, 0.002, 0.001)
+    assert np.isnan(given.order[0])  # at the beginning nothing differs
+    assert given.order[1:] == pytest.approx(order)
+    assert given.error[1:] == pytest.approx(5.0 * given.time[1:] * 0.001**order)
 
 
 def recorded_at(one, times):
@@ -53,11 +53,11 @@ def recorded_at(one, times):
 def test_records_that_never_meet_are_no_consistency():
     coarse, middle, fine = falling(0.004), falling(0.002), falling(0.001)
     # as of a sweep that rounds times up: every record of one lies between two steps of the other
-    apart = recorded_at(middle, middle.time[1:] + 0.0013)
+    separate = recorded_at(middle, middle.time[1:] + 0.0013)
     with pytest.raises(SpecError, match="no recorded time in common but the beginning"):
-        consistency(coarse, apart)
+        consistency(coarse, separate)
     with pytest.raises(SpecError, match="no recorded time in common but the beginning"):
-        convergence([coarse, apart, fine])
+        convergence([coarse, separate, fine])
     # each pair meets, and never all three
     some = recorded_at(fine, np.where(np.arange(1, len(fine.time)) % 4 == 0, fine.time[1:] + 0.0006, fine.time[1:]))
     assert len(consistency(middle, some).time) > 1

@@ -26,20 +26,20 @@ def changed(row: int, name: str, by: float):
 
 
 def test_equal_bits():
-    told = determinism([falling(), falling(), falling()])
-    assert told.bitwise
-    assert str(told) == "3 runs, bitwise equal"
+    given = determinism([falling(), falling(), falling()])
+    assert given.bitwise
+    assert str(given) == "3 runs, bitwise equal"
 
 
 def test_the_first_difference_is_named():
-    told = determinism([falling(), falling(), changed(12, "pose", 1e-12), changed(7, "velocity", 0.5)])
-    assert not told.bitwise
-    assert [(one.repeat, one.array, one.time) for one in told.departures] == [
+    given = determinism([falling(), falling(), changed(12, "pose", 1e-12), changed(7, "velocity", 0.5)])
+    assert not given.bitwise
+    assert [(departure.repeat, departure.array, departure.time) for departure in given.departures] == [
         (2, "pose", pytest.approx(1.2)),
         (3, "velocity", pytest.approx(0.7)),
     ]
-    assert told.departures[0].size == pytest.approx(1e-12)
-    assert str(told) == "2 of 3 repeats differ, the first from 1.2 s on, in pose"
+    assert given.departures[0].size == pytest.approx(1e-12)
+    assert str(given) == "2 of 3 repeats differ, the first from 1.2 s on, in pose"
 
 
 def test_of_several_arrays_the_earliest_counts():

@@ -28,37 +28,37 @@ def moved(of=WORLD, low=lambda t: column(0.0, 0.0, 0.0 * t), high=lambda t: colu
 
 
 def test_what_rests_is_not_moved():
-    told = displacement(moved())
-    assert (told.sideways, told.down, told.left, told.bodies) == (0.0, 0.0, None, 2)
+    given = displacement(moved())
+    assert (given.sideways, given.down, given.left, given.bodies) == (0.0, 0.0, None, 2)
 
 
 def test_the_furthest_way_sideways_and_the_lowest_end_count():
     """Out by 80 mm at 0.5 s and back again; 30 mm down at the end."""
     out = lambda t: column(0.0, 0.08 * np.sin(np.pi * t), -0.03 * t)  # noqa: E731
-    told = displacement(moved(high=out))
-    assert told.sideways == pytest.approx(0.08)
-    assert told.whose == "high"
-    assert told.down == pytest.approx(0.03)
-    assert told.left is None
+    given = displacement(moved(high=out))
+    assert given.sideways == pytest.approx(0.08)
+    assert given.whose == "high"
+    assert given.down == pytest.approx(0.03)
+    assert given.left is None
 
 
 def test_a_way_and_back_counts_sideways_and_not_down():
     """80 mm aside and 50 mm down at 0.5 s, and back at the end; the other one ends 20 mm aside."""
     back = lambda t: column(0.0, 0.08 * np.sin(np.pi * t), -0.05 * np.sin(np.pi * t))  # noqa: E731
-    told = displacement(moved(low=back, high=lambda t: column(0.02 * t, 0.0, 0.0 * t)))
-    assert (told.sideways, told.whose) == (pytest.approx(0.08), "low")
-    assert told.down == pytest.approx(0.0, abs=1e-12)
+    given = displacement(moved(low=back, high=lambda t: column(0.02 * t, 0.0, 0.0 * t)))
+    assert (given.sideways, given.whose) == (pytest.approx(0.08), "low")
+    assert given.down == pytest.approx(0.0, abs=1e-12)
     last = displacement(moved(high=back, low=lambda t: column(0.02 * t, 0.0, 0.0 * t)))
     assert (last.sideways, last.whose) == (pytest.approx(0.08), "high")
 
 
 def test_a_body_that_has_left_its_place_is_told_with_the_first_time():
     """0.3 m/s along x: beyond half a width of 0.1 m from 1/3 s on; records every 0.1 s."""
-    told = displacement(
+    given = displacement(
         moved(low=lambda t: column(0.3 * t, 0.0, 0.0 * t), high=lambda t: column(0.15 * t, 0.0, 0.0 * t))
     )
-    assert told.left == pytest.approx(0.4)
-    assert told.whose == "low"
+    assert given.left == pytest.approx(0.4)
+    assert given.whose == "low"
 
 
 def test_up_is_not_down():
@@ -68,15 +68,15 @@ def test_up_is_not_down():
 def test_down_is_along_gravity():
     """Under gravity along x what goes along z is moved sideways."""
     tilted = dataclasses.replace(WORLD, physics=dataclasses.replace(WORLD.physics, gravity=(10.0, 0.0, 0.0)))
-    told = displacement(moved(tilted, high=lambda t: column(0.02 * t, 0.0, 0.05 * t)))
-    assert told.down == pytest.approx(0.02)
-    assert told.sideways == pytest.approx(0.05)
+    given = displacement(moved(tilted, high=lambda t: column(0.02 * t, 0.0, 0.05 * t)))
+    assert given.down == pytest.approx(0.02)
+    assert given.sideways == pytest.approx(0.05)
 
 
 def test_without_gravity_every_way_is_sideways():
-    told = displacement(moved(world(*WORLD.bodies, gravity=0.0), high=lambda t: column(0.0, 0.03 * t, -0.04 * t)))
-    assert told.down == 0.0
-    assert told.sideways == pytest.approx(0.05)
+    given = displacement(moved(world(*WORLD.bodies, gravity=0.0), high=lambda t: column(0.0, 0.03 * t, -0.04 * t)))
+    assert given.down == 0.0
+    assert given.sideways == pytest.approx(0.05)
 
 
 def test_where_a_body_starts_is_its_place():
@@ -85,10 +85,10 @@ def test_where_a_body_starts_is_its_place():
 
 def test_a_place_that_is_no_number_is_far_away():
     lost = lambda t: column(np.where(t > 0.55, np.nan, 0.0), 0.0, 0.0)  # noqa: E731
-    told = displacement(moved(low=lost))
-    assert told.left == pytest.approx(0.6)
-    assert told.sideways == np.inf
-    assert told.down == np.inf
+    given = displacement(moved(low=lost))
+    assert given.left == pytest.approx(0.6)
+    assert given.sideways == np.inf
+    assert given.down == np.inf
 
 
 def test_nothing_to_look_at_is_an_error():

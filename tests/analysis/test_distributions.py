@@ -47,35 +47,35 @@ def test_mmd_of_points():
 def test_all_permutations_at_once_are_each_alone(bandwidth):
     generator = np.random.default_rng(2)
     x, y = generator.normal(size=(3, 2)), generator.normal(0.5, 1.0, size=(4, 2))
-    told = permutation_test(x, y, bandwidth)
+    test = permutation_test(x, y, bandwidth)
     both = np.concatenate([x, y])
     of = energy_distance if bandwidth is None else lambda a, b: mmd(a, b, bandwidth)
     every = []
     for chosen in itertools.combinations(range(7), 3):
         rest = [k for k in range(7) if k not in chosen]
         every.append(of(both[list(chosen)], both[rest]))
-    assert told.exact
-    assert told.permutations == 35
-    assert told.statistic == pytest.approx(of(x, y))
-    assert told.p == pytest.approx(np.mean(np.array(every) >= every[0] - 1e-12))
-    assert told.smallest == pytest.approx(1 / 35)
+    assert test.exact
+    assert test.permutations == 35
+    assert test.statistic == pytest.approx(of(x, y))
+    assert test.p == pytest.approx(np.mean(np.array(every) >= every[0] - 1e-12))
+    assert test.smallest == pytest.approx(1 / 35)
 
 
 def test_few_runs_cannot_reject():
     """3 and 3 runs as far apart as one likes: p = 2/20."""
-    told = permutation_test(column_of(0.0, 0.1, 0.2), column_of(1e6, 1e6 + 1, 1e6 + 2))
-    assert (told.p, told.smallest) == (0.1, 0.1)
-    assert not told.can_reject
-    assert not told.rejects
-    assert str(told).startswith("cannot reject")
+    test = permutation_test(column_of(0.0, 0.1, 0.2), column_of(1e6, 1e6 + 1, 1e6 + 2))
+    assert (test.p, test.smallest) == (0.1, 0.1)
+    assert not test.can_reject
+    assert not test.rejects
+    assert str(test).startswith("cannot reject")
     assert permutation_test(column_of(0, 0.1, 0.2, 0.3), column_of(9.0, 8.0, 7.0, 6.0)).rejects  # 2/70
 
 
 def test_many_runs_are_drawn():
     generator = np.random.default_rng(3)
     x = generator.normal(size=(20, 1))
-    apart = permutation_test(x, x + 5.0)
-    assert (apart.exact, apart.permutations, apart.p) == (False, 10_000, 1e-4)
+    test = permutation_test(x, x + 5.0)
+    assert (test.exact, test.permutations, test.p) == (False, 10_000, 1e-4)
     assert permutation_test(x, x[::-1]).p == 1.0
     assert permutation_test(x, x + 0.5, seed=1) == permutation_test(x, x + 0.5, seed=1)
 
@@ -90,9 +90,9 @@ def test_a_test_of_equal_distributions_rejects_as_often_as_its_level():
 
 @pytest.mark.parametrize(("pairs", "smallest"), [(3, 0.25), (4, 0.125), (6, 0.03125)])
 def test_the_smallest_p_of_pairs(pairs, smallest):
-    told = sign_flip_test(np.arange(1.0, pairs + 1.0))
-    assert (told.p, told.smallest, told.exact) == (smallest, smallest, True)
-    assert told.can_reject == told.rejects == (pairs >= 6)
+    test = sign_flip_test(np.arange(1.0, pairs + 1.0))
+    assert (test.p, test.smallest, test.exact) == (smallest, smallest, True)
+    assert test.can_reject == test.rejects == (pairs >= 6)
 
 
 def test_sign_flips_have_the_p_of_the_sums():
@@ -115,11 +115,11 @@ def test_nothing_is_no_sample():
 
 
 def test_pairs_need_the_same_seeds():
-    one = {2: np.array([2.0]), 1: np.array([1.0])}
-    x, y = paired(one, {1: np.array([3.0]), 2: np.array([4.0])})
+    values = {2: np.array([2.0]), 1: np.array([1.0])}
+    x, y = paired(values, {1: np.array([3.0]), 2: np.array([4.0])})
     assert (x[:, 0].tolist(), y[:, 0].tolist()) == ([1.0, 2.0], [3.0, 4.0])
     with pytest.raises(SpecError, match="same seeds"):
-        paired(one, {1: np.array([3.0])})
+        paired(values, {1: np.array([3.0])})
     with pytest.raises(SpecError, match="same seeds"):
         paired({}, {})
 
@@ -137,8 +137,8 @@ def spread_run(gravity: float = -10.0):
 
 
 def test_a_summary_of_a_run():
-    told = dict(zip(SUMMARY, run_summary(spread_run()).tolist(), strict=True))
-    assert told == pytest.approx(
+    given = dict(zip(SUMMARY, run_summary(spread_run()).tolist(), strict=True))
+    assert given == pytest.approx(
         {
             "rms_radius": math.sqrt(6.0),
             "median_radius": 3.0,

@@ -107,11 +107,11 @@ def test_a_deep_overlap_comes_first_where_it_did():
     assert kind((4, 0, 1, float("nan"), 1.0)).kind == "overlap"
     assert kind((6, 0, 1, -0.03, 1.0)).kind == "dropped", "it had fallen before"
     # what was before an expectation that held has nothing to do with it
-    held = (place("cup", (0.15, 0, 0.3), at=0.3), place("cup", (0.5, 0, 0.1)))
+    actual = (place("cup", (0.15, 0, 0.3), at=0.3), place("cup", (0.5, 0, 0.1)))
     before = (2, 0, 1, -0.03, 1.0)
-    assert told(carried(dropped, contacts=[before], expect=held)).kind == "dropped"
-    assert told(carried(dropped, contacts=[before, (4, 0, 1, -0.03, 1.0)], expect=held)).kind == "dropped"
-    assert told(carried(dropped, contacts=[before, (4, 0, 1, -0.04, 1.0)], expect=held)).kind == "overlap"
+    assert told(carried(dropped, contacts=[before], expect=actual)).kind == "dropped"
+    assert told(carried(dropped, contacts=[before, (4, 0, 1, -0.03, 1.0)], expect=actual)).kind == "dropped"
+    assert told(carried(dropped, contacts=[before, (4, 0, 1, -0.04, 1.0)], expect=actual)).kind == "overlap"
 
 
 def test_a_joint_that_is_off_its_trajectory():

@@ -42,11 +42,11 @@ def test_the_first_gap_is_where_engines_part():
 def test_round_off_and_noise_are_no_gap():
     assert first_gap(rest(), moved(1e-13, 0.5, engine="second")) is None
     noisy = measure_floor(rest(), [moved(1e-5, 0.0, body="cube", perturb=1e-15)])
-    apart = moved(2e-5, 0.5, body="cube", engine="second")
-    gap = first_gap(rest(), apart, [noisy])
+    separate = moved(2e-5, 0.5, body="cube", engine="second")
+    gap = first_gap(rest(), separate, [noisy])
     assert gap is not None
     assert gap.size == pytest.approx(3e-5, rel=0.06)
-    assert first_gap(rest(), apart).time == 0.0
+    assert first_gap(rest(), separate).time == 0.0
 
 
 def test_a_gap_that_is_no_number_is_infinite():
@@ -57,15 +57,15 @@ def test_a_gap_that_is_no_number_is_infinite():
 
 def test_the_second_horizon_is_seen_where_the_noise_floor_misses_it():
     """Moved by 1e-15 it stays within 1e-12; moved by 1e-5 it grows as exp(2 t): 1 mm after ln(100)/2 = 2.3 s."""
-    one, other = rest(), moved(1e-5, 2.0, since=1.0, engine="second")
-    floor = measure_floor(one, [moved(1e-15, 0.0, perturb=1e-15)])
-    second = measure_floor(one, [moved(1e-5, 2.0, perturb=1e-5)])
-    told = horizons(one, other, [floor], [second])
-    assert told.noise is None
-    assert told.second == pytest.approx(2.4)
-    assert told.comparable_until == told.second
-    assert not told.notes
-    missed = horizons(one, other, [floor])
+    entry, other = rest(), moved(1e-5, 2.0, since=1.0, engine="second")
+    floor = measure_floor(entry, [moved(1e-15, 0.0, perturb=1e-15)])
+    second = measure_floor(entry, [moved(1e-5, 2.0, perturb=1e-5)])
+    given = horizons(entry, other, [floor], [second])
+    assert given.noise is None
+    assert given.second == pytest.approx(2.4)
+    assert given.comparable_until == given.second
+    assert not given.notes
+    missed = horizons(entry, other, [floor])
     assert (missed.second, missed.measured) == (None, False)
     assert "no repeats were moved" in missed.notes[0]
 
@@ -73,16 +73,16 @@ def test_the_second_horizon_is_seen_where_the_noise_floor_misses_it():
 def test_noise_that_grows_has_a_horizon():
     """3 × 1e-6 exp(t) passes 1 mm after ln(333) = 5.8 s."""
     floor = measure_floor(rest(), [moved(1e-6, 1.0, perturb=1e-15)])
-    told = horizons(rest(), rest(engine="second"), [floor])
-    assert told.noise == pytest.approx(5.9)
-    assert told.gap is None
+    given = horizons(rest(), rest(engine="second"), [floor])
+    assert given.noise == pytest.approx(5.9)
+    assert given.gap is None
 
 
 def test_a_perturbation_of_another_size_is_told():
     floor = measure_floor(rest(), [rest(perturb=1e-15)])
     large = measure_floor(rest(), [moved(1e-3, 0.1, perturb=1e-3)])
-    told = horizons(rest(), moved(1e-5, 1.0, engine="second"), [floor], [large])
-    assert "another size" in told.notes[0]
+    given = horizons(rest(), moved(1e-5, 1.0, engine="second"), [floor], [large])
+    assert "another size" in given.notes[0]
 
 
 def test_floors_by_the_size_of_the_perturbation():

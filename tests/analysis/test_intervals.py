@@ -31,13 +31,13 @@ def test_a_share_of_nothing_is_refused(successes, trials):
 
 
 def test_a_spread_is_students_interval_of_the_logarithms():
-    told = spread([math.exp(1), math.exp(2), math.exp(3)])
+    given = spread([math.exp(1), math.exp(2), math.exp(3)])
     half = 4.302652730 / math.sqrt(3.0)  # t of 2 degrees of freedom, 0.975
-    assert told.mean is not None
-    assert math.log(told.mean.lower) == pytest.approx(2.0 - half)
-    assert math.log(told.mean.upper) == pytest.approx(2.0 + half)
-    assert (told.processes, told.median, told.least, told.most) == (3, math.exp(2), math.exp(1), math.exp(3))
-    assert "3 processes" in str(told)
+    assert given.mean is not None
+    assert math.log(given.mean.lower) == pytest.approx(2.0 - half)
+    assert math.log(given.mean.upper) == pytest.approx(2.0 + half)
+    assert (given.processes, given.median, given.least, given.most) == (3, math.exp(2), math.exp(1), math.exp(3))
+    assert "3 processes" in str(given)
 
 
 def test_one_process_has_no_spread():
@@ -56,12 +56,12 @@ def test_what_is_not_positive_has_no_spread(values):
 
 def test_the_interval_of_a_mean_holds_what_it_says():
     generator = np.random.default_rng(1)
-    held = 0
+    number = 0
     for _ in range(400):
         interval = spread(np.exp(generator.normal(1.0, 0.3, 5)).tolist()).mean
         assert interval is not None
-        held += interval.lower <= math.e <= interval.upper
-    assert 0.92 <= held / 400 <= 0.98
+        number += interval.lower <= math.e <= interval.upper
+    assert 0.92 <= number / 400 <= 0.98
 
 
 def test_a_ratio_is_welchs_interval():

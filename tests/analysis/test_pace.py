@@ -25,7 +25,7 @@ def spending(*steps: float, **more):
 
 
 def pace(*runs, **more):
-    return over_time([paced(one) for one in runs], **more)
+    return over_time([paced(run) for run in runs], **more)
 
 
 def test_each_interval_has_its_own_cost():
@@ -76,7 +76,7 @@ def test_runs_that_cannot_be_put_together_are_refused():
 def test_of_repeats_the_fastest_of_each_interval_counts():
     """Each repeat is disturbed at another time: together they say what the quiet machine takes."""
     runs = [spending(*[9.0 if k == disturbed else 0.1 for k in range(10)]) for disturbed in (2, 5, 7)]
-    cost = step_cost([paced(one) for one in runs], 100)
+    cost = step_cost([paced(run) for run in runs], 100)
     assert cost.quiet["step"] == pytest.approx(0.01)
     assert cost.quiet["step_cpu"] == pytest.approx(0.005)
     assert cost.quiet["control"] == 0.0

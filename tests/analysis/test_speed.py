@@ -40,11 +40,11 @@ def test_what_was_not_measured_is_none():
 
 
 def test_the_spread_is_over_processes():
-    told = speed([timed(0.5), timed(0.25), timed(0.2), dataclasses.replace(timed(0.1), failed="it fell over")])
-    assert (told.processes, told.failed) == (3, 1)
-    assert told["real_time_factor"].values == (2.0, 4.0, 5.0)
-    assert told["real_time_factor"].median == 4.0
-    assert told["peak_memory"].most == 1e8
+    given = speed([timed(0.5), timed(0.25), timed(0.2), dataclasses.replace(timed(0.1), failed="it fell over")])
+    assert (given.processes, given.failed) == (3, 1)
+    assert given["real_time_factor"].values == (2.0, 4.0, 5.0)
+    assert given["real_time_factor"].median == 4.0
+    assert given["peak_memory"].most == 1e8
 
 
 def test_two_machines_have_no_common_figure():

@@ -27,24 +27,24 @@ DONE = {"first 2 ms 0": row(0.5), "first 2 ms 1": row(0.25), "second 2 ms 0": ro
 
 
 def test_every_cell_has_a_row():
-    told = sweep_table(CELLS, DONE.get)
-    assert len(told) == 4
-    assert told["state"] == ["done", "failed", "done", "missing"]
-    assert told["physics.timestep"] == ["2 ms", "2 ms", "2 ms", "4 ms"]
-    assert told["real_time_factor"] == [2.0, 1.0, 4.0, None]
-    assert told["cpu_factor"] == [2.0, 2.0, 2.0, None]
-    assert told["end_to_end_factor"] == [None] * 4
-    assert told["simulated"] == [1.0, 1.0, 1.0, None]
-    assert told["energy at the end"] == [1.5, 1.5, 1.5, None]
-    assert told["spread"] == [None] * 4  # not finite
-    assert told["failed"][1] == "it fell over"
+    table = sweep_table(CELLS, DONE.get)
+    assert len(table) == 4
+    assert table["state"] == ["done", "failed", "done", "missing"]
+    assert table["physics.timestep"] == ["2 ms", "2 ms", "2 ms", "4 ms"]
+    assert table["real_time_factor"] == [2.0, 1.0, 4.0, None]
+    assert table["cpu_factor"] == [2.0, 2.0, 2.0, None]
+    assert table["end_to_end_factor"] == [None] * 4
+    assert table["simulated"] == [1.0, 1.0, 1.0, None]
+    assert table["energy at the end"] == [1.5, 1.5, 1.5, None]
+    assert table["spread"] == [None] * 4  # not finite
+    assert table["failed"][1] == "it fell over"
 
 
 def test_groups():
-    told = grouped(
+    table = grouped(
         sweep_table(CELLS, DONE.get), ["engine", "physics.timestep"], ["real_time_factor"], statistics.median
     )
-    assert list(told.rows()) == [
+    assert list(table.rows()) == [
         {"engine": "first", "physics.timestep": "2 ms", "count": 2, "done": 2, "real_time_factor": 3.0},
         {"engine": "second", "physics.timestep": "2 ms", "count": 1, "done": 0, "real_time_factor": None},
         {"engine": "first", "physics.timestep": "4 ms", "count": 1, "done": 0, "real_time_factor": None},
@@ -52,18 +52,18 @@ def test_groups():
 
 
 def test_values_of_a_spec_that_are_lists_are_grouped():
-    told = ResultTable({"a": [[1, 2], [1, 2], {"b": 1}], "x": [1.0, 2.0, 3.0]})
-    assert [len(group) for group in told.groups("a").values()] == [2, 1]
-    assert told.where(x=2.0)["a"] == [[1, 2]]
+    table = ResultTable({"a": [[1, 2], [1, 2], {"b": 1}], "x": [1.0, 2.0, 3.0]})
+    assert [len(group) for group in table.groups("a").values()] == [2, 1]
+    assert table.where(x=2.0)["a"] == [[1, 2]]
 
 
 def test_an_arrow_table():
     columns = {"n": [1, None, 2.5], "words": ["a", None, "b"], "mixed": [1, "2 ms", None], "none": [None] * 3}
-    told = ResultTable(columns).to_arrow()
-    assert told.column("n").to_pylist() == [1.0, None, 2.5]
-    assert told.column("words").to_pylist() == ["a", None, "b"]
-    assert told.column("mixed").to_pylist() == ["1", "2 ms", None]
-    assert told.column("none").to_pylist() == [None] * 3
+    arrow = ResultTable(columns).to_arrow()
+    assert arrow.column("n").to_pylist() == [1.0, None, 2.5]
+    assert arrow.column("words").to_pylist() == ["a", None, "b"]
+    assert arrow.column("mixed").to_pylist() == ["1", "2 ms", None]
+    assert arrow.column("none").to_pylist() == [None] * 3
 
 
 def test_columns_have_one_length():

@@ -24,27 +24,27 @@ def trials(valid: dict[float, list[bool]]):
 
 def test_the_limit_is_below_the_first_failure_and_not_above():
     """One seed of three fails at 4 ms; that all are valid at 8 ms again does not count."""
-    told = limit(trials({8: [True] * 3, 1: [True] * 3, 4: [True, False, True], 2: [True] * 3}))
-    assert told.timestep == 2 * MS
-    assert told.first_invalid == 4 * MS
-    assert told.later_valid == (8 * MS,)
-    assert told.first_failure == "at 4 ms 1 of 3 runs not valid: seed 2: cup off by 4 cm"
-    assert list(told.shares) == [1 * MS, 2 * MS, 4 * MS, 8 * MS]
-    assert told.shares[4 * MS].value == pytest.approx(2 / 3)
-    assert told.shares[2 * MS].lower == pytest.approx(0.025 ** (1 / 3))
-    assert not told.fewer_seeds
+    given = limit(trials({8: [True] * 3, 1: [True] * 3, 4: [True, False, True], 2: [True] * 3}))
+    assert given.timestep == 2 * MS
+    assert given.first_invalid == 4 * MS
+    assert given.later_valid == (8 * MS,)
+    assert given.first_failure == "at 4 ms 1 of 3 runs not valid: seed 2: cup off by 4 cm"
+    assert list(given.shares) == [1 * MS, 2 * MS, 4 * MS, 8 * MS]
+    assert given.shares[4 * MS].value == pytest.approx(2 / 3)
+    assert given.shares[2 * MS].lower == pytest.approx(0.025 ** (1 / 3))
+    assert not given.fewer_seeds
 
 
 def test_where_nothing_fails_the_limit_is_open():
-    told = limit(trials({1: [True] * 10, 2: [True] * 10}))
-    assert (told.timestep, told.first_invalid, told.first_failure) == (2 * MS, None, "")
-    assert str(told) == "at least 2 ms (10 runs, share ≥ 0.69)"
+    given = limit(trials({1: [True] * 10, 2: [True] * 10}))
+    assert (given.timestep, given.first_invalid, given.first_failure) == (2 * MS, None, "")
+    assert str(given) == "at least 2 ms (10 runs, share ≥ 0.69)"
 
 
 def test_where_the_smallest_fails_there_is_no_limit():
-    told = limit(trials({1: [False], 2: [True]}))
-    assert told.timestep is None
-    assert str(told).startswith("not valid at any timestep; at 1 ms 1 of 1 run not valid")
+    given = limit(trials({1: [False], 2: [True]}))
+    assert given.timestep is None
+    assert str(given).startswith("not valid at any timestep; at 1 ms 1 of 1 run not valid")
 
 
 def test_missing_seeds_are_told_and_double_ones_refused():

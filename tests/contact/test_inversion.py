@@ -55,8 +55,8 @@ def test_two_materials_that_meet_each_other_alone_have_half_each():
 def test_the_harmonic_mean_is_inverted(values):
     numbers = _harmonic(("a", "b", "c"), values, dict.fromkeys("abc", 0.2))
     rules = Rules("harmonic", "none")
-    for (one, other), value in values.items():
-        pair = [Surface(numbers[name]) for name in (one, other)]
+    for (entry, other), value in values.items():
+        pair = [Surface(numbers[name]) for name in (entry, other)]
         assert combined(rules, "friction", *pair) == pytest.approx(value, abs=1e-15)
 
 
@@ -73,8 +73,8 @@ def test_the_harmonic_mean_is_inverted(values):
 )
 def test_the_mean_is_inverted(values):
     numbers = _mean(("a", "b", "c", "d"), values, dict.fromkeys("abcd", 0.2), math.inf)
-    for (one, other), value in values.items():
-        pair = [Surface(numbers[name]) for name in (one, other)]
+    for (entry, other), value in values.items():
+        pair = [Surface(numbers[name]) for name in (entry, other)]
         assert combined(Rules("mean", "mean"), "friction", *pair) == pytest.approx(value, abs=1e-15)
     assert numbers["d"] == 0.2  # it meets nothing
 

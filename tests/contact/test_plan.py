@@ -77,10 +77,10 @@ def check(world: World, rules: Rules) -> None:
         if rules.hardness == "same":
             assert all(numbers.hardness == law.hardness for numbers in given_numbers)
         meetings = [
-            (one, other)
-            for one in plan.layers(pair[0])
+            (layer, other)
+            for layer in plan.layers(pair[0])
             for other in plan.layers(pair[1])
-            if plan.meet((pair[0], one), (pair[1], other))
+            if plan.meet((pair[0], layer), (pair[1], other))
         ]
         assert meetings == [(layer, layer)]  # two shapes touch once, whatever their copies
 
@@ -120,13 +120,13 @@ def test_only_pairs_that_can_meet_bind_the_numbers(rules):
     }
     world = table_world(laws)
     floor = dataclasses.replace(world.bodies[0], joint=Joint("ramp0_joint", "fixed"))
-    one_each = (floor, *(body for body in world.bodies if body.name in ("rough0", "slick0")))
-    met = dataclasses.replace(world, bodies=one_each)
+    single_each = (floor, *(body for body in world.bodies if body.name in ("rough0", "slick0")))
+    met = dataclasses.replace(world, bodies=single_each)
     assert [need.feature.value for need in pair_needs(met, rules)] == ["material.friction.pairs"]
     contact = dataclasses.replace(world.contact, excluded_bodies=(("rough0", "slick0"),))
-    apart = dataclasses.replace(met, contact=contact)
-    assert not pair_needs(apart, rules)
-    assert not contact_plan(apart, rules, True).layered
+    separate = dataclasses.replace(met, contact=contact)
+    assert not pair_needs(separate, rules)
+    assert not contact_plan(separate, rules, True).layered
 
 
 def test_what_no_number_gives_is_named_with_its_quantity():
@@ -202,8 +202,8 @@ def test_a_number_above_an_engines_bound_is_none_and_is_not_needed_where_others_
         rules,
         {pair: PairContact(*pair, 0.5, value) for pair, value in laws.items()},
     )
-    for (one, other), value in laws.items():
-        assert combine(rules, numbers[one], numbers[other])["restitution"] == pytest.approx(value)
+    for (name, other), value in laws.items():
+        assert combine(rules, numbers[name], numbers[other])["restitution"] == pytest.approx(value)
     assert max(surface.restitution for surface in numbers.values()) < 1.0
 
 

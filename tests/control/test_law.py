@@ -115,13 +115,13 @@ def test_several_laws_share_a_tree(moving):
     """Each joint gets its own law's effort; joints of other laws, and without one, have no acceleration to computed torque."""
     world, oracle, q, v = moving
     names = world.trajectory.joints
-    one = {"effort_limits": (None,)}
+    entry = {"effort_limits": (None,)}
     world = dataclasses.replace(
         world,
         controllers=(
-            Controller("a", names[:1], "computed-torque", natural_frequency=10.0, damping_ratio=1.0, **one),
-            Controller("b", names[1:2], "pd", kp=(7.0,), kd=(1.0,), **one),
-            Controller("c", names[2:3], "pd", "implicit", kp=(5.0,), kd=(2.0,), gravity_compensation=True, **one),
+            Controller("a", names[:1], "computed-torque", natural_frequency=10.0, damping_ratio=1.0, **entry),
+            Controller("b", names[1:2], "pd", kp=(7.0,), kd=(1.0,), **entry),
+            Controller("c", names[2:3], "pd", "implicit", kp=(5.0,), kd=(2.0,), gravity_compensation=True, **entry),
         ),
         trajectory=dataclasses.replace(
             world.trajectory,

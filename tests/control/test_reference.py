@@ -91,8 +91,8 @@ def test_feed_forward_is_straight_between_points_and_zero_without():
     found = efforts(made("cubic", efforts=given))
     np.testing.assert_allclose(found.at(np.array([0.75, 1.5, 9.0]))[0], [[0.5, -0.5], [1.5, -1.5], [3.0, -3.0]])
     assert not efforts(made("cubic")).at(np.array([1.0]))[0].any()
-    held = efforts(made("hold", efforts=given))
-    np.testing.assert_allclose(held.at(np.array([0.75, 1.5]))[0], [[0.0, 0.0], [1.0, -1.0]])
+    piecewise = efforts(made("hold", efforts=given))
+    np.testing.assert_allclose(piecewise.at(np.array([0.75, 1.5]))[0], [[0.0, 0.0], [1.0, -1.0]])
 
 
 def test_driven_joints_without_a_column_stay_where_they_begin():

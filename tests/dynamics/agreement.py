@@ -106,10 +106,10 @@ def oracle_constraints(oracle: Oracle, q: np.ndarray) -> tuple[np.ndarray, np.nd
         jacobian = np.zeros((tree.held.count, oracle.nv))
         jacobian[:, at_v] = tree.jacobian(q[at_q])
         violation, start = tree.held.of(q[at_q], tree.body_poses(q[at_q])), 0
-        for held in tree.held.constraints:
-            part = slice(start, start := start + ROWS[held.kind])
-            rows[held.name] = jacobian[part], violation[part]
-    names = [held.name for held in oracle.world.constraints]
+        for constraint in tree.held.constraints:
+            part = slice(start, start := start + ROWS[constraint.kind])
+            rows[constraint.name] = jacobian[part], violation[part]
+    names = [constraint.name for constraint in oracle.world.constraints]
     return np.concatenate([rows[name][0] for name in names]), np.concatenate([rows[name][1] for name in names])
 
 
@@ -127,11 +127,11 @@ def random_tree(seed: int) -> World:
         kinds = [generator.choice((*KINDS, "free", "free")), *(generator.choice(KINDS) for _ in range(count - 1))]
         parents = [-1, *(generator.randrange(index) for index in range(1, count))]
         bodies.append(list(worlds.tree(kinds, generator.randrange(10**6), parents, prefix=f"t{number}-")))
-    told = []
+    given = []
     while any(bodies):
-        told.append(generator.choice([tree for tree in bodies if tree]).pop(0))
+        given.append(generator.choice([tree for tree in bodies if tree]).pop(0))
     resists, heavy, lifted = (generator.random() < share for share in (0.5, 0.4, 0.3))
-    for index, body in enumerate(told):
+    for index, body in enumerate(given):
         joint = body.joint
         if resists and joint.kind != "fixed":
             joint = dataclasses.replace(joint, damping=generator.uniform(0.0, 0.5))
@@ -145,6 +145,6 @@ def random_tree(seed: int) -> World:
             if joint.kind == "free":
                 joint = dataclasses.replace(joint, angular_armature=generator.uniform(0.0, 0.3))
         scale = generator.uniform(-0.5, 1.5) if lifted and generator.random() < 0.5 else 1.0
-        told[index] = dataclasses.replace(body, joint=joint, gravity_scale=scale)
+        given[index] = dataclasses.replace(body, joint=joint, gravity_scale=scale)
     gravity = tuple(generator.uniform(-10.0, 10.0) for _ in range(3))
-    return worlds.world(tuple(told), f"random-{seed}", physics=Physics(gravity, 0.001, 1000))
+    return worlds.world(tuple(given), f"random-{seed}", physics=Physics(gravity, 0.001, 1000))

@@ -52,7 +52,7 @@ class Simbody(Model):
         self.put(q, v)
         self.model.realizeVelocity(self.state)
         found = [body.getVelocityInGround(self.state) for body in self.bodies.values()]
-        return np.array([[*one.get(1).to_numpy(), *one.get(0).to_numpy()] for one in found]).reshape(-1, 6)
+        return np.array([[*entry.get(1).to_numpy(), *entry.get(0).to_numpy()] for entry in found]).reshape(-1, 6)
 
     # --- dynamics -------------------------------------------------------------------------------------------------
 
@@ -70,9 +70,9 @@ class Simbody(Model):
         """M (nv, nv), armature included."""
         turn = self.put(q)
         self.model.realizePosition(self.state)
-        own = opensim().Matrix(self.nv, self.nv, 0.0)
-        self.matter.calcM(self.state, own)
-        return turn.T @ own.to_numpy() @ turn + np.diag(self.armature)
+        matrix = opensim().Matrix(self.nv, self.nv, 0.0)
+        self.matter.calcM(self.state, matrix)
+        return turn.T @ matrix.to_numpy() @ turn + np.diag(self.armature)
 
     def _weights(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """By how much weights differ from mass × gravity: the place on the body, and the force."""
@@ -93,10 +93,10 @@ class Simbody(Model):
         none.setToZero()  # what is new holds anything
         wrenches = osim.VectorOfSpatialVec(count, none)
         for name, (place, force, torque) in given.items():
-            one = osim.SpatialVec()
-            one.set(0, vector(torque + np.cross(self._turn(name) @ place, force)))
-            one.set(1, vector(force))
-            wrenches.set(self.mobilized[name], one)
+            vec = osim.SpatialVec()
+            vec.set(0, vector(torque + np.cross(self._turn(name) @ place, force)))
+            vec.set(1, vector(force))
+            wrenches.set(self.mobilized[name], vec)
         return wrenches
 
     def _generalised(self, given: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
@@ -136,14 +136,14 @@ class Simbody(Model):
         osim, turn = opensim(), self.put(q, v)
         self.model.realizeDynamics(self.state)
         state = self.state
-        own = self.model.getMobilityForces(state).to_numpy() + turn @ (effort + self._more(q, v))
-        own = own + self._generalised(self._fluid())
+        local = self.model.getMobilityForces(state).to_numpy() + turn @ (effort + self._more(q, v))
+        local = local + self._generalised(self._fluid())
         if self.armature.any():
-            return np.linalg.solve(self.mass_matrix(q), turn.T @ own - self.bias_force(q, v))
-        own = own + self._lifts()
+            return np.linalg.solve(self.mass_matrix(q), turn.T @ local - self.bias_force(q, v))
+        local = local + self._lifts()
         found, accelerations = osim.Vector(self.nv, 0.0), osim.VectorOfSpatialVec()
         self.matter.calcAccelerationIgnoringConstraints(
-            state, osim.Vector.createFromMat(own), self.model.getRigidBodyForces(state), found, accelerations
+            state, osim.Vector.createFromMat(local), self.model.getRigidBodyForces(state), found, accelerations
         )
         return turn.T @ found.to_numpy()
 
@@ -155,11 +155,11 @@ class Simbody(Model):
             places[body.joint.name] = (in_q.start, in_v.start)
             if body.joint.kind == "ball" and body.joint.spring_stiffness:
                 effort[in_v] -= body.joint.spring_stiffness * turned(q[in_q]).as_rotvec()
-        for one in self.world.sums:
-            length = sum(share * q[places[joint][0]] for joint, share in one.joints)
-            rate = sum(share * v[places[joint][1]] for joint, share in one.joints)
-            for joint, share in one.joints:
-                effort[places[joint][1]] -= share * (one.stiffness * (length - one.rest) + one.damping * rate)
+        for sum_ in self.world.sums:
+            length = sum(share * q[places[joint][0]] for joint, share in sum_.joints)
+            rate = sum(share * v[places[joint][1]] for joint, share in sum_.joints)
+            for joint, share in sum_.joints:
+                effort[places[joint][1]] -= share * (sum_.stiffness * (length - sum_.rest) + sum_.damping * rate)
         return effort
 
     def _fluid(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -171,11 +171,11 @@ class Simbody(Model):
             if body.box is None or body.name in self.still:
                 continue
             edges, centre = np.array(body.box.edges), np.array(lumped_inertial(self.world, body).centre_of_mass)
-            own = self._turn(body.name)
-            axes = own @ turned(body.box.quaternion).as_matrix()
+            turn = self._turn(body.name)
+            axes = turn @ turned(body.box.quaternion).as_matrix()
             velocity = self.bodies[body.name].getVelocityInGround(self.state)
             spin = velocity.get(0).to_numpy()
-            through = velocity.get(1).to_numpy() + np.cross(spin, own @ centre) - np.array(fluid.velocity)
+            through = velocity.get(1).to_numpy() + np.cross(spin, turn @ centre) - np.array(fluid.velocity)
             along, about = axes.T @ through, axes.T @ spin
             mean = edges.mean()
             faces = np.prod(edges) / edges
@@ -205,9 +205,9 @@ class Simbody(Model):
                 potential += 0.5 * body.joint.spring_stiffness * float(turned(q[in_q]).magnitude()) ** 2
             elif body.joint.spring_stiffness:
                 potential += 0.5 * body.joint.spring_stiffness * float(q[in_q.start] - body.joint.spring_rest) ** 2
-        for one in self.world.sums:
-            length = sum(share * q[lengths[joint]] for joint, share in one.joints)
-            potential += 0.5 * one.stiffness * (length - one.rest) ** 2
+        for sum_ in self.world.sums:
+            length = sum(share * q[lengths[joint]] for joint, share in sum_.joints)
+            potential += 0.5 * sum_.stiffness * (length - sum_.rest) ** 2
         return kinetic, potential
 
     # --- constraints ----------------------------------------------------------------------------------------------
@@ -219,20 +219,20 @@ class Simbody(Model):
         self.model.realizePosition(self.state)
         at = {body.joint.name: slot for body, slot in zip(self.world.bodies, self.layout.velocity, strict=True)}
         rows: list[np.ndarray] = []
-        for held in self.world.constraints:
-            if isinstance(held, Follow):
+        for constraint in self.world.constraints:
+            if isinstance(constraint, Follow):
                 row = np.zeros(self.nv)
-                row[at[held.joint]] += 1.0
-                row[at[held.leader]] -= held.ratio
+                row[at[constraint.joint]] += 1.0
+                row[at[constraint.leader]] -= constraint.ratio
                 rows.append(row)
                 continue
-            first, second = _ends(held)
-            for unit in np.eye(6)[: 6 if isinstance(held, Weld) else 3]:
-                one, other = (
+            first, second = _ends(constraint)
+            for unit in np.eye(6)[: 6 if isinstance(constraint, Weld) else 3]:
+                values, other = (
                     self._generalised({name: (place, unit[:3], unit[3:])})
-                    for name, place in ((held.first, first), (held.second, second))
+                    for name, place in ((constraint.first, first), (constraint.second, second))
                 )
-                rows.append(turn.T @ (one - other))
+                rows.append(turn.T @ (values - other))
         return np.array(rows).reshape(-1, self.nv)
 
     def violation(self, q: np.ndarray) -> np.ndarray:
@@ -240,16 +240,16 @@ class Simbody(Model):
         poses = dict(zip(self.bodies, self.body_poses(q), strict=True))
         at = {body.joint.name: slot for body, slot in zip(self.world.bodies, self.layout.position, strict=True)}
         found: list[float] = []
-        for held in self.world.constraints:
-            if isinstance(held, Follow):
-                found.extend(q[at[held.joint]] - held.ratio * q[at[held.leader]] - held.offset)
+        for constraint in self.world.constraints:
+            if isinstance(constraint, Follow):
+                found.extend(q[at[constraint.joint]] - constraint.ratio * q[at[constraint.leader]] - constraint.offset)
                 continue
-            (one, turn), (other, own) = poses[held.first], poses[held.second]
-            first, second = _ends(held)
-            found.extend(one + turn @ first - other - own @ second)
-            if isinstance(held, Weld):
-                wanted = turn @ turned(held.pose.quaternion).as_matrix()
-                found.extend(Rotation.from_matrix(wanted @ own.T).as_rotvec())
+            (values, turn), (other, array) = poses[constraint.first], poses[constraint.second]
+            first, second = _ends(constraint)
+            found.extend(values + turn @ first - other - array @ second)
+            if isinstance(constraint, Weld):
+                wanted = turn @ turned(constraint.pose.quaternion).as_matrix()
+                found.extend(Rotation.from_matrix(wanted @ array.T).as_rotvec())
         return np.array(found)
 
     def _held(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:

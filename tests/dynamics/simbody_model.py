@@ -113,9 +113,9 @@ class Model:
             self.still.add(body.name)
         mine = body.inertial if body.name not in self.still else Inertial(0.0)  # so that its weight has no energy
         centre, inertia = vector(mine.centre_of_mass), osim.Inertia(*mine.inertia)
-        own = osim.Body(f"b{index}", mine.mass or NO_MASS, centre, inertia)
-        self.model.addBody(own)
-        self.bodies[body.name] = own
+        local = osim.Body(f"b{index}", mine.mass or NO_MASS, centre, inertia)
+        self.model.addBody(local)
+        self.bodies[body.name] = local
         kind, turn, place = self._kind(joint)
         at = lumped_inertial(self.world, body).centre_of_mass if joint.kind == "free" else (0.0,) * 3
         origin = turned(joint.origin.quaternion) * turn
@@ -124,7 +124,7 @@ class Model:
             above,
             vector(joint.origin.position),
             vector(_angles(origin)),
-            own,
+            local,
             vector(at),
             vector(_angles(place)),
         )
@@ -180,22 +180,22 @@ class Model:
         """Put Simbody into a state; returns T (nv, nv), orthogonal, by which its speeds are u = T v. What is linear in
         accelerations goes through T as well: Ṫ v = R (ω × ω) = 0."""
         osim = opensim()
-        own, turn = np.zeros(self.state.getNQ()), np.zeros((self.nv, self.nv))
+        values, turn = np.zeros(self.state.getNQ()), np.zeros((self.nv, self.nv))
         for body, at_q, at_u, in_q, in_v in zip(
             self.world.bodies, self.at_q, self.at_u, self.layout.position, self.layout.velocity, strict=True
         ):
             kind, places = body.joint.kind, q[in_q]
             columns = np.arange(in_v.start, in_v.stop)
             if kind in ("hinge", "slide"):
-                own[at_q] = places
+                values[at_q] = places
                 turn[at_u[0], columns[0]] = 1.0
             elif kind != "fixed":
                 orientation = turned(places[-4:])
-                own[at_q[:3]] = _angles(orientation)
+                values[at_q[:3]] = _angles(orientation)
                 turn[np.ix_(at_u[:3], columns[-3:])] = orientation.as_matrix()
                 if kind == "free":
-                    own[at_q[3:]] = places[:3]
+                    values[at_q[3:]] = places[:3]
                     turn[at_u[3:], columns[:3]] = 1.0
-        self.state.setQ(osim.Vector.createFromMat(own))
+        self.state.setQ(osim.Vector.createFromMat(values))
         self.state.setU(osim.Vector.createFromMat(np.zeros(self.nv) if v is None else turn @ v))
         return turn

@@ -178,9 +178,9 @@ def test_a_fluid_in_a_world_of_one_coordinate():
 
 def test_a_loop_in_a_world_of_one_coordinate():
     base = alone("hinge").world
-    still = Body("still", "still", Inertial(0.0), Joint("s", "fixed"))
+    body = Body("still", "still", Inertial(0.0), Joint("s", "fixed"))
     pin = Connect("pin", "still", "b", (0.5, 0.0, 0.0), (0.5, 0.0, 0.0))
-    oracle = Oracle(dataclasses.replace(base, bodies=(still, *base.bodies), constraints=(pin,)))
+    oracle = Oracle(dataclasses.replace(base, bodies=(body, *base.bodies), constraints=(pin,)))
     (tree, *_), *_ = oracle._parts
     # the centre moves along y, and the violation is the first point less the second
     assert tree.jacobian(np.zeros(1)) == pytest.approx(np.array([[0.0], [-0.5], [0.0]]), abs=1e-15)
@@ -256,8 +256,8 @@ def test_a_number_is_drawn_for_each_coordinate_in_the_world_s_order():
     assert (tree.q_index != np.arange(tree.nq)).any()
     q, v = (states[0] for states in random_states(world, 1))
     effort = np.zeros(tree.nv)
-    one, other = (PRECISIONS[SINGLE].rounding(1, np.random.default_rng(7)) for _ in range(2))
-    at_once = tree.advanced(q, v, effort, 20, one)
+    values, other = (PRECISIONS[SINGLE].rounding(1, np.random.default_rng(7)) for _ in range(2))
+    at_once = tree.advanced(q, v, effort, 20, values)
     for _ in range(20):
         q, v = stepped(tree, q, v, effort, other)
     assert [state.tobytes() for state in at_once] == [q.tobytes(), v.tobytes()]

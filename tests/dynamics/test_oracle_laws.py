@@ -114,8 +114,8 @@ def test_velocities_are_how_poses_change(name):
     velocities = oracle.body_velocities(q, v)
     # central differences: error h² times a third derivative of up to 1e2, and round-off 1e-16 / h
     assert velocities[:, :3] == pytest.approx((after[:, :3] - before[:, :3]) / (2 * h), abs=1e-7)
-    for one, other, velocity in zip(before, after, velocities, strict=True):
-        turn = frames.multiply(tuple(other[3:]), frames.conjugate(tuple(one[3:])))
+    for entry, other, velocity in zip(before, after, velocities, strict=True):
+        turn = frames.multiply(tuple(other[3:]), frames.conjugate(tuple(entry[3:])))
         assert velocity[3:] == pytest.approx(logarithm(np.array(turn)) / (2 * h), abs=1e-7)
 
 
@@ -226,10 +226,10 @@ def test_two_links_in_a_plane_have_the_textbook_mass_matrix():
     """M11 = I1 + I2 + m1 c1² + m2 (l² + c2² + 2 l c2 cos θ2), M12 = I2 + m2 (c2² + l c2 cos θ2), M22 = I2 + m2 c2²."""
     (m1, c1, i1), (m2, c2, i2), length = (1.3, 0.2, 0.01), (0.8, 0.25, 0.02), 0.5
     z = (0.0, 0.0, 1.0)
-    one = Inertial(m1, (c1, 0.0, 0.0), (0.01, 0.01, i1, 0.0, 0.0, 0.0))
+    inertial = Inertial(m1, (c1, 0.0, 0.0), (0.01, 0.01, i1, 0.0, 0.0, 0.0))
     two = Inertial(m2, (c2, 0.0, 0.0), (0.02, 0.02, i2, 0.0, 0.0, 0.0))
     bodies = (
-        Body("one", "one", one, Joint("a", "hinge", None, axis=z)),
+        Body("one", "one", inertial, Joint("a", "hinge", None, axis=z)),
         Body("two", "one", two, Joint("b", "hinge", "one", Pose((length, 0.0, 0.0)), z, armature=0.07)),
     )
     q, v = np.array([0.4, 0.9]), np.array([1.1, -0.6])

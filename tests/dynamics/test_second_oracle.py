@@ -96,15 +96,23 @@ def tilted(axis):
 
 
 CHANGES = {
-    "mass": ("fixed", "inertial", lambda own: {"mass": own.mass * (1 + LITTLE)}),
-    "centre of mass": ("ball", "inertial", lambda own: {"centre_of_mass": shifted(own.centre_of_mass)}),
-    "product of inertia": ("fixed", "inertial", lambda own: {"inertia": (*own.inertia[:5], own.inertia[5] + LITTLE)}),
-    "origin": ("hinge", "joint", lambda own: {"origin": Pose(shifted(own.origin.position), own.origin.quaternion)}),
-    "axis": ("slide", "joint", lambda own: {"axis": tilted(own.axis)}),
-    "armature": ("ball", "joint", lambda own: {"armature": own.armature + LITTLE}),
-    "damping": ("ball", "joint", lambda own: {"damping": own.damping + 1e-8}),
-    "stiffness": ("hinge", "joint", lambda own: {"spring_stiffness": own.spring_stiffness + 1e-8}),
-    "rest": ("slide", "joint", lambda own: {"spring_rest": own.spring_rest + 1e-8}),
+    "mass": ("fixed", "inertial", lambda local: {"mass": local.mass * (1 + LITTLE)}),
+    "centre of mass": ("ball", "inertial", lambda local: {"centre_of_mass": shifted(local.centre_of_mass)}),
+    "product of inertia": (
+        "fixed",
+        "inertial",
+        lambda local: {"inertia": (*local.inertia[:5], local.inertia[5] + LITTLE)},
+    ),
+    "origin": (
+        "hinge",
+        "joint",
+        lambda local: {"origin": Pose(shifted(local.origin.position), local.origin.quaternion)},
+    ),
+    "axis": ("slide", "joint", lambda local: {"axis": tilted(local.axis)}),
+    "armature": ("ball", "joint", lambda local: {"armature": local.armature + LITTLE}),
+    "damping": ("ball", "joint", lambda local: {"damping": local.damping + 1e-8}),
+    "stiffness": ("hinge", "joint", lambda local: {"spring_stiffness": local.spring_stiffness + 1e-8}),
+    "rest": ("slide", "joint", lambda local: {"spring_rest": local.spring_rest + 1e-8}),
 }
 """Of one body, by so little that no picture would show it."""
 

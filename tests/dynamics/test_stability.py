@@ -22,8 +22,8 @@ def wheel(timestep: float, inertia: float = 0.02, kind: str = "hinge", **joint: 
     size = {"hinge": 1, "slide": 1, "ball": 4}[kind]
     position = (1.0, 0.0, 0.0, 0.0) if kind == "ball" else (0.0,) * size
     axis = (0.0, 0.0, 1.0) if kind != "ball" else STILL
-    one = Joint("j", kind, axis=axis, position=position, velocity=(0.0,) * (3 if kind == "ball" else 1), **joint)
-    body = Body("wheel", "wheel", Inertial(0.7, inertia=(inertia,) * 3 + STILL), one)
+    entry = Joint("j", kind, axis=axis, position=position, velocity=(0.0,) * (3 if kind == "ball" else 1), **joint)
+    body = Body("wheel", "wheel", Inertial(0.7, inertia=(inertia,) * 3 + STILL), entry)
     return World("wheel", (body,), physics=Physics(STILL, timestep, 100))
 
 
@@ -77,8 +77,8 @@ def test_what_is_predicted_for_a_coupled_arm_happens(damping):
         return worlds.world(bodies, physics=Physics(STILL, timestep, 100))
 
     # of this posture alone: M, and with it the limit, changes with the others
-    still = at(1.0)
-    limits = [(body.joint.position[0] - 1e-9, body.joint.position[0] + 1e-9) for body in still.bodies]
+    world = at(1.0)
+    limits = [(body.joint.position[0] - 1e-9, body.joint.position[0] + 1e-9) for body in world.bodies]
     bodies = tuple(
         dataclasses.replace(body, joint=dataclasses.replace(body.joint, position_limits=limit))
         for body, limit in zip(bodies, limits, strict=True)
@@ -102,7 +102,7 @@ def test_the_joint_that_diverges_is_named_and_copies_of_a_model_too():
 
     bodies = (*arm("a_", 300.0), *arm("b_", 0.02), *arm("c_", 300.0))
     found = unstable(worlds.world(bodies))
-    assert [one.bodies for one in found] == [("a_link2",), ("c_link2",)]
+    assert [instability.bodies for instability in found] == [("a_link2",), ("c_link2",)]
     assert found[0].growth == found[1].growth
 
 

@@ -64,9 +64,9 @@ def test_unit_axes_and_mirrors_are_baked_in():
 def test_what_a_surface_encloses_is_exact_also_where_it_is_not_convex():
     points, faces = l_profile()
     other = trimesh.Trimesh(points, faces, process=False)
-    own = enclosed(*merged(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3))).solid
-    assert own.volume == pytest.approx(other.volume, rel=1e-14)
-    tensor = frames.rotate_inertia(own.frame.quaternion, (*own.moments, 0.0, 0.0, 0.0))
+    solid = enclosed(*merged(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3))).solid
+    assert solid.volume == pytest.approx(other.volume, rel=1e-14)
+    tensor = frames.rotate_inertia(solid.frame.quaternion, (*solid.moments, 0.0, 0.0, 0.0))
     xx, yy, zz, xy, xz, yz = tensor
     np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], other.moment_inertia, rtol=1e-13, atol=1e-14)
 
@@ -89,16 +89,16 @@ def test_masses_are_those_of_another_reader(seed, kind, place, stretch):
     mesh.apply_scale(stretch)
     mesh.apply_translation(place)
     points, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    own = enclosed(*merged(points, faces))
-    assert own.solid is not None, own.why
-    other = trimesh.Trimesh(points - own.solid.frame.position, faces, process=False)
+    local = enclosed(*merged(points, faces))
+    assert local.solid is not None, local.why
+    other = trimesh.Trimesh(points - local.solid.frame.position, faces, process=False)
     extent = float(np.ptp(points, axis=0).max())
-    assert own.solid.volume == pytest.approx(other.volume, rel=1e-12)
+    assert local.solid.volume == pytest.approx(other.volume, rel=1e-12)
     assert np.abs(other.center_mass).max() <= 1e-12 * (extent + np.abs(points).max())
-    xx, yy, zz, xy, xz, yz = frames.rotate_inertia(own.solid.frame.quaternion, (*own.solid.moments, 0.0, 0.0, 0.0))
+    xx, yy, zz, xy, xz, yz = frames.rotate_inertia(local.solid.frame.quaternion, (*local.solid.moments, 0.0, 0.0, 0.0))
     tensor = other.moment_inertia
     np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], tensor, atol=1e-12 * np.abs(tensor).max())
-    assert made(Surface(points, faces), HULL).hull_volume >= own.solid.volume * (1.0 - 1e-12)
+    assert made(Surface(points, faces), HULL).hull_volume >= local.solid.volume * (1.0 - 1e-12)
 
 
 def changed(**what: object) -> tuple[np.ndarray, np.ndarray]:
@@ -232,8 +232,8 @@ def test_fewer_vertices_are_within_the_told_distance_and_the_same_again(seed, co
     n = directions(500)
     assert ((vertices @ n.T).max(axis=0) - (kept @ n.T).max(axis=0)).max() <= error + 1e-12
     other = trimesh.Trimesh(kept, hull(kept).triangles, process=False)
-    _, apart, _ = trimesh.proximity.closest_point(other, vertices)
-    assert error == pytest.approx(apart.max(), abs=1e-9)
+    _, separate, _ = trimesh.proximity.closest_point(other, vertices)
+    assert error == pytest.approx(separate.max(), abs=1e-9)
     if len(vertices) <= most:
         assert error == 0.0
         assert len(kept) == len(vertices)
@@ -333,8 +333,8 @@ def test_the_key_holds_all_that_matters(tmp_path):
         cache.key(MeshFile(tmp_path / "a.stl", b"y"), HULL),
         cache.key(MeshFile(tmp_path / "a.stl", b"x", {"b": b"1"}), HULL),
         cache.key(MeshFile(tmp_path / "a.stl", b"x", {"b": b"2"}), HULL),
-        *(cache.key(file, MeshOptions(**one)) for one in ({"unit": 1.0}, {"up": "y"}, {"scale": (1.0, 1.0, -1.0)})),
-        *(cache.key(file, MeshOptions(**one)) for one in ({"pieces": True}, {"max_vertices": 5})),
+        *(cache.key(file, MeshOptions(**entry)) for entry in ({"unit": 1.0}, {"up": "y"}, {"scale": (1.0, 1.0, -1.0)})),
+        *(cache.key(file, MeshOptions(**entry)) for entry in ({"pieces": True}, {"max_vertices": 5})),
     }
     assert len(keys) == 10
     assert cache.key(MeshFile(tmp_path / "elsewhere" / "b.stl", b"x"), HULL) in keys
@@ -343,6 +343,6 @@ def test_the_key_holds_all_that_matters(tmp_path):
 def test_vertices_of_parts_are_in_the_frame_of_their_mass():
     points, faces = l_profile()
     (part,) = made(Surface(points, faces), HULL).parts
-    own = hull(mesh_vertices(part.size)).solid
-    assert np.abs(own.frame.position).max() < 1e-15
-    assert own.frame.quaternion[0] == pytest.approx(1.0, abs=1e-12)
+    solid = hull(mesh_vertices(part.size)).solid
+    assert np.abs(solid.frame.position).max() < 1e-15
+    assert solid.frame.quaternion[0] == pytest.approx(1.0, abs=1e-12)

@@ -73,8 +73,8 @@ def test_collada_says_its_unit_and_its_axis_and_places_what_it_has(tmp_path, up,
     mesh = made(surface, MeshOptions())
     assert mesh.enclosed.volume == pytest.approx(inch**3 / 6, rel=1e-6)  # its reader has single precision
     assert mesh.enclosed.frame.position == pytest.approx([inch * value for value in place], rel=1e-6)
-    told = made(surface, MeshOptions(unit=1.0, up="z"))
-    assert told.enclosed.frame.position == pytest.approx((2.25, 0.25, 0.25), rel=1e-6)
+    given = made(surface, MeshOptions(unit=1.0, up="z"))
+    assert given.enclosed.frame.position == pytest.approx((2.25, 0.25, 0.25), rel=1e-6)
 
 
 def gltf(uri: str, **more: object) -> str:

@@ -32,5 +32,5 @@ def test_what_is_kept_is_the_greedy_choice(seed):
     assert np.array_equal(kept, expected[corners(expected)])
     a, b, c = (kept[ConvexHull(kept).simplices[:, k]] for k in range(3))
     outside = [point for point in vertices if not any((kept == point).all(axis=1))]
-    apart = max(np.sqrt(module._square_to_triangles(point, a, b, c).min()) for point in outside)
-    assert error == pytest.approx(apart, rel=1e-12)
+    separate = max(np.sqrt(module._square_to_triangles(point, a, b, c).min()) for point in outside)
+    assert error == pytest.approx(separate, rel=1e-12)

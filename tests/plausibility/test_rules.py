@@ -117,8 +117,8 @@ def test_planted_in_robot_files(tmp_path, rule, grade, slip):
 
 
 def test_shapes_that_nearly_agree(tmp_path):
-    beside = VISUAL.format("0.02 0 0.22", "0.07 0.07 0.42")
-    assert not of_rule(examined(urdf(visual=beside), "urdf", tmp_path), "shapes-apart")
+    text = VISUAL.format("0.02 0 0.22", "0.07 0.07 0.42")
+    assert not of_rule(examined(urdf(visual=text), "urdf", tmp_path), "shapes-apart")
     assert not of_rule(examined(urdf(axis="0 1.0005 0"), "urdf", tmp_path), "axis-length")
 
 
@@ -154,9 +154,9 @@ def test_meshes(tmp_path):
     found = examined(urdf(visual=mesh.format("a") + mesh.format("b")), "urdf", tmp_path)
     assert [finding.element for finding in of_rule(found, "mesh-names")] == ["part.obj"]
     assert [finding.location is not None for finding in of_rule(found, "mesh-surface")] == [True]
-    one = examined(urdf(visual=mesh.format("a")), "urdf", tmp_path)
-    assert not of_rule(one, "mesh-names")
-    assert not of_rule(one, "mesh-surface")
+    plausibility = examined(urdf(visual=mesh.format("a")), "urdf", tmp_path)
+    assert not of_rule(plausibility, "mesh-names")
+    assert not of_rule(plausibility, "mesh-surface")
 
 
 def test_an_inside_out_and_a_hollow_mesh(tmp_path):

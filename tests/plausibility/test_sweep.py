@@ -39,8 +39,8 @@ def chain(upper: float, exclude: tuple[tuple[str, str], ...] = (("a", "b"), ("b"
         return Body(name, "arm", Inertial(1.0, (0.0, 0.0, 0.2), (0.02, 0.02, 0.001, 0.0, 0.0, 0.0)), joint, shapes)
 
     bodies = (body("a", None, 0.0, 0.0), body("b", "a", LENGTH, None), body("c", "b", LENGTH, LENGTH))
-    held = (Follow("same", "c_joint", "b_joint", 1.0),) if follow else ()
-    return World("chain", bodies, Contact(excluded_bodies=exclude), constraints=held)
+    actual = (Follow("same", "c_joint", "b_joint", 1.0),) if follow else ()
+    return World("chain", bodies, Contact(excluded_bodies=exclude), constraints=actual)
 
 
 def test_bodies_that_meet_when_all_joints_turn():
@@ -157,9 +157,9 @@ def test_depths_are_those_of_the_world_s_own_search(turn, place, kinds):
     )
     world = World("two", bodies)
     lumps = lumps_of(world)
-    one, other = lumps["a"][0], lumps["b"][0]
+    lump, other = lumps["a"][0], lumps["b"][0]
     tree = module.Tree(world, bodies, {})
-    depth = tree._depths(one, other, other.centre[None] - one.centre, other.axes[None], 0.0)
-    expected = max(-separation(one, other), 0.0)
+    depth = tree._depths(lump, other, other.centre[None] - lump.centre, other.axes[None], 0.0)
+    expected = max(-separation(lump, other), 0.0)
     # both searches give upper bounds of the depth, and stop within a degree or so of the best direction
     assert depth[0] == pytest.approx(expected, abs=2e-3)

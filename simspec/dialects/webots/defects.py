@@ -109,8 +109,10 @@ def _law(name: str, change: Change, first: str = "", second: str = "") -> Plant:
 
     def find(nodes: list[WbtNode]) -> tuple[WbtNode, str]:
         laws = (node for node in nodes if node.kind == "ContactProperties")
-        told = (law for law in laws if not first or {law.text("material1"), law.text("material2")} == {first, second})
-        return next(told), name
+        matching = (
+            law for law in laws if not first or {law.text("material1"), law.text("material2")} == {first, second}
+        )
+        return next(matching), name
 
     return _edit(find, change)
 

@@ -188,16 +188,16 @@ class WebotsDialect(Dialect):
 
     def lower(self, world: World, target: Target) -> Lowered:
         """The nodes of ``world`` and their sidecar."""
-        told, offsets = recentre_free_roots(world)
+        given, offsets = recentre_free_roots(world)
         settings = target.settings
         laws = _laws(world, target.plan)
-        strength, turned = downwards(told.physics.gravity)
+        strength, turned = downwards(given.physics.gravity)
         info = {
             "title": world.name,
             "gravity": strength,
             "CFM": settings["joint_softness"],
             "ERP": settings["joint_error_reduction"],
-            "basicTimeStep": float(round(told.physics.timestep * 1e3)),
+            "basicTimeStep": float(round(given.physics.timestep * 1e3)),
             "physicsDisableTime": ALWAYS,
             "contactProperties": tuple(contact_properties(law, settings) for law in laws),
         }
@@ -206,7 +206,7 @@ class WebotsDialect(Dialect):
             WbtNodeTree("WorldInfo", info),
             WbtNodeTree("Viewpoint"),
             WbtNodeTree("DirectionalLight"),
-            *turned_all(_Nest(told, turned).roots(), turned),
+            *turned_all(_Nest(given, turned).roots(), turned),
             WbtNodeTree("Robot", robot, "simspec"),
         )
         sidecar = WebotsSidecar(**common_fields(self.NAME, self.FORMAT, world, target, offsets), **_beside_file(world))

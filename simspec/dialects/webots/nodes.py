@@ -396,8 +396,8 @@ def check_neutral(nodes: Iterable[WbtNode]) -> None:
         for field in node.fields:
             if field.name in neutral:
                 if not _is(field, neutral[field.name]):
-                    told = _told(neutral[field.name])
-                    raise node.refused(f"{field.name} should be {told}", field.line)
+                    text = _told(neutral[field.name])
+                    raise node.refused(f"{field.name} should be {text}", field.line)
             elif field.name not in model:
                 raise node.refused(f"the field {field.name[:60]} is not one that simspec writes", field.line)
 
@@ -406,12 +406,12 @@ def _is(field: WbtField, wanted: Values) -> bool:
     listed = bool(wanted) and wanted[-1] == LIST
     values = wanted[:-1] if listed else wanted
     same = len(values) == len(field.values) and all(
-        type(one) is type(other) and one == other for one, other in zip(field.values, values, strict=True)
+        type(entry) is type(other) and entry == other for entry, other in zip(field.values, values, strict=True)
     )
     return same and field.listed is listed
 
 
 def _told(values: Values) -> str:
     words = {None: "NULL", True: "TRUE", False: "FALSE", LIST: ""}
-    told = " ".join(f"{value:g}" if type(value) is float else words.get(value, repr(value)) for value in values)  # type: ignore[call-overload]
-    return told.strip() or "empty"
+    text = " ".join(f"{value:g}" if type(value) is float else words.get(value, repr(value)) for value in values)  # type: ignore[call-overload]
+    return text.strip() or "empty"

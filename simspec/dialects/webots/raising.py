@@ -167,22 +167,22 @@ def rates(found: Mapping[str, Found], turned: Quaternion) -> dict[str, tuple[flo
     centres = _centres(found)
     back = frames.conjugate(turned)
     of_group: dict[str, tuple[Vector3, Vector3]] = {}
-    for name, one in found.items():
-        linear, angular = (vector(one.node, field) for field in ("linearVelocity", "angularVelocity"))
-        if one.top == name and one.moves:
+    for name, item in found.items():
+        linear, angular = (vector(item.node, field) for field in ("linearVelocity", "angularVelocity"))
+        if item.top == name and item.moves:
             of_group[name] = (frames.rotate(back, linear), frames.rotate(back, angular))
         elif any((*linear, *angular)):
-            raise one.node.refused("has a velocity, which is of the topmost Solid of what moves as one")
+            raise item.node.refused("has a velocity, which is of the topmost Solid of what moves as one")
 
     def at(name: str | None, point: Vector3) -> tuple[Vector3, Vector3]:
         """Of a body, or the world, at a point of the world."""
         if name is None or not found[name].moves:
             return ZERO, ZERO
-        one = found[name]
-        linear, angular = of_group[one.top]
-        return frames.add(linear, frames.cross(angular, frames.subtract(point, centres[one.top]))), angular
+        entry = found[name]
+        linear, angular = of_group[entry.top]
+        return frames.add(linear, frames.cross(angular, frames.subtract(point, centres[entry.top]))), angular
 
-    return {name: _rate(one, at) for name, one in found.items()}
+    return {name: _rate(entry, at) for name, entry in found.items()}
 
 
 def _rate(one: Found, at: Callable[[str | None, Vector3], tuple[Vector3, Vector3]]) -> tuple[float, ...]:
@@ -214,12 +214,14 @@ def _centres(found: Mapping[str, Found]) -> dict[str, Vector3]:
     """The centre of mass of every rigid group that moves, in the world (m)."""
     masses: dict[str, float] = {}
     sums: dict[str, Vector3] = {}
-    for one in found.values():
-        mass = one.inertial.mass
-        if one.moves and mass:
-            x, y, z = frames.add(one.pose.position, frames.rotate(one.pose.quaternion, one.inertial.centre_of_mass))
-            masses[one.top] = masses.get(one.top, 0.0) + mass
-            sums[one.top] = frames.add(sums.get(one.top, ZERO), (mass * x, mass * y, mass * z))
+    for entry in found.values():
+        mass = entry.inertial.mass
+        if entry.moves and mass:
+            x, y, z = frames.add(
+                entry.pose.position, frames.rotate(entry.pose.quaternion, entry.inertial.centre_of_mass)
+            )
+            masses[entry.top] = masses.get(entry.top, 0.0) + mass
+            sums[entry.top] = frames.add(sums.get(entry.top, ZERO), (mass * x, mass * y, mass * z))
     return {top: (x / masses[top], y / masses[top], z / masses[top]) for top, (x, y, z) in sums.items()}
 
 
@@ -251,12 +253,12 @@ def raised(document: WbtDocument, sidecar: WebotsSidecar) -> ReadBack:
     bodies = {
         name: Body(
             name,
-            one.model,
-            one.inertial,
-            replace(one.joint, velocity=velocities[name]),
-            shapes_of(one.node, entries.get(name, [])),
+            entry.model,
+            entry.inertial,
+            replace(entry.joint, velocity=velocities[name]),
+            shapes_of(entry.node, entries.get(name, [])),
         )
-        for name, one in found.items()
+        for name, entry in found.items()
     }
     _complete_joints(bodies, sidecar)
     _check_settings(info, sidecar)
@@ -333,15 +335,15 @@ def _bodies(solids: Sequence[WbtNode], sidecar: WebotsSidecar) -> dict[str, Foun
             raise node.refused(f"is {node.text('name')[:60]!r}, should be {name!r} of {sidecar.models[index]!r}")
         if joint is not None and _index(joint, "joint", len(sidecar.bodies)) != index:
             raise joint.refused(f"moves {node.label}")
-        one = _body(node, joint, above, name, sidecar.joints[index], starts)
-        if one.joint.kind != sidecar.bodies[index].kind:
-            raise node.refused(f"is joined by {one.joint.kind}, and the sidecar has {sidecar.bodies[index].kind}")
-        found[index] = one
+        body = _body(node, joint, above, name, sidecar.joints[index], starts)
+        if body.joint.kind != sidecar.bodies[index].kind:
+            raise node.refused(f"is joined by {body.joint.kind}, and the sidecar has {sidecar.bodies[index].kind}")
+        found[index] = body
         for child in node.nodes("children"):
             if child.kind == "Solid":
-                waiting.append((child, None, one))
+                waiting.append((child, None, body))
             elif child.kind in JOINTS:
-                waiting.append((_end(child), child, one))
+                waiting.append((_end(child), child, body))
             elif child.kind != "Pose":
                 raise child.refused("stands in a Solid")
     return {found[index].name: found[index] for index in sorted(found)}
@@ -397,28 +399,28 @@ def _inertial(node: WbtNode | None) -> Inertial | None:
 
 def _joint(node: WbtNode, kind: str, name: str, parent: str | None, place: Pose, start: Quaternion | None) -> Joint:
     """The joint of a Solid that stands at ``place``, joined to the one around it."""
-    told = node.node("jointParameters")
-    if told is None or told.kind != PARAMETERS[kind]:
+    given = node.node("jointParameters")
+    if given is None or given.kind != PARAMETERS[kind]:
         raise node.refused(f"jointParameters should be {PARAMETERS[kind]}")
     if kind != "slide":
-        anchor = vector(told, "anchor")
+        anchor = vector(given, "anchor")
         if math.dist(anchor, place.position) > EXACT * max(1.0, math.hypot(*place.position)):
-            raise told.refused("the anchor should be the place of the endPoint")
+            raise given.refused("the anchor should be the place of the endPoint")
     if kind == "ball":
         if start is None:
             raise node.refused("has no entry in sidecar.starts")
         origin = Pose(place.position, frames.multiply(place.quaternion, frames.conjugate(start)))
         return Joint(name, kind, parent, origin, position=frames.normalise(start))
-    outer = unit(told, "axis")
+    outer = unit(given, "axis")
     axis = frames.rotate(frames.conjugate(place.quaternion), outer)
-    position = told.number("position")
+    position = given.number("position")
     if kind == "hinge":
         origin = Pose(place.position, frames.multiply(place.quaternion, about(axis, -position)))
     else:
         x, y, z = outer
         back = (x * position, y * position, z * position)
         origin = Pose(frames.subtract(place.position, back), place.quaternion)
-    limits = (told.number("minStop"), told.number("maxStop"))
+    limits = (given.number("minStop"), given.number("maxStop"))
     return Joint(
         name,
         kind,
@@ -426,7 +428,7 @@ def _joint(node: WbtNode, kind: str, name: str, parent: str | None, place: Pose,
         origin,
         axis,
         limits if any(limits) else None,
-        dry_friction=told.number("staticFriction"),
+        dry_friction=given.number("staticFriction"),
         position=(position,),
     )
 
@@ -438,16 +440,16 @@ def _law(node: WbtNode, sidecar: WebotsSidecar) -> PairContact:
     if node.kind != "ContactProperties":
         raise node.refused("should be ContactProperties")
     softness, points = sidecar.settings.get("softness"), sidecar.settings.get("contact_points")
-    told = (node.number("softCFM"), *node.numbers("forceDependentSlip", 1), node.number("maxContactJoints"))
-    if told != (softness, softness, points):
+    given = (node.number("softCFM"), *node.numbers("forceDependentSlip", 1), node.number("maxContactJoints"))
+    if given != (softness, softness, points):
         raise node.refused(
-            f"softCFM, forceDependentSlip and maxContactJoints are {told}, the settings {softness}, {points}"
+            f"softCFM, forceDependentSlip and maxContactJoints are {given}, the settings {softness}, {points}"
         )
     first, second = node.text("material1"), node.text("material2")
     if first > second:
         raise node.refused(f"{first[:60]!r} and {second[:60]!r} are not sorted")
-    one, other, torsional = node.numbers("rollingFriction", 3)
-    if one != other:
+    value, other, torsional = node.numbers("rollingFriction", 3)
+    if value != other:
         raise node.refused("rollingFriction should be the same across the normal")
     (friction,) = node.numbers("coulombFriction", 1)
     return PairContact(
@@ -456,7 +458,7 @@ def _law(node: WbtNode, sidecar: WebotsSidecar) -> PairContact:
         friction,
         node.number("bounce"),
         torsional_friction=torsional,
-        rolling_friction=one,
+        rolling_friction=value,
         restitution_threshold=node.number("bounceVelocity"),
     )
 

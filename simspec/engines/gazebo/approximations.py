@@ -81,9 +81,9 @@ ON_BOXES = f"capsules touch boxes and planes {_LINE}"
 
 
 def _refinement(pairs: Mapping[tuple[str, str], str]) -> Refinement:
-    told = "; ".join(f"{one} and {other} touch {how}" for (one, other), how in pairs.items())
-    others = " and ".join(f"{one}s" for one, _ in pairs)
-    return Refinement(Level.APPROXIMATE, told, short=f"a cylinder and {others} touch in one point, also along a line")
+    text = "; ".join(f"{name} and {other} touch {how}" for (name, other), how in pairs.items())
+    others = " and ".join(f"{name}s" for name, _ in pairs)
+    return Refinement(Level.APPROXIMATE, text, short=f"a cylinder and {others} touch in one point, also along a line")
 
 
 def cylinders(world: World) -> Refinement | None:

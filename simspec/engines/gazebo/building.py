@@ -158,9 +158,9 @@ def pointer(array: NDArray[np.float64]) -> Any:
 
 def asked(function: Any, of: Any, count: int) -> list[float]:
     """Numbers that a function of the part in C++ writes; its last argument is where."""
-    held = np.zeros(count)
-    function(*of, pointer(held))
-    found: list[float] = held.tolist()
+    values = np.zeros(count)
+    function(*of, pointer(values))
+    found: list[float] = values.tolist()
     return found
 
 
@@ -197,7 +197,7 @@ class Plan:
         self.excluded = walk.excluded_keys()
         number = {kind: index for index, kind in enumerate(walk.kinds)}
         self.classes = [number[unit.kind] for unit in walk.units]
-        meet = [[walk.meet(one, other) for other in number] for one in number]
+        meet = [[walk.meet(entry, other) for other in number] for entry in number]
         self.meet = np.array(meet, dtype=np.uint8).reshape(len(number), len(number))
 
     def lively(self) -> list[tuple[int, float]]:
@@ -248,8 +248,8 @@ def sdf_text(
         body, parent = walk.bodies[row].body, walk.bodies[row].parent
         pose = Pose() if isinstance(body.joint, FreeJoint) else body.joint.origin
         inertial = Inertial(body.mass, body.centre_of_mass, body.inertia) if proper(body) else STANDS_FOR
-        own = tuple((shapes or {}).get(row, ()))
-        return sdf.SdfLink(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, solid, own)
+        solids = tuple((shapes or {}).get(row, ()))
+        return sdf.SdfLink(f"b{row}", None if parent < 0 else f"b{parent}", pose, inertial, solid, solids)
 
     models = tuple(
         sdf.SdfModel(

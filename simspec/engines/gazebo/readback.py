@@ -130,10 +130,10 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     for unit in sim.walk.units:
         units.setdefault((unit.of.owner.row, unit.of.place), []).append(unit.number)
     bodies = []
-    for row, told in enumerate(sim.document.bodies):
-        held = held_body(sim, row)
-        shapes = tuple(_shape(sim, shape, units.get((row, place), ())) for place, shape in enumerate(told.shapes))
-        bodies.append(Body(told.name, told.model, held.inertial, _joint(sim, row, told, held, q, v), shapes))
+    for row, body in enumerate(sim.document.bodies):
+        actual = held_body(sim, row)
+        shapes = tuple(_shape(sim, shape, units.get((row, place), ())) for place, shape in enumerate(body.shapes))
+        bodies.append(Body(body.name, body.model, actual.inertial, _joint(sim, row, body, actual, q, v), shapes))
     world = asked(sim.library.gz_world, (sim.sim,), sim.library.gz_world_numbers())
     return sim.model(bodies, _vector(world[:3]), world[3], unreadable, sim.cone)
 
@@ -175,11 +175,13 @@ def _shape(sim: Simulation, told: JsonShape, copies: Sequence[int]) -> Shape:
     seen = visual_shape(told)
     if not copies:
         return seen
-    held = [held_unit(sim, number) for number in copies]
-    if any((one.kind, one.size, one.pose) != (held[0].kind, held[0].size, held[0].pose) for one in held):
+    actual = [held_unit(sim, number) for number in copies]
+    if any(
+        (entry.kind, entry.size, entry.pose) != (actual[0].kind, actual[0].size, actual[0].pose) for entry in actual
+    ):
         raise EngineError(NAME, f"holds copies of {told.name!r} that differ")
-    kind, size, pose = as_told(held[0])
-    surfaces = tuple(Surface(one.friction[0], restitution=one.restitution) for one in held)
+    kind, size, pose = as_told(actual[0])
+    surfaces = tuple(Surface(entry.friction[0], restitution=entry.restitution) for entry in actual)
     return dataclasses.replace(seen, kind=kind, size=size, pose=pose, collision=True, surfaces=surfaces)
 
 
@@ -258,15 +260,18 @@ def near(place: Pose) -> bool:
 
 BODY = Items[HeldBody, Placed](
     {
-        "at_child": (lambda one: near(one.in_child), True),
-        "actuator": (lambda one: one.actuator, 0),
-        "flags": (lambda one: one.flags, 3),
-        "enforced": (lambda one: one.enforced, lambda placed: placed.body.joint.kind in SCALAR_JOINTS),
-        "velocity_limits": (lambda one: finite(one.velocity), lambda placed: placed.limits(None)),
-        "force_limits": (lambda one: finite(one.force), lambda placed: placed.limits(placed.body.joint.effort_limit)),
-        "damping": (lambda one: one.damping, lambda placed: placed.body.joint.armature / placed.timestep),
-        "spring": (lambda one: one.stiffness, 0.0),
-        "rest": (lambda one: one.rest, 0.0),
+        "at_child": (lambda entry: near(entry.in_child), True),
+        "actuator": (lambda entry: entry.actuator, 0),
+        "flags": (lambda entry: entry.flags, 3),
+        "enforced": (lambda entry: entry.enforced, lambda placed: placed.body.joint.kind in SCALAR_JOINTS),
+        "velocity_limits": (lambda entry: finite(entry.velocity), lambda placed: placed.limits(None)),
+        "force_limits": (
+            lambda entry: finite(entry.force),
+            lambda placed: placed.limits(placed.body.joint.effort_limit),
+        ),
+        "damping": (lambda entry: entry.damping, lambda placed: placed.body.joint.armature / placed.timestep),
+        "spring": (lambda entry: entry.stiffness, 0.0),
+        "rest": (lambda entry: entry.rest, 0.0),
     }
 )
 MASS = Items[Inertial, Inertial].named(
@@ -274,11 +279,11 @@ MASS = Items[Inertial, Inertial].named(
 )
 UNIT = Items[HeldUnit, Surface](
     {
-        "second_friction": (lambda one: one.friction[1], lambda surface: surface.friction or 0.0),
-        "restitution": (lambda one: one.restitution, lambda surface: surface.restitution or 0.0),
-        "slip": (lambda one: one.slip, (-1.0, -1.0)),  # none
-        "direction": (lambda one: (*one.direction, one.in_frame), (0.0, 0.0, 0.0, False)),
-        "collidable": (lambda one: one.collidable, True),
+        "second_friction": (lambda entry: entry.friction[1], lambda surface: surface.friction or 0.0),
+        "restitution": (lambda entry: entry.restitution, lambda surface: surface.restitution or 0.0),
+        "slip": (lambda entry: entry.slip, (-1.0, -1.0)),  # none
+        "direction": (lambda entry: (*entry.direction, entry.in_frame), (0.0, 0.0, 0.0, False)),
+        "collidable": (lambda entry: entry.collidable, True),
     }
 )
 
@@ -317,12 +322,12 @@ def _tree(number: int, mobile: bool, timestep: float, gravity: tuple[float, ...]
 def _filter(sim: Simulation) -> dict[str, EngineValue]:
     """For every copy of a shape the others that it does not touch, itself not counted."""
     names = [unit_name(unit) for unit in sim.walk.units]
-    apart = np.zeros((len(names), len(names)), dtype=np.uint8)
-    sim.library.gz_apart(sim.sim, apart.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)))
-    np.fill_diagonal(apart, 0)
+    excluded = np.zeros((len(names), len(names)), dtype=np.uint8)
+    sim.library.gz_apart(sim.sim, excluded.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)))
+    np.fill_diagonal(excluded, 0)
     return {
         f"apart.{name}": named_set(names[other] for other in np.nonzero(row)[0].tolist())
-        for name, row in zip(names, apart, strict=True)
+        for name, row in zip(names, excluded, strict=True)
     }
 
 
@@ -336,7 +341,9 @@ def expected(
 ) -> dict[str, EngineValue]:
     """The values that follow from ``world`` under its ``settings``."""
     units = [(body, part, shape) for body in world.bodies for part in parts(body, plan) for shape in part.shapes]
-    carriers = [Carrier(f"{one.name}.{part.layer}", body.name, part.material, part.layer) for body, part, one in units]
+    carriers = [
+        Carrier(f"{shape.name}.{part.layer}", body.name, part.material, part.layer) for body, part, shape in units
+    ]
     counts = {"shapes": len(units), "skeletons": len(trees(world)), "links": len(world.bodies)}
     found: dict[str, EngineValue] = {
         f"world.{name}": float(counts[name]) if value is None else value for name, value in WORLD.items()

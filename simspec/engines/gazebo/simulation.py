@@ -61,14 +61,14 @@ class Simulation(WorldSimulation[WorldSidecar]):
             raise EngineError(NAME, f"refuses the world: {lib.said()}")
         bodies = self.document.bodies
         kinds = np.array([KINDS.index(body.joint.kind) for body in bodies], dtype=np.int32)
-        own = losses(self.document)
+        values = losses(self.document)
         names = [f"b{row}" for row in range(len(bodies))]
-        self._done(lib.gz_bodies(self.sim, len(bodies), _texts(names), kinds.ctypes.data_as(Integers), pointer(own)))
+        self._done(lib.gz_bodies(self.sim, len(bodies), _texts(names), kinds.ctypes.data_as(Integers), pointer(values)))
         for row, body in enumerate(bodies):
             if not proper(body):
                 lib.gz_inertia(self.sim, row, pointer(np.array([body.mass, *body.centre_of_mass, *body.inertia])))
         owners = [unit.of.owner for unit in self.walk.units]
-        unit_rows = [(one.row, kind, one.carrier) for one, kind in zip(owners, plan.classes, strict=True)]
+        unit_rows = [(owner.row, kind, owner.carrier) for owner, kind in zip(owners, plan.classes, strict=True)]
         units = np.array(unit_rows, dtype=np.int32).reshape(-1, 3)
         meet = np.ascontiguousarray(plan.meet)
         self._done(

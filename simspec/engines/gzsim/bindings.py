@@ -75,9 +75,9 @@ def _folders() -> Iterator[Path]:
     if named:
         yield Path(named)
         return
-    yield from (Path(one) for one in sys.path if one)
+    yield from (Path(name) for name in sys.path if name)
     for pattern in USUAL:
-        yield from (Path(one) for one in sorted(glob.glob(pattern), reverse=True))
+        yield from (Path(path) for path in sorted(glob.glob(pattern), reverse=True))
 
 
 @functools.cache
@@ -97,7 +97,7 @@ def _all() -> tuple[Found, ...]:
 
 def found() -> Found | None:
     """The newest bindings that this Python can import; None where there are none."""
-    usable = {one.number: one for one in reversed(_all()) if one.usable}
+    usable = {entry.number: entry for entry in reversed(_all()) if entry.usable}
     return next((usable[number] for number in BESIDE if number in usable), None)
 
 
@@ -114,14 +114,14 @@ def version() -> str | None:
 
 def why_not() -> str:
     """What of gz sim is there, where simspec can use nothing of it."""
-    others = [one for one in _all() if not one.usable]
+    others = [entry for entry in _all() if not entry.usable]
     if not others:
         return "no gz sim is found here"
-    one = others[0]
-    if one.number not in BESIDE:
-        return f"{one.file} is of another gz sim"
+    other = others[0]
+    if other.number not in BESIDE:
+        return f"{other.file} is of another gz sim"
     here = f"{sys.version_info.major}.{sys.version_info.minor}"
-    return f"{one.file} is of another Python than this one, {here}"
+    return f"{other.file} is of another Python than this one, {here}"
 
 
 class Installed:
@@ -157,7 +157,9 @@ def bindings() -> Bindings:
         sim, math = importlib.import_module(name), importlib.import_module(numbers)
     except ImportError as error:
         raise EngineError(NAME, f"half installed: {name} at {there.file} cannot be imported ({error})") from error
-    lacking = [f"{name}.{one}" for one in ("TestFixture", "World", "Model", "Link", "Joint") if not hasattr(sim, one)]
+    lacking = [
+        f"{name}.{entry}" for entry in ("TestFixture", "World", "Model", "Link", "Joint") if not hasattr(sim, entry)
+    ]
     if not lacking and not hasattr(sim.Link, "world_inertial"):
         lacking = [f"{name}.Link.world_inertial"]
     if lacking:

@@ -59,41 +59,41 @@ WORLD = "world"
 
 def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     """The model that the server's components hold, and the present state as it is told."""
-    held: list[ReadBack] = []
+    backs: list[ReadBack] = []
     q, v = sim.get_state()
 
     def ask(server: Server, info: Any, components: Any) -> None:
         bodies = []
-        for row, told in enumerate(sim.document.bodies):
+        for row, body in enumerate(sim.document.bodies):
             state = q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist()
-            joint = free_joint(told.joint.name, *state) if isinstance(told.joint, FreeJoint) else None
+            joint = free_joint(body.joint.name, *state) if isinstance(body.joint, FreeJoint) else None
             joint = joint or dataclasses.replace(
                 _joint(sim, server, components, row), position=tuple(state[0]), velocity=tuple(state[1])
             )
-            bodies.append(Body(told.name, told.model, _inertial(server, components, row), joint, _seen(told)))
+            bodies.append(Body(body.name, body.model, _inertial(server, components, row), joint, _seen(body)))
         gravity, step = server.world.gravity(components), info.dt.total_seconds()
         if gravity is None:
             raise EngineError(NAME, "tells no gravity")
-        held.append(sim.model(bodies, _vector(gravity), step, unreadable))
+        backs.append(sim.model(bodies, _vector(gravity), step, unreadable))
 
     sim.query(ask)
-    return held[0]
+    return backs[0]
 
 
 def _joint(sim: Simulation, server: Server, components: Any, row: int) -> Joint:
-    joint, told = server.joints[row], sim.document.bodies[row].joint
+    joint, given = server.joints[row], sim.document.bodies[row].joint
     parents = {f"b{number}": number for number in range(len(sim.names))}
     above, below = joint.parent_link_name(components), joint.child_link_name(components)
     if below != f"b{row}" or (above != WORLD and above not in parents):
-        raise EngineError(NAME, f"has joint {told.name!r} between {above!r} and {below!r}")
+        raise EngineError(NAME, f"has joint {given.name!r} between {above!r} and {below!r}")
     kind = KINDS.get(joint.type(components).name)
     if kind is None:
-        raise EngineError(NAME, f"has joint {told.name!r} as {joint.type(components).name}")
+        raise EngineError(NAME, f"has joint {given.name!r} as {joint.type(components).name}")
     at = _place(server, components, row)
     origin = at if above == WORLD else frames.compose(frames.inverse(_place(server, components, parents[above])), at)
     origin = frames.compose(origin, _pose(joint.pose(components)))
-    found = Joint(told.name, kind, None if above == WORLD else sim.names[parents[above]], origin)
-    if kind == "fixed" or not isinstance(told, AxisJoint):
+    found = Joint(given.name, kind, None if above == WORLD else sim.names[parents[above]], origin)
+    if kind == "fixed" or not isinstance(given, AxisJoint):
         return found
     (axis,) = joint.axis(components)
     limits = (float(axis.lower()), float(axis.upper()))
@@ -104,22 +104,22 @@ def _joint(sim: Simulation, server: Server, components: Any, row: int) -> Joint:
         effort_limit=float(axis.effort()) if 0.0 <= axis.effort() < UNLIMITED else None,
         dry_friction=float(axis.friction()),
         # what the server applies by itself, and what simspec applies
-        damping=float(axis.damping()) + told.damping,
-        spring_stiffness=float(axis.spring_stiffness()) + told.spring_stiffness,
-        spring_rest=told.spring_rest,
+        damping=float(axis.damping()) + given.damping,
+        spring_stiffness=float(axis.spring_stiffness()) + given.spring_stiffness,
+        spring_rest=given.spring_rest,
     )
 
 
 def _inertial(server: Server, components: Any, row: int) -> Inertial:
     """Mass, centre and tensor in the axes of the link, of which gz sim tells those in the world's."""
-    held, place = server.links[row].world_inertial(components), _place(server, components, row)
-    if held is None:
+    actual, place = server.links[row].world_inertial(components), _place(server, components, row)
+    if actual is None:
         raise EngineError(NAME, "tells no inertia of a link")
-    centre = frames.compose(frames.inverse(place), Pose(_vector(held.pose().pos()))).position
-    tensor = held.moi()
-    told = (*(tensor(i, i) for i in range(3)), tensor(0, 1), tensor(0, 2), tensor(1, 2))
+    centre = frames.compose(frames.inverse(place), Pose(_vector(actual.pose().pos()))).position
+    tensor = actual.moi()
+    given = (*(tensor(i, i) for i in range(3)), tensor(0, 1), tensor(0, 2), tensor(1, 2))
     return Inertial(
-        float(held.mass_matrix().mass()), centre, frames.rotate_inertia(frames.conjugate(place.quaternion), told)
+        float(actual.mass_matrix().mass()), centre, frames.rotate_inertia(frames.conjugate(place.quaternion), given)
     )
 
 

@@ -102,8 +102,8 @@ def left_out(size: tuple[float, ...]) -> str | None:
 
 def _faces(size: tuple[float, ...]) -> int:
     """The number of different planes of a hull's triangles."""
-    held = hull_of(size)
-    planes = np.column_stack([held.normals, held.offsets / np.ptp(held.vertices, axis=0).max()])
+    hull = hull_of(size)
+    planes = np.column_stack([hull.normals, hull.offsets / np.ptp(hull.vertices, axis=0).max()])
     return len(np.unique(np.round(planes, DIGITS), axis=0))
 
 

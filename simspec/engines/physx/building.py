@@ -59,9 +59,9 @@ def kinds(keys: Sequence[K], meet: Callable[[K, K], bool]) -> Mapping[K, tuple[i
 def apart(pairs: Iterable[tuple[str, str]]) -> Mapping[str, tuple[int, int]]:
     """The last two words of each name of ``pairs``, of bodies that must not touch. Raises ValueError where bits do not do."""
     neighbours: dict[str, set[str]] = {}
-    for one, other in pairs:
-        neighbours.setdefault(one, set()).add(other)
-        neighbours.setdefault(other, set()).add(one)
+    for entry, other in pairs:
+        neighbours.setdefault(entry, set()).add(other)
+        neighbours.setdefault(other, set()).add(entry)
     found: dict[str, tuple[int, int]] = {}
     number = 0
     for start in sorted(neighbours):

@@ -68,7 +68,7 @@ def _shape(sim: Simulation, units: Sequence[Unit]) -> Shape:
     if solid.owner.moves:
         pose = frames.compose(frames.inverse(solid.owner.pose), pose)
     materials = [copy.physical_material for copy in copies]
-    surfaces = tuple(Surface(one.dynamic_friction, restitution=one.restitution) for one in materials)
+    surfaces = tuple(Surface(material.dynamic_friction, restitution=material.restitution) for material in materials)
     visual = visual_shape(solid.shape)
     return dataclasses.replace(visual, kind=kind, size=size, pose=pose, collision=True, surfaces=surfaces)
 
@@ -206,20 +206,20 @@ def _filter(sim: Simulation, names: list[str]) -> dict[str, EngineValue]:
     """For every unit the others that it does not touch, itself excluded: by SAPIEN's rule from the words that PhysX
     stores. PhysX computes no contacts of one actor, or of two static ones."""
     words = [shape.get_collision_groups() for shape in sim.built.shapes]
-    apart = np.zeros((len(names), len(names)), dtype=bool)
+    excluded = np.zeros((len(names), len(names)), dtype=bool)
     kinds: dict[tuple[int, ...], list[int]] = {}
-    for row, own in enumerate(words):
-        kinds.setdefault(tuple(own), []).append(row)
-    for one, rows in kinds.items():
+    for row, word in enumerate(words):
+        kinds.setdefault(tuple(word), []).append(row)
+    for entry, rows in kinds.items():
         for other, columns in kinds.items():
-            if not touches(one, other):
-                apart[np.ix_(rows, columns)] = True
+            if not touches(entry, other):
+                excluded[np.ix_(rows, columns)] = True
     carriers = np.array([unit.of.owner.carrier for unit in sim.walk.units], dtype=np.int64)
-    apart |= carriers[:, None] == carriers[None, :]
-    np.fill_diagonal(apart, False)
+    excluded |= carriers[:, None] == carriers[None, :]
+    np.fill_diagonal(excluded, False)
     return {
         f"apart.{name}": named_set(names[other] for other in np.nonzero(row)[0].tolist())
-        for name, row in zip(names, apart, strict=True)
+        for name, row in zip(names, excluded, strict=True)
     }
 
 

@@ -104,8 +104,8 @@ def depths(contacts: Sequence[Any], rows: Mapping[Any, int]) -> Depths:
         for point in contact.points:
             deepest = min(deepest, point.separation)
         if deepest < 0.0:
-            one, other = contact.bodies
-            ends += row_of(one, -1), row_of(other, -1)
+            entry, other = contact.bodies
+            ends += row_of(entry, -1), row_of(other, -1)
             least.append(deepest)
     pairs = np.sort(np.array(ends, dtype=np.int64).reshape(-1, 2), axis=1)
     order = np.lexsort((pairs[:, 1], pairs[:, 0]))
@@ -134,15 +134,15 @@ def contact_rows(
     """The arrays of :meth:`Engine.contacts`; ``units``: the number of each shape, ``bodies``: by that, the row of its body."""
     rows: list[ContactRow] = []
     for contact in contacts:
-        one, other = (units[shape] for shape in contact.shapes)
+        index, other = (units[shape] for shape in contact.shapes)
         for point in contact.points:
             normal = np.array(point.normal, dtype=float)
             force = max(0.0, float(normal @ np.array(point.impulse, dtype=float))) / (SCALE * timestep)
             if point.separation > 0.0 and not force > 0.0:
                 continue
-            towards = normal if one < other else -normal  # from the second to the first
+            towards = normal if index < other else -normal  # from the second to the first
             at = np.array(point.position, dtype=float) / SCALE
-            rows.append(((min(one, other), max(one, other)), at, towards, point.separation / SCALE, force))
+            rows.append(((min(index, other), max(index, other)), at, towards, point.separation / SCALE, force))
     return contact_arrays(rows, bodies)
 
 
@@ -184,11 +184,11 @@ def turns(
     """Of bodies at ``turn`` (n, 4) with ``spin`` (n, 3) in world axes, ``torque`` (n, 3) and ``tensors`` (n, 3, 3) in their
     own."""
     axes = matrices(turn)
-    own = np.einsum("nji,nj->ni", axes, spin)
-    begins = np.einsum("nij,nj->ni", tensors, own)
-    wanted = begins + timestep * (torque - cross(own, begins))
+    local = np.einsum("nji,nj->ni", axes, spin)
+    begins = np.einsum("nij,nj->ni", tensors, local)
+    wanted = begins + timestep * (torque - cross(local, begins))
     inverse = np.linalg.inv(tensors)
-    given = (_before(wanted, begins, own, inverse, timestep) - begins) / timestep
+    given = (_before(wanted, begins, local, inverse, timestep) - begins) / timestep
     after = np.einsum("nij,njk,nk->ni", axes, inverse, wanted)
     return Turns(rows, np.einsum("nij,nj->ni", axes, given), after, multiply(exponential(timestep * after), turn))
 
@@ -340,8 +340,8 @@ class Simulation(FreeBodySimulation[PhysxSidecar]):
         if len(rows):
             at = poses[rows, 3:]
             at /= np.linalg.norm(at, axis=1, keepdims=True)
-            own = np.zeros((len(rows), 3)) if wrench is None else wrench[rows, 3:]
-            turning = turns(rows, at, spins[rows], own, self.tensors[rows], self.timestep)
+            torque = np.zeros((len(rows), 3)) if wrench is None else wrench[rows, 3:]
+            turning = turns(rows, at, spins[rows], torque, self.tensors[rows], self.timestep)
             torques = dict(zip(rows.tolist(), SCALE * SCALE * turning.torque, strict=True))
         forces: dict[int, np.ndarray] = {}
         if wrench is not None:
@@ -353,10 +353,10 @@ class Simulation(FreeBodySimulation[PhysxSidecar]):
     def _turn(self, turning: Turns) -> None:
         """Give what turned in the last step, and touched nothing in it, the velocity and orientation of the law."""
         turned = turning.rows.tolist()
-        held = pressed(self._found, self.rows, turned)
+        actual = pressed(self._found, self.rows, turned)
         pose = self.built.sapien.Pose
         for row, spin, turn in zip(turned, turning.spin, turning.turn, strict=True):
-            if row not in held:
+            if row not in actual:
                 entity = self.entities[row]
                 self.bodies[row].angular_velocity = spin
                 entity.pose = pose(entity.pose.p, turn)
@@ -431,8 +431,8 @@ class Simulation(FreeBodySimulation[PhysxSidecar]):
         return np.array(self.built.system.config.gravity, dtype=float) / SCALE
 
     def _centres(self) -> np.ndarray:
-        held = [body.cmass_local_pose.p for body in self.bodies]
-        return np.array(held, dtype=float).reshape(-1, 3) / SCALE
+        centres = [body.cmass_local_pose.p for body in self.bodies]
+        return np.array(centres, dtype=float).reshape(-1, 3) / SCALE
 
     def mass_parts(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """The mass matrix of each body that moves, with its places in v."""

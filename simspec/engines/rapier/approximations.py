@@ -194,11 +194,11 @@ def _refused(own: Faces, kind: str) -> str | None:
 @functools.lru_cache(maxsize=KEPT)
 def faces_of(size: tuple[float, ...]) -> Faces:
     """What Rapier makes of the faces of a hull (flat vertices, m)."""
-    held = hull_of(size)
-    groups, most = _merged(held)
-    least = FLAT * float(np.ptp(held.vertices, axis=0).max())
-    off = max(_bent(held, group) for group in groups)
-    unfelt = 0.0 if most > MOST_CORNERS else _unfelt(held, groups)
+    hull = hull_of(size)
+    groups, most = _merged(hull)
+    least = FLAT * float(np.ptp(hull.vertices, axis=0).max())
+    off = max(_bent(hull, group) for group in groups)
+    unfelt = 0.0 if most > MOST_CORNERS else _unfelt(hull, groups)
     return Faces(most, off if off > least else 0.0, unfelt if unfelt > least else 0.0)
 
 
@@ -226,9 +226,9 @@ def _merged(held: Hull) -> tuple[list[list[int]], int]:
     for face in range(len(up)):
         members.setdefault(root(face), []).append(face)
     sides = dict.fromkeys(members, 0)
-    for one, other in ((root(face), root(other)) for face, other in edges):
-        if one != other:
-            sides[one] += 1
+    for index, other in ((root(face), root(other)) for face, other in edges):
+        if index != other:
+            sides[index] += 1
             sides[other] += 1
     return list(members.values()), max(sides.values())
 
@@ -237,8 +237,8 @@ def _bent(held: Hull, group: Sequence[int]) -> float:
     """How far (m) corners of some triangles are from the planes of the others, at most."""
     if len(group) == 1:
         return 0.0
-    own = held.vertices[np.unique(held.triangles[group])]
-    return float(np.abs(own @ held.normals[group].T - held.offsets[group]).max())
+    vertex = held.vertices[np.unique(held.triangles[group])]
+    return float(np.abs(vertex @ held.normals[group].T - held.offsets[group]).max())
 
 
 def _unfelt(held: Hull, groups: Sequence[Sequence[int]]) -> float:
@@ -246,13 +246,13 @@ def _unfelt(held: Hull, groups: Sequence[Sequence[int]]) -> float:
     faces = np.zeros(len(held.triangles), dtype=np.intp)
     for number, group in enumerate(groups):
         faces[group] = number
-    own = np.zeros((len(groups), len(held.vertices)), dtype=bool)
+    local = np.zeros((len(groups), len(held.vertices)), dtype=bool)
     for face, corners in zip(faces.tolist(), held.triangles, strict=True):
-        own[face, corners] = True
+        local[face, corners] = True
     directions = _directions(held)
     reach = directions @ held.vertices.T
     looking = faces[np.argmax(directions @ held.normals.T, axis=1)]
-    felt = np.where(own[looking], reach, -math.inf).max(axis=1)
+    felt = np.where(local[looking], reach, -math.inf).max(axis=1)
     return float((reach.max(axis=1) - felt).max())
 
 

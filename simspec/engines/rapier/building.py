@@ -125,8 +125,8 @@ class Laws:
         return False
 
     def modify_solver_contacts(self, ctx: Any) -> None:
-        one, other = self.number[ctx.collider1], self.number[ctx.collider2]
-        friction, restitution, threshold = self.table[self.materials[one], self.materials[other]]
+        index, other = self.number[ctx.collider1], self.number[ctx.collider2]
+        friction, restitution, threshold = self.table[self.materials[index], self.materials[other]]
         ctx.friction, ctx.restitution = friction, 0.0
         if restitution:
             self._bounce(ctx, restitution, threshold)
@@ -145,9 +145,9 @@ class Laws:
             gap = -restitution * closing * self._timestep / ERROR_REDUCTION
             if gap < contact.dist:
                 shift = tuple(0.5 * (gap - contact.dist) * n for n in normal)
-                one, other = (point.to_tuple() for point in points)
+                entry, other = (point.to_tuple() for point in points)
                 ctx.set_solver_contact(
-                    number, point=frames.subtract(one, shift), point2=frames.add(other, shift), dist=gap
+                    number, point=frames.subtract(entry, shift), point2=frames.add(other, shift), dist=gap
                 )
 
 

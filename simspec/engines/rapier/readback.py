@@ -35,7 +35,7 @@ KINDS = {
 
 def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
     """The model as Rapier stores it, and its present state."""
-    solid = {(one.owner.row, one.place): one.number for one in sim.walk.shapes}
+    solid = {(shape.owner.row, shape.place): shape.number for shape in sim.walk.shapes}
     bodies = [
         Body(
             body.name,
@@ -106,15 +106,17 @@ def laws(sim: Simulation) -> tuple[PairContact, ...]:
     hook = sim.built.laws
     found = {pair: row for pair, row in hook.table.items() if pair[0] <= pair[1]}
     if hook.uniform is not None and hook.colliders:
-        colliders = {name: sim.world.colliders[one] for name, one in zip(hook.materials, hook.colliders, strict=True)}
+        colliders = {
+            name: sim.world.colliders[collider] for name, collider in zip(hook.materials, hook.colliders, strict=True)
+        }
         for pair in found:
             if set(pair) <= set(colliders):
-                one, other = (colliders[name] for name in pair)
-                friction, restitution = one.friction + other.friction, one.restitution + other.restitution
+                entry, other = (colliders[name] for name in pair)
+                friction, restitution = entry.friction + other.friction, entry.restitution + other.restitution
                 found[pair] = (0.5 * friction, 0.5 * restitution, 0.0)
     return tuple(
-        PairContact(one, other, friction, restitution, restitution_threshold=threshold)
-        for (one, other), (friction, restitution, threshold) in sorted(found.items())
+        PairContact(name, other, friction, restitution, restitution_threshold=threshold)
+        for (name, other), (friction, restitution, threshold) in sorted(found.items())
     )
 
 
@@ -350,6 +352,6 @@ def _filtered(world: World, body: Body, material: str) -> bool:
     of an excluded body."""
     laws, used = meeting_laws(world), _used(world)
     passes = any((material, other) not in laws and (other, material) not in laws for other in used)
-    groups = {one.collision_group for one in world.bodies if solid_shapes(one)}
+    groups = {body.collision_group for body in world.bodies if solid_shapes(body)}
     ignores = any(body.collision_group in pair and set(pair) <= groups for pair in world.contact.ignored_groups)
     return passes or ignores or any(body.name in pair for pair in excluded_pairs(world))

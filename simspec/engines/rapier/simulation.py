@@ -63,8 +63,8 @@ def unequal_tensor(inertia: np.ndarray) -> frames.Matrix3 | None:
     """A tensor as Python floats; None where it is the same about every axis, without a gyroscopic torque."""
     if np.array_equal(inertia, inertia[0, 0] * np.eye(3)):
         return None
-    one, two, three = inertia.tolist()
-    return (tuple(one), tuple(two), tuple(three))
+    entry, two, three = inertia.tolist()
+    return (tuple(entry), tuple(two), tuple(three))
 
 
 def gyroscopic(body: Any, inertia: frames.Matrix3) -> Vector3 | None:
@@ -73,13 +73,13 @@ def gyroscopic(body: Any, inertia: frames.Matrix3) -> Vector3 | None:
     if not (x or y or z):
         return None
     across, along, up = frames.matrix(quaternion_of(body.rotation))
-    own = (
+    local = (
         across[0] * x + along[0] * y + up[0] * z,
         across[1] * x + along[1] * y + up[1] * z,
         across[2] * x + along[2] * y + up[2] * z,
     )
-    momentum = (frames.dot(inertia[0], own), frames.dot(inertia[1], own), frames.dot(inertia[2], own))
-    torque = frames.cross(momentum, own)
+    momentum = (frames.dot(inertia[0], local), frames.dot(inertia[1], local), frames.dot(inertia[2], local))
+    torque = frames.cross(momentum, local)
     return (frames.dot(across, torque), frames.dot(along, torque), frames.dot(up, torque))
 
 
@@ -200,8 +200,8 @@ class Simulation(FreeBodySimulation[LawSidecar]):
         self._pushed = set()
         torques: dict[int, Vector3] = {}
         for number, inertia in self._spins:
-            if (own := gyroscopic(self.bodies[number], inertia)) is not None:
-                torques[number] = own
+            if (local := gyroscopic(self.bodies[number], inertia)) is not None:
+                torques[number] = local
         if effort is not None:
             demand_held(NAME, SQUARE * np.asarray(effort, dtype=float), "effort")
             given = np.asarray(effort, dtype=float).reshape(-1, 6)
@@ -279,18 +279,18 @@ class Simulation(FreeBodySimulation[LawSidecar]):
         number = self.built.laws.number
         places = self._places()
         for pair in self.world.narrow_phase.contact_pairs():
-            one, other = number[pair.collider1], number[pair.collider2]
+            index, other = number[pair.collider1], number[pair.collider2]
             for manifold in pair.manifolds:
                 x, y, z = manifold.data.normal.to_tuple()
-                towards = (-x, -y, -z) if one < other else (x, y, z)  # from the second to the first
+                towards = (-x, -y, -z) if index < other else (x, y, z)  # from the second to the first
                 for point in manifold.points:
                     if point.dist > 0.0 and not point.impulse > 0.0:
                         continue
-                    here = self._at(places, one, point.local_p1)
+                    here = self._at(places, index, point.local_p1)
                     there = self._at(places, other, point.local_p2)
                     x, y, z = (0.5 * (a + b) / SCALE for a, b in zip(here, there, strict=True))
                     force = max(0.0, point.impulse) / (SCALE * timestep)
-                    ends = (min(one, other), max(one, other))
+                    ends = (min(index, other), max(index, other))
                     rows.append((ends, (x, y, z), towards, point.dist / SCALE, force))
         return contact_arrays(rows, [solid.owner.row for solid in self.walk.shapes])
 

@@ -95,20 +95,20 @@ class Controller:
 
     def serve(self) -> None:
         """Connect, and answer until nobody asks any more."""
-        asked = json.loads(self._received(self._count()))
+        content = json.loads(self._received(self._count()))
         lib = self._library
         lib.wb_robot_init()
-        found = [lib.wb_supervisor_node_get_from_def(name.encode()) for name in asked["bodies"]]
-        told = {
+        found = [lib.wb_supervisor_node_get_from_def(name.encode()) for name in content["bodies"]]
+        given = {
             "time": lib.wb_robot_get_time(),
             "timestep": lib.wb_robot_get_basic_time_step(),
-            "missing": [name for name, node in zip(asked["bodies"], found, strict=True) if not node],
+            "missing": [name for name, node in zip(content["bodies"], found, strict=True) if not node],
         }
-        self._json(told)
-        if told["missing"]:
+        self._json(given)
+        if given["missing"]:
             return
-        self._bodies, self._tops = found, [found[number] for number in asked["tops"]]
-        timestep = round(told["timestep"])
+        self._bodies, self._tops = found, [found[number] for number in content["tops"]]
+        timestep = round(given["timestep"])
         while letter := self._channel.recv(1):
             if letter == b"n":
                 root = lib.wb_supervisor_node_get_root()

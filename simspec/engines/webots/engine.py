@@ -65,11 +65,11 @@ def kept_apart(world: World) -> tuple[tuple[str, str], ...]:
             solid.setdefault(groups[body.name], []).append(body.name)
     allowed = CollisionFilter(world)
     found = {
-        (min(one, other), max(one, other))
+        (min(name, other), max(name, other))
         for first, second in _joined(world)
-        for one in solid.get(first, ())
+        for name in solid.get(first, ())
         for other in solid.get(second, ())
-        if allowed.may_touch(one, other)
+        if allowed.may_touch(name, other)
     }
     return tuple(sorted(found))
 
@@ -113,9 +113,9 @@ def touches_less(world: World) -> str:
     pairs = kept_apart(world)
     if not pairs:
         return ""
-    (one, other), more = pairs[0], len(pairs) - 1
+    (name, other), more = pairs[0], len(pairs) - 1
     others = f" and {more} more pair{'s' if more > 1 else ''}" if more else ""
-    return f"{one!r} never touches {other!r}{others}, since Webots passes over what joints join"
+    return f"{name!r} never touches {other!r}{others}, since Webots passes over what joints join"
 
 
 def only_joined(world: World) -> Refinement | None:
@@ -123,10 +123,10 @@ def only_joined(world: World) -> Refinement | None:
     groups = rigid_groups(world)
     joined = {frozenset(pair) for pair in _joined(world)}
     solid = {body.name for body in world.bodies if solid_shapes(body)}
-    for one, other in world.contact.excluded_bodies:
-        pair = frozenset((groups[one], groups[other]))
-        if len(pair) > 1 and {one, other} <= solid and pair not in joined:
-            return unsupported_if(f"Webots has no filter of bodies, and would let {one!r} touch {other!r}")
+    for name, other in world.contact.excluded_bodies:
+        pair = frozenset((groups[name], groups[other]))
+        if len(pair) > 1 and {name, other} <= solid and pair not in joined:
+            return unsupported_if(f"Webots has no filter of bodies, and would let {name!r} touch {other!r}")
     return Refinement(Level.EXACT, "of bodies that a joint joins")
 
 

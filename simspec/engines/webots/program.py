@@ -195,13 +195,13 @@ class Live:
             self._said = folder / "controller.txt"
             self._program(words, folder, {**environment, "WEBOTS_CONTROLLER_URL": address}, said, theirs.fileno())
         self._send_json({"bodies": list(bodies), "tops": list(tops)})
-        told = self._json()
-        if told["missing"]:
-            raise EngineError(NAME, f"Webots read the file without {told['missing'][0]}")
-        if told["time"] != 0.0:
-            raise EngineError(NAME, f"Webots had stepped to {told['time']:g} s when its controller came")
-        if told["timestep"] != round(timestep * 1e3):
-            raise EngineError(NAME, f"Webots steps by {told['timestep']:g} ms, should by {timestep * 1e3:g}")
+        reply = self._json()
+        if reply["missing"]:
+            raise EngineError(NAME, f"Webots read the file without {reply['missing'][0]}")
+        if reply["time"] != 0.0:
+            raise EngineError(NAME, f"Webots had stepped to {reply['time']:g} s when its controller came")
+        if reply["timestep"] != round(timestep * 1e3):
+            raise EngineError(NAME, f"Webots steps by {reply['timestep']:g} ms, should by {timestep * 1e3:g}")
         pids = _processes(webots.pid)
         self._resources.enter_context(counted(lambda: _processor_seconds(pids)))
 

@@ -81,9 +81,9 @@ class States:
             node = self._nodes[f"body_{row}"]
             changes[node, "translation"], changes[node, "rotation"] = place.position, turn(place.quaternion)
             if row in self.centres:
-                own = placed[body.name]
-                centre = frames.add(own.position, frames.rotate(own.quaternion, self.centres[row]))
-                linear, angular = moved(moving[body.name], own.position, centre)
+                pose = placed[body.name]
+                centre = frames.add(pose.position, frames.rotate(pose.quaternion, self.centres[row]))
+                linear, angular = moved(moving[body.name], pose.position, centre)
                 changes[node, "linearVelocity"] = frames.rotate(self.turned, linear)
                 changes[node, "angularVelocity"] = frames.rotate(self.turned, angular)
             if body.joint.kind in SCALAR_JOINTS:
@@ -140,21 +140,21 @@ class States:
                 origin = frames.compose(placed[parent], origin)
                 carried, turning = moved(moving[parent], placed[parent].position, here.position)
                 linear, angular = frames.subtract(linear, carried), frames.subtract(angular, turning)
-            apart = frames.compose(frames.inverse(origin), here)
+            relative = frames.compose(frames.inverse(origin), here)
             if kind == "ball":
-                q[at_q] = positive(apart.quaternion)
+                q[at_q] = positive(relative.quaternion)
                 v[at_v] = frames.rotate(frames.conjugate(here.quaternion), angular)
                 continue
             axis = body.joint.axis
             along = frames.rotate(here.quaternion, axis)
             if kind == "hinge":
-                w, *vector = apart.quaternion
+                w, *vector = relative.quaternion
                 angle = 2.0 * math.atan2(frames.dot(axis, vector3(vector)), w)
                 before = float(last[at_q][0])
                 q[at_q] = angle + math.tau * round((before - angle) / math.tau)
                 v[at_v] = frames.dot(along, angular)
             else:
-                q[at_q], v[at_v] = frames.dot(axis, apart.position), frames.dot(along, linear)
+                q[at_q], v[at_v] = frames.dot(axis, relative.position), frames.dot(along, linear)
         return q, v
 
 
@@ -181,16 +181,16 @@ class Simulation:
 
     def __init__(self, folder: Path, sidecar: Mapping[str, Any]):
         try:
-            told = WebotsSidecar.of(sidecar)
-            self.states = States(Wbt().read(folder), told)
+            given = WebotsSidecar.of(sidecar)
+            self.states = States(Wbt().read(folder), given)
         except (ValueError, FileNotFoundError, SpecError) as error:
             raise EngineError(NAME, str(error)) from error
-        self.told = told
-        self.passive, self.sums = told.passive, told.sums or ()
+        self.told = given
+        self.passive, self.sums = given.passive, given.sums or ()
         self.constraints: tuple[Constraint, ...] = ()
-        self.offsets = np.zeros((len(told.bodies), 3))
+        self.offsets = np.zeros((len(given.bodies), 3))
         """None: poses are taken back to the world's frames here."""
-        self._shifts = [body.frame_offset for body in told.bodies]
+        self._shifts = [body.frame_offset for body in given.bodies]
         self.forces = JointForces(self.states.world.bodies)
         self._wanted = self.states.initial()
         self._last = self._wanted[0]
@@ -233,7 +233,9 @@ class Simulation:
             states = self.states
             positions, turns, speeds = self.live().states()
             back = frames.conjugate(states.turned)
-            poses = [_frame(back, *told) for told in zip(positions.tolist(), turns.tolist(), self._shifts, strict=True)]
+            poses = [
+                _frame(back, *given) for given in zip(positions.tolist(), turns.tolist(), self._shifts, strict=True)
+            ]
             twists = [STILL] * len(poses)
             of_top = dict(zip(states.centres, speeds.tolist(), strict=True))
             for row, top in enumerate(states.tops):
@@ -304,18 +306,18 @@ class Simulation:
             wrenches[top] += sign * np.array(turned)
 
         for row, body in enumerate(states.world.bodies):
-            own, pose, kind = effort[states.layout.velocity[row]].tolist(), poses[row], body.joint.kind
-            if not any(own):
+            local, pose, kind = effort[states.layout.velocity[row]].tolist(), poses[row], body.joint.kind
+            if not any(local):
                 continue
             force, torque, at = ZERO, ZERO, pose.position
             if kind == "free":
                 at = frames.add(at, frames.rotate(pose.quaternion, states.levers[row]))
-                force, torque = vector3(own[:3]), frames.rotate(pose.quaternion, vector3(own[3:]))
+                force, torque = vector3(local[:3]), frames.rotate(pose.quaternion, vector3(local[3:]))
             elif kind == "ball":
-                torque = frames.rotate(pose.quaternion, vector3(own))
+                torque = frames.rotate(pose.quaternion, vector3(local))
             else:
                 x, y, z = frames.rotate(pose.quaternion, body.joint.axis)
-                along = (own[0] * x, own[0] * y, own[0] * z)
+                along = (local[0] * x, local[0] * y, local[0] * z)
                 force, torque = (along, ZERO) if kind == "slide" else (ZERO, along)
             add(row, force, at, torque, 1.0)
             if kind != "free":
@@ -372,24 +374,24 @@ def read_back(sim: Simulation) -> ReadBack:
     """The model as Webots holds it, and its state. Raises EngineError, which names the node, for what simspec did not write.
     Fields that a newer Webots has beside those of R2023b are told with its messages, and not compared."""
     live = sim.live()
-    strange: dict[str, None] = {}
+    unexpected: dict[str, None] = {}
     try:
-        held = raised(held_document(live, list(sim.states.centres), strange), sim.told)
+        actual = raised(held_document(live, list(sim.states.centres), unexpected), sim.told)
     except ValueError as error:
         raise EngineError(NAME, f"holds another world than it was told: {error}") from error
-    sim.note(strange)
-    return held
+    sim.note(unexpected)
+    return actual
 
 
-def held_document(live: Live, tops: Sequence[int], strange: dict[str, None]) -> WbtDocument:
+def held_document(live: Live, tops: Sequence[int], unexpected: dict[str, None]) -> WbtDocument:
     """The nodes that Webots holds, as a document; ``tops``: the numbers of bodies that move by themselves. ``strange`` becomes
     the fields that a node of simspec's does not have."""
     speeds = live.states()[2].tolist()
     velocities = {f"body_{row}": speed for row, speed in zip(tops, speeds, strict=True)}
-    return WbtDocument(HELD, VERSION, tuple(_node(told, velocities, strange) for told in live.nodes()))
+    return WbtDocument(HELD, VERSION, tuple(_node(node, velocities, unexpected) for node in live.nodes()))
 
 
-def _node(told: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], strange: dict[str, None]) -> WbtNode:
+def _node(told: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], unexpected: dict[str, None]) -> WbtNode:
     kind, label = told["node"], told["label"]
     known = NODES.get(kind)
     if known is None:
@@ -398,10 +400,10 @@ def _node(told: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], st
     fields: list[WbtField] = []
     for name, field in told["fields"].items():
         if name not in known:
-            strange[f"{kind}.{name}"] = None
+            unexpected[f"{kind}.{name}"] = None
         elif name not in moves:
             values: list[Value] = [
-                _node(value, velocities, strange) if isinstance(value, dict) else value for value in field["values"]
+                _node(value, velocities, unexpected) if isinstance(value, dict) else value for value in field["values"]
             ]
             fields.append(WbtField(name, 0, tuple(values), field["kind"].startswith("MF")))
     speed = velocities.get(label, (0.0,) * 6)

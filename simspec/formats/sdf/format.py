@@ -133,8 +133,8 @@ class Sdf(Format):
                     "links": [_link(link, older) for link in model.links],
                     "joints": [_joint(joint, older) for joint in model.joints],
                     "frames": [
-                        {"name": one.name, "attached_to": one.attached_to, "pose": _pose(one.pose, older)}
-                        for one in model.frames
+                        {"name": frame.name, "attached_to": frame.attached_to, "pose": _pose(frame.pose, older)}
+                        for frame in model.frames
                     ],
                 }
                 for model in tree.models

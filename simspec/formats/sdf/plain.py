@@ -266,7 +266,7 @@ def self_collide(world: World, bodies: tuple[Body, ...]) -> dict[str, bool] | No
     allowed = CollisionFilter(world)
     rigid = rigid_groups(world)
     solid = [body for body in bodies if any(shape.collision for shape in body.shapes)]
-    apart = {
+    separate = {
         frozenset((first.name, second.name))
         for first, second in combinations(solid, 2)
         if rigid[first.name] != rigid[second.name]
@@ -274,7 +274,7 @@ def self_collide(world: World, bodies: tuple[Body, ...]) -> dict[str, bool] | No
         and second.joint.parent != first.name
         and not allowed.may_touch(first.name, second.name)
     }
-    silent = {name for pair in apart for name in pair}
+    silent = {name for pair in separate for name in pair}
     flags = {body.name: body.name not in silent for body in bodies}
     for first, second in combinations(solid, 2):
         touching = allowed.may_touch(first.name, second.name)
@@ -333,8 +333,8 @@ def _names(world: World) -> dict[tuple[str, str], str]:
         prefix = f"{_model_name(bodies)}/"
         wanted = [("body", body.name, body.name) for body in bodies]
         wanted += [("joint", body.name, body.joint.name) for body in bodies]
-        own = {body.name for body in bodies}
-        wanted += [("frame", frame.name, frame.name) for frame in world.frames if frame.body in own]
+        local = {body.name for body in bodies}
+        wanted += [("frame", frame.name, frame.name) for frame in world.frames if frame.body in local]
         wanted += [("constraint", loop.name, loop.name) for loop in loops_within(world, bodies)]
         for what, key, text in wanted:
             clean = NOT_ALLOWED.sub("_", text.removeprefix(prefix))

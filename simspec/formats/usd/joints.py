@@ -61,8 +61,8 @@ def several(world: World) -> dict[str, Several]:
         chain = [body]
         while (above := chain[0].joint.parent) is not None and is_carrier(above):
             chain.insert(0, by_name[above])
-        if len(chain) > 1 and (one := _one_joint(tuple(chain))) is not None:
-            found[body.name] = one
+        if len(chain) > 1 and (entry := _one_joint(tuple(chain))) is not None:
+            found[body.name] = entry
     return found
 
 
@@ -110,15 +110,15 @@ UNITS: Final[list[Vector3]] = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 def _frame(slides: list[Vector3], turns: list[Vector3]) -> tuple[Vector3, Vector3, Vector3] | None:
     """Right-handed axes among which all of these are, in the order of the slides and of the turns; None where none are."""
     for rows in (slides, turns):
-        for index, one in enumerate(rows):
-            if any(abs(frames.dot(one, other)) > SQUARE for other in rows[:index]):
+        for index, row in enumerate(rows):
+            if any(abs(frames.dot(row, other)) > SQUARE for other in rows[:index]):
                 return None
     kept: list[Vector3] = list(turns)
     for axis in slides:
         near = [frames.dot(axis, other) for other in kept]
-        if any(abs(one - 1.0) <= SQUARE for one in near):
+        if any(abs(entry - 1.0) <= SQUARE for entry in near):
             continue
-        if any(abs(one) > SQUARE for one in near):
+        if any(abs(value) > SQUARE for value in near):
             return None
         kept.append(axis)
     if len(kept) > 3:

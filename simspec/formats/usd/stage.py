@@ -93,19 +93,19 @@ def places(world: World, nested: bool) -> PrimPaths:
             parent = body.joint.parent if chain is None else chain.parent
             if nested and parent is not None:
                 # shapes of the parent stand beside: they are numbered after the bodies
-                own = inside.setdefault(parent, PrimNames(RESERVED))
-                found.bodies[body.name] = f"{found.bodies[parent]}/{own.give(local(body.name, model))}"
+                values = inside.setdefault(parent, PrimNames(RESERVED))
+                found.bodies[body.name] = f"{found.bodies[parent]}/{values.give(local(body.name, model))}"
             else:
                 found.bodies[body.name] = f"{base}/{names.give(local(body.name, model))}"
             found.joints[body.name] = f"{base}/{JOINTS}/{joints.give(local(body.joint.name, model))}"
-    own = PrimNames()
+    values = PrimNames()
     for material in world.contact.materials:
-        found.materials[material.name] = f"/{ROOT}/{MATERIALS}/{own.give(material.name)}"
-    own = PrimNames()
+        found.materials[material.name] = f"/{ROOT}/{MATERIALS}/{values.give(material.name)}"
+    values = PrimNames()
     for name in sorted(
         {body.collision_group for body in world.bodies if solid_shapes(body)}
     ):  # readers drop empty ones
-        found.groups[name] = f"/{ROOT}/{GROUPS}/{own.give(name)}"
+        found.groups[name] = f"/{ROOT}/{GROUPS}/{values.give(name)}"
     return found
 
 
@@ -226,7 +226,9 @@ class _Writer:
         self.prims: dict[str, UsdPrim] = {}
         """Prims of bodies, by the names of the bodies."""
         taken = PrimNames(path.rpartition("/")[2] for path in self.places.joints.values())
-        self.loops = {one.name: f"/{ROOT}/{JOINTS}/{taken.give(one.name)}" for one in world.constraints}
+        self.loops = {
+            constraint.name: f"/{ROOT}/{JOINTS}/{taken.give(constraint.name)}" for constraint in world.constraints
+        }
         self.frames: dict[str, list[Frame]] = {}
         """By the names of their bodies."""
         for frame in world.frames:
@@ -240,7 +242,9 @@ class _Writer:
         root.children.append(self._scene())
         if self.world.contact.materials:
             root.children.append(
-                UsdPrim(MATERIALS, "Scope", children=[self._material(one) for one in self.world.contact.materials])
+                UsdPrim(
+                    MATERIALS, "Scope", children=[self._material(material) for material in self.world.contact.materials]
+                )
             )
         loose: list[UsdPrim] = []
         for bodies in trees(self.world).values():
@@ -370,7 +374,7 @@ class _Writer:
         if chain is None:
             single(prim, joint, joined, self.drives)
         else:
-            axes(prim, chain, joined, [local(one.name, model) for one in chain.joints], self.drives)
+            axes(prim, chain, joined, [local(joint.name, model) for joint in chain.joints], self.drives)
         return prim
 
     def _above(self, body: Body) -> str | None:
@@ -414,9 +418,9 @@ class _Writer:
         for names in rigid.values():
             pairs |= {
                 pair
-                for i, one in enumerate(names)
+                for i, name in enumerate(names)
                 for other in names[i + 1 :]
-                if (pair := sorted_pair(one, other)) not in quiet
+                if (pair := sorted_pair(name, other)) not in quiet
             }
         targets: dict[str, list[str]] = {}
         for first, second in sorted(pairs):

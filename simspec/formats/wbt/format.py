@@ -266,8 +266,8 @@ def _rows(nodes: Sequence[WbtNodeTree]) -> Iterator[Row]:
             yield _row(depth, str(what))
             continue
         known = NODES[what.type]
-        if strange := what.fields.keys() - known.keys():
-            raise KeyError(f"{what.type} has no field {', '.join(sorted(strange))}")
+        if unexpected := what.fields.keys() - known.keys():
+            raise KeyError(f"{what.type} has no field {', '.join(sorted(unexpected))}")
         label = f"DEF {what.label} " if what.label else ""
         yield _row(depth, f"{before}{label}{what.type} {{")
         below: list[tuple[int, str, object]] = []

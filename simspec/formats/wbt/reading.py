@@ -222,8 +222,8 @@ class _Parser:
             last = token.line
             self._take(token, tokens)
         if self._stack:
-            one = self._stack[-1]
-            raise self.refused(last, f"{one.type[:60]} of line {one.line} does not end")
+            entry = self._stack[-1]
+            raise self.refused(last, f"{entry.type[:60]} of line {entry.line} does not end")
         return tuple(self._found)
 
     def _take(self, token: Token, tokens: Iterator[Token]) -> None:

@@ -29,11 +29,11 @@ def measured(asked, held, folder):
 
 
 def test_every_probe_measures_the_law_and_another_is_noticed(tmp_path):
-    asked = under_the_pyramid(worlds.table(PAIRS))
-    found = measured(asked, asked, tmp_path / "asked")
+    requested = under_the_pyramid(worlds.table(PAIRS))
+    found = measured(requested, requested, tmp_path / "asked")
     assert [figure for figure in found if not figure.passed] == []
     assert {"push", "push-oblong", "stop", "oblique", "overlap"} <= {figure.probe for figure in found}
     assert {figure.probe for figure in found if figure.deviation} == set()
     other = under_the_pyramid(worlds.table({**PAIRS, ("rubber", "rubber"): 0.1}))
-    wrong = {figure.subject for figure in measured(asked, other, tmp_path / "other") if not figure.passed}
+    wrong = {figure.subject for figure in measured(requested, other, tmp_path / "other") if not figure.passed}
     assert wrong == {"rubber, rubber"}

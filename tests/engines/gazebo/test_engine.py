@@ -64,8 +64,8 @@ def joint_world(**fields):
 @pytest.mark.parametrize("name", [name for name in SHARED if name not in REFUSED])
 def test_the_inventory_is_what_the_world_demands(name, load):
     world = told(WORLDS[name]("gazebo"))
-    held = load(world).read_back()
-    (check,) = inventory_checks(Gazebo.expected_inventory(world, held.neutral), held.inventory)
+    back = load(world).read_back()
+    (check,) = inventory_checks(Gazebo.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail
     assert check.count > 20
 
@@ -153,7 +153,7 @@ def test_a_number_of_restitution_above_one_is_held_where_a_law_of_a_pair_needs_i
     """SDF's own are at most 1, and one of the two numbers whose product is a pair's law may be above."""
     engine = load(boxes(1), _lively)
     copies = [body.shapes[0].surfaces for body in engine.read_back().bodies]
-    assert [{one.restitution for one in of} for of in copies] == [{1.6}, {0.5}]
+    assert [{entry.restitution for entry in of} for of in copies] == [{1.6}, {0.5}]
     q, v = engine.get_state()
     v[2], q[2] = -1.0, q[2] + 0.0005
     engine.set_state(q, v)
@@ -236,11 +236,11 @@ def test_what_gazebo_does_not_have_is_refused_when_loaded(change, said, load):
 def test_an_inertia_that_sdf_refuses_is_not_proper(tmp_path):
     files = compile_world(told(worlds.every_joint()), ["gazebo"])["gazebo"].files
     body = WorldJson().read(write(files, tmp_path)).bodies[0]
-    proper_one = dataclasses.replace(body, mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
-    assert proper(proper_one)
-    assert not proper(dataclasses.replace(proper_one, mass=0.0))
-    assert not proper(dataclasses.replace(proper_one, inertia=(0.0, 1.0, 1.0, 0.0, 0.0, 0.0)))
-    assert not proper(dataclasses.replace(proper_one, inertia=(1.0, 1.0, 3.0, 0.0, 0.0, 0.0)))
+    proper_single = dataclasses.replace(body, mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    assert proper(proper_single)
+    assert not proper(dataclasses.replace(proper_single, mass=0.0))
+    assert not proper(dataclasses.replace(proper_single, inertia=(0.0, 1.0, 1.0, 0.0, 0.0, 0.0)))
+    assert not proper(dataclasses.replace(proper_single, inertia=(1.0, 1.0, 3.0, 0.0, 0.0, 0.0)))
 
 
 def test_a_missing_library_is_named():
@@ -257,6 +257,6 @@ def test_a_fixed_body_without_mass_has_no_centre_and_no_moments(load_files):
     floor, *others = world.bodies
     floor = dataclasses.replace(floor, inertial=Inertial(0.0, (-0.1, 0.0, 0.07), (0.05, 0.06, 0.03, 0.0, 0.0, 0.0)))
     world = dataclasses.replace(world, bodies=(floor, *others))
-    held = load_files(Gazebo, compile_world(world, ["gazebo"])["gazebo"].files).read_back()
-    (check,) = inventory_checks(Gazebo.expected_inventory(world, held.neutral), held.inventory)
+    back = load_files(Gazebo, compile_world(world, ["gazebo"])["gazebo"].files).read_back()
+    (check,) = inventory_checks(Gazebo.expected_inventory(world, back.neutral), back.inventory)
     assert check.passed, check.detail

@@ -75,14 +75,14 @@ def test_a_tower_of_ten_cubes_stands(load):
 @pytest.mark.parametrize("kind", KINDS)
 def test_hulls_overlap_where_coal_says(kind, load):
     world = worlds.shapes_world(("mesh", kind))
-    floor, one, other = world.bodies
+    floor, entry, other = world.bodies
     if kind == "mesh":  # of the same size as the first
         shapes = tuple(dataclasses.replace(shape, name=f"other_{shape.name}") for shape in other.shapes)
         other = dataclasses.replace(other, name="other", model="other", shapes=shapes)
         other = dataclasses.replace(other, joint=dataclasses.replace(other.joint, name="other_joint"))
-    shapes = [dataclasses.replace(body.shapes[0], pose=Pose()) for body in (one, other)]
+    shapes = [dataclasses.replace(body.shapes[0], pose=Pose()) for body in (entry, other)]
     inertial = Inertial(1.0, inertia=(0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
-    pairs = zip((one, other), shapes, strict=True)
+    pairs = zip((entry, other), shapes, strict=True)
     moving = [dataclasses.replace(body, shapes=(shape,), inertial=inertial) for body, shape in pairs]
     world = dataclasses.replace(world, bodies=(floor, *moving))
     _, first, second = solids(world)
@@ -93,8 +93,8 @@ def test_hulls_overlap_where_coal_says(kind, load):
         for _ in range(40):
             middle = 0.5 * (low + high)
             places = Pose((0.0, 0.0, 9.0), turns[0]), Pose((middle, 0.0, 9.0), turns[1])
-            apart = gap(first, transform(places[0]), second, transform(places[1])).distance
-            low, high = (middle, high) if apart < 0.0 else (low, middle)
+            distance = gap(first, transform(places[0]), second, transform(places[1])).distance
+            low, high = (middle, high) if distance < 0.0 else (low, middle)
         found = []
         for away in (middle - 1e-5, middle + 1e-5):
             q = np.array([0.0, 0.0, 9.0, *turns[0], away, 0.0, 9.0, *turns[1]])
@@ -106,9 +106,9 @@ def test_hulls_overlap_where_coal_says(kind, load):
 def test_every_vertex_is_held_to_the_last_bit_and_contact_can_be_switched_off(load):
     world = worlds.shapes_world(("mesh", "box"))
     engine = load(world)
-    held = engine.read_back().bodies[1].shapes[0]
-    assert held.kind == "mesh"
-    assert held.size == world.bodies[1].shapes[0].size
+    shape = engine.read_back().bodies[1].shapes[0]
+    assert shape.kind == "mesh"
+    assert shape.size == world.bodies[1].shapes[0].size
     engine.disable_contact()
     engine.step(2000)
     assert engine.get_state()[0][2] < -10.0, "it falls through the floor"

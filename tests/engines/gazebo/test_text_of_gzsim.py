@@ -26,13 +26,13 @@ def test_the_text_of_gzsim_makes_the_same_bodies_in_gazebo(tmp_path, monkeypatch
     world = accepting(world_of(ARMS), "gazebo")
     compiled = compile_world(world, ["gazebo"])["gazebo"]
     write_folder(compiled.files, tmp_path)
-    held = []
+    values = []
     for plan in (Plan, OfGzSim):
         monkeypatch.setattr("simspec.engines.gazebo.simulation.Plan", plan)
         engine = Gazebo()
         engine.load(tmp_path, json.loads(compiled.files["sidecar.json"]))
         engine.step(3)
         state = np.concatenate(engine.get_state())
-        held.append(np.concatenate([engine.mass_matrix().ravel(), engine.bias_force(), state]))
+        values.append(np.concatenate([engine.mass_matrix().ravel(), engine.bias_force(), state]))
         engine.close()
-    assert held[1] == pytest.approx(held[0], rel=1e-12, abs=1e-12)
+    assert values[1] == pytest.approx(values[0], rel=1e-12, abs=1e-12)

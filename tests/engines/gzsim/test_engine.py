@@ -31,8 +31,8 @@ STAND_IN = Path(__file__).parent / "stand_in"
 def looked_anew():
     bindings._all.cache_clear()
     yield
-    for one in (bindings._all, bindings.bindings):
-        one.cache_clear()
+    for entry in (bindings._all, bindings.bindings):
+        entry.cache_clear()
 
 
 @pytest.fixture
@@ -111,12 +111,12 @@ def test_a_state_that_was_set_before_is_told_anew(stand_in, tmp_path):
         engine.set_state(q, v)
         engine.step(1, np.array([0.0, 0.0, push, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
         ends.append(engine.get_state()[1])
-    told = []
+    values = []
     for rate in (1.0, 2.0):
         engine.set_state(q, v + rate)
-        told.append(engine.body_states()[1])
+        values.append(engine.body_states()[1])
     engine.close()
-    assert told[1] == pytest.approx(2.0 * told[0], rel=1e-9, abs=1e-12)
+    assert values[1] == pytest.approx(2.0 * values[0], rel=1e-9, abs=1e-12)
     assert np.abs(ends[1] - ends[0]).max() > 5e-5
 
 
@@ -140,9 +140,9 @@ def test_without_it_the_files_alone_are_proven(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     for words in (("install", "gzsim"), ("doctor", "gzsim")):
         assert cli.main(["engines", *words]) == EXIT_ENGINE
-        told = " ".join(capsys.readouterr().out.split())
-        assert bindings.FOLDER in told
-        assert "Python bindings" in told
+        text = " ".join(capsys.readouterr().out.split())
+        assert bindings.FOLDER in text
+        assert "Python bindings" in text
     certificate = verify(world_of(PENDULUM), ["gzsim"])
     (proof,) = certificate.engines.values()
     assert ({check.level for check in proof.checks}, proof.passed, proof.valid) == ({"L0"}, True, False)
@@ -178,8 +178,8 @@ def test_bindings_that_cannot_be_used_are_not_taken(stand_in, tmp_path, file, sa
 )
 def test_what_is_wrong_with_it_is_named(stand_in, fault, said):
     stand_in(fault)
-    (told,) = [line for line in failures(world_of(PENDULUM)) if line.startswith("L1 engine")]
-    assert said in told
+    (text,) = [line for line in failures(world_of(PENDULUM)) if line.startswith("L1 engine")]
+    assert said in text
 
 
 def test_one_that_hangs_is_ended_at_its_deadline(stand_in):

@@ -91,8 +91,8 @@ def test_whatever_else_is_changed_in_the_live_engine_is_seen(change, load):
     world = scene(ball("ball", (0.0, 0.0, 0.1)), law=(0.5, 0.5))
     engine = load(world)
     change(engine._simulation)
-    held = engine.read_back()
-    (check,) = inventory_checks(PhysX.expected_inventory(world, held.neutral), held.inventory, PRECISIONS["single"])
+    back = engine.read_back()
+    (check,) = inventory_checks(PhysX.expected_inventory(world, back.neutral), back.inventory, PRECISIONS["single"])
     assert not check.passed
 
 
@@ -110,8 +110,8 @@ def test_any_relation_of_few_kinds_is_told_by_bits(seed):
         return table[min(kind[one], kind[other]), max(kind[one], kind[other])]
 
     found = kinds(keys, meet)
-    for one, other in itertools.combinations_with_replacement(keys, 2):
-        assert touches((*found[one], 0, 0), (*found[other], 0, 0)) == meet(one, other)
+    for index, other in itertools.combinations_with_replacement(keys, 2):
+        assert touches((*found[index], 0, 0), (*found[other], 0, 0)) == meet(index, other)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -154,8 +154,8 @@ def test_the_torque_that_is_given_makes_the_term_of_physx_that_of_the_law():
     found = turns(np.arange(count), turn, spin, torque, tensors, dt)
     begins = np.einsum("nij,nj->ni", tensors, spin)
     given = begins + dt * found.torque
-    own = np.linalg.solve(tensors, given[..., None])[..., 0]
-    turned = given - dt * np.cross(own, given)
+    values = np.linalg.solve(tensors, given[..., None])[..., 0]
+    turned = given - dt * np.cross(values, given)
     made = turned * np.linalg.norm(given, axis=1, keepdims=True) / np.linalg.norm(turned, axis=1, keepdims=True)
     assert made == pytest.approx(begins + dt * (torque - np.cross(spin, begins)), abs=1e-12)
     assert np.einsum("nij,nj->ni", tensors, found.spin) == pytest.approx(made, abs=1e-12)
@@ -206,9 +206,9 @@ def test_an_overlap_is_left_by_the_common_law_from_the_first_step_on(timestep, l
 
 @installed
 def test_every_two_materials_have_their_own_law_by_copies(load):
-    still = (0.0, 1.0, *[0.0] * 4)
+    static = (0.0, 1.0, *[0.0] * 4)
     size = (0.2, 0.2, 0.2)
-    boxes = [ball(name, (float(row), 0.0, 0.1), still, "box", size, name) for row, name in enumerate("abc")]
+    boxes = [ball(name, (float(row), 0.0, 0.1), static, "box", size, name) for row, name in enumerate("abc")]
     world = scene(*boxes)
     mu = {"a": 0.2, "b": 0.4, "c": 0.7}
     pairs = tuple(
@@ -219,7 +219,7 @@ def test_every_two_materials_have_their_own_law_by_copies(load):
     assert len(engine._simulation.built.shapes) > 4
     engine.step(100)
     speeds = engine.get_state()[1].reshape(3, 6)[:, 1]
-    assert speeds == pytest.approx([1.0 - one * GRAVITY * 0.1 for one in mu.values()], abs=1e-4)
+    assert speeds == pytest.approx([1.0 - value * GRAVITY * 0.1 for value in mu.values()], abs=1e-4)
 
 
 @installed
@@ -254,8 +254,8 @@ def test_what_falls_a_little_comes_to_rest_at_any_timestep(restitution, timestep
 def test_what_approaches_slower_than_the_threshold_does_not_bounce(load):
     speeds = []
     for speed in (0.4, 0.6):
-        one = ball("ball", (0.0, 0.0, 0.1001), (0.0, 0.0, -speed, *[0.0] * 3))
-        engine = load(scene(one, law=(0.0, 0.5), restitution_threshold=0.5))
+        entry = ball("ball", (0.0, 0.0, 0.1001), (0.0, 0.0, -speed, *[0.0] * 3))
+        engine = load(scene(entry, law=(0.0, 0.5), restitution_threshold=0.5))
         engine.step(3)
         speeds.append(engine.get_state()[1][2])
     assert speeds[0] == pytest.approx(0.0, abs=0.02)
@@ -271,8 +271,8 @@ def test_states_that_are_set_forget_and_states_that_are_moved_to_do_not(load):
     q, v = engine.get_state()
     fresh.set_state(q, v)
     engine.set_state(q, v)
-    for one in (engine, fresh):
-        one.step(5)
+    for entry in (engine, fresh):
+        entry.step(5)
     assert engine.get_state()[1].tobytes() == fresh.get_state()[1].tobytes()
     engine.move_to(q, v)
     assert engine.get_state()[0] == pytest.approx(q, abs=1e-7)
@@ -282,12 +282,12 @@ def test_states_that_are_set_forget_and_states_that_are_moved_to_do_not(load):
 def test_asking_what_touches_changes_nothing(load):
     size = (0.2, 0.2, 0.2)
     bodies = [ball(str(row), (0.01 * row, 0.0, 0.1 + 0.199 * row), kind="box", size=size) for row in range(4)]
-    asked, quiet = load(scene(*bodies)), load(scene(*bodies))
+    requested, quiet = load(scene(*bodies)), load(scene(*bodies))
     for _ in range(5):
-        asked.step(10)
+        requested.step(10)
         quiet.step(10)
-        assert 3 <= len(asked.detect_units()) <= 4
-    assert [part.tobytes() for part in asked.get_state()] == [part.tobytes() for part in quiet.get_state()]
+        assert 3 <= len(requested.detect_units()) <= 4
+    assert [part.tobytes() for part in requested.get_state()] == [part.tobytes() for part in quiet.get_state()]
 
 
 @installed

@@ -46,9 +46,9 @@ def test_what_physx_leaves_out_is_known_beforehand():
     material = physx.PhysxMaterial(0.0, 0.0, 0.0)
     kept, refused_for_nothing = 0, 0
     for size in many(120):
-        told = (SCALE * np.array(size)).astype(np.float32).reshape(-1, 3)
-        held = physx.PhysxCollisionShapeConvexMesh(told, np.ones(3, dtype=np.float32), material).vertices
-        whole = sorted(held.tolist()) == sorted(told.tolist())
+        reshape = (SCALE * np.array(size)).astype(np.float32).reshape(-1, 3)
+        vertices = physx.PhysxCollisionShapeConvexMesh(reshape, np.ones(3, dtype=np.float32), material).vertices
+        whole = sorted(vertices.tolist()) == sorted(reshape.tolist())
         if left_out(size) is None:
             assert whole
             kept += 1

@@ -56,8 +56,8 @@ def test_states_are_those_of_the_actors_in_their_own_order():
 @pytest.mark.parametrize("swapped", [(0, 1), (3, 4), (7, 10), (6, 7)])
 def test_another_layout_of_what_is_packed_is_refused(swapped):
     order = list(AS_SAPIEN)
-    one, other = swapped
-    order[one], order[other] = order[other], order[one]
+    entry, other = swapped
+    order[entry], order[other] = order[other], order[entry]
     actors = [actor(1), actor(2)]
     with pytest.raises(EngineError, match="packs states in another way"):
         Packed(system(actors, order), actors)
@@ -101,13 +101,13 @@ def contact(bodies, points):
 
 
 def test_the_deepest_overlap_of_each_pair_counts():
-    floor, one, two = Actor(), Actor(), Actor()
-    rows = {one: 0, two: 1}
+    floor, actor, two = Actor(), Actor(), Actor()
+    rows = {actor: 0, two: 1}
     found = depths(
         [
-            contact((two, one), [(-0.1, 0.0), (-0.3, 1.0)]),
-            contact((one, floor), [(-0.2, 1.0), (0.1, 0.0)]),
-            contact((one, two), [(-0.2, 1.0)]),
+            contact((two, actor), [(-0.1, 0.0), (-0.3, 1.0)]),
+            contact((actor, floor), [(-0.2, 1.0), (0.1, 0.0)]),
+            contact((actor, two), [(-0.2, 1.0)]),
             contact((floor, two), [(0.1, 0.0), (0.0, 0.0)]),
             contact((two, floor), []),
         ],
@@ -120,11 +120,11 @@ def test_the_deepest_overlap_of_each_pair_counts():
 
 
 def test_pressed_is_what_some_impulse_acts_on():
-    floor, one, two, three = (Actor() for _ in range(4))
-    rows = {one: 0, two: 1, three: 2}
+    floor, actor, two, three = (Actor() for _ in range(4))
+    rows = {actor: 0, two: 1, three: 2}
     contacts = [
-        contact((floor, one), [(-0.1, 0.0), (0.0, 0.0)]),
-        contact((one, two), [(0.0, 0.0), (0.0, -2.0)]),
+        contact((floor, actor), [(-0.1, 0.0), (0.0, 0.0)]),
+        contact((actor, two), [(0.0, 0.0), (0.0, -2.0)]),
         contact((three, two), [(-0.1, 0.0)]),
     ]
     assert pressed(contacts, rows, [0, 1, 2]) == {0, 1}

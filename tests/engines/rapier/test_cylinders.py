@@ -62,11 +62,11 @@ def test_cylinders_that_stand_on_each_other_feel_it_to_the_round_off(load_files)
     engine = loader(Rapier, load_files)(world)
     engine.set_state(np.concatenate([body.joint.position for body in stack]), np.zeros(18))
     engine.step(1)
-    told = engine.contacts()
+    contacts = engine.contacts()
     # the step's own fall, g·dt², beside single precision
-    assert told["distance"] == pytest.approx(np.full(len(told["distance"]), -1e-4), abs=1.2e-5)
-    assert np.abs(np.abs(told["normal"][:, 2]) - 1.0).max() < 1e-6
-    assert len(np.unique(told["position"][:, 2].round(2))) == 3, "each on what is below it"
+    assert contacts["distance"] == pytest.approx(np.full(len(contacts["distance"]), -1e-4), abs=1.2e-5)
+    assert np.abs(np.abs(contacts["normal"][:, 2]) - 1.0).max() < 1e-6
+    assert len(np.unique(contacts["position"][:, 2].round(2))) == 3, "each on what is below it"
 
 
 def alone():

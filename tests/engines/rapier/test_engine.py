@@ -91,16 +91,16 @@ def test_whatever_else_is_changed_in_the_live_engine_is_seen(change, load):
     engine = load(world)
     sim = engine._simulation
     change(sim.world, sim.bodies[0], sim.world.colliders[sim.built.colliders[1]])
-    held = engine.read_back()
-    (check,) = inventory_checks(Rapier.expected_inventory(world, held.neutral), held.inventory, PRECISIONS["single"])
+    back = engine.read_back()
+    (check,) = inventory_checks(Rapier.expected_inventory(world, back.neutral), back.inventory, PRECISIONS["single"])
     assert not check.passed
 
 
 def test_a_mass_of_what_cannot_move_is_seen(load):
     world = scene(ball("ball", (0.0, 0.0, 0.1)))
     engine = load(world, lambda content, sidecar: of("floor")(content).update(mass=0.01))
-    held = engine.read_back()
-    (check,) = inventory_checks(Rapier.expected_inventory(world, held.neutral), held.inventory, PRECISIONS["single"])
+    back = engine.read_back()
+    (check,) = inventory_checks(Rapier.expected_inventory(world, back.neutral), back.inventory, PRECISIONS["single"])
     assert not check.passed
     assert "floor.mass" in check.detail or "floor.mass" in check.where
 
@@ -112,7 +112,7 @@ def test_every_two_materials_have_their_own_law(load):
         for row, name in enumerate("abc")
     ]
     boxes = [
-        dataclasses.replace(one, joint=dataclasses.replace(one.joint, velocity=(0.0, 1.0, *[0.0] * 4))) for one in boxes
+        dataclasses.replace(box, joint=dataclasses.replace(box.joint, velocity=(0.0, 1.0, *[0.0] * 4))) for box in boxes
     ]
     world = scene(*boxes)
     mu = {"a": 0.2, "b": 0.4, "c": 0.7}
@@ -123,7 +123,7 @@ def test_every_two_materials_have_their_own_law(load):
     engine = load(dataclasses.replace(world, contact=dataclasses.replace(world.contact, pairs=pairs)))
     engine.step(100)
     speeds = engine.get_state()[1].reshape(3, 6)[:, 1]
-    assert speeds == pytest.approx([1.0 - one * GRAVITY * 0.1 for one in mu.values()], abs=1e-4)
+    assert speeds == pytest.approx([1.0 - value * GRAVITY * 0.1 for value in mu.values()], abs=1e-4)
     assert load(world)._simulation.built.laws.uniform == (0.5, 0.0, 0.0)
     assert engine._simulation.built.laws.uniform is None
 
@@ -162,8 +162,8 @@ def test_states_that_are_set_forget_and_states_that_are_moved_to_do_not(load):
     q, v = engine.get_state()
     fresh.set_state(q, v)
     engine.set_state(q, v)
-    for one in (engine, fresh):
-        one.step(1)
+    for entry in (engine, fresh):
+        entry.step(1)
     assert engine.get_state()[1].tobytes() == fresh.get_state()[1].tobytes()
     engine.move_to(q, v)
     assert engine.get_state()[0] == pytest.approx(q, abs=1e-7)
@@ -258,19 +258,19 @@ def test_inertias_are_held_whatever_shapes_there_are(edges, axes, kinds, size, l
     body = dataclasses.replace(ball("body", (0.0, 0.0, 1.0)), inertial=Inertial(0.125, inertia=inertia), shapes=shapes)
     engine = load(scene(body))
 
-    def held():
-        return next(one for one in engine.read_back().bodies if one.name == "body").inertial.inertia
+    def actual():
+        return next(body for body in engine.read_back().bodies if body.name == "body").inertial.inertia
 
     near = pytest.approx(inertia, rel=3e-7, abs=3e-7 * max(moments))
-    assert held() == near
+    assert actual() == near
     engine.step(3)
-    assert held() == near
+    assert actual() == near
     engine.set_state(*engine.get_state())
     engine.step(1)
-    assert held() == near
+    assert actual() == near
     engine.disable_contact()
     engine.step(1)
-    assert held() == near
+    assert actual() == near
 
 
 def test_a_box_on_a_table_is_not_thrown_through_it(load):
@@ -295,6 +295,6 @@ def test_a_fixed_body_without_mass_may_have_moments(load):
         inertial=Inertial(0.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),
     )
     world = scene(ground, ball("ball", (0.0, 0.0, 1.0)))
-    held = load(world).read_back()
-    (check,) = inventory_checks(Rapier.expected_inventory(world, held.neutral), held.inventory, PRECISIONS["single"])
+    back = load(world).read_back()
+    (check,) = inventory_checks(Rapier.expected_inventory(world, back.neutral), back.inventory, PRECISIONS["single"])
     assert check.passed, check.detail

@@ -47,9 +47,9 @@ def test_hulls_of_all_forms_are_held():
     from simspec.engines.rapier.building import convex
 
     for size in many(60):
-        told = np.array(size).astype(np.float32).reshape(-1, 3)
-        held = convex(rapier3d, "hull", size).build().shape.as_convex_polyhedron()
-        assert np.array_equal(held.points, told)
+        reshape = np.array(size).astype(np.float32).reshape(-1, 3)
+        actual = convex(rapier3d, "hull", size).build().shape.as_convex_polyhedron()
+        assert np.array_equal(actual.points, reshape)
 
 
 @installed
@@ -105,9 +105,9 @@ def test_overlaps_are_told_as_deep_as_they_are(kind, load):
         "mesh": PLAIN[1],
     }
     hull = solid("hull", PLAIN[0], (0.0, 0.0, 1.0))
-    beside = [] if kind == "plane" else [ball("other", (0.0, 0.0, 9.0), kind=kind, size=other[kind])]
-    world = scene(hull, *beside)
-    world = accepted(without_floor(world)) if beside else world
+    alongside = [] if kind == "plane" else [ball("other", (0.0, 0.0, 9.0), kind=kind, size=other[kind])]
+    world = scene(hull, *alongside)
+    world = accepted(without_floor(world)) if alongside else world
     for _, depth, _, _ in overlaps(load(world), world, 40, seed=8):
         assert depth is not None
         # Rapier's cylinders are off where they meet others by their rims, boxes as well as hulls

@@ -115,9 +115,9 @@ def test_the_command_says_so_and_ends_with_the_code_of_a_missing_engine(tmp_path
 
 def test_json_says_so(tmp_path, capsys):
     code, said = run(tmp_path, capsys, SPEC, ["webots"], as_json=True)
-    told = json.loads(said)
-    assert (code, told["valid"]) == (EXIT_ENGINE, False)
-    assert set(told["certificate"]["engines"]["webots"]["not_checked"]) >= {"L1", "L2", "L3", "L4", "L6"}
+    content = json.loads(said)
+    assert (code, content["valid"]) == (EXIT_ENGINE, False)
+    assert set(content["certificate"]["engines"]["webots"]["not_checked"]) >= {"L1", "L2", "L3", "L4", "L6"}
 
 
 def test_a_defect_beside_it_is_a_failure_and_no_missing_engine(tmp_path, capsys, monkeypatch):
@@ -177,8 +177,8 @@ def test_what_webots_keeps_apart_is_known(world, apart):
 def test_what_is_kept_apart_is_told_with_the_approximation():
     world = accepting(arm("fixed", "hinge"), "webots")
     compiled = compile_world(world, ["webots"])["webots"]
-    (told,) = [one.how for one in compiled.decisions if one.feature.value == "joint.hinge"]
-    assert "'b1' never touches 'floor', since Webots passes over what joints join" in told
+    (text,) = [decision.how for decision in compiled.decisions if decision.feature.value == "joint.hinge"]
+    assert "'b1' never touches 'floor', since Webots passes over what joints join" in text
 
 
 def test_bodies_that_no_joint_joins_cannot_be_kept_apart():

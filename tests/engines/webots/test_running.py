@@ -46,8 +46,8 @@ COMPILER = shutil.which("cc")
 
 def states_of(world, folder):
     write_folder(compile_world(world, ["webots"])["webots"].files, folder)
-    told = WebotsSidecar.of(read_sidecar(folder))
-    return States(Wbt().read(folder), told), told
+    sidecar = WebotsSidecar.of(read_sidecar(folder))
+    return States(Wbt().read(folder), sidecar), sidecar
 
 
 def elsewhere(states, seed=1):
@@ -65,34 +65,34 @@ def elsewhere(states, seed=1):
 @pytest.mark.parametrize("name", sorted(WORLDS))
 def test_a_file_begins_in_the_state_that_it_was_written_for(name, tmp_path):
     """Read by the independent reader, which finds rates and places from the bodies'."""
-    states, told = states_of(WORLDS[name], tmp_path)
+    states, given = states_of(WORLDS[name], tmp_path)
     q, v = elsewhere(states)
-    names = [body.name for body in told.bodies]
-    turns = {start.body: tuple(q[states.layout.position[names.index(start.body)]]) for start in told.starts}
-    starts = tuple(dataclasses.replace(start, turn=turns[start.body]) for start in told.starts)
-    held = raised(parse(states.text(q, v, True, ()), "world.wbt"), dataclasses.replace(told, starts=starts))
-    found = initial_state(World("", held.bodies))
+    names = [body.name for body in given.bodies]
+    turns = {start.body: tuple(q[states.layout.position[names.index(start.body)]]) for start in given.starts}
+    starts = tuple(dataclasses.replace(start, turn=turns[start.body]) for start in given.starts)
+    back = raised(parse(states.text(q, v, True, ()), "world.wbt"), dataclasses.replace(given, starts=starts))
+    found = initial_state(World("", back.bodies))
     np.testing.assert_allclose(found[0], q, atol=1e-14)
     np.testing.assert_allclose(found[1], v, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", sorted(WORLDS))
 def test_the_initial_state_is_the_file_as_it_was(name, tmp_path):
-    states, told = states_of(WORLDS[name], tmp_path)
-    again = raised(parse(states.text(*states.initial(), True, ()), "world.wbt"), told)
-    for one, other in zip(again.bodies, states.held.bodies, strict=True):
-        assert (one.name, one.shapes, one.inertial) == (other.name, other.shapes, other.inertial)
+    states, given = states_of(WORLDS[name], tmp_path)
+    again = raised(parse(states.text(*states.initial(), True, ()), "world.wbt"), given)
+    for body, other in zip(again.bodies, states.held.bodies, strict=True):
+        assert (body.name, body.shapes, body.inertial) == (other.name, other.shapes, other.inertial)
     assert again.laws == states.held.laws
 
 
 def test_contact_and_dry_friction_are_switched_off_in_the_file(tmp_path):
     states, _ = states_of(WORLDS["dry friction"], tmp_path)
-    rubbing = [row for row, body in enumerate(states.world.bodies) if body.joint.dry_friction]
-    text = states.text(*states.initial(), False, rubbing[:1])
+    friction = [row for row, body in enumerate(states.world.bodies) if body.joint.dry_friction]
+    text = states.text(*states.initial(), False, friction[:1])
     solids = [node for node in parse(text, "world.wbt").walk() if node.kind == "Solid"]
     assert {node.node("boundingObject") for node in solids} == {None}
     rough = [node for node in parse(text, "world.wbt").walk() if any(f.name == "staticFriction" for f in node.fields)]
-    assert sum(node.number("staticFriction") > 0.0 for node in rough) == len(rubbing) - 1
+    assert sum(node.number("staticFriction") > 0.0 for node in rough) == len(friction) - 1
 
 
 # --- an installation ----------------------------------------------------------------------------------------------------
@@ -193,21 +193,21 @@ def test_one_on_the_path_is_found(home, monkeypatch, tmp_path):
 def test_what_it_holds_is_read_and_where_things_are(begun, name):
     world = WORLDS[name]
     session = begun(world)
-    held = session.read_back()
+    back = session.read_back()
     states = session.lend()._simulation.states
-    for one, other in zip(held.bodies, states.held.bodies, strict=True):
-        assert (one.name, one.inertial, one.shapes) == (other.name, other.inertial, other.shapes)
-    assert (held.laws, held.timestep) == (states.held.laws, states.held.timestep)
+    for entry, other in zip(back.bodies, states.held.bodies, strict=True):
+        assert (entry.name, entry.inertial, entry.shapes) == (other.name, other.inertial, other.shapes)
+    assert (back.laws, back.timestep) == (states.held.laws, states.held.timestep)
     q, v = elsewhere(states)
     for wanted in (states.initial(), (q, v)):
         session.set_state(*wanted)
         found = session.get_state()
         np.testing.assert_allclose(found[0], wanted[0], atol=1e-12)
         np.testing.assert_allclose(found[1], wanted[1], atol=1e-12)
-    bodies = tuple(states._placed(row, q, v) for row in range(len(held.bodies)))
+    bodies = tuple(states._placed(row, q, v) for row in range(len(back.bodies)))
     placed = poses(dataclasses.replace(states.world, bodies=bodies))
     found = session.body_states()[0]
-    np.testing.assert_allclose(found[:, :3], [placed[body.name].position for body in held.bodies], atol=1e-12)
+    np.testing.assert_allclose(found[:, :3], [placed[body.name].position for body in back.bodies], atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["model", "ball joint", "dry friction", "lifted"])
@@ -220,15 +220,17 @@ def test_it_moves_as_ode_does_by_its_own_steps(begun, name, tmp_path):
     session.disable_contact()
     session.step(steps, effort)
     options = EngineOptions("ode", (("native_motion", True),), tuple(feature.value for feature in Feature))
-    own = dataclasses.replace(world, engines=(*(one for one in world.engines if one.engine != "ode"), options))
-    write_folder(compile_world(own, ["ode"])["ode"].files, tmp_path / "ode")
+    local = dataclasses.replace(
+        world, engines=(*(engine for engine in world.engines if engine.engine != "ode"), options)
+    )
+    write_folder(compile_world(local, ["ode"])["ode"].files, tmp_path / "ode")
     with Session(Ode, tmp_path / "ode") as twin:
         start = twin.get_state()
         twin.disable_contact()
         twin.step(steps, effort)
-        for one, other, first in zip(session.get_state(), twin.get_state(), start, strict=True):
+        for entry, other, first in zip(session.get_state(), twin.get_state(), start, strict=True):
             assert np.abs(other - first).max() > 1e-3
-            np.testing.assert_allclose(one, other, atol=1e-7)
+            np.testing.assert_allclose(entry, other, atol=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -262,8 +264,8 @@ def test_what_it_says_is_told(begun, monkeypatch):
     monkeypatch.setenv("STAND_IN", "newer")
     session = begun(WORLDS["lifted"])
     session.read_back()
-    strange, warning = session.log()
-    assert strange == "Webots has Solid.colour, which is not compared"
+    unexpected, warning = session.log()
+    assert unexpected == "Webots has Solid.colour, which is not compared"
     assert "could not listen on port" in warning
 
 
@@ -273,7 +275,7 @@ def test_nothing_of_it_is_left(begun):
     programs = session.lend()._simulation.live()._programs
     session.close()
     assert len(programs) == 2
-    assert all(one.returncode is not None for one in programs)
+    assert all(program.returncode is not None for program in programs)
 
 
 # --- through simspec ----------------------------------------------------------------------------------------------------
@@ -293,9 +295,9 @@ def test_what_is_read_back_is_its_own(begun, monkeypatch):
     """And not the file's."""
     monkeypatch.setenv("STAND_IN", "mass")
     session = begun(WORLDS["lifted"])
-    held = session.read_back()
-    for one, other in zip(held.bodies, session.lend()._simulation.states.held.bodies, strict=True):
-        assert one.inertial.mass == pytest.approx(1.001 * other.inertial.mass, rel=1e-12)
+    back = session.read_back()
+    for body, other in zip(back.bodies, session.lend()._simulation.states.held.bodies, strict=True):
+        assert body.inertial.mass == pytest.approx(1.001 * other.inertial.mass, rel=1e-12)
 
 
 def test_a_run_is_a_run(home, tmp_path, monkeypatch, capsys):

@@ -116,15 +116,21 @@ def said(world):
 def constraints_of(world):
     """Constraints without what follows from the rest: the name of one that follows, and to 1e-9 m the place of a loop in its
     first body."""
-    held = {}
-    for one in world.constraints:
-        if isinstance(one, Follow):
-            held[one.joint] = dataclasses.replace(one, name="")
-        elif isinstance(one, Connect):
-            held[one.name] = dataclasses.replace(one, first_point=tuple(np.round(one.first_point, 9) + 0.0))
+    follows = {}
+    for constraint in world.constraints:
+        if isinstance(constraint, Follow):
+            follows[constraint.joint] = dataclasses.replace(constraint, name="")
+        elif isinstance(constraint, Connect):
+            follows[constraint.name] = dataclasses.replace(
+                constraint, first_point=tuple(np.round(constraint.first_point, 9) + 0.0)
+            )
         else:
-            held[one.name] = (one.first, one.second, tuple(np.round(one.pose.position, 9) + 0.0))
-    return held
+            follows[constraint.name] = (
+                constraint.first,
+                constraint.second,
+                tuple(np.round(constraint.pose.position, 9) + 0.0),
+            )
+    return follows
 
 
 LOST_FILTERS = {Feature.EXCLUDED_PAIRS.value, Feature.COLLISION_GROUPS.value, Feature.PASSING_PAIRS.value}
@@ -189,9 +195,9 @@ def test_what_a_file_cannot_say_of_constraints_is_listed(tmp_path):
     other = dataclasses.replace(other, joint=dataclasses.replace(other.joint, name=follow.joint))
     world = dataclasses.replace(base, bodies=(*bodies, other), constraints=(follow, away))
     plain = Sdf().plain(world)
-    told = {loss.feature: loss.how for loss in plain.losses}
-    assert "open where all joints are at zero" in told[Feature.CONSTRAINT_LOOP.value]
-    assert "two models" in told[Feature.CONSTRAINT_COUPLING.value]
+    given = {loss.feature: loss.how for loss in plain.losses}
+    assert "open where all joints are at zero" in given[Feature.CONSTRAINT_LOOP.value]
+    assert "two models" in given[Feature.CONSTRAINT_COUPLING.value]
     assert "mimic" not in plain.files[WORLD]
     assert "latch" not in plain.files[WORLD]
 

@@ -92,16 +92,16 @@ def test_bodies_have_the_same_mass_properties_and_places(read, name):
     bodies = moving(world)
     assert theirs.keys() == {paths[body.name] for body in bodies}
     for body in bodies:
-        held, inertial = theirs[paths[body.name]], body.inertial
-        assert held["mass"] == pytest.approx(max(inertial.mass, SMALLEST_MASS), rel=SINGLE)
-        assert near(inertial.centre_of_mass, held["com"])
+        actual, inertial = theirs[paths[body.name]], body.inertial
+        assert actual["mass"] == pytest.approx(max(inertial.mass, SMALLEST_MASS), rel=SINGLE)
+        assert near(inertial.centre_of_mass, actual["com"])
         xx, yy, zz, xy, xz, yz = inertial.inertia
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if not tensor.any():
             tensor = SMALLEST_MOMENT * np.eye(3)
-        assert near(tensor, np.reshape(held["inertia"], (3, 3)), scale=1e-9)
-        assert near(placed[body.name].position, held["place"][:3])
-        x, y, z, w = held["place"][3:]
+        assert near(tensor, np.reshape(actual["inertia"], (3, 3)), scale=1e-9)
+        assert near(placed[body.name].position, actual["place"][:3])
+        x, y, z, w = actual["place"][3:]
         assert abs(np.dot((w, x, y, z), placed[body.name].quaternion)) == pytest.approx(1.0, abs=SINGLE)
 
 
@@ -113,24 +113,24 @@ def test_joints_have_the_same_frames_axes_limits_and_drives(read, name):
         joint = body.joint
         if joint.kind == "free":
             continue
-        held = theirs[where.joints[body.name]]
-        assert held["type"] == KINDS[joint.kind]
-        assert held["child"] == where.bodies[body.name]
-        assert held["parent"] == (None if joint.parent is None else where.bodies[joint.parent])
-        assert near(joint.origin.position, held["in_parent"][:3])
+        their = theirs[where.joints[body.name]]
+        assert their["type"] == KINDS[joint.kind]
+        assert their["child"] == where.bodies[body.name]
+        assert their["parent"] == (None if joint.parent is None else where.bodies[joint.parent])
+        assert near(joint.origin.position, their["in_parent"][:3])
         if joint.kind not in ("hinge", "slide"):
             continue
-        x, y, z, w = held["in_parent"][3:]
-        (axis,) = held["axes"]
+        x, y, z, w = their["in_parent"][3:]
+        (axis,) = their["axes"]
         assert near(frames.rotate(joint.origin.quaternion, joint.axis), frames.rotate((w, x, y, z), tuple(axis)))
         lower, upper = joint.position_limits or (-1e9, 1e9)
         if joint.position_limits is None:
-            assert held["lower"][0] <= lower
-            assert held["upper"][0] >= upper
+            assert their["lower"][0] <= lower
+            assert their["upper"][0] >= upper
         else:
-            assert near((lower, upper), (held["lower"][0], held["upper"][0]))
-        assert near(joint.spring_stiffness, held["stiffness"][0])
-        assert near(joint.damping, held["damping"][0])
+            assert near((lower, upper), (their["lower"][0], their["upper"][0]))
+        assert near(joint.spring_stiffness, their["stiffness"][0])
+        assert near(joint.damping, their["damping"][0])
 
 
 def test_axes_of_one_joint_stand_in_the_order_of_the_spec(read):
@@ -151,22 +151,22 @@ def test_shapes_have_the_same_sizes_and_friction(read, name):
     for body in world.bodies:
         for shape in body.shapes:
             base = f"{body.model}/" if body.name.startswith(f"{body.model}/") else ""
-            held = theirs.get(f"{where.bodies[body.name]}/{shape.name.removeprefix(base)}")
-            if held is None:
+            their = theirs.get(f"{where.bodies[body.name]}/{shape.name.removeprefix(base)}")
+            if their is None:
                 assert not shape.collision, f"newton holds no shape {shape.name}"
                 continue
             seen += 1
             if shape.kind == "mesh":
-                assert held["type"] in HULLS
-                assert held["points"] == len(shape.size) // 3
+                assert their["type"] in HULLS
+                assert their["points"] == len(shape.size) // 3
                 continue
-            assert held["type"] == SHAPES[shape.kind]
+            assert their["type"] == SHAPES[shape.kind]
             if shape.kind != "plane":
                 half = {"sphere": 1.0, "box": 0.5}.get(shape.kind)
                 size = [half * value for value in shape.size] if half else [shape.size[0], 0.5 * shape.size[1]]
-                assert near(size, held["scale"][: len(size)])
+                assert near(size, their["scale"][: len(size)])
             if shape.collision:
-                assert held["friction"] == pytest.approx(laws[shape.material].friction, rel=SINGLE)
+                assert their["friction"] == pytest.approx(laws[shape.material].friction, rel=SINGLE)
     assert seen
 
 

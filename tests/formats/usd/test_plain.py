@@ -205,18 +205,18 @@ def test_usd_cores_own_reader_of_physics_finds_the_same(tmp_path, profile):
         found = UsdPhysics.LoadUsdPhysicsFromRange(Core.Stage.Open(str(path)), ["/"])
     bodies, placed = found[UsdPhysics.ObjectType.RigidBody], poses(world)
     assert len(bodies[0]) == len(world.bodies)
-    for place, told in zip(*bodies, strict=True):
+    for place, prim in zip(*bodies, strict=True):
         pose = placed[place.name]
-        assert list(told.position) == pytest.approx(pose.position, abs=1e-6)
-        turn = (told.rotation.real, *told.rotation.imaginary)
+        assert list(prim.position) == pytest.approx(pose.position, abs=1e-6)
+        turn = (prim.rotation.real, *prim.rotation.imaginary)
         assert abs(np.dot(turn, pose.quaternion)) == pytest.approx(1.0, abs=1e-6)
     joints = {body.joint.name: body.joint for body in world.bodies}
-    for place, told in zip(*found[UsdPhysics.ObjectType.RevoluteJoint], strict=True):
+    for place, prim in zip(*found[UsdPhysics.ObjectType.RevoluteJoint], strict=True):
         joint = joints[place.name]
-        assert told.limit.enabled == (joint.position_limits is not None)
+        assert prim.limit.enabled == (joint.position_limits is not None)
         if joint.position_limits is not None:
-            assert np.radians([told.limit.lower, told.limit.upper]) == pytest.approx(joint.position_limits, rel=1e-6)
-        assert list(told.localPose0Position) == pytest.approx(joint.origin.position, abs=1e-6)
+            assert np.radians([prim.limit.lower, prim.limit.upper]) == pytest.approx(joint.position_limits, rel=1e-6)
+        assert list(prim.localPose0Position) == pytest.approx(joint.origin.position, abs=1e-6)
 
 
 def test_what_is_lost_is_listed():

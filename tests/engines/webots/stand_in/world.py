@@ -108,28 +108,28 @@ class World:
         """One body of each group, at its centre of mass, with its inertia."""
         lib = self.lib
         for top in (solid for solid in self.solids.values() if solid.top is solid):
-            told = []
+            given = []
             for part in top.parts:
                 physics = part.node.node("physics")
                 if physics is None:
                     continue
                 xx, yy, zz, xy, xz, yz = physics.numbers("inertiaMatrix", 6)
                 tensor = part.turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ part.turn.T
-                told.append(
+                given.append(
                     (physics.number("mass"), part.place + part.turn @ physics.numbers("centerOfMass", 3), tensor)
                 )
-            mass = sum(one for one, _, _ in told)
-            top.centre = sum(one * at for one, at, _ in told) / mass
+            mass = sum(entry for entry, _, _ in given)
+            top.centre = sum(entry * at for entry, at, _ in given) / mass
             whole = np.zeros((3, 3))
-            for one, at, tensor in told:
+            for entry, at, tensor in given:
                 away = at - top.centre
-                whole += tensor + one * (away @ away * np.eye(3) - np.outer(away, away))
-            own = top.turn.T @ whole @ top.turn
-            held = (REAL * 32)()
+                whole += tensor + entry * (away @ away * np.eye(3) - np.outer(away, away))
+            local = top.turn.T @ whole @ top.turn
+            actual = (REAL * 32)()
             rows = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-            lib.dMassSetParameters(held, mass, 0.0, 0.0, 0.0, *(own[row] for row in rows))
+            lib.dMassSetParameters(actual, mass, 0.0, 0.0, 0.0, *(local[row] for row in rows))
             top.body = lib.dBodyCreate(self.world)
-            lib.dBodySetMass(top.body, held)
+            lib.dBodySetMass(top.body, actual)
             lib.dBodySetPosition(top.body, *top.centre)
             lib.dBodySetRotation(top.body, (REAL * 12)(*np.hstack([top.turn, np.zeros((3, 1))]).ravel()))
             lib.dBodySetLinearVel(top.body, *top.node.numbers("linearVelocity", 3))
@@ -139,22 +139,22 @@ class World:
         """The joint of a Solid."""
         if solid.joint is None:
             return
-        lib, told = self.lib, solid.joint.node("jointParameters")
+        lib, given = self.lib, solid.joint.node("jointParameters")
         kind = solid.joint.kind.removesuffix("Joint")
         made = getattr(lib, f"dJointCreate{kind}")(self.world, None)
         top = solid.above.top
         lib.dJointAttach(made, solid.body, top.body if top is not None else None)
         around = solid.above
         if kind != "Slider":
-            getattr(lib, f"dJointSet{kind}Anchor")(made, *(around.place + around.turn @ told.numbers("anchor", 3)))
+            getattr(lib, f"dJointSet{kind}Anchor")(made, *(around.place + around.turn @ given.numbers("anchor", 3)))
         if kind == "Ball":
             return
-        getattr(lib, f"dJointSet{kind}Axis")(made, *(around.turn @ told.numbers("axis", 3)))
-        set_one = getattr(lib, f"dJointSet{kind}Param")
-        low, high, at = told.number("minStop"), told.number("maxStop"), told.number("position")
+        getattr(lib, f"dJointSet{kind}Axis")(made, *(around.turn @ given.numbers("axis", 3)))
+        set_single = getattr(lib, f"dJointSet{kind}Param")
+        low, high, at = given.number("minStop"), given.number("maxStop"), given.number("position")
         for number, value in [(0, low - at), (1, high - at)] if low != high else []:
-            set_one(made, number, value)
-        set_one(made, F_MAX, told.number("staticFriction"))
+            set_single(made, number, value)
+        set_single(made, F_MAX, given.number("staticFriction"))
 
     # --- what is asked ------------------------------------------------------------------------------------------------
 

@@ -51,7 +51,7 @@ class _Components:
 
     def __init__(self, path):
         world = ET.parse(path).getroot().find("world")
-        assert [one.get("filename") for one in world.findall("plugin")] == ["gz-sim-physics-system"]
+        assert [element.get("filename") for element in world.findall("plugin")] == ["gz-sim-physics-system"]
         physics = world.find("physics")
         assert float(physics.find("real_time_factor").text) == 0.0
         self.gravity = _numbers(world.find("gravity").text)
@@ -104,7 +104,7 @@ class _Components:
             if kind != "fixed":
                 axis = joint.find("axis")
                 made = dataclasses.replace(made, axis=_numbers(axis.find("xyz").text), position=(0.0,), velocity=(0.0,))
-                said = {one.tag: float(one.text) for part in ("limit", "dynamics") for one in axis.find(part)}
+                said = {entry.tag: float(entry.text) for part in ("limit", "dynamics") for entry in axis.find(part)}
                 said.setdefault("effort", float("inf"))
                 self.axes[joint.get("name")] = JointAxis(Vector3d(*made.axis), said)
             yield Body(name, "m", mass, made, ())
@@ -115,9 +115,9 @@ class _Components:
     def _step(self):
         before = self.q
         self.q, self.v = self.oracle.step(self.q, self.v, self.effort)
-        (rubbing,) = [axis.friction() for axis in self.axes.values()] if len(self.v) == 1 else (0.0,)
-        if rubbing:
-            most = rubbing * self.timestep / self.oracle.mass_matrix(before)[0, 0]
+        (friction,) = [axis.friction() for axis in self.axes.values()] if len(self.v) == 1 else (0.0,)
+        if friction:
+            most = friction * self.timestep / self.oracle.mass_matrix(before)[0, 0]
             self.v = np.sign(self.v) * np.maximum(np.abs(self.v) - most, 0.0)
             self.q = before + self.timestep * self.v
 
@@ -132,9 +132,9 @@ class _Components:
         for name in over:
             self.commands.pop(name, None)
         for name, (linear, angular) in self.twists.items():
-            held = self.poses[self.rows[name]][3:]
+            actual = self.poses[self.rows[name]][3:]
             turn = self.q[self.q_of[name]][3:]
-            self.v[self.v_of[name]] = [*rotate(held, linear), *rotate(conjugate(turn), rotate(held, angular))]
+            self.v[self.v_of[name]] = [*rotate(actual, linear), *rotate(conjugate(turn), rotate(actual, angular))]
         for name, force, torque in self.wrenches:
             turn = self.q[self.q_of[name]][3:]
             self.effort[self.v_of[name]] += [*force, *rotate(conjugate(turn), torque)]
@@ -235,8 +235,8 @@ class Link(_Entity):
         centre = frames.compose(Pose((x, y, z), tuple(turn)), Pose(mass.centre_of_mass))
         xx, yy, zz, xy, xz, yz = mass.inertia
         axes = matrices(np.array(turn))
-        told = axes @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ axes.T
-        return Inertiald(mass.mass, Pose3d(Vector3d(*centre.position), Quaterniond(*centre.quaternion)), told)
+        given = axes @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ axes.T
+        return Inertiald(mass.mass, Pose3d(Vector3d(*centre.position), Quaterniond(*centre.quaternion)), given)
 
 
 class Joint(_Entity):
