@@ -65,7 +65,7 @@ def test_records_that_never_meet_are_no_consistency():
         convergence([coarse, middle, some])
 
 
-def test_what_is_not_one_scenario_is_refused():
+def test_runs_of_several_scenarios_are_refused():
     with pytest.raises(SpecError, match="smaller timestep"):
         consistency(falling(0.002), falling(0.002))
     with pytest.raises(SpecError, match="not one scenario"):

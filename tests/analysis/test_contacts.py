@@ -100,7 +100,7 @@ def test_depths():
     assert depths.share_deeper(0.002) == pytest.approx(0.1)
 
 
-def test_what_is_no_number_is_the_deepest():
+def test_a_depth_that_is_not_finite_is_the_deepest():
     depths = penetration(touching((2, FLOOR, BALL, math.nan, 1.0), (3, FLOOR, BALL, -0.001, 1.0)))
     assert math.isnan(depths.deepest.depth)
     assert depths.depth.max() == math.inf
@@ -155,7 +155,7 @@ def test_contacts_are_matched_by_shape():
         compare_contacts(shapes, other, by="material")
 
 
-def test_shapes_that_one_run_does_not_tell_apart_are_matched_together():
+def test_shapes_that_a_run_does_not_distinguish_are_matched_together():
     """The second engine tells top and side as a group, the first tells them apart; the foot both tell."""
     shapes = of_shapes((2, TOP, ROUND, 10.0), (3, SIDE, ROUND, 10.0), (4, FOOT, ROUND, 10.0))
     rows = [(2, GROUP, ROUND, 10.0), (3, GROUP, ROUND, 10.0), (4, ROUND, FOOT, 10.0)]
@@ -169,7 +169,7 @@ def test_shapes_that_one_run_does_not_tell_apart_are_matched_together():
     )
 
 
-def test_groups_that_overlap_are_one():
+def test_groups_that_overlap_are_merged():
     shapes = of_shapes((2, GROUP, ROUND, 10.0), groups=[("top", "side")])
     other = of_shapes((2, GROUP, ROUND, 10.0), groups=[("side", "foot")], engine="second")
     (only,) = compare_contacts(shapes, other)

@@ -62,7 +62,7 @@ def test_fewer_rows_are_a_difference():
     assert (only.time, only.size) == (None, None)
 
 
-def test_what_is_no_repeat_is_refused():
+def test_runs_that_are_no_repeats_are_refused():
     with pytest.raises(SpecError, match="at least two"):
         determinism([falling()])
     with pytest.raises(SpecError, match="not repeats") as refused:

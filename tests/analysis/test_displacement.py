@@ -27,7 +27,7 @@ def moved(of=WORLD, low=lambda t: column(0.0, 0.0, 0.0 * t), high=lambda t: colu
     return run(of, lambda name, t: ways[name](t))
 
 
-def test_what_rests_is_not_moved():
+def test_bodies_at_rest_are_not_moved():
     given = displacement(moved())
     assert (given.sideways, given.down, given.left, given.bodies) == (0.0, 0.0, None, 2)
 
@@ -52,7 +52,7 @@ def test_a_way_and_back_counts_sideways_and_not_down():
     assert (last.sideways, last.whose) == (pytest.approx(0.08), "high")
 
 
-def test_a_body_that_has_left_its_place_is_told_with_the_first_time():
+def test_a_displaced_body_is_reported_with_its_first_time():
     """0.3 m/s along x: beyond half a width of 0.1 m from 1/3 s on; records every 0.1 s."""
     given = displacement(
         moved(low=lambda t: column(0.3 * t, 0.0, 0.0 * t), high=lambda t: column(0.15 * t, 0.0, 0.0 * t))

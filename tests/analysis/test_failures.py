@@ -62,7 +62,7 @@ def test_nothing_failed():
         (([0, 0.3, 0.7, 1.0], [0, 0.5, 0.5, 0.09]), ([0, 1], [0, 0.47]), "missed", 1.0),
     ],
 )
-def test_what_the_body_did(height, x, kind, time):
+def test_the_event_of_a_body(height, x, kind, time):
     failure = told(carried(height, x))
     assert (failure.kind, failure.time) == (kind, pytest.approx(time))
     assert (failure.expected, failure.body, failure.at) == (0, "cup", None)
@@ -145,7 +145,7 @@ def test_a_joint_that_is_off_its_trajectory():
     assert unseen.what == "not finite; elbow was up to 0.5 off its trajectory at some time"
 
 
-def test_what_is_no_place_and_what_gave_no_result():
+def test_expectations_without_a_place_and_runs_without_a_result():
     expect = (
         Expectation("comes_to_rest", (("before", 0.1), ("speed", 0.0))),
         Expectation("no_penetration_deeper_than", (("depth", 0.0),)),

@@ -78,7 +78,7 @@ def test_noise_that_grows_has_a_horizon():
     assert given.gap is None
 
 
-def test_a_perturbation_of_another_size_is_told():
+def test_a_perturbation_of_another_size_is_reported():
     floor = measure_floor(rest(), [rest(perturb=1e-15)])
     large = measure_floor(rest(), [moved(1e-3, 0.1, perturb=1e-3)])
     given = horizons(rest(), moved(1e-5, 1.0, engine="second"), [floor], [large])

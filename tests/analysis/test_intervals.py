@@ -40,7 +40,7 @@ def test_a_spread_is_students_interval_of_the_logarithms():
     assert "3 processes" in str(given)
 
 
-def test_one_process_has_no_spread():
+def test_a_single_process_has_no_spread():
     alone = spread([2.0])
     assert alone.mean is None
     assert alone.median == 2.0
@@ -49,7 +49,7 @@ def test_one_process_has_no_spread():
 
 
 @pytest.mark.parametrize("values", [[], [1.0, 0.0], [1.0, float("nan")], [-1.0, 2.0]])
-def test_what_is_not_positive_has_no_spread(values):
+def test_values_that_are_not_positive_have_no_spread(values):
     with pytest.raises(ValueError, match="positive"):
         spread(values)
 

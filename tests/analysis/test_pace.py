@@ -28,7 +28,7 @@ def pace(*runs, **more):
     return over_time([paced(run) for run in runs], **more)
 
 
-def test_each_interval_has_its_own_cost():
+def test_each_interval_has_a_cost():
     of = pace(spending(*[0.1] * 5, *[0.2] * 5))
     assert of.intervals == tuple((pytest.approx(k / 10), pytest.approx((k + 1) / 10)) for k in range(10))
     assert of.real_time_factors == pytest.approx([1.0] * 5 + [0.5] * 5)
@@ -44,7 +44,7 @@ def test_rows_are_put_together_and_the_rest_is_not_lost():
     assert of.real_time_factors == pytest.approx([1.0] * 4)
 
 
-def test_one_disturbed_repeat_does_not_count():
+def test_a_disturbed_repeat_does_not_count():
     quiet, disturbed = spending(*[0.1] * 10), spending(*[0.1] * 3, 7.0, *[0.1] * 6)
     assert pace(quiet, disturbed, quiet).real_time_factors == pytest.approx([1.0] * 10)
 
@@ -55,7 +55,7 @@ def test_contacts_are_those_of_the_records_in_the_interval():
     assert of.contacts == (1.5, 0.0, 0.0, 0.0, 0.0)  # the initial state's are of no interval
 
 
-def test_what_was_not_measured_in_every_run_is_none():
+def test_values_not_measured_in_every_run_are_none():
     silent = dataclasses.replace(spending(*[0.1] * 10), seconds=None)
     of = pace(spending(*[0.1] * 10), silent)
     assert of.real_time_factors == (None,) * 10
@@ -86,7 +86,7 @@ def test_of_repeats_the_fastest_of_each_interval_counts():
     assert alone.median == pytest.approx(cost.median)
 
 
-def test_a_cost_needs_measured_repeats_of_one_run():
+def test_a_cost_needs_measured_repeats_of_a_run():
     silent = dataclasses.replace(spending(*[0.1] * 10), seconds=None)
     assert step_cost([paced(spending(*[0.1] * 10)), paced(silent)], 100) is None
     assert step_cost([paced(spending(*[0.1] * 10))], 0) is None

@@ -64,7 +64,7 @@ def test_other_ways_to_write_a_name(run, word, name):
 
 
 @pytest.mark.parametrize("word", ["deepest penetratoin", "displacement", "", "rough_box", "expectation 3"])
-def test_what_names_no_figure_is_an_error_with_the_names(run, word):
+def test_an_unknown_figure_is_an_error_with_the_names(run, word):
     """Two expectations are of one kind: the kind alone says neither."""
     with pytest.raises(SpecError) as caught:
         find_figure(run.world, word)
@@ -78,6 +78,6 @@ def test_a_kind_that_is_there_once_is_a_name():
     assert find_figure(world, "displacement") == "expectation 1 displacement"
 
 
-def test_what_is_not_told_apart_is_three_times_the_noise_and_never_less_than_round_off(run):
+def test_the_resolution_is_three_times_the_noise_and_at_least_round_off(run):
     assert half_width(run, 1.0, 0.0) == run.provenance["steps"] * 2.0**-52
     assert half_width(run, 1.0, 1e-3) == 1.5e-3

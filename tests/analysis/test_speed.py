@@ -34,7 +34,7 @@ def test_the_figures_of_a_process():
     assert figures.peak_memory == 1e8
 
 
-def test_what_was_not_measured_is_none():
+def test_values_not_measured_are_none():
     figures = process_figures(timed(0.25, usage={"cpu_user": 1.0}, seconds={"step": 0.5}))
     assert (figures.process_load, figures.peak_memory, figures.cpu_factor, figures.step_load) == (None,) * 4
 
@@ -55,7 +55,7 @@ def test_two_machines_have_no_common_figure():
         speed_ratio(here, there)
 
 
-def test_the_hardware_tells_machines_apart_where_it_is_known():
+def test_the_hardware_distinguishes_machines_where_it_is_known():
     def on(cpu, platform="Linux"):
         machine = {
             "cpu": cpu,

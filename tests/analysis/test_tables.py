@@ -66,6 +66,6 @@ def test_an_arrow_table():
     assert arrow.column("none").to_pylist() == [None] * 3
 
 
-def test_columns_have_one_length():
+def test_columns_have_equal_lengths():
     with pytest.raises(ValueError, match="lengths"):
         ResultTable({"a": [1], "b": []})

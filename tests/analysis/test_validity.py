@@ -47,7 +47,7 @@ def test_where_the_smallest_fails_there_is_no_limit():
     assert str(given).startswith("not valid at any timestep; at 1 ms 1 of 1 run not valid")
 
 
-def test_missing_seeds_are_told_and_double_ones_refused():
+def test_missing_seeds_are_reported_and_duplicates_refused():
     assert limit(trials({1: [True] * 3, 2: [True] * 2})).fewer_seeds == (2 * MS,)
     with pytest.raises(SpecError, match="seed 1 was run more than once at 1 ms"):
         limit(trials({1: [True]}) * 2)

@@ -79,13 +79,13 @@ def test_the_mean_is_inverted(values):
     assert numbers["d"] == 0.2  # it meets nothing
 
 
-def test_what_no_mean_gives_comes_out_otherwise():
+def test_values_that_no_mean_gives_are_missed():
     """A number below zero, or above the largest that a shape can hold."""
     assert _mean("ab", {("a", "a"): 0.5, ("a", "b"): 0.2}, dict.fromkeys("ab", 0.2), math.inf)["b"] == 0.0
     assert _mean("ab", {("a", "a"): 0.1, ("a", "b"): 0.8}, dict.fromkeys("ab", 0.2), 1.0)["b"] == 1.0
 
 
-def test_what_no_harmonic_mean_gives_comes_out_otherwise():
+def test_values_that_no_harmonic_mean_gives_are_missed():
     """Half of a number cannot be had: the mean of x and anything is more than that, up to 2 x."""
     numbers = _harmonic(("a", "b"), {("a", "a"): 0.2, ("a", "b"): 0.5}, {"a": 0.1, "b": 0.1})
     assert numbers["b"] == 0.0

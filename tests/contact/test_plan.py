@@ -103,7 +103,7 @@ def test_torsional_and_rolling_friction_are_inverted(rules):
 
 
 @every_rule
-def test_one_number_each_where_that_is_enough(rules):
+def test_a_number_each_where_that_is_enough(rules):
     world = table_world({("a", "a"): PairContact("a", "a", 0.36, 0.25)})
     plan = contact_plan(world, rules, True)
     assert not plan.layered
@@ -129,7 +129,7 @@ def test_only_pairs_that_can_meet_bind_the_numbers(rules):
     assert not contact_plan(separate, rules, True).layered
 
 
-def test_what_no_number_gives_is_named_with_its_quantity():
+def test_values_that_no_number_gives_are_named_with_their_quantity():
     rules = ENGINE_RULES["max"]
     laws = {
         ("a", "a"): PairContact("a", "a", 0.5, 0.0),

@@ -162,7 +162,7 @@ def test_a_single_joint_s_pd_response_is_the_closed_form():
     np.testing.assert_allclose(found, exact, atol=0.01 * target)
 
 
-def test_the_implicit_forms_hold_at_a_timestep_where_the_explicit_ones_fail():
+def test_the_implicit_forms_hold_at_a_timestep_where_the_explicit_forms_fail():
     for law in ("pd", "computed-torque"):
         for discretisation, fails in (("explicit", True), ("implicit", False)):
             world = with_targets(driven(chain(timestep=0.1), law, discretisation=discretisation), [0.1] * 4)
@@ -198,7 +198,7 @@ def test_efforts_are_clipped_and_counted():
     assert control.error.tolist() == [1.0]
 
 
-def test_steps_in_one_call_and_in_many_are_the_same(moving):
+def test_steps_in_a_single_call_and_in_many_are_the_same(moving):
     world = driven(moving[0])
     ends = []
     for counts in ((300,), (1, 7, 92, 200)):

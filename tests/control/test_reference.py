@@ -23,7 +23,7 @@ def made(interpolation: str, **more) -> Trajectory:
 
 
 @pytest.mark.parametrize("interpolation", ["hold", "linear", "cubic", "quintic"])
-def test_it_goes_through_its_points_and_stands_still_outside(interpolation):
+def test_it_goes_through_its_points_and_is_at_rest_outside(interpolation):
     found = positions(made(interpolation))
     q, v, a = found.at(np.array([0.0, 0.5, 1.0, 2.0, 2.25, 9.0]), 2)
     np.testing.assert_allclose(q, np.array(ROWS)[[0, 0, 1, 2, 3, 3]], atol=1e-15)

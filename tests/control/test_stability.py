@@ -47,7 +47,7 @@ def test_a_wheel_s_pd_has_its_textbook_limit():
     assert found.largest_stable_step == pytest.approx(limit, rel=2e-3)
 
 
-def test_what_is_predicted_for_a_coupled_chain_happens():
+def test_the_prediction_for_a_coupled_chain_happens():
     """The prediction is of the chain as a whole, joints coupled by M, not of each joint by itself."""
     world = driven(chain(), "pd")
     far = dataclasses.replace(world, physics=dataclasses.replace(world.physics, timestep=1.0))
@@ -67,7 +67,7 @@ def test_implicit_laws_are_never_blamed():
         assert unstable(driven(chain(timestep=1.0), law, discretisation="implicit")) == []
 
 
-def test_the_unstable_one_of_two_is_named():
+def test_the_unstable_controller_of_two_is_named():
     world = chain(timestep=0.02)
     names = tuple(body.joint.name for body in world.bodies)
     laws = (
@@ -86,7 +86,7 @@ def test_a_negative_damping_is_stable_at_no_step():
 
 
 @pytest.mark.parametrize("holds", [(5, 5), (2, 2), (3, 4)])
-def test_what_is_predicted_of_held_efforts_happens(holds):
+def test_the_prediction_for_kept_efforts_happens(holds):
     """Of a coupled chain whose controllers act every few steps, in the oracle: below the limit errors die, above they grow."""
     base = driven(chain(("hinge", "hinge")), "pd")
     joints = base.controllers[0].joints
@@ -109,7 +109,7 @@ def test_what_is_predicted_of_held_efforts_happens(holds):
         assert bool(unstable(at(share * limit))) != stable
 
 
-def test_efforts_held_for_longer_are_less_stable():
+def test_efforts_kept_for_longer_are_less_stable():
     """A wheel under pd with efforts held for T: of the held double integrator kd T/J < 2 as kp vanishes, whatever the steps."""
     inertia, kd = 0.02, 0.5
     for hold in (2, 8, 32):

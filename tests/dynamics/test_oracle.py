@@ -160,13 +160,13 @@ def alone(kind: str, **more) -> Oracle:
     return Oracle(worlds.world((Body("b", "b", inertial, joint, **more.pop("body", {})),), **more))
 
 
-def test_a_force_on_a_world_of_one_coordinate():
+def test_a_force_on_a_world_of_a_single_coordinate():
     force = Force("b", (0.0, 3.0, 5.0), (0.0, 0.0, 7.0), (0.2, 0.0, 0.0))
     assert alone("slide").effort_of(np.zeros(1), force) == pytest.approx([5.0], abs=1e-15)
     assert alone("hinge").effort_of(np.zeros(1), force) == pytest.approx([0.2 * 3.0 + 7.0], abs=1e-15)
 
 
-def test_a_fluid_in_a_world_of_one_coordinate():
+def test_a_fluid_in_a_world_of_a_single_coordinate():
     edge, density, viscosity, speed = 0.1, 900.0, 0.3, 2.0
     physics = Physics((0.0, 0.0, 0.0), 0.001, 1, Fluid(density, viscosity))
     oracle = alone("slide", body={"box": Box((edge,) * 3)}, physics=physics)
@@ -176,7 +176,7 @@ def test_a_fluid_in_a_world_of_one_coordinate():
     assert tree.viscous(np.zeros(1)) == pytest.approx(np.array([[3 * math.pi * edge * viscosity]]), rel=1e-14)
 
 
-def test_a_loop_in_a_world_of_one_coordinate():
+def test_a_loop_in_a_world_of_a_single_coordinate():
     base = alone("hinge").world
     body = Body("still", "still", Inertial(0.0), Joint("s", "fixed"))
     pin = Connect("pin", "still", "b", (0.5, 0.0, 0.0), (0.5, 0.0, 0.0))
@@ -198,7 +198,7 @@ def test_it_says_what_its_motion_leaves_out():
     assert Oracle(worlds.every_joint()).leaves_out == []
 
 
-def test_bodies_listed_breadth_first_are_in_their_own_order():
+def test_bodies_listed_breadth_first_keep_their_order():
     """Pinocchio wants joints depth first; the world need not be."""
     bodies = worlds.tree(["free", "hinge", "ball", "slide", "hinge"], 3, [-1, 0, 0, 1, 2])
     world = worlds.world(bodies)

@@ -96,7 +96,7 @@ def random_state(world: World, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", TREES)
-def test_poses_are_those_of_the_worlds_own_kinematics(name):
+def test_poses_equal_those_of_the_kinematics_of_the_world(name):
     world = TREES[name]()
     q, _ = initial_state(world)
     for found, expected in zip(Oracle(world).body_poses(q), poses(world).values(), strict=True):

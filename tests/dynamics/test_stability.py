@@ -29,7 +29,7 @@ def wheel(timestep: float, inertia: float = 0.02, kind: str = "hinge", **joint: 
 
 @pytest.mark.parametrize("kind", ["hinge", "slide", "ball"])
 @pytest.mark.parametrize(("damping", "stiffness"), [(3.2, 0.0), (0.0, 40.0), (0.8, 25.0)])
-def test_one_joint_has_its_textbook_limit(kind, damping, stiffness):
+def test_a_joint_has_its_textbook_limit(kind, damping, stiffness):
     """2 d dt + k dt² = 4 m."""
     mass = 0.7 if kind == "slide" else 0.02
     limit = 2 * mass / damping if not stiffness else (np.sqrt(damping**2 + 4 * mass * stiffness) - damping) / stiffness
@@ -61,7 +61,7 @@ def grows(world: World) -> float:
 
 
 @pytest.mark.parametrize("damping", [0.05, 0.0])
-def test_what_is_predicted_for_a_coupled_arm_happens(damping):
+def test_the_prediction_for_a_coupled_arm_happens(damping):
     """The prediction is of the arm as a whole, joints coupled by M, not of each joint by itself."""
     bodies = tuple(
         dataclasses.replace(
@@ -106,7 +106,7 @@ def test_the_joint_that_diverges_is_named_and_copies_of_a_model_too():
     assert found[0].growth == found[1].growth
 
 
-def test_a_posture_that_is_not_the_initial_one_counts_and_is_said():
+def test_a_posture_other_than_the_initial_counts_and_is_reported():
     """A slide moves the weight to the axis: the hinge's inertia falls from 1 to 0.1 kg m² within the slide's limits."""
     flat = Inertial(1.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
     light = Inertial(1e-3, inertia=(1e-4, 1e-4, 1e-4, 0.0, 0.0, 0.0))
@@ -121,7 +121,7 @@ def test_a_posture_that_is_not_the_initial_one_counts_and_is_said():
     assert "at some postures within its limits" in str(found)
 
 
-def test_what_does_not_rub_or_spring_is_not_looked_at(monkeypatch):
+def test_joints_without_friction_and_springs_are_not_checked(monkeypatch):
     monkeypatch.setattr("simspec.dynamics.stability.Tree", None)
     assert unstable(worlds.every_joint()) == []
 
@@ -162,7 +162,7 @@ def test_check_says_the_joint_its_place_and_the_largest_timestep(spec, path, lar
     assert "grow by a factor of" in problem.message
 
 
-def test_masses_that_double_precision_cannot_hold_side_by_side_are_told():
+def test_masses_beyond_double_precision_are_reported():
     """Found by fuzzing a robot file: a mass of 1e20 kg, whose mass matrix has no inverse."""
     heavy = {"mass": 1e20, "centre_of_mass": [0, 0, 0.5], "inertia": {"principal": [0.1, 0.1, 0.1]}}
     light = {"mass": 1, "inertia": {"principal": [1, 1, 1]}}

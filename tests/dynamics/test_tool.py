@@ -178,7 +178,7 @@ def test_a_place_out_of_reach_is_as_far_as_geometry_says(beyond):
     assert found.angle == 0.0
 
 
-def test_what_is_out_of_the_plane_stays_so():
+def test_bodies_out_of_the_plane_stay_out_of_it():
     found = planar_tool(3).solve(at(0.4, 0.3, 0.07), np.array([0.3, 0.4, 0.5]))
     assert not found.reached
     assert found.distance == pytest.approx(0.07, abs=1e-6)

@@ -61,7 +61,7 @@ def test_unit_axes_and_mirrors_are_baked_in():
     np.testing.assert_allclose(reach, (moved @ n.T).max(axis=0), atol=1e-17)
 
 
-def test_what_a_surface_encloses_is_exact_also_where_it_is_not_convex():
+def test_the_enclosed_volume_is_exact_for_nonconvex_surfaces():
     points, faces = l_profile()
     other = trimesh.Trimesh(points, faces, process=False)
     solid = enclosed(*merged(points[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3))).solid
@@ -124,7 +124,7 @@ def changed(**what: object) -> tuple[np.ndarray, np.ndarray]:
         (changed(again=range(12)), "18 of its edges have more than two faces"),
     ],
 )
-def test_what_is_not_closed_has_a_hull_and_no_mass(surface, why):
+def test_open_surfaces_have_a_hull_and_no_mass(surface, why):
     mesh = made(Surface(*surface), HULL)
     assert mesh.enclosed is None
     assert why in mesh.open_because
@@ -161,13 +161,13 @@ def test_corners_without_faces_and_faces_without_area_change_nothing():
         (box(1.0, 1.0, 1.0)[0][:1].repeat(8, axis=0), HULL, "no volume"),
     ],
 )
-def test_what_no_solid_can_be_made_of(points, options, why):
+def test_surfaces_that_enclose_no_solid(points, options, why):
     with pytest.raises(MeshError) as caught:
         made(Surface(points, BOX_FACES), options)
     assert any(part in str(caught.value) for part in why.split("|"))
 
 
-def test_a_hull_of_too_many_vertices_asks_for_fewer():
+def test_a_hull_of_too_many_vertices_needs_fewer():
     ball = trimesh.creation.icosphere(subdivisions=3)
     surface = Surface(np.asarray(ball.vertices), np.asarray(ball.faces))
     with pytest.raises(MeshError, match="642 vertices, more than 500; `max_vertices: 64`"):
@@ -190,7 +190,7 @@ def test_a_hull_of_too_many_vertices_is_refused_before_its_parts_are_made(monkey
         made(surface, MeshOptions(max_vertices=64))
 
 
-def test_what_is_remembered_or_kept_is_bounded_as_what_is_made(tmp_path, monkeypatch):
+def test_cached_meshes_are_bounded_like_computed_meshes(tmp_path, monkeypatch):
     """A file that was taken where more vertices were allowed is refused where fewer are, whoever remembers it."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     ball = trimesh.creation.icosphere(subdivisions=2)
@@ -219,7 +219,7 @@ def test_a_corner_that_the_rotation_puts_into_a_plane_is_left_out(monkeypatch):
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(20, 300), most=st.integers(4, 64))
-def test_fewer_vertices_are_within_the_told_distance_and_the_same_again(seed, count, most):
+def test_fewer_vertices_are_within_the_reported_distance_and_reproducible(seed, count, most):
     points = np.random.default_rng(seed).normal(size=(count, 3)) * (1.0, 0.5, 2.0)
     vertices = points[corners(points)]
     kept, error = reduced(vertices, most)

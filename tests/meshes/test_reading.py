@@ -244,7 +244,7 @@ def test_corners_that_are_counted_from_the_end_are_those_that_stand_before(data)
     assert np.array_equal(first, second)
 
 
-def test_a_file_that_ends_the_process_is_told_and_the_others_are_read(tmp_path, monkeypatch):
+def test_a_file_that_ends_the_process_is_reported_and_the_others_are_read(tmp_path, monkeypatch):
     """Whatever a library does: here it is told of more bytes than there are, and so waits for the next file in vain."""
     genuine = reading._request
 
@@ -260,7 +260,7 @@ def test_a_file_that_ends_the_process_is_told_and_the_others_are_read(tmp_path, 
     assert second == "reading it ends the process that does it"
 
 
-def test_a_file_that_takes_too_long_is_told(tmp_path, monkeypatch):
+def test_a_file_that_takes_too_long_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(reading, "START_SECONDS", 0.0)
     monkeypatch.setattr(reading, "FILE_SECONDS", 0.0)
     path = tmp_path / "a.stl"

@@ -23,7 +23,7 @@ def greedy(vertices, most):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_is_kept_is_the_greedy_choice(seed):
+def test_kept_vertices_are_the_greedy_choice(seed):
     numbers = np.random.default_rng(seed)
     vertices = numbers.normal(size=(150, 3)) * [0.1, 0.3, 1.0]
     vertices = vertices / np.linalg.norm(vertices, axis=1)[:, None] if seed % 2 else vertices[corners(vertices)]

@@ -83,7 +83,7 @@ def test_the_same_again():
     assert first[0]
 
 
-def test_what_is_cut_short_says_so(monkeypatch):
+def test_a_search_that_is_cut_short_says_so(monkeypatch):
     monkeypatch.setattr(module, "WORK", 50_000)
     findings, sampling = sweep(chain(math.radians(150.0)))
     assert 0 < sampling.positions < sampling.planned
@@ -143,7 +143,7 @@ def test_planted_self_collision(tmp_path, language):
     kinds=st.tuples(*[st.sampled_from(["box", "cylinder", "capsule", "sphere", "ellipsoid"])] * 2),
 )
 @settings(max_examples=60, deadline=None)
-def test_depths_are_those_of_the_world_s_own_search(turn, place, kinds):
+def test_depths_equal_those_of_the_search_of_the_world(turn, place, kinds):
     """The depths of many positions at once agree with the search for single pairs."""
     from simspec.world.frames import from_rpy
 

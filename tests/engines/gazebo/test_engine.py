@@ -149,7 +149,7 @@ def _lively(content, _):
 
 
 @installed
-def test_a_number_of_restitution_above_one_is_held_where_a_law_of_a_pair_needs_it(load):
+def test_restitution_above_1_is_stored_where_the_law_of_a_pair_needs_it(load):
     """SDF's own are at most 1, and one of the two numbers whose product is a pair's law may be above."""
     engine = load(boxes(1), _lively)
     copies = [body.shapes[0].surfaces for body in engine.read_back().bodies]
@@ -193,7 +193,7 @@ def test_nothing_listens_to_the_network(load, monkeypatch):
 
 
 @installed
-def test_what_has_not_one_number_for_a_state_is_refused_before_it_ends_the_process(load):
+def test_a_state_of_the_wrong_length_is_refused_before_it_ends_the_process(load):
     engine = load(boxes(1))
     q, v = engine.get_state()
     with pytest.raises(EngineError, match="not finite"):
@@ -204,7 +204,7 @@ def test_what_has_not_one_number_for_a_state_is_refused_before_it_ends_the_proce
         engine.step(10, np.full(len(v), 1e308))
 
 
-def test_cylinders_beside_each_other_are_accepted_by_name():
+def test_cylinders_side_by_side_are_accepted_by_name():
     with pytest.raises(UnsupportedError, match="cylinder and cylinder touch"):
         compile_world(
             worlds.with_options(boxes(2, kind="cylinder"), "gazebo", accept=("contact.cone.elliptic",)), ["gazebo"]
@@ -228,7 +228,7 @@ def _rolling(content, _):
         (lambda content, sidecar: sidecar["settings"].pop("contact_solver"), "contact_solver"),
     ],
 )
-def test_what_gazebo_does_not_have_is_refused_when_loaded(change, said, load):
+def test_features_that_gazebo_lacks_are_refused_when_loaded(change, said, load):
     with pytest.raises(EngineError, match=said):
         load(boxes(1), change)
 

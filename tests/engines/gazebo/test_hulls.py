@@ -103,7 +103,7 @@ def test_hulls_overlap_where_coal_says(kind, load):
         assert found == [1, 0]
 
 
-def test_every_vertex_is_held_to_the_last_bit_and_contact_can_be_switched_off(load):
+def test_every_vertex_is_stored_exactly_and_contact_can_be_disabled(load):
     world = worlds.shapes_world(("mesh", "box"))
     engine = load(world)
     shape = engine.read_back().bodies[1].shapes[0]

@@ -65,7 +65,7 @@ def failures(world: World) -> list[str]:
     return [f"{check.level} {check.name}: {check.detail}" for check in proof.checks if not check.passed]
 
 
-def test_every_level_that_can_be_asked_is_valid_on_the_stand_in(stand_in):
+def test_every_level_that_can_be_queried_is_valid_on_the_stand_in(stand_in):
     """Frames, orders, signs, initial velocities, poses told twice and forces for one step: by L1, L2 and L6."""
     stand_in()
     world = world_of(ARMS)
@@ -78,7 +78,7 @@ def test_every_level_that_can_be_asked_is_valid_on_the_stand_in(stand_in):
     assert (proof.version, proof.files_alone, judge(certificate, world)) == ("8", False, [])
 
 
-def test_dry_friction_is_told_and_taken_away(stand_in):
+def test_dry_friction_is_written_and_removed(stand_in):
     stand_in()
     text = PENDULUM.replace("position: 0.4", "position: 0.4, dry_friction: 0.3")
     checks = verify(world_of(text), ["gzsim"]).engines["gzsim"].checks
@@ -86,7 +86,7 @@ def test_dry_friction_is_told_and_taken_away(stand_in):
     assert {"dry friction, sliding", "motion"} <= {check.name for check in checks if check.level == "L6"}
 
 
-def test_efforts_count_the_same_in_one_call_and_in_many(stand_in, tmp_path):
+def test_efforts_act_the_same_in_a_single_call_and_in_many(stand_in, tmp_path):
     stand_in()
     world = world_of(ARMS)
     effort = np.linspace(-1.0, 1.0, 9)
@@ -100,7 +100,7 @@ def test_efforts_count_the_same_in_one_call_and_in_many(stand_in, tmp_path):
     assert found[0].tolist() == found[1].tolist()
 
 
-def test_a_state_that_was_set_before_is_told_anew(stand_in, tmp_path):
+def test_a_state_that_was_set_before_is_written_again(stand_in, tmp_path):
     """gz sim tells only of what has moved by 1e-6 since it last told it."""
     stand_in()
     engine = load(world_of(ARMS), tmp_path)
@@ -176,13 +176,13 @@ def test_bindings_that_cannot_be_used_are_not_taken(stand_in, tmp_path, file, sa
         ("stops", "made 1 steps of 2: it refuses the world, or was stopped"),
     ],
 )
-def test_what_is_wrong_with_it_is_named(stand_in, fault, said):
+def test_a_fault_of_the_server_is_named(stand_in, fault, said):
     stand_in(fault)
     (text,) = [line for line in failures(world_of(PENDULUM)) if line.startswith("L1 engine")]
     assert said in text
 
 
-def test_one_that_hangs_is_ended_at_its_deadline(stand_in):
+def test_a_server_that_hangs_is_ended_at_its_deadline(stand_in):
     stand_in("hangs")
     (proof,) = verify(world_of(PENDULUM), ["gzsim"], deadline=1.5).engines.values()
     assert not proof.passed
@@ -224,7 +224,7 @@ def test_the_text_has_the_physics_system_and_steps_as_fast_as_it_can(tmp_path):
         (("contact", {"materials": {"rubber": {"friction": 0.5}}}), "tell no contacts"),
     ],
 )
-def test_what_could_not_be_asked_is_refused(change, said):
+def test_worlds_that_cannot_be_queried_are_refused(change, said):
     data = yaml.safe_load(PENDULUM)
     name, value = change
     data[name] = value

@@ -33,7 +33,7 @@ def test_corners_in_faces_are_exact_and_edges_across_edges_are_as_far_off_as_is_
 
 
 @pytest.mark.parametrize(("bodies", "feature"), [(BOXES, "shape.box"), (HULLS, "shape.mesh")])
-def test_what_may_meet_by_edges_is_accepted_by_name(bodies, feature):
+def test_contact_of_edges_is_accepted_by_name(bodies, feature):
     world = scene(*bodies)
     bare = with_options(world, "physx", accept=("contact.cone.elliptic",))
     with pytest.raises(UnsupportedError, match=rf"{feature}.*where two edges cross"):

@@ -87,7 +87,7 @@ CHANGES = {
 
 @installed
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
-def test_whatever_else_is_changed_in_the_live_engine_is_seen(change, load):
+def test_any_other_change_in_the_live_engine_is_found(change, load):
     world = scene(ball("ball", (0.0, 0.0, 0.1)), law=(0.5, 0.5))
     engine = load(world)
     change(engine._simulation)
@@ -100,7 +100,7 @@ def test_whatever_else_is_changed_in_the_live_engine_is_seen(change, load):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_any_relation_of_few_kinds_is_told_by_bits(seed):
+def test_any_relation_of_few_kinds_is_encoded_in_bits(seed):
     chance = random.Random(seed)
     keys = list(range(chance.randint(1, 40)))
     kind = {key: chance.randrange(6) for key in keys}
@@ -115,7 +115,7 @@ def test_any_relation_of_few_kinds_is_told_by_bits(seed):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_any_pairs_of_bodies_are_kept_apart_by_bits(seed):
+def test_any_pairs_of_bodies_are_excluded_by_bits(seed):
     chance = random.Random(seed)
     names = [f"b{number}" for number in range(12)]
     pairs = {tuple(sorted(chance.sample(names, 2))) for _ in range(chance.randint(1, 25))}
@@ -125,7 +125,7 @@ def test_any_pairs_of_bodies_are_kept_apart_by_bits(seed):
         assert touches(*words) != (tuple(sorted(pair)) in pairs)
 
 
-def test_bodies_that_all_keep_apart_take_one_bit_and_a_star_takes_one_for_each():
+def test_bodies_that_all_exclude_each_other_take_a_single_bit_and_a_star_a_bit_for_each():
     names = [f"b{number}" for number in range(50)]
     assert {bits for bits, _ in apart(itertools.combinations(names, 2)).values()} == {1}
     with pytest.raises(ValueError, match="here it takes 49"):
@@ -162,7 +162,7 @@ def test_the_torque_that_is_given_makes_the_term_of_physx_that_of_the_law():
 
 
 @installed
-def test_what_touches_turns_as_physx_has_it_and_rolls(load):
+def test_touching_bodies_turn_as_in_physx_and_roll(load):
     """A ball with spin on the floor: friction takes it along until it rolls, at 2/7 of the rim's speed."""
     engine = load(scene(ball("ball", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 0.0, 10.0, 0.0))))
     engine.step(400)
@@ -179,7 +179,7 @@ def test_what_touches_turns_as_physx_has_it_and_rolls(load):
 @installed
 @pytest.mark.parametrize("friction", [0.02, 0.5])
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 45.0])
-def test_what_begins_to_slide_meets_the_cone_and_not_a_square(friction, degrees, load):
+def test_the_onset_of_sliding_meets_the_cone_and_not_a_square(friction, degrees, load):
     """In PhysX's unit nothing slides slower than the speed below which it has a square: 1.41 at 45° where that is the metre."""
     engine = load(scene(ball("box", (0.0, 0.0, 0.1), kind="box", size=(0.2, 0.2, 0.2)), law=(friction, 0.0)))
     engine.step(20)
@@ -205,7 +205,7 @@ def test_an_overlap_is_left_by_the_common_law_from_the_first_step_on(timestep, l
 
 
 @installed
-def test_every_two_materials_have_their_own_law_by_copies(load):
+def test_every_two_materials_have_a_law_by_copies(load):
     static = (0.0, 1.0, *[0.0] * 4)
     size = (0.2, 0.2, 0.2)
     boxes = [ball(name, (float(row), 0.0, 0.1), static, "box", size, name) for row, name in enumerate("abc")]
@@ -233,7 +233,7 @@ def test_an_impact_that_slips_has_the_friction_of_its_whole_impulse(restitution,
 
 
 @installed
-def test_what_rests_does_not_hop_though_it_could_bounce(load):
+def test_bodies_at_rest_do_not_hop_though_they_could_bounce(load):
     engine = load(scene(ball("box", (0.0, 0.0, 0.1), kind="box", size=(0.2, 0.2, 0.2)), law=(0.5, 0.9)))
     engine.step(50)
     assert engine.get_state()[0][2] == pytest.approx(0.1, abs=1e-6)
@@ -242,7 +242,7 @@ def test_what_rests_does_not_hop_though_it_could_bounce(load):
 @installed
 @pytest.mark.parametrize("restitution", [0.3, 0.5, 0.8])
 @pytest.mark.parametrize("timestep", [1e-3, 4e-3])
-def test_what_falls_a_little_comes_to_rest_at_any_timestep(restitution, timestep, load):
+def test_small_drops_come_to_rest_at_any_timestep(restitution, timestep, load):
     engine = load(scene(ball("ball", (0.0, 0.0, 0.1013)), law=(0.5, restitution), timestep=timestep))
     engine.step(600)
     q, v = engine.get_state()
@@ -251,7 +251,7 @@ def test_what_falls_a_little_comes_to_rest_at_any_timestep(restitution, timestep
 
 
 @installed
-def test_what_approaches_slower_than_the_threshold_does_not_bounce(load):
+def test_approaches_slower_than_the_threshold_do_not_bounce(load):
     speeds = []
     for speed in (0.4, 0.6):
         entry = ball("ball", (0.0, 0.0, 0.1001), (0.0, 0.0, -speed, *[0.0] * 3))
@@ -299,7 +299,7 @@ def test_shapes_of_bodies_without_mass_are_parts_of_what_carries_them(load):
 
 
 @pytest.mark.parametrize(("change", "why"), [*NOT_TOLD, (cylinder, "is a prism")])
-def test_what_simspec_does_not_tell_physx_is_refused_by_name(change, why):
+def test_features_not_written_for_physx_are_refused_by_name(change, why):
     check_refused(change, why, "physx")
 
 

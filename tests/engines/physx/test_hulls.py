@@ -33,12 +33,12 @@ def dented(out: float) -> tuple[float, ...]:
 
 
 @installed
-def test_corners_are_held_and_a_change_of_one_is_seen(load):
+def test_corners_are_stored_and_a_changed_corner_is_found(load):
     check_corners(load, PhysX, random_hull(1))
 
 
 @installed
-def test_what_physx_leaves_out_is_known_beforehand():
+def test_vertices_that_physx_leaves_out_are_predicted():
     """Of 120 hulls of all forms PhysX keeps every corner of those that are not refused, and few others."""
     from simspec.engines.physx.building import SCALE, imported
 

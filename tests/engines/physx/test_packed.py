@@ -45,7 +45,7 @@ def system(actors, order=AS_SAPIEN):
     return system
 
 
-def test_states_are_those_of_the_actors_in_their_own_order():
+def test_states_are_those_of_the_actors_in_order():
     actors = [actor(number) for number in range(3)]
     poses, speeds = Packed(system(actors[::-1]), actors).read()
     for row in range(3):
@@ -63,7 +63,7 @@ def test_another_layout_of_what_is_packed_is_refused(swapped):
         Packed(system(actors, order), actors)
 
 
-def test_bodies_that_are_not_asked_for_or_not_packed_are_refused():
+def test_bodies_that_are_not_requested_or_not_packed_are_refused():
     actors = [actor(number) for number in range(3)]
     with pytest.raises(EngineError, match="has 3 bodies that move, not 2"):
         Packed(system(actors), actors[:2])

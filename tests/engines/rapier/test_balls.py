@@ -50,7 +50,7 @@ def slid(engine, height: float, turn: float, tilt=(0.0, 0.0)) -> tuple[float, fl
 
 
 @installed
-def test_what_stands_on_several_balls_slides_and_does_not_jam(load):
+def test_bodies_on_several_balls_slide_and_do_not_jam(load):
     engine, draw = load(table(1e-3)), np.random.default_rng(2)
     ways = [slid(engine, 0.1, *draw.uniform(0.0, 6.3, 1), tilt=1e-5 * draw.normal(size=2)) for _ in range(12)]
     assert max(up for _, up in ways) < 1e-3

@@ -41,7 +41,7 @@ def test_cylinders_and_balls_are_exact(load_files):
 
 @needs_rapier
 @pytest.mark.parametrize("kind", ["box", "capsule", "cylinder"])
-def test_aslant_normals_are_off_as_is_declared(load_files, kind):
+def test_oblique_normals_are_off_as_is_declared(load_files, kind):
     depths, turned, missed = seen(load_files, kind)
     assert missed == 0, "what is missed is less deep than these are"
     assert max(depths) < 1e-4
@@ -79,13 +79,13 @@ def bare(world):
 
 
 @pytest.mark.parametrize("kind", ["box", "capsule", "cylinder"])
-def test_what_cylinders_may_meet_aslant_is_accepted_by_name(kind):
+def test_oblique_contacts_of_cylinders_are_accepted_by_name(kind):
     with pytest.raises(UnsupportedError, match=rf"shape.cylinder.*{kind}"):
         compile_world(bare(two(kind)), ["rapier"])
     assert compile_world(accepting(two(kind), "rapier"), ["rapier"])
 
 
-def test_a_hull_counts_as_what_a_cylinder_meets_aslant():
+def test_a_hull_counts_as_an_oblique_contact_of_a_cylinder():
     hull = solid("hull", prism(4), (0.0, 0.0, 2.0))
     world = bare(scene(ball("one", (0.0, 0.0, 1.0), kind="cylinder", size=SIZES["cylinder"]), hull))
     with pytest.raises(UnsupportedError, match=r"shape.cylinder.*mesh"):
@@ -97,7 +97,7 @@ def test_on_planes_and_with_balls_nothing_is_to_be_accepted(world):
     assert compile_world(bare(world), ["rapier"])
 
 
-def test_what_is_never_met_is_not_to_be_accepted():
+def test_approximations_of_pairs_that_never_meet_need_no_acceptance():
     """Two cylinders that cannot move meet nothing."""
     world = scene(ball("ball", (0.0, 0.0, 5.0)), still("pole", "cylinder", SIZES["cylinder"], (0.0, 0.0, 1.0)))
     other = still("pole_2", "cylinder", SIZES["cylinder"], (0.0, 0.0, 1.1))

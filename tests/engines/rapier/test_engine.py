@@ -86,7 +86,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
-def test_whatever_else_is_changed_in_the_live_engine_is_seen(change, load):
+def test_any_other_change_in_the_live_engine_is_found(change, load):
     world = scene(ball("ball", (0.0, 0.0, 0.1)), law=(0.5, 0.5))
     engine = load(world)
     sim = engine._simulation
@@ -105,7 +105,7 @@ def test_a_mass_of_what_cannot_move_is_seen(load):
     assert "floor.mass" in check.detail or "floor.mass" in check.where
 
 
-def test_every_two_materials_have_their_own_law(load):
+def test_every_two_materials_have_a_law(load):
     """Boxes that slide on a floor: each is braked by its own μ g, by the hook; with one law for all no hook is called."""
     boxes = [
         ball(name, (float(row), 0.0, 0.1), (1.0, *[0.0] * 5), "box", (0.2, 0.2, 0.2), name)
@@ -136,7 +136,7 @@ def test_an_impact_that_slips_has_the_friction_of_its_whole_impulse(restitution,
     assert slowed == pytest.approx(0.5 * (1.0 + restitution) * 2.0, rel=0.03)
 
 
-def test_what_approaches_slower_than_the_threshold_does_not_bounce(load):
+def test_approaches_slower_than_the_threshold_do_not_bounce(load):
     speeds = []
     for speed in (0.4, 0.6):
         world = scene(
@@ -170,7 +170,7 @@ def test_states_that_are_set_forget_and_states_that_are_moved_to_do_not(load):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-def test_what_an_effort_makes_turn_fast_is_turned_whole(friction, load):
+def test_bodies_that_an_effort_turns_fast_are_rotated_fully(friction, load):
     """Rapier's own turn is 1.7e-4 rad short after this. Of balls without friction it is looked for only where it may be."""
     engine = load(scene(ball("ball", (0.0, 0.0, 20.0)), law=(friction, 0.0)))
     sim = engine._simulation
@@ -191,7 +191,7 @@ def test_shapes_of_bodies_without_mass_are_parts_of_what_carries_them(load):
 
 
 @pytest.mark.parametrize(("change", "why"), [*NOT_TOLD])
-def test_what_simspec_does_not_tell_rapier_is_refused_by_name(change, why):
+def test_features_not_written_for_rapier_are_refused_by_name(change, why):
     check_refused(change, why, "rapier")
 
 
@@ -240,7 +240,7 @@ ALONE = {"max_examples": 60, "deadline": None, "suppress_health_check": [HealthC
     kinds=st.lists(st.tuples(st.sampled_from(("sphere", "box", "capsule")), TURN, UNIT), min_size=1, max_size=3),
     size=st.sampled_from((1e-5, 1e-2, 4.0)),
 )
-def test_inertias_are_held_whatever_shapes_there_are(edges, axes, kinds, size, load):
+def test_inertias_are_stored_for_all_shapes(edges, axes, kinds, size, load):
     """Rapier adds the masses of colliders, none here, and finds axes of the sum anew, by a formula that loses digits. What it
     holds is what it was told, also after steps, in a state that is set, and where nothing touches."""
     moments = tuple(

@@ -36,12 +36,12 @@ def bent(up: float) -> tuple[float, ...]:
 
 
 @installed
-def test_corners_are_held_and_a_change_of_one_is_seen(load):
+def test_corners_are_stored_and_a_changed_corner_is_found(load):
     check_corners(load, Rapier, PLAIN[0])
 
 
 @installed
-def test_hulls_of_all_forms_are_held():
+def test_hulls_of_all_forms_are_stored():
     import rapier3d
 
     from simspec.engines.rapier.building import convex
@@ -53,7 +53,7 @@ def test_hulls_of_all_forms_are_held():
 
 
 @installed
-def test_what_is_no_hull_is_an_error(load):
+def test_points_without_a_hull_are_an_error(load):
     flat = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0]
     with pytest.raises(EngineError, match="has no hull 'hull': all points are in one plane"):
         load(
@@ -95,7 +95,7 @@ def test_a_cube_as_a_hull_slides_as_far_as_a_box(load):
 
 @installed
 @pytest.mark.parametrize("kind", ["plane", "sphere", "capsule", "cylinder", "box", "mesh"])
-def test_overlaps_are_told_as_deep_as_they_are(kind, load):
+def test_overlaps_are_reported_with_their_depths(kind, load):
     """In 40 poses 0.1 mm deep. With lengths in metres Rapier misses some of them with balls, capsules and cylinders."""
     other = {
         "sphere": (0.1,),
@@ -114,7 +114,7 @@ def test_overlaps_are_told_as_deep_as_they_are(kind, load):
         assert depth < (5e-4 if kind == "cylinder" else 1e-6)
 
 
-def test_what_rapier_makes_of_faces():
+def test_faces_as_rapier_merges_them():
     assert faces_of(cube(0.2)) == Faces(4, 0.0, 0.0)
     assert faces_of(prism(12)) == Faces(12, 0.0, 0.0)
     assert faces_of(bent(1e-3)).off == pytest.approx(1e-3, rel=0.02)
@@ -173,7 +173,7 @@ def test_a_hull_of_which_rapier_would_not_feel_corners_is_refused_by_name(size, 
     assert compile_world(without_floor(beside(size, BALL)), ["rapier"]), "balls touch whatever faces there are"
 
 
-def test_a_hull_with_faces_nearly_in_one_plane_is_approximate():
+def test_a_hull_with_nearly_coplanar_faces_is_approximate():
     world = without_floor(beside(bent(1e-3), BOX))
     with pytest.raises(UnsupportedError, match=r"'box' may feel 'hull' up to 1 mm off"):
         compile_world(world, ["rapier"])

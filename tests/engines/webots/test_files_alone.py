@@ -26,7 +26,7 @@ WORLD = every()["bouncing"]
 TENSOR = (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)
 
 
-def test_it_says_why_it_is_not_asked(tmp_path, capsys, monkeypatch):
+def test_it_says_why_it_is_not_queried(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert Webots.version() is None
     why = "there is none: no webots on the path, and WEBOTS_HOME is not set"
@@ -120,7 +120,7 @@ def test_json_says_so(tmp_path, capsys):
     assert set(content["certificate"]["engines"]["webots"]["not_checked"]) >= {"L1", "L2", "L3", "L4", "L6"}
 
 
-def test_a_defect_beside_it_is_a_failure_and_no_missing_engine(tmp_path, capsys, monkeypatch):
+def test_a_defect_in_the_engine_module_is_a_failure_and_no_missing_engine(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("simspec.dialects.webots.dialect.ALWAYS", 1.0)
     assert run(tmp_path, capsys, SPEC, ["webots"])[0] == EXIT_FAILED
 
@@ -169,19 +169,19 @@ def arm(*kinds, steps=None, excluded=()):
         (arm("fixed", "fixed", "hinge"), {("b2", "floor"), ("b0", "b2")}),
     ],
 )
-def test_what_webots_keeps_apart_is_known(world, apart):
+def test_pairs_that_webots_excludes_are_known(world, apart):
     """By its collision callback: joined bodies, what is joined to the ground, and chains whose hinges have one anchor."""
     assert set(kept_apart(world)) == apart
 
 
-def test_what_is_kept_apart_is_told_with_the_approximation():
+def test_excluded_pairs_are_reported_with_the_approximation():
     world = accepting(arm("fixed", "hinge"), "webots")
     compiled = compile_world(world, ["webots"])["webots"]
     (text,) = [decision.how for decision in compiled.decisions if decision.feature.value == "joint.hinge"]
     assert "'b1' never touches 'floor', since Webots passes over what joints join" in text
 
 
-def test_bodies_that_no_joint_joins_cannot_be_kept_apart():
+def test_bodies_that_no_joint_joins_cannot_be_excluded():
     with pytest.raises(UnsupportedError, match="no filter of bodies, and would let 'ball' touch 'floor'"):
         accepting(arm("fixed", "hinge", excluded=(("ball", "floor"),)), "webots")
     compile_world(accepting(arm("fixed", "hinge", excluded=(("b1", "floor"),)), "webots"), ["webots"])

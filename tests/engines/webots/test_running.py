@@ -140,7 +140,7 @@ def begun(home, tmp_path):
         session.close()
 
 
-def test_an_installed_one_is_found(home):
+def test_an_installed_program_is_found(home):
     assert Webots.version() == "R2025a"
     assert (diagnose(Webots).state, Webots.files_alone()) == (State.WHOLE, "")
 
@@ -169,7 +169,7 @@ def test_half_an_installation_is_none_and_says_why(home, break_it, why):
     assert why in found.problems[1]
 
 
-def test_without_a_screen_one_in_memory_is_made(home, monkeypatch, tmp_path):
+def test_without_a_screen_a_virtual_screen_is_started(home, monkeypatch, tmp_path):
     monkeypatch.delenv("DISPLAY")
     monkeypatch.setenv("PATH", str(tmp_path))
     assert "no xvfb-run" in diagnose(Webots).problems[1]
@@ -178,7 +178,7 @@ def test_without_a_screen_one_in_memory_is_made(home, monkeypatch, tmp_path):
     assert program.INSTALLED.command(Path("world.wbt"), 7)[:3] == ["xvfb-run", "-a", str(home.resolve() / "webots")]
 
 
-def test_one_on_the_path_is_found(home, monkeypatch, tmp_path):
+def test_a_program_on_the_path_is_found(home, monkeypatch, tmp_path):
     monkeypatch.delenv("WEBOTS_HOME")
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin/webots").symlink_to(home / "webots")
@@ -190,7 +190,7 @@ def test_one_on_the_path_is_found(home, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["model", "surfaces", "ball joint"])
-def test_what_it_holds_is_read_and_where_things_are(begun, name):
+def test_its_nodes_and_states_are_read(begun, name):
     world = WORLDS[name]
     session = begun(world)
     back = session.read_back()
@@ -211,7 +211,7 @@ def test_what_it_holds_is_read_and_where_things_are(begun, name):
 
 
 @pytest.mark.parametrize("name", ["model", "ball joint", "dry friction", "lifted"])
-def test_it_moves_as_ode_does_by_its_own_steps(begun, name, tmp_path):
+def test_it_moves_as_ode_does_by_native_steps(begun, name, tmp_path):
     """Efforts, damping and springs reach Webots' bodies as forces and torques: the stand-in, which knows nothing of joints'
     coordinates, moves as simspec's engine that has ODE itself."""
     world, steps = WORLDS[name], 40
@@ -242,7 +242,7 @@ def test_it_moves_as_ode_does_by_its_own_steps(begun, name, tmp_path):
         ("stepped", "Webots had stepped to 0.001 s when its controller came"),
     ],
 )
-def test_what_does_not_begin_is_an_error_that_says_why(begun, monkeypatch, fault, why):
+def test_a_failed_start_is_an_error_with_the_reason(begun, monkeypatch, fault, why):
     monkeypatch.setenv("STAND_IN", fault)
     monkeypatch.setattr(live, "READY", 2.0)
     with pytest.raises(EngineError, match=why):
@@ -253,14 +253,14 @@ def test_what_does_not_begin_is_an_error_that_says_why(begun, monkeypatch, fault
     ("fault", "why"),
     [("ends", "Webots ended in a step"), ("dies in a step", "its controller ended: Error: Webots has gone")],
 )
-def test_what_ends_is_an_error_that_says_so(begun, monkeypatch, fault, why):
+def test_an_end_of_the_program_is_an_error_that_says_so(begun, monkeypatch, fault, why):
     monkeypatch.setenv("STAND_IN", fault)
     session = begun(WORLDS["lifted"])
     with pytest.raises(EngineError, match=why):
         session.step(30)
 
 
-def test_what_it_says_is_told(begun, monkeypatch):
+def test_its_messages_are_reported(begun, monkeypatch):
     monkeypatch.setenv("STAND_IN", "newer")
     session = begun(WORLDS["lifted"])
     session.read_back()
@@ -281,7 +281,7 @@ def test_nothing_of_it_is_left(begun):
 # --- through simspec ----------------------------------------------------------------------------------------------------
 
 
-def test_a_proof_asks_it(home):
+def test_a_proof_queries_it(home):
     certificate = verify(WORLDS["lifted"], ["webots"])
     proof = certificate.engines["webots"]
     assert (proof.version, proof.files_alone) == ("R2025a", False)
@@ -291,7 +291,7 @@ def test_a_proof_asks_it(home):
     assert set(proof.unchecked) >= {"L3"}
 
 
-def test_what_is_read_back_is_its_own(begun, monkeypatch):
+def test_the_read_back_is_that_of_webots(begun, monkeypatch):
     """And not the file's."""
     monkeypatch.setenv("STAND_IN", "mass")
     session = begun(WORLDS["lifted"])

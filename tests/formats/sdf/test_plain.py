@@ -171,7 +171,7 @@ def with_axes_of_a_spec(world):
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_what_is_written_reads_back_as_the_same_world(name, tmp_path):
+def test_written_files_read_back_as_the_same_world(name, tmp_path):
     assert_round_trip(with_axes_of_a_spec(WORLDS[name]()), tmp_path)
 
 
@@ -183,7 +183,7 @@ def test_robots_with_meshes_followers_and_loops_read_back_as_they_are(tmp_path_f
     assert not {"shape.mesh", Feature.CONSTRAINT_LOOP.value, Feature.CONSTRAINT_COUPLING.value} & lost
 
 
-def test_what_a_file_cannot_say_of_constraints_is_listed(tmp_path):
+def test_constraints_that_a_file_does_not_carry_are_listed(tmp_path):
     base = robot(3, ("hinge",), free=False)
     moved = dataclasses.replace(base.bodies[-1], joint=dataclasses.replace(base.bodies[-1].joint, position=(0.4,)))
     root, last = base.bodies[0].name, base.bodies[-1].name
@@ -332,7 +332,7 @@ def test_a_root_that_is_placed_has_the_models_pose(tmp_path):
     assert again(path).bodies[0].joint.origin == pose
 
 
-def test_the_format_reads_its_own_files_as_elements(tmp_path):
+def test_the_format_reads_the_files_that_it_writes_as_elements(tmp_path):
     written(worlds.gripper(), tmp_path)
     assert Sdf().read(tmp_path).tag == "sdf"
     (tmp_path / WORLD).write_text("<robot/>")

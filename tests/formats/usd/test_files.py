@@ -73,7 +73,7 @@ def test_only_files_that_simspec_wrote_are_replaced(tmp_path, capsys):
     assert not (tmp_path / "new.usda").exists()
 
 
-def test_several_specs_are_not_one_file(tmp_path, capsys):
+def test_several_specs_are_not_a_single_file(tmp_path, capsys):
     assert main(["export", SCENARIO, "ur10e", "--format", "usd", "-o", str(tmp_path / "both.usdz")]) == 2
     assert "is one file" in capsys.readouterr().err
 
@@ -118,7 +118,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_packages_of_strangers(tmp_path, name):
+def test_packages_of_unknown_authors(tmp_path, name):
     content, message = HOSTILE[name]
     path = tmp_path / "world.usdz"
     path.write_bytes(content)

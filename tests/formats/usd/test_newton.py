@@ -133,7 +133,7 @@ def test_joints_have_the_same_frames_axes_limits_and_drives(read, name):
         assert near(joint.damping, their["damping"][0])
 
 
-def test_axes_of_one_joint_stand_in_the_order_of_the_spec(read):
+def test_axes_of_a_joint_are_in_the_order_of_the_spec(read):
     (joint,) = (joint for joint in read[SEVERAL]["joints"].values() if joint["axes"])
     assert joint["type"] == "D6"
     first = worlds()[SEVERAL].bodies[-1 - len(ROWS) + 1].joint

@@ -193,7 +193,7 @@ def test_the_checks_find_what_is_planted(tmp_path, old, new, finds):
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_usd_cores_own_reader_of_physics_finds_the_same(tmp_path, profile):
+def test_the_physics_reader_of_usd_core_finds_the_same(tmp_path, profile):
     """It shares nothing with the writer and the importer: places of bodies, frames and limits of joints."""
     from pxr import Usd as Core
     from pxr import UsdPhysics
@@ -219,7 +219,7 @@ def test_usd_cores_own_reader_of_physics_finds_the_same(tmp_path, profile):
         assert list(prim.localPose0Position) == pytest.approx(joint.origin.position, abs=1e-6)
 
 
-def test_what_is_lost_is_listed():
+def test_losses_are_listed():
     world = library("box-on-ramp")
     lost = {loss.feature: loss.fate for loss in Usd().plain(world).losses}
     for need in needs(world, world.contact.pairs):
@@ -277,7 +277,7 @@ def with_several(name):
 
 
 @pytest.mark.parametrize(("name", "profile"), [*((name, "flat") for name in SEVERAL), ("universal", "nested")])
-def test_several_joints_of_a_body_are_one_joint_where_it_says_them(tmp_path, name, profile):
+def test_several_joints_of_a_body_are_a_single_joint_where_the_file_states_them(tmp_path, name, profile):
     world = with_several(name)
     _, path = written(world, tmp_path, profile)
     lost = assert_round_trip(world, tmp_path, profile)

@@ -34,7 +34,7 @@ TREE = WbtWorld(
 )
 
 
-def test_what_is_written_is_read(tmp_path):
+def test_written_files_are_read(tmp_path):
     (tmp_path / WORLD).write_text(Wbt().write(TREE)[WORLD], encoding="utf-8")
     document = Wbt().read(tmp_path)
     info, solid = document.nodes
@@ -92,13 +92,13 @@ def test_unknown_fields_numbers_and_texts_are_not_written():
         (HEAD + "Solid {\n  1 2\n}\n", r"world\.wbt:3: '1' stands where a field of Solid should be"),
     ],
 )
-def test_what_is_no_wbt_is_refused_with_its_line(text, said, tmp_path):
+def test_damaged_wbt_files_are_refused_with_the_line(text, said, tmp_path):
     (tmp_path / WORLD).write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=said):
         Wbt().read(tmp_path)
 
 
-def test_what_is_no_text_or_no_file_is_refused(tmp_path):
+def test_unreadable_files_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError):
         Wbt().read(tmp_path)
     (tmp_path / WORLD).write_bytes(HEAD.encode() + b'Solid {\n name "\xff"\n}')
