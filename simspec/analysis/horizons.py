@@ -332,12 +332,12 @@ def determinism(runs: Sequence[Run]) -> Determinism:
     return Determinism(first.label, len(runs), tuple(departures))
 
 
-def _departure(one: Run, other: Run, number: int) -> Departure:
-    """The earliest difference; of several arrays at one row, that of the first in :data:`STATES`."""
-    rows = min(len(one.time), len(other.time))
+def _departure(first: Run, other: Run, number: int) -> Departure:
+    """The earliest difference; of several arrays at first row, that of the first in :data:`STATES`."""
+    rows = min(len(first.time), len(other.time))
     earliest, array = rows, ""
     for name in STATES:
-        a, b = one.arrays[name], other.arrays[name]
+        a, b = first.arrays[name], other.arrays[name]
         for part in parts(earliest, 2 * a[:1].nbytes, a, b):
             differs = _bits(a[part]) != _bits(b[part])
             if differs.any():
@@ -345,8 +345,8 @@ def _departure(one: Run, other: Run, number: int) -> Departure:
                 break
     if not array:
         return Departure(number, "step", None, None)
-    a, b = (np.asarray(run.arrays[array][earliest], dtype=np.float64) for run in (one, other))
-    return Departure(number, array, float(one.time[earliest]), float(np.abs(a - b).max()))
+    a, b = (np.asarray(run.arrays[array][earliest], dtype=np.float64) for run in (first, other))
+    return Departure(number, array, float(first.time[earliest]), float(np.abs(a - b).max()))
 
 
 def _bits(values: np.ndarray) -> np.ndarray:

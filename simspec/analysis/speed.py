@@ -120,9 +120,9 @@ def speed(runs: Sequence[Run], level: float = LEVEL) -> Speed:
     """
     if not runs:
         raise SpecError([Problem("there are no runs to take the speed of")])
-    _demand_one("engines", {run.label for run in runs})
-    _demand_one("timesteps", {f"{run.world.physics.timestep:g} s" for run in runs})
-    _demand_one("machines", {machine_of(run.provenance) for run in runs})
+    _demand_single("engines", {run.label for run in runs})
+    _demand_single("timesteps", {f"{run.world.physics.timestep:g} s" for run in runs})
+    _demand_single("machines", {machine_of(run.provenance) for run in runs})
     whole = [process_figures(run) for run in runs if run.failed is None]
     figures = {}
     for name in FIGURES:
@@ -139,7 +139,7 @@ def speed(runs: Sequence[Run], level: float = LEVEL) -> Speed:
     return Speed(first.label, first.world.physics.timestep, where, figures, len(whole), len(runs) - len(whole))
 
 
-def _demand_one(what: str, values: Iterable[str]) -> None:
+def _demand_single(what: str, values: Iterable[str]) -> None:
     given = sorted(values)
     if len(given) > 1:
         hint = "take the speed of each alone"
@@ -149,7 +149,7 @@ def _demand_one(what: str, values: Iterable[str]) -> None:
 def speed_ratio(first: Speed, second: Speed, name: str = "real_time_factor", level: float = LEVEL) -> Interval | None:
     """How many times larger a figure of the first is than of the second, with Welch's interval over processes; None
     where either has fewer than two processes. Raises SpecError for two machines."""
-    _demand_one("machines", {first.machine, second.machine})
+    _demand_single("machines", {first.machine, second.machine})
     return ratio(first[name], second[name], level)
 
 

@@ -23,7 +23,7 @@ FACTORS = {"real_time_factor": "step_seconds", "cpu_factor": "cpu_seconds", "end
 """Columns of speed, and the seconds that each is of (:mod:`simspec.analysis.speed`)."""
 
 
-class AskedCell(Protocol):
+class RequestedCell(Protocol):
     """What a table needs of a cell of a plan (``experiments/plan.py``)."""
 
     @property
@@ -133,7 +133,7 @@ def _comparable(value: Any) -> Any:
     return value if value.__hash__ is not None else repr(value)
 
 
-def sweep_table(cells: Iterable[AskedCell], done: Callable[[str], StoredRow | None]) -> ResultTable:
+def sweep_table(cells: Iterable[RequestedCell], done: Callable[[str], StoredRow | None]) -> ResultTable:
     """The table of a sweep: ``cells`` of its plan, and the run of each by the cell's key (``Index.done``); of a cell
     that was not
     run yet, figures are None and ``state`` is ``missing``. Nothing of the plan is left out."""

@@ -244,14 +244,14 @@ def _ended(run: Run, why: str) -> Failure:
 
 
 def _of_place(
-    run: Run, asked: Expectation, index: int, targets: Mapping[str, NDArray[np.float64]], begin: int, end: int
+    run: Run, expectation: Expectation, index: int, targets: Mapping[str, NDArray[np.float64]], begin: int, end: int
 ) -> Failure:
     """What happened first to the body that is farthest from its place in row ``end``; ``begin``: the row of the expectation
     before."""
     poses = run.arrays["pose"]
     away = {name: float(np.linalg.norm(poses[end, run.index[name], :3] - place)) for name, place in targets.items()}
     body = max(away, key=lambda name: np.inf if np.isnan(away[name]) else away[name])
-    tolerance = float(_given(asked)["tolerance"])
+    tolerance = float(_given(expectation)["tolerance"])
     path = poses[: end + 1, run.index[body], :3]
     events = [
         _off_trajectory(run, end),
@@ -262,7 +262,7 @@ def _of_place(
     row, kind, what = min((event for event in events if event is not None), key=lambda event: event[0])
     unseen = _unseen(run) if kind != "off-trajectory" else ""
     text = "; ".join(part for part in (what, unseen) if part)
-    return Failure(kind, float(run.time[row]), text, index, _given(asked).get("at"), body, away[body])
+    return Failure(kind, float(run.time[row]), text, index, _given(expectation).get("at"), body, away[body])
 
 
 Event = tuple[int, str, str]
@@ -293,7 +293,7 @@ def _unseen(run: Run) -> str:
 
 
 def _overlap(run: Run, body: str, begin: int, end: int) -> Event | None:
-    """The first row, from that of the expectation before on, in which a body overlaps another one by more than DEEP, and by
+    """The first row, from that of the expectation before on, in which a body overlaps another by more than DEEP, and by
     more than any two bodies did until then."""
     if "contact.distance" not in run.arrays:
         return None
@@ -302,7 +302,7 @@ def _overlap(run: Run, body: str, begin: int, end: int) -> Event | None:
     overlaps = -np.asarray(run.arrays["contact.distance"])
     harmless = float(overlaps[rows < begin].max(initial=0.0))
     depth = overlaps[indices]
-    thin = np.array([_inner_radius(one) for one in run.world.bodies])
+    thin = np.array([_inner_radius(other_body) for other_body in run.world.bodies])
     bound = np.maximum(harmless, DEEP * thin[bodies[indices].astype(np.int64)].min(axis=1))
     deep = np.flatnonzero(~(depth <= bound))
     if not len(deep):
@@ -355,19 +355,19 @@ def _up(run: Run) -> NDArray[np.float64] | None:
     return -gravity / pull if pull > 0.0 else None
 
 
-def _given(asked: Expectation) -> dict[str, Any]:
+def _given(expectation: Expectation) -> dict[str, Any]:
     """The parameters of an expectation by name."""
-    return dict(asked.parameters)
+    return dict(expectation.parameters)
 
 
-def _time(asked: Expectation, end: float) -> float:
+def _time(expectation: Expectation, end: float) -> float:
     """When an expectation can be seen to fail: at its time, else at the end."""
-    parameters = _given(asked)
+    parameters = _given(expectation)
     return float(next((parameters[name] for name in ("at", "until") if name in parameters), end))
 
 
-def _targets(asked: Expectation) -> dict[str, NDArray[np.float64]]:
-    return {name: np.array(place) for name, place in _places(_given(asked))}
+def _targets(expectation: Expectation) -> dict[str, NDArray[np.float64]]:
+    return {name: np.array(place) for name, place in _places(_given(expectation))}
 
 
 def _places(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -74,8 +74,8 @@ def combined(rules: Rules, quantity: str, first: Surface, second: Surface) -> fl
     return COMBINED[rule](a, b)
 
 
-def same(one: float, other: float) -> bool:
-    return abs(one - other) <= SAME * max(1.0, abs(other))
+def same(value: float, other: float) -> bool:
+    return abs(value - other) <= SAME * max(1.0, abs(other))
 
 
 # Numbers of materials which, combined by an engine's rule, give the wanted pairs.
@@ -114,12 +114,12 @@ def invert(world: World, rules: Rules, wanted: Mapping[Pair, PairContact]) -> di
 def _extreme(
     names: Iterable[str],
     values: Mapping[Pair, float],
-    own: Mapping[str, float],
+    defaults: Mapping[str, float],
     inverse: Callable[[Iterable[float]], float],
 ) -> dict[str, float]:
     """Of the max rule: the smallest value among a material's pairs; of the min rule the largest."""
     of_pairs = {name: [value for pair, value in values.items() if name in pair] for name in names}
-    return {name: inverse(found) if found else own[name] for name, found in of_pairs.items()}
+    return {name: inverse(found) if found else defaults[name] for name, found in of_pairs.items()}
 
 
 def _spread(
@@ -142,12 +142,12 @@ def _spread(
 
 
 def _product(
-    names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float], bounded: bool
+    names: Iterable[str], values: Mapping[Pair, float], defaults: Mapping[str, float], bounded: bool
 ) -> dict[str, float]:
     """Of the product rule: a material with a pair above zero has a number above zero, all others zero.
 
     What meets itself has the root of that value; from there values spread along pairs. Where nothing is known (a ramp
-    and a box, one of each), the first keeps the root of its own value, unless others are above one then and
+    and a box, one of each), the first keeps the root of its defaults value, unless others are above one then and
     ``bounded`` is true.
     """
     positive = {pair: value for pair, value in values.items() if value > 0.0}
@@ -156,13 +156,13 @@ def _product(
 
     def begin(open_pairs: list[Pair]) -> dict[str, float]:
         starts.append(open_pairs[0][0])
-        return {starts[-1]: math.sqrt(own[starts[-1]]) or 1.0}
+        return {starts[-1]: math.sqrt(defaults[starts[-1]]) or 1.0}
 
     roots = {first: math.sqrt(value) for (first, second), value in positive.items() if first == second}
     found = _spread(positive, roots, lambda value, number: value / number, begin)
     for start in starts if bounded else ():
         _level(found, positive, start)
-    return {name: 0.0 if name in touched else math.sqrt(own[name]) for name in names} | found
+    return {name: 0.0 if name in touched else math.sqrt(defaults[name]) for name in names} | found
 
 
 def _level(found: dict[str, float], positive: Mapping[Pair, float], start: str) -> None:
@@ -188,16 +188,16 @@ def _level(found: dict[str, float], positive: Mapping[Pair, float], start: str) 
 
 
 def _mean(
-    names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float], largest: float
+    names: Iterable[str], values: Mapping[Pair, float], defaults: Mapping[str, float], largest: float
 ) -> dict[str, float]:
     """Of the mean (a₁ + a₂) / 2 = c, with numbers up to ``largest``: beyond it there are none, which is checked."""
     names = list(names)
     touched = {name for pair in values for name in pair}
     found = _sums(names, {pair: 2.0 * value for pair, value in values.items()})
-    return {name: min(found[name], largest) if name in touched else own[name] for name in names}
+    return {name: min(found[name], largest) if name in touched else defaults[name] for name in names}
 
 
-def _harmonic(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[str, float]) -> dict[str, float]:
+def _harmonic(names: Iterable[str], values: Mapping[Pair, float], defaults: Mapping[str, float]) -> dict[str, float]:
     """Of 2 μ₁ μ₂ / (μ₁ + μ₂) = c: with ρ = 1/μ it is ρ₁ + ρ₂ = 2/c. A material with a pair above zero has a number above zero,
     all others that meet something zero."""
     names = list(names)
@@ -205,7 +205,8 @@ def _harmonic(names: Iterable[str], values: Mapping[Pair, float], own: Mapping[s
     inverse = _sums(names, {pair: 2.0 / value for pair, value in values.items() if value > 0.0})
     # an inverse of zero: no such numbers, and checked
     return {
-        name: 1.0 / inverse[name] if inverse[name] > 0.0 else 0.0 if name in touched else own[name] for name in names
+        name: 1.0 / inverse[name] if inverse[name] > 0.0 else 0.0 if name in touched else defaults[name]
+        for name in names
     }
 
 

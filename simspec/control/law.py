@@ -126,7 +126,7 @@ class _Group:
         self._ahead = np.where(self._solved, time * rows.damping + time**2 * rows.stiffness, 0.0)
         self._effort = np.zeros(len(movers))
         self._holds = bool((rows.hold > 1).any())
-        self._held, self._next = np.zeros(len(movers)), -1
+        self._kept, self._next = np.zeros(len(movers)), -1
 
     def prepare(self, first: int, count: int) -> np.ndarray:
         """Make the references of ``count`` steps from step ``first`` on; returns q* (count, n) at their ends.
@@ -161,8 +161,8 @@ class _Group:
             return self._law(k, q, v)
         if self._any[k]:
             now = self._law(k, q, v)
-            self._held = now.copy() if self._all[k] else np.where(self._due[k], now, self._held)
-        return self._held
+            self._kept = now.copy() if self._all[k] else np.where(self._due[k], now, self._kept)
+        return self._kept
 
     def _law(self, k: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The laws of all joints at the k-th prepared step."""
@@ -171,16 +171,16 @@ class _Group:
         if tree is None:
             return wanted
         if self._only_torque:
-            torque: np.ndarray = tree.own_inverse(q, v, wanted) + self._feed[k]
+            torque: np.ndarray = tree.pin_inverse(q, v, wanted) + self._feed[k]
             return torque
         effort = self._effort
         effort[:] = 0.0
         if rows.torque.any():
             accelerations = np.where(rows.torque, wanted, 0.0)
-            effort[rows.torque] = (tree.own_inverse(q, v, accelerations) + self._feed[k])[rows.torque]
+            effort[rows.torque] = (tree.pin_inverse(q, v, accelerations) + self._feed[k])[rows.torque]
         effort[self._pd] = wanted[self._pd]
         if rows.gravity.any():
-            effort[rows.gravity] += tree.own_gravity(q)[rows.gravity]
+            effort[rows.gravity] += tree.pin_gravity(q)[rows.gravity]
         if self._solved.any():
             effort[self._solved] -= (self._ahead * self._acceleration(q, v, effort))[self._solved]
         return effort
@@ -192,14 +192,14 @@ class _Group:
         mass = pin.crba(model, data, q)
         mass = np.triu(mass) + np.triu(mass, 1).T
         local = tree.joint_effort(q[tree.v_index], v[tree.v_index])[np.argsort(tree.v_index)]
-        free = effort + local - tree.own_bias(q, v)
+        free = effort + local - tree.pin_bias(q, v)
         return np.linalg.solve(mass + np.diag(self._ahead), free)
 
 
-def _dynamics(world: World, bodies: tuple[Body, ...], asked: list[Controller]) -> Any:
+def _dynamics(world: World, bodies: tuple[Body, ...], controllers: list[Controller]) -> Any:
     unexpected = [body for body in bodies if body.joint.kind not in ("fixed", *SCALAR_JOINTS)]
     if unexpected:
-        names = ", ".join(sorted({controller.name for controller in asked}))
+        names = ", ".join(sorted({controller.name for controller in controllers}))
         raise ControlError(
             f"control.{names}: its law needs a tree of hinges and slides on a fixed base, and {unexpected[0].name!r} has a "
             f"{unexpected[0].joint.kind} joint; law: pd with discretisation: explicit and no gravity_compensation can be used"

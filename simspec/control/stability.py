@@ -84,7 +84,7 @@ class System(NamedTuple):
 
     mobility: Floats
     """M⁻¹ (n, n)."""
-    own: tuple[Floats, Floats]
+    joints: tuple[Floats, Floats]
     """K and D (n, n) of the joints' own springs and damping."""
     law: tuple[Floats, Floats]
     """K and D (n, n) of the laws."""
@@ -149,8 +149,10 @@ def _systems(
 def _growth(system: System, timestep: float) -> float:
     """The largest |eigenvalue| of a step; of several, the mean factor of one."""
     if (system.hold > 1).any():
-        return _held_growth(system, timestep)
-    stiffness, damping = (system.mobility @ (values + law) for values, law in zip(system.own, system.law, strict=True))
+        return _growth_of_kept_efforts(system, timestep)
+    stiffness, damping = (
+        system.mobility @ (values + law) for values, law in zip(system.joints, system.law, strict=True)
+    )
     count = len(stiffness)
     identity = np.eye(count)
     speed = np.hstack([-timestep * stiffness, identity - timestep * damping])
@@ -158,7 +160,7 @@ def _growth(system: System, timestep: float) -> float:
     return float(np.abs(np.linalg.eigvals(step)).max())
 
 
-def _held_growth(system: System, timestep: float) -> float:
+def _growth_of_kept_efforts(system: System, timestep: float) -> float:
     """The same where efforts are held: of e, v and the efforts, over the time after which all laws act at once again."""
     count = len(system.hold)
     hold = system.hold
@@ -166,7 +168,7 @@ def _held_growth(system: System, timestep: float) -> float:
     if steps > MOST_STEPS:
         hold, steps = np.full(count, hold.max()), int(hold.max())
     identity, nothing = np.eye(count), np.zeros((count, count))
-    stiffness, damping = (timestep * system.mobility @ values for values in system.own)
+    stiffness, damping = (timestep * system.mobility @ values for values in system.joints)
     whole = np.eye(3 * count)
     for step in range(steps):
         due = (step % hold == 0)[:, None]

@@ -52,7 +52,7 @@ def threshold(world: World) -> float:
     return max(min(hop, LARGEST_HOP), *(law.restitution_threshold for law in laws))
 
 
-def _one_threshold(world: World) -> Refinement | None:
+def _single_threshold(world: World) -> Refinement | None:
     found = sorted({law.restitution_threshold for law in meeting_laws(world).values() if law.restitution})
     several = f"PhysX has one threshold for all that bounces, and the pairs here have {', '.join(f'{x:g}' for x in found)} m/s"
     return unsupported_if(several if len(found) > 1 else None)
@@ -67,7 +67,7 @@ class PhysxDialect(WorldDialect):
         Feature.RESTITUTION_THRESHOLD: Support(
             WorldDialect.SUPPORT[Feature.RESTITUTION_THRESHOLD].level,
             "one for all pairs that bounce",
-            refine=_one_threshold,
+            refine=_single_threshold,
         ),
     }
     SIDECAR: ClassVar[type[Sidecar]] = PhysxSidecar
@@ -91,7 +91,7 @@ DEFECTS: Mapping[str, Plant | str] = {
 
 NAMED = ("passive.gravity_scales.*", "passive.around.boxes.*")
 MASSLESS = "PhysX's static actors have no mass"
-APART = 1.0
+SPREAD = 1.0
 """PhysX sweeps contacts in the order in which it finds corners, and begins each step anew: a cube that lands flat leaves with
 up to 0.72 rad/s more or less where its shape is turned within its symmetry, 3e-3 when it has come to rest (measured)."""
 
@@ -104,6 +104,6 @@ TABLE = table(
     (
         *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
         *(Inert(site, MASSLESS, ("moved", "scaled", "sign", "swapped"), WORLD) for site in INERTIAL),
-        *in_single_precision(APART),
+        *in_single_precision(SPREAD),
     ),
 )

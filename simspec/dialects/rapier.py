@@ -31,7 +31,7 @@ DEFECTS: Mapping[str, Plant | str] = {
 NAMED = ("laws.*", "passive.gravity_scales.*", "passive.around.boxes.*")
 
 WEIGHTLESS = "Rapier is told no mass properties of what has no mass"
-APART = 0.1
+SPREAD = 0.1
 """What tumbles on a floor is then up to 3.9e-2 apart after 0.6 s (measured)."""
 
 TABLE = table(
@@ -45,6 +45,6 @@ TABLE = table(
     (
         *(Inert(site, SYMMETRIC, ("swapped",), "sidecar.json") for site in NAMED),
         *(Inert(site, WEIGHTLESS, ("moved",), WORLD) for site in INERTIAL[1:]),
-        *in_single_precision(APART),
+        *in_single_precision(SPREAD),
     ),
 )

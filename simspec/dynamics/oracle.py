@@ -53,7 +53,7 @@ def constrained_position(
 ) -> np.ndarray:
     """A position (nq,) at which the constraints hold: near ``wanted`` where joints are coupled alone; where loops are closed
     some way from ``start``, at which they hold, towards anywhere."""
-    if tree.held is not None and all(isinstance(constraint, Follow) for constraint in tree.held.constraints):
+    if tree.violation is not None and all(isinstance(constraint, Follow) for constraint in tree.violation.constraints):
         near = tree.settled(wanted)
         return start if near is None else near
     away = tree.constrained_velocity(start, generator.uniform(-1.0, 1.0, tree.nv))
@@ -289,7 +289,7 @@ class Oracle:
         q = q.copy()
         generator = np.random.default_rng(SETTLING_SEED)
         for tree, _, at_q, _ in self._parts:
-            if tree.held is not None:
+            if tree.violation is not None:
                 q[at_q] = constrained_position(tree, q[at_q], start[at_q], generator)
         return q
 
@@ -298,7 +298,7 @@ class Oracle:
         limits as these let them be."""
         q = q.copy()
         for tree, _, at_q, _ in self._parts:
-            if tree.held is not None:
+            if tree.violation is not None:
                 q[at_q] = away_from_limits(tree, q[at_q])
         return q
 

@@ -101,7 +101,7 @@ class Tree:
         self.timestep = world.physics.timestep
         self.model = pinocchio.Model()
         self.model.gravity.linear = np.array(world.physics.gravity)
-        self._held: dict[str, tuple[int, Any]] = {}  # body -> (joint it moves with, placement of its frame there)
+        self._joint_of: dict[str, tuple[int, Any]] = {}  # body -> (joint it moves with, placement of its frame there)
         self._lifted: list[tuple[int, np.ndarray, np.ndarray]] = []
         """By which force weights differ from mass × gravity: the joint, the centre of mass in its frame, the force."""
         self._resisted: list[Resisted] = []
@@ -110,11 +110,11 @@ class Tree:
         joints = [added[body.name] for body in world.bodies]
         self.model.armature = np.zeros(self.model.nv)
         self._order_coordinates(joints)
-        self.body_joint = [self._held[body.name][0] for body in world.bodies]
-        self.body_placement = [self._held[body.name][1] for body in world.bodies]
+        self.body_joint = [self._joint_of[body.name][0] for body in world.bodies]
+        self.body_placement = [self._joint_of[body.name][1] for body in world.bodies]
         self.data = self.model.createData()
         self._read_efforts()
-        self.held = Violation(world.bodies, world.constraints) if constrained and world.constraints else None
+        self.violation = Violation(world.bodies, world.constraints) if constrained and world.constraints else None
         """The constraints that act in a step; None: there are none."""
 
     def _placement(self, pose: Pose) -> Any:
@@ -123,7 +123,7 @@ class Tree:
     def _add(self, body: Body) -> int:
         """Add one body; returns the index of its own joint, 0 when it has none (fixed)."""
         pin, joint = self.pin, body.joint
-        above, placement = (0, pin.SE3.Identity()) if joint.parent is None else self._held[joint.parent]
+        above, placement = (0, pin.SE3.Identity()) if joint.parent is None else self._joint_of[joint.parent]
         placement = placement * self._placement(joint.origin)
         centre = np.array(body.inertial.centre_of_mass)
         if joint.kind == "fixed":
@@ -154,7 +154,7 @@ class Tree:
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if index and body.inertial.mass:
             self.model.appendBodyToJoint(index, pin.Inertia(body.inertial.mass, centre, tensor), identity)
-        self._held[body.name] = (index, identity)
+        self._joint_of[body.name] = (index, identity)
         return 0 if joint.kind == "fixed" else index
 
     def _order_coordinates(self, joints: list[int]) -> None:
@@ -227,7 +227,7 @@ class Tree:
     def effort_of(self, q: np.ndarray, body: str, at: np.ndarray, force: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """See :meth:`Oracle.effort_of`."""
         values, effort = self.spread(q)[0], np.zeros(self.nv)
-        index, placement = self._held[body]
+        index, placement = self._joint_of[body]
         if not index:
             return effort
         self.pin.forwardKinematics(self.model, self.data, values)
@@ -259,25 +259,25 @@ class Tree:
 
     def bias_force(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """h (nv,) in M v̇ + h = τ: Coriolis, centrifugal and gravity."""
-        bias: np.ndarray = self.own_bias(*self.spread(q, v))[self.v_index].copy()
+        bias: np.ndarray = self.pin_bias(*self.spread(q, v))[self.v_index].copy()
         return bias
 
-    def own_bias(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def pin_bias(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The same in Pinocchio's order."""
         bias: np.ndarray = self.pin.nonLinearEffects(self.model, self.data, q, v)
-        return bias - self.own_lift(q) if self._lifted else bias
+        return bias - self.pin_lift(q) if self._lifted else bias
 
-    def own_inverse(self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    def pin_inverse(self, q: np.ndarray, v: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
         """M v̇ + h in Pinocchio's order."""
         effort: np.ndarray = self.pin.rnea(self.model, self.data, q, v, acceleration)
-        return effort - self.own_lift(q) if self._lifted else effort
+        return effort - self.pin_lift(q) if self._lifted else effort
 
-    def own_gravity(self, q: np.ndarray) -> np.ndarray:
+    def pin_gravity(self, q: np.ndarray) -> np.ndarray:
         """h at rest, in Pinocchio's order."""
         gravity: np.ndarray = self.pin.computeGeneralizedGravity(self.model, self.data, q)
-        return gravity - self.own_lift(q) if self._lifted else gravity
+        return gravity - self.pin_lift(q) if self._lifted else gravity
 
-    def own_lift(self, q: np.ndarray) -> np.ndarray:
+    def pin_lift(self, q: np.ndarray) -> np.ndarray:
         """The effort by which weights differ from mass × gravity, in Pinocchio's order."""
         pin, lift = self.pin, np.zeros(self.model.nv)
         if not self._lifted:
@@ -352,7 +352,7 @@ class Tree:
         tau = np.zeros(self.model.nv)
         tau[self.v_index] = effort + self.joint_effort(q, v)
         if self._lifted:
-            tau += self.own_lift(ours_q)
+            tau += self.pin_lift(ours_q)
         acceleration: np.ndarray = self.pin.aba(self.model, self.data, ours_q, ours_v, tau)[self.v_index]
         return acceleration
 
@@ -369,7 +369,7 @@ class Tree:
         Where nothing acts but gravity, damping and the springs of hinges and slides, it stays in Pinocchio's order from step to
         step, but for rounding, which may draw a number for each coordinate: the same bits in a third of the time.
         """
-        if self.held is not None or self._resisted or self._sprung_balls or self._sums_act:
+        if self.violation is not None or self._resisted or self._sprung_balls or self._sums_act:
             for _ in range(steps):
                 q, v = self.step(q, v, effort)
                 if rounded is not None:
@@ -389,7 +389,7 @@ class Tree:
                 tau[at_v] -= stiffness * (local_q[at_q] - rest)
                 tau = constant + tau
             if self._lifted:
-                tau = tau + self.own_lift(local_q)
+                tau = tau + self.pin_lift(local_q)
             local_v = local_v + timestep * pin.aba(model, data, local_q, local_v, tau)
             local_q = pin.integrate(model, local_q, timestep * local_v)
             if rounded is not None:
@@ -400,22 +400,22 @@ class Tree:
     def step(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One step of semi-implicit Euler; returns the new (q, v)."""
         v = v + self.timestep * self.acceleration(q, v, effort)
-        if self.held is not None:
-            violation = self.held.of(q, self.body_poses(q))
+        if self.violation is not None:
+            violation = self.violation.of(q, self.body_poses(q))
             v = v + impulse(self.mass_matrix(q), self.jacobian(q), v, violation, self.timestep)
         ours_q, ours_v = self.spread(q, v)
         return self.pin.integrate(self.model, ours_q, self.timestep * ours_v)[self.q_index], v
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """J (rows, nv) of the constraints (``world/constraints.py``), by Pinocchio's Jacobians of joints."""
-        if self.held is None:
+        if self.violation is None:
             return np.zeros((0, self.nv))
         pin = self.pin
         pin.computeJointJacobians(self.model, self.data, self.spread(q)[0])
         joints = {body.joint.name: at for body, at in zip(self.world.bodies, self.layout.velocity, strict=True)}
         bodies = {body.name: row for row, body in enumerate(self.world.bodies)}
         parts = [np.zeros((0, self.nv))]
-        for constraint in self.held.constraints:
+        for constraint in self.violation.constraints:
             if isinstance(constraint, Follow):
                 row = np.zeros((1, self.nv))
                 row[0, joints[constraint.joint]] += 1.0
@@ -448,23 +448,23 @@ class Tree:
 
     def settled(self, q: np.ndarray) -> np.ndarray | None:
         """A position near ``q`` (nq,) at which the constraints hold, by Gauss and Newton; None where that leads nowhere."""
-        if self.held is None:
+        if self.violation is None:
             return q
         for _ in range(SETTLING):
-            violation = self.held.of(q, self.body_poses(q))
+            violation = self.violation.of(q, self.body_poses(q))
             step = -np.linalg.pinv(self.jacobian(q), rcond=SETTLED_RANK) @ violation
             if not np.isfinite(step).all():
                 return None
             ours_q, ours_v = self.spread(q, step)
             q = np.asarray(self.pin.integrate(self.model, ours_q, ours_v)[self.q_index])
             if np.abs(step).max(initial=0.0) < SETTLED:
-                close = np.abs(self.held.of(q, self.body_poses(q))).max(initial=0.0) < SETTLED
+                close = np.abs(self.violation.of(q, self.body_poses(q))).max(initial=0.0) < SETTLED
                 return q if close else None
         return None
 
     def constrained_velocity(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The velocity (nv,) nearest to ``v`` with which the constraints go on to hold at ``q``."""
-        if self.held is None:
+        if self.violation is None:
             return v
         jacobian = self.jacobian(q)
         kept: np.ndarray = v - np.linalg.pinv(jacobian, rcond=SETTLED_RANK) @ (jacobian @ v)

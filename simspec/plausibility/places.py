@@ -62,7 +62,7 @@ class Places:
         """All findings about places."""
         yield from self._sizes()
         yield from self._without_collision()
-        yield from self._apart()
+        yield from self._shape_mismatch()
         yield from self._twice()
         yield from self._joints()
         yield from self._overlaps()
@@ -112,7 +112,7 @@ class Places:
             kilograms = self.parts[name].inertial.mass
             yield Finding("no-collision", grade, name, message, kilograms, "kg", kilograms, f"bodies.{name}.shapes")
 
-    def _apart(self) -> Iterator[Finding]:
+    def _shape_mismatch(self) -> Iterator[Finding]:
         for name, part in sorted(self.parts.items()):
             hard, seen = part.some(True), part.some(False)
             if name == "world" or not self.foreign(name) or not hard or not seen:

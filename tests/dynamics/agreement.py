@@ -101,12 +101,12 @@ def oracle_constraints(oracle: Oracle, q: np.ndarray) -> tuple[np.ndarray, np.nd
     """J and φ of the oracle, whose parts have each the constraints of their own trees, in the world's order of constraints."""
     rows: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for tree, _, at_q, at_v in oracle._parts:
-        if tree.held is None:
+        if tree.violation is None:
             continue
-        jacobian = np.zeros((tree.held.count, oracle.nv))
+        jacobian = np.zeros((tree.violation.count, oracle.nv))
         jacobian[:, at_v] = tree.jacobian(q[at_q])
-        violation, start = tree.held.of(q[at_q], tree.body_poses(q[at_q])), 0
-        for constraint in tree.held.constraints:
+        violation, start = tree.violation.of(q[at_q], tree.body_poses(q[at_q])), 0
+        for constraint in tree.violation.constraints:
             part = slice(start, start := start + ROWS[constraint.kind])
             rows[constraint.name] = jacobian[part], violation[part]
     names = [constraint.name for constraint in oracle.world.constraints]

@@ -54,7 +54,7 @@ from simspec.world.types import Body, Inertial, PairContact, Pose, Quaternion, R
 
 Twist = tuple[Vector3, Vector3]
 """Velocity of a point (m/s) and angular velocity (rad/s), in world axes."""
-STILL: Twist = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+AT_REST: Twist = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def twists(world: World) -> dict[str, Twist]:
@@ -63,7 +63,7 @@ def twists(world: World) -> dict[str, Twist]:
     found: dict[str, Twist] = {}
     for body in world.bodies:
         joint, here = body.joint, placed[body.name]
-        linear, angular = STILL
+        linear, angular = AT_REST
         if joint.parent is not None:
             linear, angular = moved(found[joint.parent], placed[joint.parent].position, here.position)
         if joint.kind == "hinge":
@@ -283,7 +283,7 @@ class _Nest:
     def _motion(self, body: Body) -> tuple[object, object]:
         """Of the topmost body of a rigid group: of the group's centre of mass, in world axes."""
         here, twist = self._placed[body.name], self._twists[body.name]
-        if twist == STILL:
+        if twist == AT_REST:
             return twist
         centre = frames.add(here.position, frames.rotate(here.quaternion, self._centres[body.name]))
         linear, angular = moved(twist, here.position, centre)

@@ -185,29 +185,29 @@ def rates(found: Mapping[str, Found], turned: Quaternion) -> dict[str, tuple[flo
     return {name: _rate(entry, at) for name, entry in found.items()}
 
 
-def _rate(one: Found, at: Callable[[str | None, Vector3], tuple[Vector3, Vector3]]) -> tuple[float, ...]:
-    joint, point = one.joint, one.pose.position
+def _rate(found: Found, at: Callable[[str | None, Vector3], tuple[Vector3, Vector3]]) -> tuple[float, ...]:
+    joint, point = found.joint, found.pose.position
     if joint.kind == "fixed":
         return ()
-    linear, angular = at(one.name, point)
+    linear, angular = at(found.name, point)
     if joint.kind == "free":
         return (*linear, *angular)
     above_linear, above_angular = at(joint.parent, point)
     slip, turn = frames.subtract(linear, above_linear), frames.subtract(angular, above_angular)
     speed = 1.0 + max(math.hypot(*part) for part in (linear, angular, above_linear, above_angular))
     if joint.kind == "ball":
-        _check(one, (slip,), speed)
-        return frames.rotate(frames.conjugate(one.pose.quaternion), turn)
-    x, y, z = frames.rotate(one.pose.quaternion, joint.axis)
+        _check(found, (slip,), speed)
+        return frames.rotate(frames.conjugate(found.pose.quaternion), turn)
+    x, y, z = frames.rotate(found.pose.quaternion, joint.axis)
     along, other = (turn, slip) if joint.kind == "hinge" else (slip, turn)
     rate = frames.dot((x, y, z), along)
-    _check(one, (frames.subtract(along, (x * rate, y * rate, z * rate)), other), speed)
+    _check(found, (frames.subtract(along, (x * rate, y * rate, z * rate)), other), speed)
     return (rate,)
 
 
-def _check(one: Found, parts: tuple[Vector3, ...], speed: float) -> None:
+def _check(found: Found, parts: tuple[Vector3, ...], speed: float) -> None:
     if any(math.hypot(*part) > TOGETHER * speed for part in parts):
-        raise one.node.refused("moves otherwise than its joint lets it")
+        raise found.node.refused("moves otherwise than its joint lets it")
 
 
 def _centres(found: Mapping[str, Found]) -> dict[str, Vector3]:

@@ -96,14 +96,14 @@ HOST: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "gz_bias": (None, (Pointer, Numbers)),
     "gz_energy": (None, (Pointer, Numbers)),
     "gz_no_dry_friction": (None, (Pointer, Integer)),
-    "gz_apart": (None, (Pointer, ctypes.POINTER(ctypes.c_ubyte))),
+    "gz_excluded": (None, (Pointer, ctypes.POINTER(ctypes.c_ubyte))),
     "gz_no_contact": (None, (Pointer,)),
     "gz_contact_count": (Integer, (Pointer,)),
     "gz_contacts": (None, (Pointer, Integers, Numbers)),
     "gz_touching": (Integer, (Pointer, Integers, Integer)),
     "gz_body_numbers": (Integer, ()),
     "gz_body": (None, (Pointer, Integer, Numbers)),
-    "gz_own": (None, (Pointer, Integer, Numbers)),
+    "gz_joint_efforts": (None, (Pointer, Integer, Numbers)),
     "gz_shape_type": (Text, (Pointer, Integer)),
     "gz_unit_numbers": (Integer, ()),
     "gz_unit": (None, (Pointer, Integer, Numbers)),
@@ -156,7 +156,7 @@ def pointer(array: NDArray[np.float64]) -> Any:
     return array.ctypes.data_as(Numbers)
 
 
-def asked(function: Any, of: Any, count: int) -> list[float]:
+def query(function: Any, of: Any, count: int) -> list[float]:
     """Numbers that a function of the part in C++ writes; its last argument is where."""
     values = np.zeros(count)
     function(*of, pointer(values))

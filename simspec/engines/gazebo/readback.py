@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simspec.contact.plan import ContactPlan, parts
-from simspec.engines.gazebo.building import NAME, asked, hull_library
+from simspec.engines.gazebo.building import NAME, hull_library, query
 from simspec.engines.gazebo.simulation import Simulation
 from simspec.engines.kit.building import Unit
 from simspec.engines.kit.hulls import vertices_of
@@ -45,7 +45,7 @@ PLANE = 2100.0
 """m: gz-physics makes a box of each plane, with these edges, below it (measured)."""
 
 
-class HeldBody(NamedTuple):
+class ReadBody(NamedTuple):
     """What DART says of a body and its joint; see ``gz_body``."""
 
     inertial: Inertial
@@ -65,7 +65,7 @@ class HeldBody(NamedTuple):
     flags: int
 
 
-class HeldUnit(NamedTuple):
+class ReadUnit(NamedTuple):
     """What DART says of a shape; see ``gz_unit``."""
 
     kind: str
@@ -79,11 +79,11 @@ class HeldUnit(NamedTuple):
     in_frame: bool
 
 
-def held_body(sim: Simulation, row: int) -> HeldBody:
+def read_body(sim: Simulation, row: int) -> ReadBody:
     lib = sim.library
-    n = asked(lib.gz_body, (sim.sim, row), lib.gz_body_numbers())
+    n = query(lib.gz_body, (sim.sim, row), lib.gz_body_numbers())
     inertial = Inertial(n[0], _vector(n[1:4]), tuple(n[4:10]))  # type: ignore[arg-type]
-    return HeldBody(
+    return ReadBody(
         inertial,
         int(n[10]),
         _pose(n[11:23]),
@@ -102,9 +102,9 @@ def held_body(sim: Simulation, row: int) -> HeldBody:
     )
 
 
-def held_unit(sim: Simulation, number: int) -> HeldUnit:
+def read_unit(sim: Simulation, number: int) -> ReadUnit:
     lib = sim.library
-    n = asked(lib.gz_unit, (sim.sim, number), lib.gz_unit_numbers())
+    n = query(lib.gz_unit, (sim.sim, number), lib.gz_unit_numbers())
     name = lib.gz_shape_type(sim.sim, number).decode()
     kind, pose = KINDS.get(name), _pose(n[3:15])
     if kind is None:
@@ -113,14 +113,14 @@ def held_unit(sim: Simulation, number: int) -> HeldUnit:
         kind, size = "mesh", vertices_of(hull_library(), sim.hulls[number])
     else:
         size = tuple(n[: SIZES[kind]])
-    return HeldUnit(
+    return ReadUnit(
         kind, size, pose, (n[15], n[16]), (n[17], n[18]), n[19], _vector(n[20:23]), bool(n[23]), bool(n[25])
     )
 
 
-def own_of(sim: Simulation, row: int) -> list[float]:
+def effort_parts_of(sim: Simulation, row: int) -> list[float]:
     """Damping, stiffness, rest, armature that a joint has by efforts."""
-    return asked(sim.library.gz_own, (sim.sim, row), 4)
+    return query(sim.library.gz_joint_efforts, (sim.sim, row), 4)
 
 
 def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
@@ -131,14 +131,14 @@ def read_back(sim: Simulation, unreadable: dict[str, str]) -> ReadBack:
         units.setdefault((unit.of.owner.row, unit.of.place), []).append(unit.number)
     bodies = []
     for row, body in enumerate(sim.document.bodies):
-        actual = held_body(sim, row)
+        actual = read_body(sim, row)
         shapes = tuple(_shape(sim, shape, units.get((row, place), ())) for place, shape in enumerate(body.shapes))
         bodies.append(Body(body.name, body.model, actual.inertial, _joint(sim, row, body, actual, q, v), shapes))
-    world = asked(sim.library.gz_world, (sim.sim,), sim.library.gz_world_numbers())
+    world = query(sim.library.gz_world, (sim.sim,), sim.library.gz_world_numbers())
     return sim.model(bodies, _vector(world[:3]), world[3], unreadable, sim.cone)
 
 
-def _joint(sim: Simulation, row: int, body: JsonBody, held: HeldBody, q: np.ndarray, v: np.ndarray) -> Joint:
+def _joint(sim: Simulation, row: int, body: JsonBody, held: ReadBody, q: np.ndarray, v: np.ndarray) -> Joint:
     joint = body.joint
     position, velocity = q[sim.q_places[row]].tolist(), v[sim.v_places[row]].tolist()
     if isinstance(joint, FreeJoint):
@@ -147,7 +147,7 @@ def _joint(sim: Simulation, row: int, body: JsonBody, held: HeldBody, q: np.ndar
     found = Joint(joint.name, joint.kind, parent, held.place, position=tuple(position), velocity=tuple(velocity))
     if isinstance(joint, FixedJoint):
         return found
-    damping, stiffness, rest, armature = own_of(sim, row)
+    damping, stiffness, rest, armature = effort_parts_of(sim, row)
     implicit = armature / sim.document.timestep
     found = dataclasses.replace(
         found,
@@ -175,17 +175,17 @@ def _shape(sim: Simulation, told: JsonShape, copies: Sequence[int]) -> Shape:
     seen = visual_shape(told)
     if not copies:
         return seen
-    actual = [held_unit(sim, number) for number in copies]
+    actual = [read_unit(sim, number) for number in copies]
     if any(
         (entry.kind, entry.size, entry.pose) != (actual[0].kind, actual[0].size, actual[0].pose) for entry in actual
     ):
         raise EngineError(NAME, f"holds copies of {told.name!r} that differ")
-    kind, size, pose = as_told(actual[0])
+    kind, size, pose = as_written(actual[0])
     surfaces = tuple(Surface(entry.friction[0], restitution=entry.restitution) for entry in actual)
     return dataclasses.replace(seen, kind=kind, size=size, pose=pose, collision=True, surfaces=surfaces)
 
 
-def as_told(held: HeldUnit) -> tuple[str, tuple[float, ...], Pose]:
+def as_written(held: ReadUnit) -> tuple[str, tuple[float, ...], Pose]:
     """Kind, size and pose as the world has them: a plane is the top of a box of its size."""
     if held.kind == "box" and held.size == (PLANE, PLANE, PLANE):
         return "plane", (), frames.compose(held.pose, Pose((0.0, 0.0, 0.5 * PLANE)))
@@ -258,7 +258,7 @@ def near(place: Pose) -> bool:
     return max(map(abs, (*place.position, *place.quaternion[1:]))) < FIT
 
 
-BODY = Items[HeldBody, Placed](
+BODY = Items[ReadBody, Placed](
     {
         "at_child": (lambda entry: near(entry.in_child), True),
         "actuator": (lambda entry: entry.actuator, 0),
@@ -277,7 +277,7 @@ BODY = Items[HeldBody, Placed](
 MASS = Items[Inertial, Inertial].named(
     getattr, {name: operator.attrgetter(name) for name in ("mass", "centre_of_mass", "inertia")}
 )
-UNIT = Items[HeldUnit, Surface](
+UNIT = Items[ReadUnit, Surface](
     {
         "second_friction": (lambda entry: entry.friction[1], lambda surface: surface.friction or 0.0),
         "restitution": (lambda entry: entry.restitution, lambda surface: surface.restitution or 0.0),
@@ -292,15 +292,15 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     """The stored values by name."""
     lib = sim.library
     found: dict[str, EngineValue] = dict(sidecar_labels(sim.sidecar))
-    numbers = asked(lib.gz_world, (sim.sim,), lib.gz_world_numbers())
+    numbers = query(lib.gz_world, (sim.sim,), lib.gz_world_numbers())
     found |= {f"world.{name}": value for name, value in zip(WORLD, numbers[4:], strict=True)}
     found["world.detector"] = lib.gz_detector(sim.sim).decode()
     found["world.solver"] = lib.gz_solver(sim.sim).decode()
     for number in range(lib.gz_tree_count(sim.sim)):
-        mobile, timestep, *gravity = asked(lib.gz_skeleton, (sim.sim, number), 5)
+        mobile, timestep, *gravity = query(lib.gz_skeleton, (sim.sim, number), 5)
         found |= _tree(number, bool(mobile), timestep, tuple(gravity))
     for row, body in enumerate(sim.document.bodies):
-        at, stored = f"body.{body.name}", held_body(sim, row)
+        at, stored = f"body.{body.name}", read_body(sim, row)
         found |= {f"{at}.model": body.model, f"{at}.joint": body.joint.name}
         found[f"{at}.shapes"] = tuple(shape.name for shape in body.shapes)
         found |= BODY.read(stored, at)
@@ -310,7 +310,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
             found |= MASS.read(stored.inertial, at)
     for unit in sim.walk.units:
         at = f"unit.{unit_name(unit)}"
-        found |= UNIT.read(held_unit(sim, unit.number), at) | {f"{at}.of": unit.of.owner.body.name}
+        found |= UNIT.read(read_unit(sim, unit.number), at) | {f"{at}.of": unit.of.owner.body.name}
     return found | _filter(sim)
 
 
@@ -323,7 +323,7 @@ def _filter(sim: Simulation) -> dict[str, EngineValue]:
     """For every copy of a shape the others that it does not touch, itself not counted."""
     names = [unit_name(unit) for unit in sim.walk.units]
     excluded = np.zeros((len(names), len(names)), dtype=np.uint8)
-    sim.library.gz_apart(sim.sim, excluded.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)))
+    sim.library.gz_excluded(sim.sim, excluded.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)))
     np.fill_diagonal(excluded, 0)
     return {
         f"apart.{name}": named_set(names[other] for other in np.nonzero(row)[0].tolist())

@@ -30,7 +30,7 @@ USUAL: Final = (
     "/usr/local/lib/python",
     "/opt/ros/*/opt/gz_sim_vendor/lib/python",
 )
-BESIDE: Final[Mapping[str, tuple[str, str]]] = {
+COMPANIONS: Final[Mapping[str, tuple[str, str]]] = {
     "": ("gz.math", "sdformat"),
     "10": ("gz.math9", "sdformat16"),
     "9": ("gz.math8", "sdformat15"),
@@ -56,7 +56,7 @@ class Found:
     @property
     def usable(self) -> bool:
         """Whether this Python can import them, and simspec knows what they are."""
-        return self.number in BESIDE and (
+        return self.number in COMPANIONS and (
             (self.file / "__init__.py").is_file()
             or self.file.name.removeprefix(f"sim{self.number}") in (".py", *EXTENSION_SUFFIXES)
         )
@@ -98,7 +98,7 @@ def _all() -> tuple[Found, ...]:
 def found() -> Found | None:
     """The newest bindings that this Python can import; None where there are none."""
     usable = {entry.number: entry for entry in reversed(_all()) if entry.usable}
-    return next((usable[number] for number in BESIDE if number in usable), None)
+    return next((usable[number] for number in COMPANIONS if number in usable), None)
 
 
 def version() -> str | None:
@@ -118,7 +118,7 @@ def why_not() -> str:
     if not others:
         return "no gz sim is found here"
     other = others[0]
-    if other.number not in BESIDE:
+    if other.number not in COMPANIONS:
         return f"{other.file} is of another gz sim"
     here = f"{sys.version_info.major}.{sys.version_info.minor}"
     return f"{other.file} is of another Python than this one, {here}"
@@ -151,7 +151,7 @@ def bindings() -> Bindings:
     os.environ["GZ_PARTITION"] = f"simspec-{os.getpid()}"
     os.environ["GZ_IP"] = "127.0.0.1"
     name = f"gz.sim{there.number}"
-    numbers, sdf = BESIDE[there.number]
+    numbers, sdf = COMPANIONS[there.number]
     try:
         importlib.import_module(sdf)  # the types of joints and axes
         sim, math = importlib.import_module(name), importlib.import_module(numbers)

@@ -144,7 +144,7 @@ def _vector(told: Any) -> Vector3:
 
 _NO_CONTACT = "simspec tells gz sim no shapes: its Python bindings tell no contacts, so that nothing could be compared"
 _GIVEN = "given as efforts at every step, explicit in time: DART's own are implicit"
-_NOT_TOLD = "simspec does not tell gz sim of it"
+_NOT_WRITTEN = "simspec does not tell gz sim of it"
 _NO_MATRIX = "gz sim's Python bindings tell nothing of its dynamics"
 MICROSECOND = 1e-6
 """s: gz sim's bindings tell times in Python's timedelta, which has no shorter ones."""
@@ -221,7 +221,7 @@ class GzSim(GivenEngine[Simulation]):
             short="pose and velocity of a free body are told only once it has moved or turned by 1e-6",
         ),
         **for_each(
-            never(_NOT_TOLD),
+            never(_NOT_WRITTEN),
             *(Feature.JOINT_BALL, Feature.BALL_LIMIT, Feature.BALL_DAMPING, Feature.BALL_SPRING, Feature.KINEMATIC),
         ),
         Feature.JOINT_SEVERAL: never(

@@ -56,7 +56,7 @@ def kinds(keys: Sequence[K], meet: Callable[[K, K], bool]) -> Mapping[K, tuple[i
     return found
 
 
-def apart(pairs: Iterable[tuple[str, str]]) -> Mapping[str, tuple[int, int]]:
+def exclusions(pairs: Iterable[tuple[str, str]]) -> Mapping[str, tuple[int, int]]:
     """The last two words of each name of ``pairs``, of bodies that must not touch. Raises ValueError where bits do not do."""
     neighbours: dict[str, set[str]] = {}
     for entry, other in pairs:
@@ -205,7 +205,7 @@ class Built:
         """The filter of every unit."""
         try:
             first = kinds(self.walk.kinds, self.walk.meet)
-            last = apart(self.walk.document.apart.bodies)
+            last = exclusions(self.walk.document.apart.bodies)
         except ValueError as error:
             raise EngineError(NAME, str(error)) from error
         return [(*first[unit.kind], *last.get(unit.of.owner.body.name, (0, 0))) for unit in self.walk.units]

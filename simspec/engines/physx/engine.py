@@ -17,7 +17,7 @@ from simspec.engines.kit.refinements import no_friction, static_planes, still_or
 from simspec.engines.kit.settings import Group, Setting
 from simspec.engines.kit.world_simulation import Parts, WorldEngine
 from simspec.engines.physx.approximations import BOXES, COUPLED, DEVIATIONS, MESHES, boxes, meshes
-from simspec.engines.physx.building import apart, imported, kinds
+from simspec.engines.physx.building import exclusions, imported, kinds
 from simspec.engines.physx.readback import expected, inventory, neutral, read_back
 from simspec.engines.physx.simulation import Simulation
 from simspec.support import classes, features
@@ -52,8 +52,8 @@ def _bits_do(world: World) -> Refinement | None:
     plan = contact_plan(world, PhysX.RULES, PhysX.LAYERS)
     ignored = {frozenset(pair) for pair in world.contact.ignored_groups}
 
-    def meet(one: tuple[str, str, int], other: tuple[str, str, int]) -> bool:
-        return frozenset((one[0], other[0])) not in ignored and plan.meet(one[1:], other[1:])
+    def meet(first: tuple[str, str, int], second: tuple[str, str, int]) -> bool:
+        return frozenset((first[0], second[0])) not in ignored and plan.meet(first[1:], second[1:])
 
     keys = dict.fromkeys(
         (body.collision_group, shape.material, layer)
@@ -63,7 +63,7 @@ def _bits_do(world: World) -> Refinement | None:
     )
     try:
         kinds(list(keys), meet)
-        apart(excluded_pairs(world))
+        exclusions(excluded_pairs(world))
     except ValueError as error:
         return unsupported_if(f"SAPIEN's filter {error}")
     return None

@@ -194,11 +194,11 @@ def turns(
 
 
 def _before(
-    wanted: np.ndarray, begins: np.ndarray, own: np.ndarray, inverse: np.ndarray, timestep: float
+    wanted: np.ndarray, begins: np.ndarray, spin: np.ndarray, inverse: np.ndarray, timestep: float
 ) -> np.ndarray:
     """The momenta of which PhysX's gyroscopic term makes the ``wanted`` ones: N |L| / |N| with N = L − dt ω × L, by repetition,
     as dt ω is small against 1."""
-    found = wanted + timestep * cross(own, begins)
+    found = wanted + timestep * cross(spin, begins)
     scale = np.linalg.norm(wanted, axis=1)
     scale = np.where(scale > 0.0, scale, 1.0)
     for _ in range(MOST_TRIES):

@@ -151,7 +151,7 @@ class Faces:
     unfelt: float
 
 
-def hulls_held(world: World) -> Refinement | None:
+def hull_support(world: World) -> Refinement | None:
     """Not hulls of which Rapier would not feel corners; approximately those that may touch hulls, and those with faces that are
     nearly in one plane, where they may touch what is no ball."""
     shapes = {shape.name: shape for body in world.bodies for shape in solid_shapes(body)}
@@ -176,17 +176,17 @@ def hulls_held(world: World) -> Refinement | None:
     return Refinement(Level.APPROXIMATE, f"the convex hull; {'; '.join(found)}", short) if found else None
 
 
-def _refused(own: Faces, kind: str) -> str | None:
+def _refused(faces: Faces, kind: str) -> str | None:
     """Why Rapier does not have a hull beside a kind of shape."""
-    if own.corners > MOST_CORNERS:
+    if faces.corners > MOST_CORNERS:
         return (
-            f"Rapier uses {MOST_CORNERS} corners of a face, and one has {own.corners} here, where faces that meet at less than "
-            "1.5° are one: a prism of 8 sides falls over"
+            f"Rapier uses {MOST_CORNERS} corners of a face, and a face has {faces.corners} here; faces that meet at less than "
+            "1.5° count as one: a prism of 8 sides falls over"
         )
-    if kind == "plane" and own.unfelt:
+    if kind == "plane" and faces.unfelt:
         return (
             "of a hull on a plane Rapier feels the corners of the face alone that looks at the plane most, and here others may "
-            f"be {1e3 * own.unfelt:.2g} mm deep; a box in place of the plane feels all"
+            f"be {1e3 * faces.unfelt:.2g} mm deep; a box in place of the plane feels all"
         )
     return None
 
@@ -202,11 +202,11 @@ def faces_of(size: tuple[float, ...]) -> Faces:
     return Faces(most, off if off > least else 0.0, unfelt if unfelt > least else 0.0)
 
 
-def _merged(held: Hull) -> tuple[list[list[int]], int]:
+def _merged(hull: Hull) -> tuple[list[list[int]], int]:
     """The triangles of each of Rapier's faces, and the most corners that one has."""
     first: dict[tuple[int, int], int] = {}
     edges: list[tuple[int, int]] = []
-    up = list(range(len(held.triangles)))
+    up = list(range(len(hull.triangles)))
 
     def root(face: int) -> int:
         while up[face] != face:
@@ -214,13 +214,13 @@ def _merged(held: Hull) -> tuple[list[list[int]], int]:
             face = up[face]
         return face
 
-    for face, (a, b, c) in enumerate(held.triangles.tolist()):
+    for face, (a, b, c) in enumerate(hull.triangles.tolist()):
         for edge in ((a, b), (b, c), (c, a)):
             other = first.setdefault((min(edge), max(edge)), face)
             if other == face:
                 continue
             edges.append((face, other))
-            if held.normals[face] @ held.normals[other] > 1.0 - ALIKE:
+            if hull.normals[face] @ hull.normals[other] > 1.0 - ALIKE:
                 up[root(face)] = root(other)
     members: dict[int, list[int]] = {}
     for face in range(len(up)):
@@ -233,37 +233,37 @@ def _merged(held: Hull) -> tuple[list[list[int]], int]:
     return list(members.values()), max(sides.values())
 
 
-def _bent(held: Hull, group: Sequence[int]) -> float:
+def _bent(hull: Hull, group: Sequence[int]) -> float:
     """How far (m) corners of some triangles are from the planes of the others, at most."""
     if len(group) == 1:
         return 0.0
-    vertex = held.vertices[np.unique(held.triangles[group])]
-    return float(np.abs(vertex @ held.normals[group].T - held.offsets[group]).max())
+    vertex = hull.vertices[np.unique(hull.triangles[group])]
+    return float(np.abs(vertex @ hull.normals[group].T - hull.offsets[group]).max())
 
 
-def _unfelt(held: Hull, groups: Sequence[Sequence[int]]) -> float:
+def _unfelt(hull: Hull, groups: Sequence[Sequence[int]]) -> float:
     """How much further (m) a hull reaches than the face that looks in a direction most, at most."""
-    faces = np.zeros(len(held.triangles), dtype=np.intp)
+    faces = np.zeros(len(hull.triangles), dtype=np.intp)
     for number, group in enumerate(groups):
         faces[group] = number
-    local = np.zeros((len(groups), len(held.vertices)), dtype=bool)
-    for face, corners in zip(faces.tolist(), held.triangles, strict=True):
+    local = np.zeros((len(groups), len(hull.vertices)), dtype=bool)
+    for face, corners in zip(faces.tolist(), hull.triangles, strict=True):
         local[face, corners] = True
-    directions = _directions(held)
-    reach = directions @ held.vertices.T
-    looking = faces[np.argmax(directions @ held.normals.T, axis=1)]
+    directions = _directions(hull)
+    reach = directions @ hull.vertices.T
+    looking = faces[np.argmax(directions @ hull.normals.T, axis=1)]
     felt = np.where(local[looking], reach, -math.inf).max(axis=1)
     return float((reach.max(axis=1) - felt).max())
 
 
-def _directions(held: Hull) -> np.ndarray:
+def _directions(hull: Hull) -> np.ndarray:
     """Unit vectors (n, 3): a Fibonacci spiral, and those that three faces look at alike, a little towards each."""
     index = np.arange(DIRECTIONS) + 0.5
     z = 1.0 - 2.0 * index / DIRECTIONS
     turn, across = math.pi * (1.0 + math.sqrt(5.0)) * index, np.sqrt(1.0 - z * z)
     found = [np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)]
     try:
-        cells = hull_of(tuple(held.normals.ravel().tolist()))
+        cells = hull_of(tuple(hull.normals.ravel().tolist()))
     except HullError:
         return found[0]
     found += [cells.normals + 1e-6 * cells.vertices[cells.triangles[:, corner]] for corner in range(3)]

@@ -102,14 +102,14 @@ class Laws:
                 collider.active_hooks = flags
         world.physics_hooks = self
 
-    def apart(self, one: int, other: int) -> bool:
+    def excluded(self, first_number: int, second_number: int) -> bool:
         """Whether two colliders, by their numbers, do not touch."""
-        first, second = self._walk.shapes[one].owner, self._walk.shapes[other].owner
+        first, second = self._walk.shapes[first_number].owner, self._walk.shapes[second_number].owner
         return (
             first.carrier == second.carrier
             or frozenset((first.body.group, second.body.group)) in self._ignored
             or (min(first.row, second.row), max(first.row, second.row)) in self._excluded
-            or (self.materials[one], self.materials[other]) not in self.table
+            or (self.materials[first_number], self.materials[second_number]) not in self.table
         )
 
     def frictionless(self, material: str) -> bool:
@@ -119,7 +119,7 @@ class Laws:
     # --- called by Rapier ---------------------------------------------------------------------------------------
 
     def filter_contact_pair(self, ctx: Any) -> Any:
-        return None if self.apart(self.number[ctx.collider1], self.number[ctx.collider2]) else self._flags
+        return None if self.excluded(self.number[ctx.collider1], self.number[ctx.collider2]) else self._flags
 
     def filter_intersection_pair(self, ctx: Any) -> bool:
         return False

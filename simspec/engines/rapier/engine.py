@@ -22,7 +22,7 @@ from simspec.engines.rapier.approximations import (
     STACKED,
     balls,
     cylinders,
-    hulls_held,
+    hull_support,
 )
 from simspec.engines.rapier.readback import expected, inventory, neutral, read_back
 from simspec.engines.rapier.simulation import Simulation
@@ -78,7 +78,7 @@ class Rapier(WorldEngine[Simulation]):
             "the convex hull, where no two faces meet at less than 1.5°, none has more than four corners, and on planes the "
             "deepest corner is always one of the face that looks down; what balls alone touch may have any faces. Hulls that "
             "may touch each other are approximate, and accepted by name",
-            refine=hulls_held,
+            refine=hull_support,
             cases=(STACKED,),
         ),
         **for_each(exact(_LAW), Feature.FRICTION, Feature.FRICTION_PAIRS),

@@ -279,7 +279,7 @@ def inventory(sim: Simulation) -> dict[str, EngineValue]:
     names = [f"{solid.shape.name}.0" for solid in sim.walk.shapes]  # the names of carriers: all in one layer
     for row, name in enumerate(names):
         # as the hook answers, whether Rapier asks it or not
-        others = (other for column, other in enumerate(names) if column != row and sim.built.laws.apart(row, column))
+        others = (other for column, other in enumerate(names) if column != row and sim.built.laws.excluded(row, column))
         found[f"apart.{name}"] = named_set(others)
     return found
 

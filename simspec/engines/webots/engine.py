@@ -56,7 +56,7 @@ ROUND = ("hinge", "ball")
 
 
 @derived
-def kept_apart(world: World) -> tuple[tuple[str, str], ...]:
+def excluded_by_joints(world: World) -> tuple[tuple[str, str], ...]:
     """The sorted pairs of bodies that may touch in ``world`` and never do in Webots."""
     groups = rigid_groups(world)
     solid: dict[str, list[str]] = {}
@@ -110,7 +110,7 @@ def _anchors(world: World) -> dict[str, Vector3]:
 
 def touches_less(world: World) -> str:
     """What a world's pairs that Webots keeps apart are, in words; "" where there is none."""
-    pairs = kept_apart(world)
+    pairs = excluded_by_joints(world)
     if not pairs:
         return ""
     (name, other), more = pairs[0], len(pairs) - 1

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from simspec.dialects.webots.dialect import STILL, Twist, centres, moved, twists
+from simspec.dialects.webots.dialect import AT_REST, Twist, centres, moved, twists
 from simspec.dialects.webots.nodes import WebotsSidecar, turn
 from simspec.dialects.webots.raising import raised, solids_of
 from simspec.engines.webots.program import NAME, Live
@@ -37,16 +37,16 @@ class States:
     Raises ValueError, which names the place, where the two do not fit together or hold what simspec does not write.
     """
 
-    def __init__(self, document: WbtDocument, told: WebotsSidecar):
+    def __init__(self, document: WbtDocument, node_data: WebotsSidecar):
         self.document = document
-        self.held = raised(document, told)
-        self.world = World("", self.held.bodies)
+        self.model = raised(document, node_data)
+        self.world = World("", self.model.bodies)
         self.turned = solids_of(document)[0]
         bodies = self.world.bodies
         self.layout = layout_of(self.world)
         rows = {body.name: row for row, body in enumerate(bodies)}
         self.parents = [-1 if body.joint.parent is None else rows[body.joint.parent] for body in bodies]
-        self._offsets = [Pose(body.frame_offset) for body in told.bodies]
+        self._offsets = [Pose(body.frame_offset) for body in node_data.bodies]
         self.levers = [
             lumped_inertial(self.world, body).centre_of_mass if body.joint.kind == "free" else (0.0, 0.0, 0.0)
             for body in bodies
@@ -185,7 +185,7 @@ class Simulation:
             self.states = States(Wbt().read(folder), given)
         except (ValueError, FileNotFoundError, SpecError) as error:
             raise EngineError(NAME, str(error)) from error
-        self.told = given
+        self.typed = given
         self.passive, self.sums = given.passive, given.sums or ()
         self.constraints: tuple[Constraint, ...] = ()
         self.offsets = np.zeros((len(given.bodies), 3))
@@ -210,7 +210,7 @@ class Simulation:
             q, v = self._wanted
             text = states.text(q, v, self._contact, self._smooth)
             names = [f"body_{row}" for row in range(len(states.world.bodies))]
-            self._live = Live(text, states.held.timestep, names, list(states.centres))
+            self._live = Live(text, states.model.timestep, names, list(states.centres))
         return self._live
 
     def _stop(self) -> None:
@@ -236,7 +236,7 @@ class Simulation:
             poses = [
                 _frame(back, *given) for given in zip(positions.tolist(), turns.tolist(), self._shifts, strict=True)
             ]
-            twists = [STILL] * len(poses)
+            twists = [AT_REST] * len(poses)
             of_top = dict(zip(states.centres, speeds.tolist(), strict=True))
             for row, top in enumerate(states.tops):
                 if top >= 0:
@@ -363,7 +363,7 @@ def _frame(
 
 # What Webots says it holds: all fields of its nodes, and the velocities of its bodies, read as a file is (``raising.py``).
 
-HELD: Final = "Webots"
+SOURCE: Final = "Webots"
 """What stands for a file's name in errors."""
 MOVES: Final = ("linearVelocity", "angularVelocity")
 """Fields of Solids that the manual does not have: what Webots' bodies move with is asked."""
@@ -376,29 +376,31 @@ def read_back(sim: Simulation) -> ReadBack:
     live = sim.live()
     unexpected: dict[str, None] = {}
     try:
-        actual = raised(held_document(live, list(sim.states.centres), unexpected), sim.told)
+        actual = raised(read_document(live, list(sim.states.centres), unexpected), sim.typed)
     except ValueError as error:
         raise EngineError(NAME, f"holds another world than it was told: {error}") from error
     sim.note(unexpected)
     return actual
 
 
-def held_document(live: Live, tops: Sequence[int], unexpected: dict[str, None]) -> WbtDocument:
+def read_document(live: Live, tops: Sequence[int], unexpected: dict[str, None]) -> WbtDocument:
     """The nodes that Webots holds, as a document; ``tops``: the numbers of bodies that move by themselves. ``strange`` becomes
     the fields that a node of simspec's does not have."""
     speeds = live.states()[2].tolist()
     velocities = {f"body_{row}": speed for row, speed in zip(tops, speeds, strict=True)}
-    return WbtDocument(HELD, VERSION, tuple(_node(node, velocities, unexpected) for node in live.nodes()))
+    return WbtDocument(SOURCE, VERSION, tuple(_node(node, velocities, unexpected) for node in live.nodes()))
 
 
-def _node(told: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], unexpected: dict[str, None]) -> WbtNode:
-    kind, label = told["node"], told["label"]
+def _node(
+    node_data: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], unexpected: dict[str, None]
+) -> WbtNode:
+    kind, label = node_data["node"], node_data["label"]
     known = NODES.get(kind)
     if known is None:
         raise EngineError(NAME, f"holds a {kind} {label}, which simspec does not write")
     moves = MOVES if kind in MOVING else ()
     fields: list[WbtField] = []
-    for name, field in told["fields"].items():
+    for name, field in node_data["fields"].items():
         if name not in known:
             unexpected[f"{kind}.{name}"] = None
         elif name not in moves:
@@ -409,4 +411,4 @@ def _node(told: Mapping[str, Any], velocities: Mapping[str, Sequence[float]], un
     speed = velocities.get(label, (0.0,) * 6)
     parts = (tuple(speed[:3]), tuple(speed[3:]))
     fields += [WbtField(name, 0, part, False) for name, part in zip(moves, parts, strict=False)]
-    return WbtNode(HELD, kind, label, 0, tuple(fields))
+    return WbtNode(SOURCE, kind, label, 0, tuple(fields))

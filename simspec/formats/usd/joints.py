@@ -61,7 +61,7 @@ def several(world: World) -> dict[str, Several]:
         chain = [body]
         while (above := chain[0].joint.parent) is not None and is_carrier(above):
             chain.insert(0, by_name[above])
-        if len(chain) > 1 and (entry := _one_joint(tuple(chain))) is not None:
+        if len(chain) > 1 and (entry := _single_joint(tuple(chain))) is not None:
             found[body.name] = entry
     return found
 
@@ -77,7 +77,7 @@ def separate_carriers(world: World) -> list[str]:
     return [body.name for body in world.bodies if is_carrier(body.name) and body.name not in left_out]
 
 
-def _one_joint(chain: tuple[Body, ...]) -> Several | None:
+def _single_joint(chain: tuple[Body, ...]) -> Several | None:
     """The joints of a body as one; None where they are not at one place, at right angles, slides before turns."""
     joints = [body.joint for body in chain]
     if any(joint.origin != Pose() for joint in joints[1:]) or any(body.inertial.mass for body in chain[:-1]):
@@ -264,16 +264,16 @@ def _origin(prim: UsdPrim, origin: Pose) -> None:
     prim.own("quatd", "orientation", origin.quaternion)
 
 
-def _limits(prim: UsdPrim, joint: Joint, low: str, high: str, own: str) -> None:
+def _limits(prim: UsdPrim, joint: Joint, low: str, high: str, prefix: str) -> None:
     turns = DEGREES if joint.kind == "hinge" else 1.0
     lower, upper = joint.position_limits or UNLIMITED
     prim.say("float", low, turns * lower)
     prim.say("float", high, turns * upper)
     if joint.position_limits is not None:
-        prim.own("double2", f"{own}limits", joint.position_limits)
+        prim.own("double2", f"{prefix}limits", joint.position_limits)
 
 
-def _drive(prim: UsdPrim, joint: Joint, name: str, own: str, control: Drive | None) -> None:
+def _drive(prim: UsdPrim, joint: Joint, name: str, prefix: str, control: Drive | None) -> None:
     """The spring and the damper of a hinge or a slide, and the gains of its controller, as one drive: what springs and dampers
     add up to. Its targets are those at time 0, its largest effort the controller's."""
     if control is not None and (control.effort_limit == 0 or not (control.kp or control.kd)):
@@ -307,22 +307,22 @@ def _drive(prim: UsdPrim, joint: Joint, name: str, own: str, control: Drive | No
         ("damping", joint.damping),
         ("spring_rest", joint.spring_rest),
     ):
-        prim.own("double", f"{own}{word}", value)
+        prim.own("double", f"{prefix}{word}", value)
     if control is not None:
-        prim.own("double2", f"{own}gains", (control.kp, control.kd))
+        prim.own("double2", f"{prefix}gains", (control.kp, control.kd))
 
 
-def _ratings(prim: UsdPrim, joint: Joint, own: str) -> None:
+def _ratings(prim: UsdPrim, joint: Joint, prefix: str) -> None:
     """What the schemas do not have of a hinge or a slide."""
     for word, said in (("velocity_limit", joint.velocity_limit), ("effort_limit", joint.effort_limit)):
-        prim.own("double", f"{own}{word}", said)
+        prim.own("double", f"{prefix}{word}", said)
     for word, value in (("dry_friction", joint.dry_friction), ("armature", joint.armature)):
-        prim.own("double", f"{own}{word}", value or None)
+        prim.own("double", f"{prefix}{word}", value or None)
 
 
-def _state(prim: UsdPrim, joint: Joint, own: str) -> None:
+def _state(prim: UsdPrim, joint: Joint, prefix: str) -> None:
     """Where a joint stands and how fast it moves, but at zero."""
     if joint.kind != "fixed" and (any(joint.position[1:]) if joint.kind == "ball" else any(joint.position)):
-        prim.own("double[]", f"{own}position", list(joint.position))
+        prim.own("double[]", f"{prefix}position", list(joint.position))
     if any(joint.velocity):
-        prim.own("double[]", f"{own}velocity", list(joint.velocity))
+        prim.own("double[]", f"{prefix}velocity", list(joint.velocity))

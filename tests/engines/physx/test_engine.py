@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from simspec.compiler import compile_world
-from simspec.engines.physx.building import apart, kinds, touches
+from simspec.engines.physx.building import exclusions, kinds, touches
 from simspec.engines.physx.engine import PhysX
 from simspec.engines.physx.simulation import turns
 from simspec.errors import EngineError, UnsupportedError
@@ -119,7 +119,7 @@ def test_any_pairs_of_bodies_are_excluded_by_bits(seed):
     chance = random.Random(seed)
     names = [f"b{number}" for number in range(12)]
     pairs = {tuple(sorted(chance.sample(names, 2))) for _ in range(chance.randint(1, 25))}
-    found = apart(pairs)
+    found = exclusions(pairs)
     for pair in itertools.combinations(names, 2):
         words = [(1, 1, *found.get(name, (0, 0))) for name in pair]
         assert touches(*words) != (tuple(sorted(pair)) in pairs)
@@ -127,9 +127,9 @@ def test_any_pairs_of_bodies_are_excluded_by_bits(seed):
 
 def test_bodies_that_all_exclude_each_other_take_a_single_bit_and_a_star_a_bit_for_each():
     names = [f"b{number}" for number in range(50)]
-    assert {bits for bits, _ in apart(itertools.combinations(names, 2)).values()} == {1}
+    assert {bits for bits, _ in exclusions(itertools.combinations(names, 2)).values()} == {1}
     with pytest.raises(ValueError, match="here it takes 49"):
-        apart((names[0], other) for other in names[1:])
+        exclusions((names[0], other) for other in names[1:])
 
 
 def test_more_than_the_filter_can_say_is_refused_by_name():

@@ -161,8 +161,8 @@ def without_floor(world):
 @pytest.mark.parametrize(
     ("size", "others", "why"),
     [
-        (prism(12), (BOX,), r"one has 12 here.*\('hull', which may touch 'box'\)"),
-        (prism(12), (), r"one has 12 here.*\('hull', which may touch 'floor'\)"),
+        (prism(12), (BOX,), r"a face has 12 here.*\('hull', which may touch 'box'\)"),
+        (prism(12), (), r"a face has 12 here.*\('hull', which may touch 'floor'\)"),
         (random_hull(1), (), r"55 mm deep; a box in place of the plane feels all \('hull', which may touch 'floor'\)"),
     ],
 )

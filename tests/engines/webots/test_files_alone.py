@@ -12,7 +12,7 @@ from simspec.commands.scenario_options import VerifyOptions
 from simspec.commands.verify import verify as verify_command
 from simspec.compiler import compile_world, write_folder
 from simspec.engines.kit.installing import not_installed
-from simspec.engines.webots.engine import Webots, kept_apart
+from simspec.engines.webots.engine import Webots, excluded_by_joints
 from simspec.errors import EXIT_ENGINE, EXIT_FAILED, EXIT_OK, UnsupportedError
 from simspec.language.load import load
 from simspec.proof.certificate import Certificate
@@ -171,7 +171,7 @@ def arm(*kinds, steps=None, excluded=()):
 )
 def test_pairs_that_webots_excludes_are_known(world, apart):
     """By its collision callback: joined bodies, what is joined to the ground, and chains whose hinges have one anchor."""
-    assert set(kept_apart(world)) == apart
+    assert set(excluded_by_joints(world)) == apart
 
 
 def test_excluded_pairs_are_reported_with_the_approximation():

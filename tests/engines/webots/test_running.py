@@ -80,9 +80,9 @@ def test_a_file_begins_in_the_state_that_it_was_written_for(name, tmp_path):
 def test_the_initial_state_is_the_file_as_it_was(name, tmp_path):
     states, given = states_of(WORLDS[name], tmp_path)
     again = raised(parse(states.text(*states.initial(), True, ()), "world.wbt"), given)
-    for body, other in zip(again.bodies, states.held.bodies, strict=True):
+    for body, other in zip(again.bodies, states.model.bodies, strict=True):
         assert (body.name, body.shapes, body.inertial) == (other.name, other.shapes, other.inertial)
-    assert again.laws == states.held.laws
+    assert again.laws == states.model.laws
 
 
 def test_contact_and_dry_friction_are_switched_off_in_the_file(tmp_path):
@@ -195,9 +195,9 @@ def test_its_nodes_and_states_are_read(begun, name):
     session = begun(world)
     back = session.read_back()
     states = session.lend()._simulation.states
-    for entry, other in zip(back.bodies, states.held.bodies, strict=True):
+    for entry, other in zip(back.bodies, states.model.bodies, strict=True):
         assert (entry.name, entry.inertial, entry.shapes) == (other.name, other.inertial, other.shapes)
-    assert (back.laws, back.timestep) == (states.held.laws, states.held.timestep)
+    assert (back.laws, back.timestep) == (states.model.laws, states.model.timestep)
     q, v = elsewhere(states)
     for wanted in (states.initial(), (q, v)):
         session.set_state(*wanted)
@@ -296,7 +296,7 @@ def test_the_read_back_is_that_of_webots(begun, monkeypatch):
     monkeypatch.setenv("STAND_IN", "mass")
     session = begun(WORLDS["lifted"])
     back = session.read_back()
-    for body, other in zip(back.bodies, session.lend()._simulation.states.held.bodies, strict=True):
+    for body, other in zip(back.bodies, session.lend()._simulation.states.model.bodies, strict=True):
         assert body.inertial.mass == pytest.approx(1.001 * other.inertial.mass, rel=1e-12)
 
 

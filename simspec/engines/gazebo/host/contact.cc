@@ -110,7 +110,7 @@ void gz_restitution(Sim *sim, int unit, double value) {
 }
 
 // Whether two units do not touch, for all (units by units).
-void gz_apart(const Sim *sim, unsigned char *found) {
+void gz_excluded(const Sim *sim, unsigned char *found) {
   int count = static_cast<int>(sim->units.size());
   for (int one = 0; one < count; one++)
     for (int other = 0; other < count; other++) *found++ = sim->apart(one, other);
@@ -198,7 +198,7 @@ void gz_body(const Sim *sim, int number, double *found) {
 }
 
 // What simspec adds to each joint as efforts: damping, stiffness, rest, armature.
-void gz_own(const Sim *sim, int number, double *found) {
+void gz_joint_efforts(const Sim *sim, int number, double *found) {
   const Body &body = sim->bodies[number];
   double own[] = {body.damping, body.stiffness, body.rest, body.armature};
   std::copy(own, own + 4, found);
